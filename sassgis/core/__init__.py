@@ -1,0 +1,1 @@
+"""Types shared by every stage: frozen data, no files, no algorithms."""

@@ -1,0 +1,95 @@
+"""Block populations: what is drawn at random for each rock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.core.errors import InputError
+from sassgis.core.grid import FloatArray
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPopulation:
+    """Limits between which each rock is drawn, all uniform and independent.
+
+    Attributes
+    ----------
+    name : str
+        Name of the block scenario.
+    axis_1_m, axis_2_m, axis_3_m : (low, high)
+        Limits of the three *semi*-axes (m). After the draw they are sorted a >= b >= c.
+    density_kgm3 : (low, high)
+    speed_mps : (low, high)
+        Initial speed along the slope, positive downhill.
+    spin_radps : (low, high)
+        Initial spin, positive as a rock that rolls downhill.
+    drop_m : (low, high)
+        Height above the resting position from which the rock is let go.
+    orientation_rad : (low, high)
+        Angle of the major axis to the slope.
+    """
+
+    name: str = "block"
+    axis_1_m: Range = (0.5, 0.5)
+    axis_2_m: Range = (0.4, 0.4)
+    axis_3_m: Range = (0.3, 0.3)
+    density_kgm3: Range = (2700.0, 2700.0)
+    speed_mps: Range = (0.0, 0.0)
+    spin_radps: Range = (0.0, 0.0)
+    drop_m: Range = (0.0, 0.0)
+    orientation_rad: Range = (0.0, float(np.pi))
+
+    def __post_init__(self) -> None:
+        positive = ("axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3")
+        for field in (*positive, "speed_mps", "spin_radps", "drop_m", "orientation_rad"):
+            low, high = getattr(self, field)
+            if not (np.isfinite(low) and np.isfinite(high)):
+                raise InputError(
+                    f"blocks {self.name!r}: limits must be numbers", field=field, found=(low, high)
+                )
+            if low > high:
+                raise InputError(
+                    f"blocks {self.name!r}: limits are reversed",
+                    field=field,
+                    found=f"[{low:g}, {high:g}]",
+                    expected="[low, high]",
+                )
+            if field in positive and low <= 0.0:
+                raise InputError(
+                    f"blocks {self.name!r}: must be above zero",
+                    field=field,
+                    found=f"[{low:g}, {high:g}]",
+                    expected="two positive numbers, low first",
+                )
+        if self.drop_m[0] < 0.0 or self.speed_mps[0] < 0.0:
+            raise InputError(
+                f"blocks {self.name!r}: drop and speed cannot be negative",
+                field="drop_m" if self.drop_m[0] < 0.0 else "speed_mps",
+                expected="zero or more",
+            )
+
+    def array(self) -> FloatArray:
+        """Limits as the kernel reads them: float64, shape (8, 2), in the order of the attributes."""
+        return np.array(
+            [
+                self.axis_1_m,
+                self.axis_2_m,
+                self.axis_3_m,
+                self.density_kgm3,
+                self.speed_mps,
+                self.spin_radps,
+                self.drop_m,
+                self.orientation_rad,
+            ],
+            dtype=np.float64,
+        )
+
+    @property
+    def largest_mass_kg(self) -> float:
+        """Mass of the heaviest rock that can be drawn (kg)."""
+        axes = self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
+        return 4.0 / 3.0 * np.pi * axes * self.density_kgm3[1]

@@ -1,0 +1,79 @@
+"""Regular, north-up grids with square cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A raster of heights: square cells, row 0 in the north, NaN where nothing is known.
+
+    Attributes
+    ----------
+    values : float64, shape (n_rows, n_cols)
+        Height of the cell *centre* in metres; NaN is nodata.
+    west, north : float
+        Outer corner of the first cell in the coordinates of ``crs`` (m).
+    cell_size : float
+        Side of a cell (m).
+    crs : str
+        Well-known text of the projected coordinate system; empty for local coordinates.
+    vertical_datum : str
+        Name of the height system, as far as the file or the user states it.
+    """
+
+    values: FloatArray
+    west: float
+    north: float
+    cell_size: float
+    crs: str = ""
+    vertical_datum: str = ""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return (int(self.values.shape[0]), int(self.values.shape[1]))
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(west, south, east, north) of the outer cell edges (m)."""
+        n_rows, n_cols = self.shape
+        return (
+            self.west,
+            self.north - n_rows * self.cell_size,
+            self.west + n_cols * self.cell_size,
+            self.north,
+        )
+
+    def col_row(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Fractional column and row of points; the centre of cell (row i, col j) is (j, i)."""
+        return (
+            (np.asarray(x, float) - self.west) / self.cell_size - 0.5,
+            (self.north - np.asarray(y, float)) / self.cell_size - 0.5,
+        )
+
+    def cell_of(self, x: FloatArray, y: FloatArray) -> IntArray:
+        """Flat index (row * n_cols + col) of the cells that hold the points; -1 outside."""
+        n_rows, n_cols = self.shape
+        col = np.floor((np.asarray(x, float) - self.west) / self.cell_size)
+        row = np.floor((self.north - np.asarray(y, float)) / self.cell_size)
+        inside = (col >= 0) & (col < n_cols) & (row >= 0) & (row < n_rows)
+        flat = np.where(inside, row, 0).astype(np.int64) * n_cols + np.where(inside, col, 0).astype(
+            np.int64
+        )
+        return np.where(inside, flat, np.int64(-1))
+
+    def cell_centres(self, cells: IntArray) -> tuple[FloatArray, FloatArray]:
+        """x and y (m) of the centres of flat cell indices."""
+        n_cols = self.shape[1]
+        row, col = np.divmod(np.asarray(cells, np.int64), n_cols)
+        return (
+            self.west + (col + 0.5) * self.cell_size,
+            self.north - (row + 0.5) * self.cell_size,
+        )

@@ -1,0 +1,148 @@
+"""What a run leaves: rows per rock and per passage, and layers for the map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class StopReason(IntEnum):
+    """Why a rock is no longer followed."""
+
+    REST = 0
+    BARRIER = 1
+    LEFT_PROFILE = 2
+    STEP_LIMIT = 3
+    NEVER_STARTED = 4
+
+
+class Outcome(IntEnum):
+    """What became of a rock at a station or barrier."""
+
+    PASSED = 0
+    STOPPED = 1
+    OVERTOPPED = 2
+    BROKE_THROUGH = 3
+    HELD_BY_NET = 4
+
+
+#: One row per rock. Chainages in m along the profile; ``line`` counts the profiles of the run.
+ROCK_DTYPE = np.dtype(
+    [
+        ("line", np.int64),
+        ("rock", np.int32),
+        ("reason", np.uint8),
+        ("start_m", np.float64),
+        ("runout_m", np.float64),
+        ("runout_z_m", np.float64),
+        ("furthest_m", np.float64),
+        ("time_s", np.float64),
+        ("impacts", np.int32),
+        ("a_m", np.float64),
+        ("b_m", np.float64),
+        ("c_m", np.float64),
+        ("density_kgm3", np.float64),
+        ("mass_kg", np.float64),
+        ("max_speed_mps", np.float64),
+        ("max_height_m", np.float64),
+        ("max_energy_kj", np.float64),
+    ]
+)
+
+#: One row per rock and station or barrier: the first time that the rock comes to it downhill.
+#: ``height_m`` is the vertical distance from the ground to the centre, less the resting height.
+PASSAGE_DTYPE = np.dtype(
+    [
+        ("gate", np.int32),
+        ("line", np.int64),
+        ("rock", np.int32),
+        ("outcome", np.uint8),
+        ("chainage_m", np.float64),
+        ("speed_mps", np.float64),
+        ("vx_mps", np.float64),
+        ("vz_mps", np.float64),
+        ("rotation_hz", np.float64),
+        ("height_m", np.float64),
+        ("energy_trans_kj", np.float64),
+        ("energy_rot_kj", np.float64),
+        ("mass_kg", np.float64),
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """A station or a barrier.
+
+    Attributes
+    ----------
+    name : str
+    kind : {"station", "wall", "net"}
+    height_m : float
+        Height of the top above the ground, vertical (m); unused for a station.
+    capacity_kj : float
+        Energy that the barrier takes (kJ); infinite if it stops every rock that meets it.
+    """
+
+    name: str
+    kind: Literal["station", "wall", "net"]
+    height_m: float = 0.0
+    capacity_kj: float = float("inf")
+
+
+@dataclass(frozen=True, slots=True)
+class Histogram:
+    """Counts between edges; the first and the last bin also hold what lies beyond them.
+
+    Attributes
+    ----------
+    edges : float64, shape (n_bins + 1,)
+    counts : int64, shape (..., n_bins)
+    unit : str
+    """
+
+    edges: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """One band of a map: float32, shape (n_rows, n_cols), NaN where there is nothing."""
+
+    name: str
+    description: str
+    unit: str
+    values: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class RasterLayer:
+    """A map to be written as one file.
+
+    Attributes
+    ----------
+    stem : str
+        File name without suffix, also the key of its style.
+    title : str
+        Name in the legend, with the unit.
+    note : str
+        What the numbers mean: denominator, resolution, reference width.
+    bands : tuple of Band
+        The first is the one shown.
+    breaks : tuple of float
+        Class limits for the legend, ascending; empty: a continuous ramp over the data's range.
+    ramp : str
+        Name of a matplotlib colour map.
+    """
+
+    stem: str
+    title: str
+    note: str
+    bands: tuple[Band, ...]
+    breaks: tuple[float, ...]
+    ramp: str
