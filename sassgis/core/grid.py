@@ -70,7 +70,7 @@ class Grid:
         return np.where(inside, flat, np.int64(-1))
 
     def cell_centres(self, cells: IntArray) -> tuple[FloatArray, FloatArray]:
-        """x and y (m) of the centres of flat cell indices."""
+        """X and y (m) of the centres of flat cell indices."""
         n_cols = self.shape[1]
         row, col = np.divmod(np.asarray(cells, np.int64), n_cols)
         return (

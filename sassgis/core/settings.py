@@ -9,8 +9,6 @@ from sassgis.core.errors import ConfigError
 
 EtaMaxRule = Literal["scale", "coulomb"]
 SlopeVariation = Literal["per_impact", "off"]
-Rolling = Literal["round", "ellipse"]
-StartRule = Literal["friction", "always"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,20 +26,12 @@ class EngineSettings:
         Whether each impact on descending ground meets it at tan β' = tan β (1 − u).
     rolling_threshold : float
         A rock lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius.
-    rolling : {"round", "ellipse"}
-        "round": dv/dt = g (sin β − μ_r cos β), the paper's words. "ellipse": the rolling of the
-        ellipse itself, its centre rising and falling, slowed by the same μ_r.
     lift_off : bool
         Whether a rolling rock leaves the ground where the normal force on its turning ellipse ends.
-    start : {"friction", "always"}
-        "friction": a rock at rest starts only where tan β exceeds μ_f (sliding) or μ_r (rolling).
-        "always": a rock that would stay rolls off regardless while the ground descends.
     end_sliding : bool
         Whether a rock too slow to turn over its longer axis ends by sliding.
     contact_tolerance_m : float
         Gap below which ground and rock touch.
-    turn_step_rad : float
-        Largest turn in one step of the ellipse's own rolling; no effect on anything else.
     max_events : int
         Contacts after which a rock is given up and reported.
     """
@@ -50,20 +40,15 @@ class EngineSettings:
     eta_max_rule: EtaMaxRule = "scale"
     slope_variation: SlopeVariation = "per_impact"
     rolling_threshold: float = 0.1
-    rolling: Rolling = "round"
     lift_off: bool = True
-    start: StartRule = "friction"
     end_sliding: bool = True
     contact_tolerance_m: float = 1e-6
-    turn_step_rad: float = 0.05
     max_events: int = 20_000
 
     def __post_init__(self) -> None:
         choices = {
             "eta_max_rule": get_args(EtaMaxRule),
             "slope_variation": get_args(SlopeVariation),
-            "rolling": get_args(Rolling),
-            "start": get_args(StartRule),
         }
         for field, allowed in choices.items():
             if getattr(self, field) not in allowed:
@@ -77,7 +62,6 @@ class EngineSettings:
             "gravity_mps2": (0.1, 30.0),
             "rolling_threshold": (0.0, 10.0),
             "contact_tolerance_m": (1e-12, 1e-2),
-            "turn_step_rad": (1e-4, 0.5),
             "max_events": (100, 10_000_000),
         }
         for field, (low, high) in limits.items():

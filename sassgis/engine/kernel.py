@@ -1,0 +1,308 @@
+"""The kernel: all rocks of a few lines, with the statistics of the cells they pass."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.jit import kernel
+from sassgis.engine import rng
+from sassgis.engine.recording import CellWork, Pieces
+from sassgis.engine.rock import Block, Course, Gates, Profile, follow
+
+#: Columns of a rock's row; the fields of core.results.ROCK_DTYPE after "line" and "rock".
+ROCK_COLUMNS = 15
+#: Columns of a passage's row: line, rock, then those of rock._passage.
+PASSAGE_COLUMNS = 13
+
+
+class Lines(NamedTuple):
+    """Profiles of a chunk, ragged as in core.profiles.ProfileSet; ``cell`` counts the chunk's cells."""
+
+    offset: NDArray[np.int64]
+    s: NDArray[np.float64]
+    z: NDArray[np.float64]
+    ground: NDArray[np.int32]
+    cell_offset: NDArray[np.int64]
+    cell_s: NDArray[np.float64]
+    cell: NDArray[np.int64]
+    number: NDArray[np.int64]  # of the line in the run
+    key: NDArray[np.uint64]  # identity of the line for random draws
+    start: NDArray[np.float64]  # (n, 2) limits of the starting chainage
+    gate_offset: NDArray[np.int64]
+    gate_x: NDArray[np.float64]
+    gate: NDArray[np.int64]
+
+
+class GateTable(NamedTuple):
+    """Stations and barriers of the run."""
+
+    kind: NDArray[np.int64]
+    height: NDArray[np.float64]
+    capacity: NDArray[np.float64]  # J
+
+
+class Bins(NamedTuple):
+    """Edges of the histograms; what lies beyond goes into the first or last bin."""
+
+    energy: NDArray[np.float64]  # kJ
+    height: NDArray[np.float64]  # m
+    speed: NDArray[np.float64]  # m/s
+
+
+class CellSums(NamedTuple):
+    """Statistics per cell of a chunk, one entry per rock and cell. Whole numbers, so that the order
+    of adding does not matter.
+    """
+
+    reach: NDArray[np.int64]  # rocks that came
+    reach_square: NDArray[np.int64]  # sum over lines of the square of that number
+    stops: NDArray[np.int64]
+    energy_sum: NDArray[np.int64]  # J
+    energy_max: NDArray[np.float64]  # kJ
+    height_max: NDArray[np.float64]
+    speed_max: NDArray[np.float64]
+    energy: NDArray[np.uint32]  # (n, bins)
+    height: NDArray[np.uint32]
+    speed: NDArray[np.uint32]
+
+
+@kernel
+def draw_block(limits, key):
+    """Draw one rock between limits (core.blocks.BlockPopulation.array).
+
+    The three semi-axes are drawn and sorted; the two longer ones lie in the plane of motion, so that
+    the spin is about the shortest, and the third sets the mass.
+    """
+    p = rng.between(key, rng.AXIS_1, 0, limits[0, 0], limits[0, 1])
+    q = rng.between(key, rng.AXIS_2, 0, limits[1, 0], limits[1, 1])
+    r = rng.between(key, rng.AXIS_3, 0, limits[2, 0], limits[2, 1])
+    a = max(p, q, r)
+    c = min(p, q, r)
+    b = p + q + r - a - c
+    b = min(max(b, c), a)
+    density = rng.between(key, rng.DENSITY, 0, limits[3, 0], limits[3, 1])
+    mass = 4.0 / 3.0 * math.pi * a * b * c * density
+    return Block(a, b, c, mass, key), density
+
+
+@kernel
+def _hunt(edges, value, near):
+    """The bin that holds a value, looking from one near it; the end bins take what lies beyond."""
+    n = edges.size - 1
+    i = near
+    while i < n - 1 and value >= edges[i + 1]:
+        i += 1
+    while i > 0 and value < edges[i]:
+        i -= 1
+    return i
+
+
+@kernel
+def _flush(work, n_touched, sums, bins, mass, line_hits, line_touched, n_line):
+    """Add one rock's cells to the sums; returns the number of cells that its line has touched."""
+    ie = 0
+    ih = 0
+    iv = 0
+    for k in range(n_touched):
+        cell = work.touched[k]
+        joule = work.energy[cell] * mass
+        kj = 1e-3 * joule
+        height = work.height[cell]
+        speed = work.speed[cell]
+        ie = _hunt(bins.energy, kj, ie)
+        ih = _hunt(bins.height, height, ih)
+        iv = _hunt(bins.speed, speed, iv)
+        sums.energy[cell, ie] += np.uint32(1)
+        sums.height[cell, ih] += np.uint32(1)
+        sums.speed[cell, iv] += np.uint32(1)
+        sums.energy_sum[cell] += np.int64(joule + 0.5)
+        sums.energy_max[cell] = max(sums.energy_max[cell], kj)
+        sums.height_max[cell] = max(sums.height_max[cell], height)
+        sums.speed_max[cell] = max(sums.speed_max[cell], speed)
+        if line_hits[cell] == 0:
+            line_touched[n_line] = cell
+            n_line += 1
+        line_hits[cell] += 1
+        work.energy[cell] = -1.0
+    return n_line
+
+
+@kernel
+def _cut(cell_s, cell, s, pieces_border, pieces_cell, pieces_segment):
+    """Cut cell stretches at the vertices; returns the number of pieces."""
+    i = 0
+    j = 0
+    n = 0
+    here = s[0]
+    n_cells = cell.size
+    n_segments = s.size - 1
+    while i < n_cells and j < n_segments:
+        end = min(cell_s[i + 1], s[j + 1])
+        if end > here:
+            pieces_border[n] = here
+            pieces_cell[n] = cell[i]
+            pieces_segment[n] = j
+            n += 1
+            here = end
+        if cell_s[i + 1] <= end:
+            i += 1
+        if s[j + 1] <= end:
+            j += 1
+    if n == 0:
+        pieces_border[0] = s[0]
+        pieces_cell[0] = -1
+        pieces_segment[0] = 0
+        n = 1
+        here = s[n_segments]
+    pieces_border[n] = here
+    return n
+
+
+@kernel
+def run_lines(
+    lines, ground_table, limits, physics, gate_table, bins, seed, first_rock, n_rocks, sums, rocks,
+    passages, events, event_counts,
+):  # fmt: skip
+    """Follow ``n_rocks`` rocks on each line.
+
+    Parameters
+    ----------
+    lines : Lines
+    ground_table : float64, shape (n_classes, 7)
+        core.ground.GroundTable.array.
+    limits : float64, shape (8, 2)
+        core.blocks.BlockPopulation.array.
+    physics : Physics
+    gate_table : GateTable
+    bins : Bins
+    seed : uint64
+    first_rock, n_rocks : int
+        Numbers of the rocks on each line.
+    sums : CellSums
+        Added to.
+    rocks : float64, shape (n_lines * n_rocks, ROCK_COLUMNS)
+        Filled.
+    passages : float64, shape (enough, PASSAGE_COLUMNS)
+        Filled from the top.
+    events : float64, shape (n_lines * n_rocks, n_events, 11)
+        Course of each rock; n_events may be 0.
+    event_counts : int64, shape (n_lines * n_rocks,)
+
+    Returns
+    -------
+    int
+        Rows of ``passages`` filled.
+    """
+    n_lines = lines.number.size
+    n_cells = sums.reach.size
+    work = CellWork(
+        np.full(n_cells, -1.0), np.zeros(n_cells), np.zeros(n_cells), np.zeros(n_cells, np.int64)
+    )
+    line_hits = np.zeros(n_cells, np.int64)
+    line_touched = np.zeros(n_cells, np.int64)
+    most = 1
+    for i in range(n_lines):
+        size = (
+            lines.offset[i + 1] - lines.offset[i] + lines.cell_offset[i + 1] - lines.cell_offset[i]
+        )
+        most = max(most, size + 2)
+    border = np.zeros(most)
+    piece_cell = np.zeros(most, np.int64)
+    piece_segment = np.zeros(most, np.int64)
+    count = np.zeros(1, np.int64)
+    n_passages = 0
+    row_number = 0
+    for i in range(n_lines):
+        v0 = lines.offset[i]
+        v1 = lines.offset[i + 1]
+        n = v1 - v0 - 1
+        sx = lines.s[v0:v1]
+        sz = lines.z[v0:v1]
+        tx = np.empty(n)
+        tz = np.empty(n)
+        length = np.empty(n)
+        for j in range(n):
+            dx = sx[j + 1] - sx[j]
+            dz = sz[j + 1] - sz[j]
+            length[j] = math.sqrt(dx * dx + dz * dz)
+            tx[j] = dx / length[j]
+            tz[j] = dz / length[j]
+        profile = Profile(sx, sz, tx, tz, length, lines.ground[v0:v1])
+        c0 = lines.cell_offset[i]
+        c1 = lines.cell_offset[i + 1]
+        n_pieces = _cut(
+            lines.cell_s[c0 + i : c1 + i + 1], lines.cell[c0:c1], sx, border, piece_cell,
+            piece_segment,
+        )  # fmt: skip
+        pieces = Pieces(border[: n_pieces + 1], piece_cell[:n_pieces], piece_segment[:n_pieces])
+        g0 = lines.gate_offset[i]
+        g1 = lines.gate_offset[i + 1]
+        gate = lines.gate[g0:g1]
+        gate_z = np.interp(lines.gate_x[g0:g1], sx, sz)
+        gates = Gates(
+            lines.gate_x[g0:g1], gate_z, gate_table.kind[gate], gate_table.height[gate],
+            gate_table.capacity[gate], gate,
+        )  # fmt: skip
+        seen = np.zeros(g1 - g0, np.bool_)
+        n_line = 0
+        for r in range(n_rocks):
+            rock = first_rock + r
+            key = rng.rock_key(seed, lines.key[i], rock)
+            block, density = draw_block(limits, key)
+            start = rng.between(key, rng.START, 0, lines.start[i, 0], lines.start[i, 1])
+            speed = rng.between(key, rng.SPEED, 0, limits[4, 0], limits[4, 1])
+            spin = rng.between(key, rng.SPIN, 0, limits[5, 0], limits[5, 1])
+            drop = rng.between(key, rng.DROP, 0, limits[6, 0], limits[6, 1])
+            orientation = rng.between(key, rng.ORIENTATION, 0, limits[7, 0], limits[7, 1])
+            seen[:] = False
+            count[0] = 0
+            course = Course(events[row_number], count)
+            (
+                reason, x, z, furthest, t, impacts, top_speed, top_height, top_energy, n_new,
+                n_touched,
+            ) = follow(
+                block, profile, ground_table, physics, gates, seen, passages[n_passages:, 2:],
+                pieces, work, course, start, speed, spin, drop, orientation,
+            )  # fmt: skip
+            event_counts[row_number] = count[0]
+            for k in range(n_passages, n_passages + n_new):
+                passages[k, 0] = lines.number[i]
+                passages[k, 1] = rock
+            n_passages += n_new
+            last = -1
+            if x >= sx[0] and x <= sx[n]:
+                k = np.searchsorted(pieces.border, x, side="right") - 1
+                last = pieces.cell[min(max(k, 0), n_pieces - 1)]
+            n_line = _flush(
+                work, n_touched, sums, bins, block.mass, line_hits, line_touched, n_line
+            )
+            if last >= 0 and reason != 2 and reason != 3:
+                sums.stops[last] += 1
+            row = rocks[row_number]
+            row[0] = reason
+            row[1] = start
+            row[2] = x
+            row[3] = z
+            row[4] = furthest
+            row[5] = t
+            row[6] = impacts
+            row[7] = block.a
+            row[8] = block.b
+            row[9] = block.c
+            row[10] = density
+            row[11] = block.mass
+            row[12] = top_speed
+            row[13] = top_height
+            row[14] = 1e-3 * top_energy * block.mass
+            row_number += 1
+        for k in range(n_line):
+            cell = line_touched[k]
+            hits = line_hits[cell]
+            sums.reach[cell] += hits
+            sums.reach_square[cell] += hits * hits
+            line_hits[cell] = 0
+    return n_passages

@@ -1,0 +1,45 @@
+"""Counter-based random draws.
+
+A draw is a pure function of (rock key, stream, event): the same rocks come out whatever the chunks,
+threads or order, and one stream never shifts another.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sassgis.core.jit import kernel
+
+# Streams: what a draw is for. An effect that needs draws takes streams of its own.
+AXIS_1, AXIS_2, AXIS_3, DENSITY, SPEED, SPIN, DROP, ORIENTATION, START, SLOPE = range(10)
+
+
+@kernel
+def mix(z):
+    """Scramble 64 bits (the finaliser of SplitMix64; Steele, Lea and Flood 2014)."""
+    z = np.uint64(z)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+@kernel
+def rock_key(seed, line_key, rock):
+    """Key of one rock from the seed of the run, the key of its line and its number on it."""
+    key = mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
+    key = mix(key ^ np.uint64(line_key))
+    return mix(key + np.uint64(rock) * np.uint64(0x9E3779B97F4A7C15))
+
+
+@kernel
+def uniform(key, stream, event):
+    """A number in the open interval (0, 1), with 52 random bits."""
+    word = mix(key + np.uint64(stream + 1) * np.uint64(0xD1B54A32D192ED03))
+    word = mix(word + np.uint64(event + 1) * np.uint64(0x9E3779B97F4A7C15))
+    return (np.float64(word >> np.uint64(12)) + 0.5) * 2.220446049250313e-16
+
+
+@kernel
+def between(key, stream, event, low, high):
+    """A number between two limits, which may coincide."""
+    return low + (high - low) * uniform(key, stream, event)

@@ -1,0 +1,670 @@
+"""The course of one rock: flight, impact, rolling, sliding, and the switches between them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.jit import kernel
+from sassgis.engine import rng
+from sassgis.engine.contact import next_contact, resting_height
+from sassgis.engine.ellipse import contact_frame, inertia, mean_radius
+from sassgis.engine.impact import impact, normal_force, turn_about_contact
+from sassgis.engine.recording import record_flight, record_ground
+from sassgis.engine.rolling import rolling_stretch
+
+# Phases, as they are written to the course of a rock.
+FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4
+
+# Why a rock ends; the same numbers as core.results.StopReason.
+REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED = 0, 1, 2, 3, 4
+
+# What became of it at a gate; the same numbers as core.results.Outcome.
+PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
+
+# Kinds of gate.
+STATION, WALL, NET = 0, 1, 2
+
+# Gap at which a rock that moves along the ground touches ground ahead of it (m).
+_TOUCH = 1e-11
+# Distance from the end of a segment at which a rock counts as past it (m).
+_FOOT = 1e-5
+# Turns below this angle between two segments are no vertex (rad).
+_STRAIGHT = 1e-9
+# A flight that begins in contact without a normal speed is looked at again after this turn (rad).
+_FIRST_TURN = 0.02
+# A rock that bounces on one spot with less energy than this share of g r is at rest.
+_REST_SHARE = 1e-3
+_SAME_SPOT = 1e-3
+
+
+class Physics(NamedTuple):
+    """EngineSettings as the kernel reads them."""
+
+    gravity: float
+    eta_rule: int
+    slope_variation: bool
+    rolling_threshold: float
+    lift_off: bool
+    end_sliding: bool
+    tolerance: float
+    max_events: int
+
+
+class Profile(NamedTuple):
+    """One profile with its segments' unit tangents and lengths."""
+
+    sx: NDArray[np.float64]
+    sz: NDArray[np.float64]
+    tx: NDArray[np.float64]
+    tz: NDArray[np.float64]
+    length: NDArray[np.float64]
+    ground: NDArray[np.int32]
+
+
+class Gates(NamedTuple):
+    """Stations and barriers on one profile, by rising chainage."""
+
+    x: NDArray[np.float64]
+    z: NDArray[np.float64]
+    kind: NDArray[np.int64]
+    height: NDArray[np.float64]
+    capacity: NDArray[np.float64]  # J
+    gate: NDArray[np.int64]  # number of the gate in the run
+
+
+class Block(NamedTuple):
+    """One rock."""
+
+    a: float
+    b: float
+    c: float
+    mass: float
+    key: np.uint64
+
+
+class Course(NamedTuple):
+    """Room for the events of a rock; none are kept where it has no rows.
+
+    Columns: phase, t, x, z, vx, vz, theta, omega, segment, ux, uz (direction of the ground, or 0).
+    """
+
+    rows: NDArray[np.float64]
+    count: NDArray[np.int64]
+
+
+@kernel
+def _note(course, phase, t, x, z, vx, vz, theta, omega, segment, ux, uz):
+    """Write one event of the course."""
+    i = course.count[0]
+    if i < course.rows.shape[0]:
+        row = course.rows[i]
+        row[0] = phase
+        row[1] = t
+        row[2] = x
+        row[3] = z
+        row[4] = vx
+        row[5] = vz
+        row[6] = theta
+        row[7] = omega
+        row[8] = segment
+        row[9] = ux
+        row[10] = uz
+        course.count[0] = i + 1
+
+
+@kernel
+def _passage(passages, n_passages, gates, i, outcome, x, vx, vz, omega, height, inertia_, mass):
+    """Write what a rock does at a gate; returns the new number of rows."""
+    row = passages[n_passages]
+    row[0] = gates.gate[i]
+    row[1] = outcome
+    row[2] = x
+    row[3] = math.sqrt(vx * vx + vz * vz)
+    row[4] = vx
+    row[5] = vz
+    row[6] = abs(omega) / (2.0 * math.pi)
+    row[7] = height
+    row[8] = 0.5e-3 * mass * (vx * vx + vz * vz)
+    row[9] = 0.5e-3 * mass * inertia_ * omega * omega
+    row[10] = mass
+    return n_passages + 1
+
+
+@kernel
+def _met(gates, i, energy):
+    """What a rock that meets barrier i does, and the share of its speed that is left."""
+    if energy > gates.capacity[i]:
+        return BROKE_THROUGH, math.sqrt(1.0 - gates.capacity[i] / energy)
+    if gates.kind[i] == NET:
+        return HELD_BY_NET, 0.0
+    return STOPPED, 0.0
+
+
+@kernel
+def _gates_in_flight(
+    gates, seen, passages, n_passages, profile, near, before, x, z, vx, vz, theta, omega, gravity,
+    until, block, inertia_,
+):  # fmt: skip
+    """Stations and barriers that a flight comes to, from chainage ``before`` on.
+
+    Returns
+    -------
+    n_passages : int
+    t : float
+        When the flight is ended by a barrier (s); infinite if it is not.
+    outcome : int
+    left : float
+        Share of the speed that is left.
+    gate : int
+    """
+    n = gates.x.size
+    x_end = x + vx * until
+    forward = vx > 0.0
+    if vx == 0.0:
+        return n_passages, np.inf, PASSED, 1.0, -1
+    for k in range(n):
+        i = k if forward else n - 1 - k
+        gx = gates.x[i]
+        if not (before < gx <= x_end if forward else x_end <= gx < before):
+            continue
+        t = max((gx - x) / vx, 0.0)
+        wz = vz - gravity * t
+        cz = z + (vz - 0.5 * gravity * t) * t
+        outcome = PASSED
+        left = 1.0
+        if gates.kind[i] != STATION:
+            angle = theta - omega * t
+            down = math.sqrt((block.a * math.sin(angle)) ** 2 + (block.b * math.cos(angle)) ** 2)
+            outcome = OVERTOPPED
+            if cz - down < gates.z[i] + gates.height[i]:
+                energy = 0.5 * block.mass * (vx * vx + wz * wz + inertia_ * omega * omega)
+                outcome, left = _met(gates, i, energy)
+        if forward and not seen[i]:
+            seen[i] = True
+            j = near
+            while j < profile.tx.size - 1 and profile.sx[j + 1] < gx:
+                j += 1
+            height = max(cz - gates.z[i] - block.b / profile.tx[j], 0.0)
+            n_passages = _passage(
+                passages, n_passages, gates, i, outcome, gx, vx, wz, omega, height, inertia_,
+                block.mass,
+            )  # fmt: skip
+        if outcome not in (PASSED, OVERTOPPED):
+            return n_passages, t, outcome, left, i
+    return n_passages, np.inf, PASSED, 1.0, -1
+
+
+@kernel
+def _gates_on_ground(
+    gates, seen, passages, n_passages, before, x, x_end, v2, dv2, spin2, dspin2, ux, uz, way,
+    block, inertia_,
+):  # fmt: skip
+    """Stations and barriers that a rolling or sliding rock comes to, from chainage ``before`` on.
+
+    ``v2`` and ``spin2`` are squares at the start, ``dv2`` and ``dspin2`` their changes up to
+    ``x_end``. Returns (n_passages, share of the stretch done, outcome, left, gate).
+    """
+    n = gates.x.size
+    forward = way > 0
+    chord = abs(x_end - x)
+    for k in range(n):
+        i = k if forward else n - 1 - k
+        gx = gates.x[i]
+        if not (before < gx <= x_end if forward else x_end <= gx < before):
+            continue
+        share = 0.0
+        if chord > 0.0:
+            share = min(max((gx - x) / (x_end - x), 0.0), 1.0)
+        speed2 = max(v2 + dv2 * share, 0.0)
+        turn2 = max(spin2 + dspin2 * share, 0.0)
+        outcome = PASSED
+        left = 1.0
+        if gates.kind[i] != STATION:
+            outcome = OVERTOPPED
+            if gates.height[i] > 0.0:
+                outcome, left = _met(gates, i, 0.5 * block.mass * (speed2 + inertia_ * turn2))
+        if forward and not seen[i]:
+            seen[i] = True
+            speed = math.sqrt(speed2)
+            n_passages = _passage(
+                passages, n_passages, gates, i, outcome, gx, speed * ux, speed * uz,
+                math.sqrt(turn2), 0.0, inertia_, block.mass,
+            )  # fmt: skip
+        if outcome not in (PASSED, OVERTOPPED):
+            return n_passages, share, outcome, left, i
+    return n_passages, 1.0, PASSED, 1.0, -1
+
+
+@kernel
+def _segment_at(profile, x, near):
+    """The segment under chainage x."""
+    j = near
+    n = profile.tx.size
+    while j > 0 and profile.sx[j] > x:
+        j -= 1
+    while j < n - 1 and profile.sx[j + 1] < x:
+        j += 1
+    return j
+
+
+@kernel
+def _foot_segment(profile, j, x, z, way):
+    """The segment along which a rock that touches segment j moves on in direction ``way``."""
+    n = profile.tx.size
+    while True:
+        u = (x - profile.sx[j]) * profile.tx[j] + (z - profile.sz[j]) * profile.tz[j]
+        if way > 0 and u >= profile.length[j] - _FOOT and j < n - 1:
+            j += 1
+        elif way < 0 and u <= _FOOT and j > 0:
+            j -= 1
+        else:
+            return j
+
+
+@kernel
+def _turn(profile, j, way):
+    """Sine of the turn from segment j to the next in direction ``way``; above 0: convex."""
+    k = j + way
+    cross = profile.tx[j] * profile.tz[k] - profile.tz[j] * profile.tx[k]
+    return -way * cross
+
+
+@kernel
+def follow(
+    block, profile, ground_table, physics, gates, seen, passages, pieces, work, course, start_x,
+    speed, spin, drop, orientation,
+):  # fmt: skip
+    """Follow one rock from its release to its end.
+
+    Returns
+    -------
+    reason : int
+    x, z : float
+        Where the centre ends (m).
+    furthest : float
+        Largest chainage that it came to (m).
+    t : float
+        (s)
+    impacts : int
+    top_speed, top_height, top_energy : float
+        (m/s, m, J per kg)
+    n_passages, n_touched : int
+        Rows of ``passages`` and cells of ``work`` that were filled.
+    """
+    a = block.a
+    b = block.b
+    sx = profile.sx
+    sz = profile.sz
+    tx = profile.tx
+    tz = profile.tz
+    n = tx.size
+    g = physics.gravity
+    inert = inertia(a, b)
+    radius = (a * b * block.c) ** (1.0 / 3.0)
+    roll_radius = mean_radius(a, b)
+    roll_share = 1.0 + inert / (roll_radius * roll_radius)
+    round_rock = a - b < 1e-12 * a
+
+    seg = _segment_at(profile, start_x, 0)
+    theta = orientation + math.atan2(tz[seg], tx[seg])
+    x = start_x
+    z = resting_height(x, theta, a, b, sx, sz, tx, tz) + drop
+    vx = speed * tx[seg]
+    vz = speed * tz[seg]
+    omega = spin
+    t = 0.0
+    piece = 0
+    while piece < pieces.cell.size - 1 and pieces.border[piece + 1] < x:
+        piece += 1
+    n_passages = 0
+    n_touched = 0
+    impacts = 0
+    slope_draws = 0
+    top_speed = 0.0
+    top_height = 0.0
+    top_energy = 0.0
+    furthest = x
+    gates_from = x
+    reason = STEP_LIMIT
+    held_at = -1.0
+    spot_x = -np.inf
+    spot_z = -np.inf
+    crowded = 0
+    moved = False
+
+    # Start: let fall; or, at rest or pushed without spin, slide; or roll.
+    skip_to = -1
+    clear_from = 0.0
+    way = 1
+    if drop > 0.0:
+        phase = FLIGHT
+    else:
+        row = ground_table[profile.ground[seg]]
+        steep = abs(tz[seg]) / tx[seg]
+        if speed == 0.0 and spin == 0.0:
+            way = 1 if tz[seg] <= 0.0 else -1
+            mu_roll = row[4] + row[5] * row[6] / (2.0 * radius)
+            if steep > row[3]:
+                phase = SLIDING
+            elif steep > mu_roll:
+                phase = ROLLING
+            else:
+                phase = END
+                reason = NEVER_STARTED
+        elif spin == 0.0:
+            phase = SLIDING
+        else:
+            phase = IMPACT
+    nx = -tz[seg]
+    nz = tx[seg]
+    v = speed
+
+    events = 0
+    while phase != END:
+        events += 1
+        if events > physics.max_events:
+            reason = STEP_LIMIT
+            break
+
+        if phase == FLIGHT:
+            _note(course, FLIGHT, t, x, z, vx, vz, theta, omega, -1, 0.0, 0.0)
+            if vx > 1e-9:
+                limit = (sx[n] - x) / vx
+            elif vx < -1e-9:
+                limit = (sx[0] - x) / vx
+            else:
+                limit = 1e6
+            until, hit, nx, nz = next_contact(
+                x, z, vx, vz, theta, omega, a, b, g, clear_from, max(limit, 0.0),
+                physics.tolerance, sx, sz, tx, tz, seg, skip_to,
+            )  # fmt: skip
+            if hit < 0:
+                until = max(limit, 0.0)
+            n_passages, t_gate, outcome, left, gate = _gates_in_flight(
+                gates, seen, passages, n_passages, profile, seg, gates_from, x, z, vx, vz, theta,
+                omega, g, until, block, inert,
+            )  # fmt: skip
+            spin_energy = 0.5 * inert * omega * omega
+            if gate >= 0:
+                until = t_gate
+            n_touched, piece, top = record_flight(
+                pieces, work, n_touched, piece, x, z, vx, vz, spin_energy, g, until, b, sx, sz,
+                tx, tz,
+            )  # fmt: skip
+            top_height = max(top_height, top)
+            wz = vz - g * until
+            half = 0.5 * (vx * vx + max(vz * vz, wz * wz))
+            top_speed = max(top_speed, math.sqrt(2.0 * half))
+            top_energy = max(top_energy, half + spin_energy)
+            x += vx * until
+            z += (vz - 0.5 * g * until) * until
+            vz = wz
+            theta -= omega * until
+            t += until
+            gates_from = x
+            furthest = max(furthest, x)
+            if until > 0.0:
+                moved = True
+            clear_from = 0.0
+            skip_to = -1
+            if gate >= 0:
+                x = gates.x[gate]
+                gates_from = x
+                vx *= left
+                vz *= left
+                omega *= left
+                seg = _segment_at(profile, x, seg)
+                if outcome == STOPPED:
+                    reason = BARRIER
+                    phase = END
+                elif outcome == HELD_BY_NET:
+                    held_at = x
+                continue
+            if hit < 0:
+                reason = LEFT_PROFILE
+                break
+            seg = hit
+            phase = IMPACT
+            continue
+
+        if phase == IMPACT:
+            # Contact with ground of normal (nx, nz); the tangent points to the right.
+            ux = nz
+            uz = -nx
+            vt = vx * ux + vz * uz
+            vn = vx * nx + vz * nz
+            slope_angle = math.atan2(uz, ux)
+            lever, support, curvature = contact_frame(a, b, theta - slope_angle)
+            row = ground_table[profile.ground[seg]]
+            energy = 0.5 * (vx * vx + vz * vz + inert * omega * omega)
+            # Contacts on one spot: a rock that only trembles has come to rest.
+            if abs(x - spot_x) + abs(z - spot_z) < _SAME_SPOT * radius:
+                crowded += 1
+                if crowded > 20 and energy < _REST_SHARE * g * radius:
+                    reason = REST
+                    break
+            else:
+                crowded = 0
+                spot_x = x
+                spot_z = z
+            soft = vn <= 0.0 and vn * vn < 2.0 * g * nz * physics.rolling_threshold * radius
+            if soft:
+                wt, wn, omega = turn_about_contact(lever, support, inert, vt, vn, omega)
+            else:
+                impacts += 1
+                mx = nx
+                mz = nz
+                on_segment = abs(nx + tz[seg]) + abs(nz - tx[seg]) < 1e-9
+                if physics.slope_variation and on_segment and vt * uz < 0.0:
+                    u = rng.between(block.key, rng.SLOPE, slope_draws, row[1], row[2])
+                    slope_draws += 1
+                    p = uz / ux * (1.0 - u)
+                    mz = 1.0 / math.sqrt(1.0 + p * p)
+                    mx = -p * mz
+                met_angle = math.atan2(-mx, mz)
+                px, py, _ = contact_frame(a, b, theta - met_angle)
+                _note(course, IMPACT, t, x, z, vx, vz, theta, omega, seg, mz, -mx)
+                wt, wn, omega = impact(
+                    px, py, inert, vx * mz - vz * mx, vx * mx + vz * mz, omega, row[0],
+                    physics.eta_rule, row[3],
+                )  # fmt: skip
+                vx = wt * mz + wn * mx
+                vz = wn * mz - wt * mx
+                wt = vx * ux + vz * uz
+                wn = vx * nx + vz * nz
+                if wn > 1e-12:
+                    phase = FLIGHT
+                    continue
+                force = normal_force(lever, support, curvature, inert, omega, nz, -uz, g)
+                if force < 0.0 and curvature * omega * omega < -g * nz:
+                    clear_from = _FIRST_TURN / abs(omega)
+                    phase = FLIGHT
+                    continue
+            # The rock stays on the ground and rolls on, all its energy going into rolling, if that
+            # lifts its centre to where a rolling rock has it; else it ends by sliding.
+            vx = wt * ux + wn * nx
+            vz = wt * uz + wn * nz
+            way = 1 if (omega > 0.0 or (omega == 0.0 and wt >= 0.0)) else -1
+            energy = 0.5 * (wt * wt + wn * wn + inert * omega * omega)
+            seg = _foot_segment(profile, seg, x, z, way)
+            offset = (z - sz[seg]) * tx[seg] - (x - sx[seg]) * tz[seg]
+            lifted = energy - g * tx[seg] * (roll_radius - offset)
+            if lifted > 0.0:
+                v = math.sqrt(2.0 * lifted / roll_share)
+                omega = way * v / roll_radius
+                x += (roll_radius - offset) * -tz[seg]
+                z += (roll_radius - offset) * tx[seg]
+                phase = ROLLING
+            else:
+                v = abs(wt)
+                omega = 0.0
+                phase = SLIDING
+            continue
+
+        # Rolling and sliding: along segment seg, in direction way, with speed v.
+        row = ground_table[profile.ground[seg]]
+        ux = tx[seg]
+        uz = tz[seg]
+        rolling = phase == ROLLING
+        mu = row[4] + row[5] * row[6] / (2.0 * radius) if rolling else row[3]
+        down = -uz * way
+        if v <= 0.0:
+            v = 0.0
+            if abs(uz) > mu * ux:
+                way = 1 if uz < 0.0 else -1
+                down = abs(uz)
+            else:
+                reason = BARRIER if abs(x - held_at) < a else REST
+                break
+        pull = g * (down - mu * ux)
+        u = (x - sx[seg]) * ux + (z - sz[seg]) * uz
+        to_end = profile.length[seg] - u if way > 0 else u
+        to_end = max(to_end, 0.0)
+        what = 0  # 0 end of segment, 1 stop, 2 to sliding, 3 lift-off
+        way_len = to_end
+        if pull < 0.0 and -v * v / (2.0 * pull) <= way_len:
+            way_len = -v * v / (2.0 * pull)
+            what = 1
+        lift_theta = 0.0
+        lift_v = 0.0
+        _note(
+            course,
+            phase,
+            t,
+            x,
+            z,
+            v * way * ux,
+            v * way * uz,
+            theta,
+            omega,
+            seg,
+            way * ux,
+            way * uz,
+        )
+        if rolling:
+            way_len, what = rolling_stretch(
+                a, b, inert, roll_radius, theta - math.atan2(uz, ux), way, v, pull, g, ux,
+                way_len, what, physics.lift_off and not round_rock,
+                physics.end_sliding and not round_rock,
+            )  # fmt: skip
+        # Ground ahead: the rock is moved in a straight line until it touches.
+        # A next segment that does not rise can only be met at the end of this one.
+        wide = roll_radius if rolling else a
+        narrow = roll_radius if rolling else b
+        k = seg + way
+        passed = k if 0 <= k < n and _turn(profile, seg, way) > -_STRAIGHT else seg
+        ahead, hit, hit_nx, hit_nz = next_contact(
+            x, z, way * ux, way * uz, theta, 0.0, wide, narrow, 0.0, 0.0, way_len,
+            _TOUCH, sx, sz, tx, tz, seg, passed,
+        )  # fmt: skip
+        if hit >= 0:
+            way_len = ahead
+            what = 4
+        end_x = x + way * ux * way_len
+        if end_x > sx[n] or end_x < sx[0]:
+            way_len = min(max(((sx[n] if way > 0 else sx[0]) - x) / (way * ux), 0.0), way_len)
+            end_x = x + way * ux * way_len
+            what = 5
+        v2 = v * v
+        dv2 = 2.0 * pull * way_len
+        if what == 1:
+            dv2 = -v2
+        spin2 = omega * omega
+        dspin2 = 0.0
+        if rolling:
+            # Friction can turn the rock no faster than its work allows.
+            target = max(v2 + dv2, 0.0) / (roll_radius * roll_radius)
+            dspin2 = min(target - spin2, 2.0 * mu * g * ux * way_len / inert)
+        n_passages, share, outcome, left, gate = _gates_on_ground(
+            gates, seen, passages, n_passages, gates_from, x, end_x, v2, dv2, spin2, dspin2,
+            way * ux, way * uz, way, block, inert,
+        )  # fmt: skip
+        if gate >= 0:
+            way_len *= share
+            dv2 *= share
+            dspin2 *= share
+            end_x = gates.x[gate]
+        chord = abs(end_x - x)
+        n_touched, piece = record_ground(
+            pieces, work, n_touched, piece, x, end_x, v2, dv2, 0.5 * inert * spin2,
+            0.5 * inert * dspin2, chord,
+        )  # fmt: skip
+        new_v = math.sqrt(max(v2 + dv2, 0.0))
+        fast2 = max(v2, v2 + dv2)
+        top_speed = max(top_speed, math.sqrt(fast2))
+        top_energy = max(top_energy, 0.5 * fast2 + 0.5 * inert * max(spin2, spin2 + dspin2))
+        if v + new_v > 0.0:
+            t += 2.0 * way_len / (v + new_v)
+        x += way * ux * way_len
+        z += way * uz * way_len
+        gates_from = x
+        furthest = max(furthest, x)
+        if way_len > 0.0:
+            moved = True
+        if rolling:
+            theta -= way * way_len / roll_radius
+            omega = way * math.sqrt(max(spin2 + dspin2, 0.0))
+        v = new_v
+        vx = way * v * ux
+        vz = way * v * uz
+        if gate >= 0:
+            x = gates.x[gate]
+            gates_from = x
+            v *= left
+            omega *= left
+            if outcome == STOPPED:
+                reason = BARRIER
+                phase = END
+            elif outcome == HELD_BY_NET:
+                held_at = x
+            continue
+        if what == 5:
+            reason = LEFT_PROFILE
+            break
+        if what == 4:
+            seg = hit
+            nx = hit_nx
+            nz = hit_nz
+            phase = IMPACT
+            continue
+        if what == 2:
+            omega = 0.0
+            phase = SLIDING
+            continue
+        if what == 3:
+            # The ellipse stands upright and leaves the ground; its centre is lifted to its top.
+            energy = 0.5 * (v * v + inert * omega * omega) - g * ux * (a - roll_radius)
+            omega = way * math.sqrt(2.0 * energy / (inert + a * a))
+            theta = 0.5 * math.pi + math.atan2(uz, ux)
+            x += (a - roll_radius) * -uz
+            z += (a - roll_radius) * ux
+            vx = a * omega * ux
+            vz = a * omega * uz
+            clear_from = _FIRST_TURN / abs(omega)
+            phase = FLIGHT
+            continue
+        if what == 0:
+            k = seg + way
+            if k < 0 or k >= n:
+                reason = LEFT_PROFILE
+                break
+            turn = _turn(profile, seg, way)
+            if turn > _STRAIGHT:
+                skip_to = seg
+                seg = k
+                phase = FLIGHT
+            else:
+                seg = k
+            continue
+
+    _note(course, END, t, x, z, 0.0, 0.0, theta, 0.0, seg, 0.0, 0.0)
+    if reason == REST and not moved:
+        reason = NEVER_STARTED
+    return (
+        reason, x, z, furthest, t, impacts, top_speed, top_height, top_energy, n_passages,
+        n_touched,
+    )  # fmt: skip

@@ -1,0 +1,313 @@
+"""The driver: checks and converts what a run needs, calls the kernel, names what comes out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.blocks import BlockPopulation
+from sassgis.core.errors import InputError
+from sassgis.core.grid import FloatArray, IntArray
+from sassgis.core.ground import GroundTable
+from sassgis.core.profiles import ProfileSet
+from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate
+from sassgis.core.settings import EngineSettings
+from sassgis.engine import impact as impact_rules
+from sassgis.engine import rock as rock_rules
+from sassgis.engine.kernel import (
+    PASSAGE_COLUMNS,
+    ROCK_COLUMNS,
+    Bins,
+    CellSums,
+    GateTable,
+    Lines,
+    run_lines,
+)
+
+#: Columns of a course of events.
+COURSE_COLUMNS = (
+    "phase", "t_s", "x_m", "z_m", "vx_mps", "vz_mps", "theta_rad", "omega_radps", "segment",
+    "ux", "uz",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class GateCrossings:
+    """Where profiles cross stations and barriers.
+
+    Attributes
+    ----------
+    gates : tuple of Gate
+    offset : int64, shape (n_lines + 1,)
+    chainage : float64, shape (offset[-1],)
+        Rising within a line (m).
+    gate : int64, shape (offset[-1],)
+        Position in ``gates``.
+    """
+
+    gates: tuple[Gate, ...]
+    offset: IntArray
+    chainage: FloatArray
+    gate: IntArray
+
+    @classmethod
+    def none(cls, n_lines: int) -> GateCrossings:
+        """No stations and no barriers."""
+        return cls((), np.zeros(n_lines + 1, np.int64), np.empty(0), np.empty(0, np.int64))
+
+    @classmethod
+    def same_for_all(
+        cls, gates: Sequence[Gate], chainages: Sequence[float], n_lines: int
+    ) -> GateCrossings:
+        """The same gates at the same chainages (m) on every one of ``n_lines`` profiles."""
+        order = np.argsort(np.asarray(chainages, float), kind="stable")
+        sorted_chainage = np.asarray(chainages, float)[order]
+        return cls(
+            tuple(gates),
+            np.arange(n_lines + 1, dtype=np.int64) * len(gates),
+            np.tile(sorted_chainage, n_lines),
+            np.tile(order.astype(np.int64), n_lines),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """What the rocks of some lines left.
+
+    Attributes
+    ----------
+    cells : int64, shape (n_cells,)
+        Flat indices of the grid cells under the lines, ascending.
+    sums : CellSums
+        One entry for each of ``cells``.
+    rocks : ROCK_DTYPE, shape (n_lines * n_rocks,)
+    passages : PASSAGE_DTYPE
+    courses : tuple of float64 arrays, shape (n_events, 11)
+        Course of each rock, columns COURSE_COLUMNS; empty unless asked for.
+    """
+
+    cells: IntArray
+    sums: CellSums
+    rocks: NDArray[np.void]
+    passages: NDArray[np.void]
+    courses: tuple[FloatArray, ...]
+
+
+def default_bins(
+    largest_energy_kj: float = 1e6, largest_height_m: float = 100.0, largest_speed_mps: float = 80.0
+) -> Bins:
+    """Edges of the histograms that the map's quantiles come from.
+
+    Energy: 20 bins a decade, 30 and 300 kJ among the edges, from 0.03 kJ. Height: 0.1 m up to 2 m,
+    then steps of 6 %. Speed: 0.5 m/s up to 20 m/s, then 1 m/s.
+    """
+    top = max(int(np.ceil(20.0 * np.log10(max(largest_energy_kj, 1.0) / 30.0))), 20)
+    energy = np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-60, top + 1) / 20.0)])
+    steps = max(int(np.ceil(np.log(max(largest_height_m, 4.0) / 2.0) / np.log(1.06))), 1)
+    height = np.concatenate([np.arange(0.0, 2.0, 0.1), 2.0 * 1.06 ** np.arange(steps + 1)])
+    speed = np.concatenate(
+        [np.arange(0.0, 20.0, 0.5), np.arange(20.0, max(largest_speed_mps, 22.0) + 1.0, 1.0)]
+    )
+    return Bins(energy, height, speed)
+
+
+def empty_sums(n_cells: int, bins: Bins) -> CellSums:
+    """Sums for ``n_cells`` cells to which nothing has come yet."""
+    return CellSums(
+        reach=np.zeros(n_cells, np.int64),
+        reach_square=np.zeros(n_cells, np.int64),
+        stops=np.zeros(n_cells, np.int64),
+        energy_sum=np.zeros(n_cells, np.int64),
+        energy_max=np.zeros(n_cells),
+        height_max=np.zeros(n_cells),
+        speed_max=np.zeros(n_cells),
+        energy=np.zeros((n_cells, bins.energy.size - 1), np.uint32),
+        height=np.zeros((n_cells, bins.height.size - 1), np.uint32),
+        speed=np.zeros((n_cells, bins.speed.size - 1), np.uint32),
+    )
+
+
+def _physics(settings: EngineSettings) -> rock_rules.Physics:
+    return rock_rules.Physics(
+        gravity=float(settings.gravity_mps2),
+        eta_rule={"scale": impact_rules.SCALE, "coulomb": impact_rules.COULOMB}[
+            settings.eta_max_rule
+        ],
+        slope_variation=settings.slope_variation == "per_impact",
+        rolling_threshold=float(settings.rolling_threshold),
+        lift_off=bool(settings.lift_off),
+        end_sliding=bool(settings.end_sliding),
+        tolerance=float(settings.contact_tolerance_m),
+        max_events=int(settings.max_events),
+    )
+
+
+def _check(profiles: ProfileSet, table: GroundTable) -> None:
+    """Raise InputError for profiles that the kernel cannot take."""
+    for i in range(len(profiles)):
+        s, z = profiles.vertices(i)
+        if s.size < 2:
+            raise InputError(f"profile {i} has fewer than two vertices", found=s.size)
+        if not (np.isfinite(s).all() and np.isfinite(z).all()):
+            raise InputError(f"profile {i} has vertices that are not numbers")
+        if not (np.diff(s) > 0.0).all():
+            raise InputError(f"profile {i}: chainage must rise", found="equal or falling values")
+    if profiles.ground.size and not (
+        profiles.ground.min() >= 0 and profiles.ground.max() < len(table.classes)
+    ):
+        raise InputError(
+            "a profile names a ground class that the table does not have",
+            found=f"{profiles.ground.min()} to {profiles.ground.max()}",
+            expected=f"0 to {len(table.classes) - 1}",
+        )
+
+
+def simulate(
+    profiles: ProfileSet,
+    table: GroundTable,
+    blocks: BlockPopulation,
+    settings: EngineSettings,
+    *,
+    seed: int,
+    rocks_per_line: int,
+    line_keys: NDArray[np.uint64],
+    starts: FloatArray,
+    gates: GateCrossings | None = None,
+    line_numbers: IntArray | None = None,
+    first_rock: int = 0,
+    bins: Bins | None = None,
+    course_events: int = 0,
+) -> Simulated:
+    """Follow rocks down profiles.
+
+    The rocks depend only on seed, line key and number on the line, never on what else is simulated.
+
+    Parameters
+    ----------
+    profiles : ProfileSet
+    table : GroundTable
+    blocks : BlockPopulation
+    settings : EngineSettings
+    seed : int
+        0 to 2**64 - 1.
+    rocks_per_line : int
+    line_keys : uint64, shape (n_lines,)
+        Identity of each line for the random draws.
+    starts : float64, shape (n_lines, 2)
+        Limits of the starting chainage (m).
+    gates : GateCrossings, optional
+    line_numbers : int64, shape (n_lines,), optional
+        Number of each line in the run; default 0, 1, 2, ...
+    first_rock : int
+        Number of the first rock on each line.
+    bins : Bins, optional
+        Edges of the histograms per cell; default ``default_bins()``.
+    course_events : int
+        Events to keep of each rock's course.
+
+    Returns
+    -------
+    Simulated
+
+    Raises
+    ------
+    InputError
+        Profiles, classes or starts that cannot be used.
+    """
+    n_lines = len(profiles)
+    _check(profiles, table)
+    if bins is None:
+        bins = default_bins()
+    if gates is None:
+        gates = GateCrossings.none(n_lines)
+    if line_numbers is None:
+        line_numbers = np.arange(n_lines, dtype=np.int64)
+    starts = np.asarray(starts, np.float64).reshape(n_lines, 2)
+    first = profiles.s[profiles.offset[:-1]]
+    last = profiles.s[profiles.offset[1:] - 1]
+    outside = (starts[:, 0] < first) | (starts[:, 1] > last) | (starts[:, 0] > starts[:, 1])
+    if outside.any():
+        i = int(np.flatnonzero(outside)[0])
+        raise InputError(
+            f"profile {i}: the start lies outside the profile",
+            found=f"{starts[i, 0]:g} to {starts[i, 1]:g} m",
+            expected=f"within {first[i]:g} to {last[i]:g} m, low first",
+        )
+    cells, local = np.unique(profiles.cell, return_inverse=True)
+    known = cells >= 0
+    local = np.where(profiles.cell >= 0, local - int((~known).sum()), -1).astype(np.int64)
+    cells = cells[known]
+    lines = Lines(
+        offset=profiles.offset,
+        s=profiles.s,
+        z=profiles.z,
+        ground=profiles.ground,
+        cell_offset=profiles.cell_offset,
+        cell_s=profiles.cell_s,
+        cell=local,
+        number=np.asarray(line_numbers, np.int64),
+        key=np.asarray(line_keys, np.uint64),
+        start=starts,
+        gate_offset=gates.offset,
+        gate_x=gates.chainage,
+        gate=gates.gate,
+    )
+    kinds = {"station": rock_rules.STATION, "wall": rock_rules.WALL, "net": rock_rules.NET}
+    gate_table = GateTable(
+        np.array([kinds[g.kind] for g in gates.gates], np.int64),
+        np.array([g.height_m for g in gates.gates], np.float64),
+        1e3 * np.array([g.capacity_kj for g in gates.gates], np.float64),
+    )
+    sums = empty_sums(cells.size, bins)
+    n = n_lines * rocks_per_line
+    rocks = np.zeros((n, ROCK_COLUMNS))
+    passages = np.zeros((max(gates.chainage.size * rocks_per_line, 1), PASSAGE_COLUMNS))
+    events = np.zeros((n, course_events, len(COURSE_COLUMNS)))
+    event_counts = np.zeros(n, np.int64)
+    filled = run_lines(
+        lines,
+        table.array(),
+        blocks.array(),
+        _physics(settings),
+        gate_table,
+        bins,
+        np.uint64(seed),
+        first_rock,
+        rocks_per_line,
+        sums,
+        rocks,
+        passages,
+        events,
+        event_counts,
+    )
+    return Simulated(
+        cells=cells,
+        sums=sums,
+        rocks=_rock_rows(rocks, lines.number, first_rock, rocks_per_line),
+        passages=_passage_rows(passages[:filled]),
+        courses=tuple(events[i, : event_counts[i]] for i in range(n)) if course_events else (),
+    )
+
+
+def _rock_rows(
+    rows: FloatArray, numbers: IntArray, first_rock: int, rocks_per_line: int
+) -> NDArray[np.void]:
+    out = np.zeros(rows.shape[0], ROCK_DTYPE)
+    out["line"] = np.repeat(numbers, rocks_per_line)
+    out["rock"] = np.tile(
+        np.arange(first_rock, first_rock + rocks_per_line, dtype=np.int32), numbers.size
+    )
+    for i, name in enumerate(list(ROCK_DTYPE.names or ())[2:]):
+        out[name] = rows[:, i]
+    return out
+
+
+def _passage_rows(rows: FloatArray) -> NDArray[np.void]:
+    out = np.zeros(rows.shape[0], PASSAGE_DTYPE)
+    order = ["line", "rock", "gate", "outcome", *list(PASSAGE_DTYPE.names or ())[4:]]
+    for i, name in enumerate(order):
+        out[name] = rows[:, i]
+    return out
