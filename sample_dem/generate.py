@@ -332,7 +332,7 @@ def valley_ground() -> list[dict[str, Any]]:
         ("talus", talus.difference(debris)),
         ("debris", debris),
         ("debris", river),
-        ("road", road),
+        ("asphalt", road),
         ("soft_meadow", union_all([foot, plateau]).difference(union_all([debris, road, river]))),
     ]
     rows: list[dict[str, Any]] = []
@@ -489,6 +489,7 @@ density_kgm3 = [2600.0, 2750.0]
 [[stations]]
 name = "stations"
 file = "stations.gpkg"
+name_field = "name"
 
 [[barriers]]
 name = "net Mitte"
@@ -496,12 +497,14 @@ kind = "net"
 height_m = 4.0
 capacity_kj = 2000.0
 file = "net.gpkg"
+name_field = "name"
 
 [[barriers]]
 name = "wall Nord"
 kind = "wall"
 height_m = 3.0
 file = "wall.gpkg"
+name_field = "name"
 
 [run]
 seed = 1986
@@ -550,7 +553,7 @@ BEDRINA: Pieces = (
     (11.0, 35.0, "debris"),
     (6.0, 33.0, "debris"),
     (2.5, 40.0, "debris"),
-    (8.0, 0.0, "road"),
+    (8.0, 0.0, "asphalt"),
     (8.0, 22.0, "debris"),
 )
 

@@ -14,9 +14,11 @@ import pytest
 import rasterio
 from rasterio.features import geometry_mask
 
+from sassgis.io.config import load_config
+
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_dem"
-CLASSES = {"rock", "debris", "talus", "soft_meadow", "road"}
+CLASSES = {"rock", "debris", "talus", "soft_meadow", "asphalt"}
 VECTORS = ("release", "ground", "road", "buildings", "stations", "net", "wall")
 TEXTS = (
     "valley/config.toml",
@@ -91,7 +93,7 @@ def test_the_folder_stays_small() -> None:
 
 @pytest.mark.parametrize(
     ("ground", "low", "high"),
-    [("rock", 60.0, 75.0), ("talus", 32.0, 38.0), ("debris", 10.0, 24.0), ("road", 0.0, 3.0)],
+    [("rock", 60.0, 75.0), ("talus", 32.0, 38.0), ("debris", 10.0, 24.0), ("asphalt", 0.0, 3.0)],
 )
 def test_each_ground_has_its_slope(
     slope_deg: tuple[np.ndarray, rasterio.Affine], ground: str, low: float, high: float
@@ -139,6 +141,18 @@ def test_profiles_have_the_length_and_fall_they_are_said_to_have(
     assert s[0] == 0.0 and s[-1] == pytest.approx(length)
     assert z[0] - z[-1] == pytest.approx(fall)
     assert {r["ground"] for r in rows} <= CLASSES
+
+
+@pytest.mark.parametrize("name", [t for t in TEXTS if t.endswith(".toml")])
+def test_configurations_can_be_loaded(name: str) -> None:
+    config = load_config(SAMPLES / name)
+    assert config.project.name
+    assert config.run.seed == 1986
+
+
+def test_every_ground_of_the_samples_is_built_in() -> None:
+    with (ROOT / "sassgis/data/ground_classes.csv").open() as lines:
+        assert {row["name"] for row in csv.DictReader(lines)} >= CLASSES
 
 
 @pytest.mark.parametrize("name", [t for t in TEXTS if t.endswith(".toml")])
