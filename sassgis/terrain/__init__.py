@@ -1,0 +1,1 @@
+"""From heights and release areas to flattened profiles: array geometry, no files."""

@@ -1,0 +1,548 @@
+"""Fall lines: where a rock's way leads down the terrain.
+
+On descending ground a fall line follows the steepest descent of a smooth surface through the DEM,
+at any point and in any direction, not from cell to cell. Where the ground is nearly flat or rises
+ahead, the direction of steepest descent says little about a rock that arrives with speed: there
+the line keeps its heading, so that it runs out over a valley floor and up the other side, until
+the ground ahead descends again. What a rock really does on that line is left to the engine.
+
+With heading psi, direction of steepest descent psi_d and slope m (tangent), the line obeys, where
+m is below the tangent m_f of the flat slope or the ground does not descend ahead,
+
+    d psi / d s = (psi_d - psi) / L * Q / (1 - Q),
+    Q = min(1, (m / m_f)²) * a(cos(psi_d - psi)),
+
+with the turning length L and a smooth step ``a`` from 0 (descent sideways or backwards) to 1
+(within 60° of the heading). For Q = 1 the heading is the descent itself. This is an equation of
+the line, free of the step with which it is solved.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.errors import ConfigError
+from sassgis.core.grid import FloatArray, Grid, IntArray
+from sassgis.core.jit import kernel
+from sassgis.core.profiles import LineEnd, ReleasePoints, TraceSet
+from sassgis.terrain.cells import grown, height_at, next_line, next_share
+from sassgis.terrain.surface import BoolArray, Surface, shape_at, slope_at, smoothed, standing
+from sassgis.terrain.surface import surface as spline
+
+_VALID = -1
+_ENERGY_LINE = int(LineEnd.ENERGY_LINE)
+_MAX_LENGTH = int(LineEnd.MAX_LENGTH)
+_CLOSED_LOOP = int(LineEnd.CLOSED_LOOP)
+
+# All in cells or radians. Halving them moves lines on real terrain by far less than a cell.
+_STEP = 0.5
+_SHORTEST_STEP = 1.0 / 128.0
+_POINT_DISTANCE = 0.5
+_TURN_PER_STEP = 0.2
+_TURN_PER_POINT = 0.1
+_RATE_PER_STEP = 0.4
+_COS_STEP = math.cos(2.0 * _TURN_PER_STEP)
+_COS_POINT = math.cos(_TURN_PER_POINT)
+# A line that comes this near to itself, after at least this much of way, has closed.
+_LOOP_DISTANCE = 0.5
+_LOOP_WAY = 4.0
+# Ends lie this much inside the last valid cell: rounding of map coordinates cannot push them out.
+_INSIDE = 1e-6
+_ALIGNED = 0.5
+# Gradients (m per cell) below this are rounding of a level surface.
+_LEVEL = 1e-10
+
+
+@dataclass(frozen=True, slots=True)
+class FallLineSettings:
+    """How fall lines are traced.
+
+    Attributes
+    ----------
+    smoothing_m : float
+        Standard deviation of the Gaussian by which the terrain is smoothed for tracing (m): a rock
+        does not answer to every dent. Heights of the profiles are never smoothed.
+    flat_slope_deg : float
+        Below this slope the line tends to keep its heading (degrees).
+    turning_length_m : float
+        L above (m): on flat ground at 0.7 times the tangent of the flat slope, the heading turns
+        towards the descent over this length.
+    energy_line_angle_deg : float
+        Angle below the horizontal of the line that, drawn from the release point over the plan
+        length of the fall line, no rock is expected to reach beyond (degrees). Where the terrain
+        rises above it the fall line ends. The idea of one overall friction angle from source to
+        stop is A. Heim's (1932, Bergsturz und Menschenleben).
+    energy_line_free_m : float
+        The energy line is not tested over this first part (m): a release point on the gentle
+        shoulder above a cliff is not cut off before the cliff.
+    max_length_m : float
+        Plan length at which a line ends in any case (m).
+    """
+
+    smoothing_m: float = 5.0
+    flat_slope_deg: float = 3.0
+    turning_length_m: float = 50.0
+    energy_line_angle_deg: float = 20.0
+    energy_line_free_m: float = 25.0
+    max_length_m: float = 5000.0
+
+    def __post_init__(self) -> None:
+        limits = {
+            "smoothing_m": (0.0, 200.0),
+            "flat_slope_deg": (0.0, 30.0),
+            "turning_length_m": (0.1, 1e5),
+            "energy_line_angle_deg": (0.0, 60.0),
+            "energy_line_free_m": (0.0, 1000.0),
+            "max_length_m": (1.0, 1e5),
+        }
+        for field, (low, high) in limits.items():
+            if not low <= getattr(self, field) <= high:
+                raise ConfigError(
+                    "value out of range",
+                    field=f"fall_lines.{field}",
+                    found=getattr(self, field),
+                    expected=f"{low:g} to {high:g}",
+                )
+
+
+def fall_line_surface(grid: Grid, settings: FallLineSettings) -> Surface:
+    """The smoothed and interpolated terrain on which fall lines are traced.
+
+    Parameters
+    ----------
+    grid : Grid
+    settings : FallLineSettings
+
+    Returns
+    -------
+    Surface
+
+    Raises
+    ------
+    InputError
+        If the grid has no height at all.
+    """
+    return spline(smoothed(grid, settings.smoothing_m))
+
+
+def trace(
+    grid: Grid,
+    surface: Surface,
+    points: ReleasePoints,
+    settings: FallLineSettings,
+    fans: FloatArray | None = None,
+) -> TraceSet:
+    """Trace the fall lines of release points.
+
+    Each line depends on its own release point alone, so that tracing the points in chunks, in any
+    order or in threads, gives the same lines to the last bit.
+
+    A line ends, and says so by its LineEnd, where
+
+    - LEFT_DEM, NODATA: the next cell lies outside the DEM, or has no height. The line ends at the
+      last valid point (a millionth of a cell before the border). A release point there gives a
+      line of that single point.
+    - ENERGY_LINE: the terrain rises above the energy line of the release point (see
+      FallLineSettings): a rock cannot be expected beyond. The energy line starts from the height
+      of the DEM at the release point, or of the smoothed surface if that is higher, and is
+      compared with the smoothed surface.
+    - MAX_LENGTH: the plan length is used up.
+    - CLOSED_LOOP: the line comes back to itself. A release point on exactly level ground, which
+      has no direction to leave in, gives a line of a single point and this reason.
+
+    Parameters
+    ----------
+    grid : Grid
+        The DEM as it is.
+    surface : Surface
+        The surface traced on, on the same grid; see fall_line_surface.
+    points : ReleasePoints
+        All or a part of the release points.
+    settings : FallLineSettings
+    fans : float64, shape (m,), optional
+        Sideways deviations of the lines of each point as a share of their length, positive to the
+        right; default one line with 0. See sassgis.terrain.spread.
+
+    Returns
+    -------
+    TraceSet
+        Lines ordered by point, then by fan. Points about every half cell, closer where the line
+        turns.
+    """
+    deviations = np.zeros(1) if fans is None else np.ascontiguousarray(fans, np.float64)
+    n_fans = deviations.size
+    cell = grid.cell_size
+    u = (points.x - grid.west) / cell
+    v = (grid.north - points.y) / cell
+    offset, lines, end = _trace_all(
+        surface.coefficients,
+        surface.valid,
+        grid.values,
+        np.repeat(u, n_fans),
+        np.repeat(v, n_fans),
+        np.tile(deviations, len(points)),
+        np.tan(np.radians(settings.flat_slope_deg)) * cell,
+        settings.turning_length_m / cell,
+        np.tan(np.radians(settings.energy_line_angle_deg)) * cell,
+        settings.energy_line_free_m / cell,
+        settings.max_length_m / cell,
+    )
+    x = grid.west + lines[:, 0] * cell
+    y = grid.north - lines[:, 1] * cell
+    # Release points keep their coordinates to the last bit.
+    x[offset[:-1]] = np.repeat(points.x, n_fans)
+    y[offset[:-1]] = np.repeat(points.y, n_fans)
+    return TraceSet(
+        offset=offset,
+        x=x,
+        y=y,
+        s=lines[:, 2] * cell,
+        point=np.repeat(np.arange(len(points), dtype=np.int64), n_fans),
+        fan=np.tile(deviations, len(points)),
+        end=end,
+    )
+
+
+@kernel
+def _trace_all(
+    coefficients: FloatArray,
+    valid: BoolArray,
+    heights: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    fan: FloatArray,
+    flat: float,
+    turning: float,
+    energy: float,
+    free: float,
+    max_length: float,
+) -> tuple[IntArray, FloatArray, NDArray[np.uint8]]:
+    """Lines of all release points; lengths in cells, slopes in metres per cell."""
+    n = u.size
+    offset = np.zeros(n + 1, np.int64)
+    end = np.zeros(n, np.uint8)
+    us = np.empty(max(64, 256 * n))
+    vs = np.empty(us.size)
+    ss = np.empty(us.size)
+    count = 0
+    line = np.empty((1024, 3))
+    for i in range(n):
+        line, size, reason = _trace_line(
+            coefficients,
+            valid,
+            heights,
+            u[i],
+            v[i],
+            fan[i],
+            flat,
+            turning,
+            energy,
+            free,
+            max_length,
+            line,
+        )
+        if count + size > us.size:
+            us = grown(us, count + size)
+            vs = grown(vs, count + size)
+            ss = grown(ss, count + size)
+        for k in range(size):
+            us[count + k] = line[k, 0]
+            vs[count + k] = line[k, 1]
+            ss[count + k] = line[k, 2]
+        count += size
+        offset[i + 1] = count
+        end[i] = reason
+    lines = np.empty((count, 3))
+    lines[:, 0], lines[:, 1], lines[:, 2] = us[:count], vs[:count], ss[:count]
+    return offset, lines, end
+
+
+@kernel
+def _trace_line(
+    coefficients: FloatArray,
+    valid: BoolArray,
+    heights: FloatArray,
+    u: float,
+    v: float,
+    fan: float,
+    flat: float,
+    turning: float,
+    energy: float,
+    free: float,
+    max_length: float,
+    line: FloatArray,
+) -> tuple[FloatArray, int, int]:
+    """One line into the buffer ``line`` of rows (u, v, s): the buffer, its fill and the LineEnd."""
+    line[0, 0], line[0, 1], line[0, 2] = u, v, 0.0
+    size = 1
+    reason = standing(valid, u, v)
+    if reason != _VALID:
+        return line, size, reason
+    z, gu, gv, huu, huv, hvv = shape_at(coefficients, u, v)
+    top = max(z, height_at(heights, u, v, int(v), int(u)))
+    slope = _length(gu, gv)
+    if slope <= _LEVEL:
+        return line, size, _CLOSED_LOOP
+    # v points south, so turning by +atan(fan) from (u, v) is a turn to the right on the map.
+    cos_fan = 1.0 / np.sqrt(1.0 + fan * fan)
+    sin_fan = fan * cos_fan
+    hu, hv = _aim(gu, gv, cos_fan, sin_fan)
+    out_hu, out_hv = hu, hv
+    since_out = 0.0
+    longest = _STEP
+    while True:
+        s_old = line[size - 1, 2] + _length(u - line[size - 1, 0], v - line[size - 1, 1])
+        # How fast the direction of descent changes along and across it (per cell).
+        bend = _bend(gu, gv, huu, huv, hvv, slope)
+        step = min(longest, _POINT_DISTANCE - since_out)
+        limit = step
+        following = slope >= flat and _along(gu, gv, cos_fan, sin_fan, hu, hv) >= _ALIGNED
+        ku, kv = hu, hv
+        if following:
+            step = max(min(step, _RATE_PER_STEP / (bend + 1e-300)), _SHORTEST_STEP)
+            step = min(step, max_length - s_old)
+            ku, kv, following = _descend(
+                coefficients, u, v, gu, gv, hu, hv, step, cos_fan, sin_fan, flat
+            )
+            nu, nv = ku, kv
+        if not following:
+            rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, slope, flat, turning)
+            turn = abs(_angle(gu, gv, cos_fan, sin_fan, hu, hv))
+            step = min(limit, 0.25, _TURN_PER_STEP / (rate * turn + 1e-300))
+            step = min(step, _RATE_PER_STEP / (np.sqrt(rate * min(bend, 1e12)) + 1e-300))
+            step = max(step, _SHORTEST_STEP)
+            step = min(step, max_length - s_old)
+            ku, kv, nu, nv = _coast(
+                coefficients, u, v, gu, gv, hu, hv, step, cos_fan, sin_fan, flat, turning
+            )
+        u_new, v_new = u + step * ku, v + step * kv
+        share, reason = _way_open(valid, u, v, u_new, v_new)
+        z_new, gu_new, gv_new, huu, huv, hvv = shape_at(coefficients, u_new, v_new)
+        slope_new = _length(gu_new, gv_new)
+        if following:
+            if slope_new >= flat and _along(gu_new, gv_new, cos_fan, sin_fan, hu, hv) >= _ALIGNED:
+                nu, nv = _aim(gu_new, gv_new, cos_fan, sin_fan)
+            # The look-ahead was too long if the direction still turned much: again, shorter.
+            if nu * hu + nv * hv < _COS_STEP and step > 2.0 * _SHORTEST_STEP:
+                longest = 0.5 * step
+                _, _, _, huu, huv, hvv = shape_at(coefficients, u, v)
+                continue
+        longest = min(_STEP, 2.0 * longest)
+
+        s_new = line[size - 1, 2] + _length(u_new - line[size - 1, 0], v_new - line[size - 1, 1])
+        if s_new >= max_length - 1e-9 and reason == _VALID:
+            reason = _MAX_LENGTH
+        excess, excess_new = z - top + energy * s_old, z_new - top + energy * s_new
+        if excess_new > 0.0 and s_new > free:
+            cut = 0.0 if excess > 0.0 else excess / (excess - excess_new)
+            if s_new > s_old:
+                cut = max(cut, min(1.0, (free - s_old) / (s_new - s_old)))
+            if cut <= share:
+                share, reason = cut, _ENERGY_LINE
+        if reason != _VALID:
+            u_new, v_new = u + share * (u_new - u), v + share * (v_new - v)
+        moved = share * step
+        since_out += moved
+        if (
+            reason != _VALID
+            or since_out >= _POINT_DISTANCE - 1e-9
+            or nu * out_hu + nv * out_hv < _COS_POINT
+        ):
+            gap = _length(u_new - line[size - 1, 0], v_new - line[size - 1, 1])
+            if gap > 10.0 * _INSIDE:
+                if size >= line.shape[0]:
+                    longer = np.empty((2 * line.shape[0], 3))
+                    longer[:size] = line
+                    line = longer
+                line[size, 0], line[size, 1] = u_new, v_new
+                line[size, 2] = line[size - 1, 2] + gap
+                size += 1
+                if reason == _VALID and _closes(line, size):
+                    reason = _CLOSED_LOOP
+            since_out = 0.0
+            out_hu, out_hv = nu, nv
+        if reason != _VALID:
+            return line, size, reason
+        u, v, z, gu, gv, slope, hu, hv = u_new, v_new, z_new, gu_new, gv_new, slope_new, nu, nv
+
+
+@kernel
+def _length(a: float, b: float) -> float:
+    """Length of a vector; several times faster than hypot, whose care for overflow is idle here."""
+    return np.sqrt(a * a + b * b)
+
+
+@kernel
+def _aim(gu: float, gv: float, cos_fan: float, sin_fan: float) -> tuple[float, float]:
+    """Unit vector of steepest descent, turned by the fan; (0, 0) on level ground."""
+    size = _length(gu, gv)
+    if size <= _LEVEL:
+        return 0.0, 0.0
+    du, dv = -gu / size, -gv / size
+    return cos_fan * du - sin_fan * dv, sin_fan * du + cos_fan * dv
+
+
+@kernel
+def _along(gu: float, gv: float, cos_fan: float, sin_fan: float, hu: float, hv: float) -> float:
+    """Cosine of the angle between the aim and the heading; -1 on level ground."""
+    au, av = _aim(gu, gv, cos_fan, sin_fan)
+    if au == 0.0 and av == 0.0:
+        return -1.0
+    return au * hu + av * hv
+
+
+@kernel
+def _angle(gu: float, gv: float, cos_fan: float, sin_fan: float, hu: float, hv: float) -> float:
+    """Angle from the heading to the aim (rad); 0 on level ground."""
+    au, av = _aim(gu, gv, cos_fan, sin_fan)
+    if au == 0.0 and av == 0.0:
+        return 0.0
+    return np.arctan2(hu * av - hv * au, hu * au + hv * av)
+
+
+@kernel
+def _bend(gu: float, gv: float, huu: float, huv: float, hvv: float, slope: float) -> float:
+    """Change of the direction of descent per cell, along plus across (rad per cell)."""
+    if slope <= _LEVEL:
+        return 1e12
+    tu, tv = gu / slope, gv / slope
+    across = tv * tv * huu - 2.0 * tu * tv * huv + tu * tu * hvv
+    along = tu * tv * (hvv - huu) + (tu * tu - tv * tv) * huv
+    return (abs(across) + abs(along)) / slope
+
+
+@kernel
+def _turn_rate(
+    gu: float,
+    gv: float,
+    cos_fan: float,
+    sin_fan: float,
+    hu: float,
+    hv: float,
+    slope: float,
+    flat: float,
+    turning: float,
+) -> float:
+    """Rate at which the heading turns towards the aim (per cell); 1e12 stands for at once."""
+    cosine = min(1.0, max(0.0, _along(gu, gv, cos_fan, sin_fan, hu, hv) / _ALIGNED))
+    quality = cosine * cosine * (3.0 - 2.0 * cosine)
+    if slope < flat:
+        quality *= (slope / flat) ** 2
+    if quality >= 1.0:
+        return 1e12
+    return min(1e12, quality / (1.0 - quality) / turning)
+
+
+@kernel
+def _descend(
+    coefficients: FloatArray,
+    u: float,
+    v: float,
+    gu: float,
+    gv: float,
+    hu: float,
+    hv: float,
+    step: float,
+    cos_fan: float,
+    sin_fan: float,
+    flat: float,
+) -> tuple[float, float, bool]:
+    """Mean direction of a Runge-Kutta step of order 4 down the aim, and whether it holds.
+
+    It does not hold if the step meets flat ground or a descent that turns away.
+    """
+    au, av = _aim(gu, gv, cos_fan, sin_fan)
+    ku, kv = au, av
+    sum_u, sum_v = au, av
+    for stage in range(3):
+        reach = step if stage == 2 else 0.5 * step
+        gu, gv = slope_at(coefficients, u + reach * ku, v + reach * kv)
+        ku, kv = _aim(gu, gv, cos_fan, sin_fan)
+        if _length(gu, gv) < flat or ku * hu + kv * hv < _ALIGNED:
+            return hu, hv, False
+        weight = 1.0 if stage == 2 else 2.0
+        sum_u += weight * ku
+        sum_v += weight * kv
+    return sum_u / 6.0, sum_v / 6.0, True
+
+
+@kernel
+def _coast(
+    coefficients: FloatArray,
+    u: float,
+    v: float,
+    gu: float,
+    gv: float,
+    hu: float,
+    hv: float,
+    step: float,
+    cos_fan: float,
+    sin_fan: float,
+    flat: float,
+    turning: float,
+) -> tuple[float, float, float, float]:
+    """Midpoint step with a heading that turns at its own rate: mean direction, new heading.
+
+    The heading relaxes exponentially towards the aim, which is stable for any rate.
+    """
+    rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, _length(gu, gv), flat, turning)
+    angle = _angle(gu, gv, cos_fan, sin_fan, hu, hv)
+    mu, mv = _turned(hu, hv, -angle * np.expm1(-0.5 * rate * step))
+    gu, gv = slope_at(coefficients, u + 0.5 * step * mu, v + 0.5 * step * mv)
+    rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, _length(gu, gv), flat, turning)
+    angle = _angle(gu, gv, cos_fan, sin_fan, hu, hv)
+    mu, mv = _turned(hu, hv, -angle * np.expm1(-0.5 * rate * step))
+    nu, nv = _turned(hu, hv, -angle * np.expm1(-rate * step))
+    return mu, mv, nu, nv
+
+
+@kernel
+def _turned(hu: float, hv: float, angle: float) -> tuple[float, float]:
+    """The unit vector turned by an angle, and made a unit vector again."""
+    c, s = np.cos(angle), np.sin(angle)
+    tu, tv = c * hu - s * hv, s * hu + c * hv
+    size = _length(tu, tv)
+    return tu / size, tv / size
+
+
+@kernel
+def _way_open(valid: BoolArray, u0: float, v0: float, u1: float, v1: float) -> tuple[float, int]:
+    """Share of a step (shorter than a cell) that runs over valid cells, and what stops it."""
+    if int(np.floor(u0)) == int(np.floor(u1)) and int(np.floor(v0)) == int(np.floor(v1)):
+        return 1.0, _VALID
+    t_u = next_share(u0, u1, next_line(u0, u1))
+    t_v = next_share(v0, v1, next_line(v0, v1))
+    first, second = min(t_u, t_v), min(1.0, max(t_u, t_v))
+    length = _length(u1 - u0, v1 - v0)
+    if second > first:
+        middle = 0.5 * (first + second)
+        if first <= 1.0:
+            state = standing(valid, u0 + middle * (u1 - u0), v0 + middle * (v1 - v0))
+            if state != _VALID:
+                return max(0.0, first - _INSIDE / length), state
+    state = standing(valid, u1, v1)
+    if state != _VALID:
+        return max(0.0, second - _INSIDE / length), state
+    return 1.0, _VALID
+
+
+@kernel
+def _closes(line: FloatArray, size: int) -> bool:
+    """Whether the last point lies near an earlier part of the line.
+
+    A point at distance d rules out all others within d less the limit along the line, so
+    a line that leads away costs next to nothing.
+    """
+    u, v, s = line[size - 1, 0], line[size - 1, 1], line[size - 1, 2]
+    k = 0
+    while k < size - 1 and s - line[k, 2] > _LOOP_WAY:
+        distance = _length(u - line[k, 0], v - line[k, 1])
+        if distance < _LOOP_DISTANCE:
+            return True
+        # Points lie up to half a cell apart, so skipping that many cannot pass the next candidate.
+        k += max(1, int((distance - _LOOP_DISTANCE) / _POINT_DISTANCE) - 1)
+    return False

@@ -1,0 +1,516 @@
+"""Flattening: fall lines unrolled into a vertical plane, and the way back to the map.
+
+As in D. Bozzolo and R. Pamini (1986, Simulation of rock falls down a valley side, Acta
+Mechanica 63, 113-130, fig. 1a), the trace of the fall line on the terrain is turned into a common
+vertical plane (chainage = plan length along the line, height = height of the DEM) and replaced by
+straight segments.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.errors import ConfigError, InputError
+from sassgis.core.grid import FloatArray, Grid, IntArray
+from sassgis.core.jit import kernel
+from sassgis.core.profiles import ProfileSet, TraceSet
+from sassgis.terrain.cells import (
+    SHORTEST_STRETCH,
+    cell_index,
+    cell_stretches,
+    grown,
+    height_at,
+    next_line,
+    next_share,
+)
+
+# Height samples closer than this (cells) are not kept apart.
+_SAMPLE_GAP = 1e-3
+# Chainages this far (m) beyond an end of the line are rounding.
+_END_SLACK = 1e-6
+# Crossings closer than this (m) on a line are one crossing at a vertex.
+_SAME_CROSSING = 1e-6
+
+
+def profiles(
+    grid: Grid,
+    traces: TraceSet,
+    ground: NDArray[np.int32],
+    segment_tolerance_m: float,
+) -> ProfileSet:
+    """Flatten fall lines into profiles of straight segments.
+
+    Heights are those of the DEM as it is, bilinear between cell centres, sampled wherever the line
+    crosses a border or a middle line of a cell, and at its own points. The samples are then
+    thinned (U. Ramer, 1972; D. H. Douglas and T. K. Peucker, 1973, with the vertical distance)
+    so that no sample is farther from the segments than the tolerance. Where the ground class
+    changes, which is at borders of cells, a vertex is always kept.
+
+    Parameters
+    ----------
+    grid : Grid
+        The DEM as it is, not smoothed.
+    traces : TraceSet
+        All lines or a part of them; each profile depends on its own line alone.
+    ground : int32, shape of the grid
+        Ground class of each cell.
+    segment_tolerance_m : float
+        Largest vertical distance between a sample and the segments (m).
+
+    Returns
+    -------
+    ProfileSet
+        A line of a single point gives a single vertex and no stretch.
+
+    Raises
+    ------
+    InputError
+        If the ground classes are not on the grid.
+    ConfigError
+        If the tolerance is negative.
+    """
+    if ground.shape != grid.shape:
+        raise InputError(
+            "ground classes do not lie on the grid of the DEM",
+            field="ground",
+            found=f"shape {ground.shape}",
+            expected=f"shape {grid.shape}",
+        )
+    if not (np.isfinite(segment_tolerance_m) and segment_tolerance_m >= 0.0):
+        raise ConfigError(
+            "unusable tolerance",
+            field="profile.segment_tolerance_m",
+            found=segment_tolerance_m,
+            expected="0 m or more",
+        )
+    u, v = _cell_units(grid, traces)
+    offset, s, z, classes = _flatten(
+        traces.offset,
+        traces.s,
+        u,
+        v,
+        grid.values,
+        np.ascontiguousarray(ground, np.int32),
+        _SAMPLE_GAP * grid.cell_size,
+        float(segment_tolerance_m),
+    )
+    cell_offset, cell_s, cell = cell_stretches(grid, traces)
+    return ProfileSet(
+        offset=offset,
+        s=s,
+        z=z,
+        ground=classes,
+        cell_offset=cell_offset,
+        cell_s=cell_s,
+        cell=cell,
+    )
+
+
+def height_samples(grid: Grid, traces: TraceSet, line: int) -> tuple[FloatArray, FloatArray]:
+    """The heights along one fall line, before thinning.
+
+    Parameters
+    ----------
+    grid : Grid
+    traces : TraceSet
+    line : int
+
+    Returns
+    -------
+    s, z : float64, shape (n,)
+        Chainage and height of the DEM (m).
+    """
+    own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
+    u, v = _cell_units(grid, traces)
+    no_classes = np.zeros(grid.shape, np.int32)
+    s, z, _, _ = _samples(
+        traces.s[own], u[own], v[own], grid.values, no_classes, _SAMPLE_GAP * grid.cell_size
+    )
+    return s, z
+
+
+def chainage_to_xy(
+    traces: TraceSet, line: IntArray | int, s: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """Put chainages back on the map.
+
+    Parameters
+    ----------
+    traces : TraceSet
+    line : int64, broadcastable with ``s``
+        Line of each chainage.
+    s : float64
+        Chainage (m).
+
+    Returns
+    -------
+    x, y : float64, shape of the broadcast
+        Coordinates (m); NaN for a chainage that is not on its line.
+
+    Raises
+    ------
+    IndexError
+        If there is no such line.
+    """
+    lines, chainages = np.broadcast_arrays(np.asarray(line, np.int64), np.asarray(s, np.float64))
+    shape = lines.shape
+    flat = np.ascontiguousarray(lines.ravel())
+    if flat.size and (int(flat.min()) < 0 or int(flat.max()) >= len(traces)):
+        raise IndexError(f"lines are numbered 0 to {len(traces) - 1}")
+    x, y = _to_map(
+        traces.offset, traces.s, traces.x, traces.y, flat, np.ascontiguousarray(chainages.ravel())
+    )
+    return x.reshape(shape), y.reshape(shape)
+
+
+def xy_to_chainage(
+    traces: TraceSet, line: int, x: FloatArray | float, y: FloatArray | float
+) -> tuple[FloatArray, FloatArray]:
+    """Chainage of the point of a line that is nearest to points of the map.
+
+    Parameters
+    ----------
+    traces : TraceSet
+    line : int
+    x, y : float64
+        Coordinates (m).
+
+    Returns
+    -------
+    s : float64, shape of the broadcast
+        Chainage (m) of the nearest point; the smaller one if two are equally near.
+    offset : float64
+        Distance from it (m), positive to the right of the line in its direction.
+    """
+    xs, ys = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
+    s, aside = _nearest(
+        traces.s[own],
+        traces.x[own],
+        traces.y[own],
+        np.ascontiguousarray(xs.ravel()),
+        np.ascontiguousarray(ys.ravel()),
+    )
+    return s.reshape(xs.shape), aside.reshape(xs.shape)
+
+
+def crossings(traces: TraceSet, gate_line: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Where a polyline on the map is crossed by fall lines.
+
+    Parameters
+    ----------
+    traces : TraceSet
+    gate_line : float64, shape (k, 2)
+        Vertices of the polyline (m).
+
+    Returns
+    -------
+    line : int64, shape (n,)
+        Line of each crossing, rising.
+    s : float64, shape (n,)
+        Its chainage (m); rising within a line, so that the first of a line comes first. A line
+        that runs along a segment of the polyline does not cross that segment.
+
+    Raises
+    ------
+    InputError
+        If the polyline has fewer than two vertices.
+    """
+    gate = np.ascontiguousarray(gate_line, np.float64)
+    if gate.ndim != 2 or gate.shape[1] != 2 or gate.shape[0] < 2 or not np.isfinite(gate).all():
+        raise InputError(
+            "not a polyline",
+            field="gate",
+            found=f"shape {gate.shape}",
+            expected="two or more points with x and y",
+        )
+    line, s = _cross(traces.offset, traces.s, traces.x, traces.y, gate[:, 0], gate[:, 1])
+    order = np.lexsort((s, line))
+    line, s = line[order], s[order]
+    again = np.zeros(line.size, np.bool_)
+    again[1:] = (np.diff(line) == 0) & (np.diff(s) < _SAME_CROSSING)
+    return line[~again], s[~again]
+
+
+def _cell_units(grid: Grid, traces: TraceSet) -> tuple[FloatArray, FloatArray]:
+    """Points of the traces in cells from the outer corner, eastward and southward."""
+    return (
+        (traces.x - grid.west) / grid.cell_size,
+        (grid.north - traces.y) / grid.cell_size,
+    )
+
+
+@kernel
+def _flatten(
+    offset: IntArray,
+    s: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    heights: FloatArray,
+    ground: NDArray[np.int32],
+    gap: float,
+    tolerance: float,
+) -> tuple[IntArray, FloatArray, FloatArray, NDArray[np.int32]]:
+    n = offset.size - 1
+    out_offset = np.zeros(n + 1, np.int64)
+    out_s = np.empty(max(16, s.size))
+    out_z = np.empty(out_s.size)
+    out_class = np.empty(out_s.size, np.int32)
+    count = 0
+    for i in range(n):
+        own = slice(offset[i], offset[i + 1])
+        samples, z, classes, fixed = _samples(s[own], u[own], v[own], heights, ground, gap)
+        keep = _kept(samples, z, fixed, tolerance)
+        if count + samples.size > out_s.size:
+            out_s = grown(out_s, count + samples.size)
+            out_z = grown(out_z, count + samples.size)
+            out_class = grown(out_class, count + samples.size)
+        for k in range(samples.size):
+            if keep[k]:
+                out_s[count], out_z[count], out_class[count] = samples[k], z[k], classes[k]
+                count += 1
+        out_offset[i + 1] = count
+    return out_offset, out_s[:count].copy(), out_z[:count].copy(), out_class[:count].copy()
+
+
+@kernel
+def _samples(
+    s: FloatArray,
+    u: FloatArray,
+    v: FloatArray,
+    heights: FloatArray,
+    ground: NDArray[np.int32],
+    gap: float,
+) -> tuple[FloatArray, FloatArray, NDArray[np.int32], NDArray[np.bool_]]:
+    """Chainage, height, class from here on, and whether the sample must stay a vertex.
+
+    The line is walked over a grid of half cells: whole numbers of 2u are borders of cells and
+    middle lines in turn, and between them the bilinear height has no kink.
+    """
+    n_rows, n_cols = heights.shape
+    size = 1
+    out_s = np.empty(6 * s.size + 16)
+    out_z = np.empty(out_s.size)
+    out_class = np.empty(out_s.size, np.int32)
+    out_fixed = np.zeros(out_s.size, np.bool_)
+    cell = cell_index(u[0], v[0], n_rows, n_cols)
+    row, col = cell // n_cols, cell % n_cols
+    inside = cell >= 0
+    out_s[0] = s[0]
+    out_z[0] = height_at(heights, u[0], v[0], row, col) if inside else np.nan
+    out_class[0] = ground[row, col] if inside else -1
+    out_fixed[0] = True
+    first = True
+    for k in range(s.size - 1):
+        u0, v0, u1, v1 = 2.0 * u[k], 2.0 * v[k], 2.0 * u[k + 1], 2.0 * v[k + 1]
+        length = s[k + 1] - s[k]
+        line_u, line_v = next_line(u0, u1), next_line(v0, v1)
+        t = 0.0
+        while t < 1.0:
+            t_u, t_v = next_share(u0, u1, line_u), next_share(v0, v1, line_v)
+            t_next = min(1.0, t_u, t_v)
+            if t_u <= t_next:
+                line_u += 1.0 if u1 > u0 else -1.0
+            if t_v <= t_next:
+                line_v += 1.0 if v1 > v0 else -1.0
+            if (t_next - t) * length <= SHORTEST_STRETCH:
+                t = t_next
+                continue
+            middle = 0.5 * (t + t_next)
+            cell = cell_index(
+                0.5 * (u0 + middle * (u1 - u0)), 0.5 * (v0 + middle * (v1 - v0)), n_rows, n_cols
+            )
+            row, col = cell // n_cols, cell % n_cols
+            inside = cell >= 0
+            new_class = ground[row, col] if inside else -1
+            if size + 2 > out_s.size:
+                out_s = grown(out_s, size + 2)
+                out_z = grown(out_z, size + 2)
+                out_class = grown(out_class, size + 2)
+                out_fixed = grown(out_fixed, size + 2)
+            if first:
+                out_class[0] = new_class
+                first = False
+            if new_class != out_class[size - 1]:
+                begin = s[k] + t * length
+                if begin - out_s[size - 1] > SHORTEST_STRETCH:
+                    if out_fixed[size - 1] or begin - out_s[size - 1] > gap:
+                        size += 1
+                    out_s[size - 1] = begin
+                    out_z[size - 1] = (
+                        height_at(
+                            heights,
+                            0.5 * (u0 + t * (u1 - u0)),
+                            0.5 * (v0 + t * (v1 - v0)),
+                            row,
+                            col,
+                        )
+                        if inside
+                        else np.nan
+                    )
+                out_class[size - 1] = new_class
+                out_fixed[size - 1] = True
+            end = s[k] + t_next * length
+            if end - out_s[size - 1] > gap:
+                out_s[size] = end
+                out_z[size] = (
+                    height_at(
+                        heights,
+                        0.5 * (u0 + t_next * (u1 - u0)),
+                        0.5 * (v0 + t_next * (v1 - v0)),
+                        row,
+                        col,
+                    )
+                    if inside
+                    else np.nan
+                )
+                out_class[size] = new_class
+                out_fixed[size] = False
+                size += 1
+            t = t_next
+    if s.size > 1:
+        last = s.size - 1
+        # The last sample is the end of the line, which may lie within the gap behind it.
+        if out_s[size - 1] < s[last]:
+            if out_fixed[size - 1]:
+                out_class[size] = out_class[size - 1]
+                size += 1
+            out_s[size - 1] = s[last]
+            out_z[size - 1] = (
+                height_at(heights, u[last], v[last], row, col) if inside else np.nan
+            )
+        out_fixed[size - 1] = True
+    return (
+        out_s[:size].copy(),
+        out_z[:size].copy(),
+        out_class[:size].copy(),
+        out_fixed[:size].copy(),
+    )
+
+
+@kernel
+def _kept(
+    s: FloatArray, z: FloatArray, fixed: NDArray[np.bool_], tolerance: float
+) -> NDArray[np.bool_]:
+    """Samples to keep so that all others are within the tolerance of the segments."""
+    keep = fixed.copy()
+    begin = 0
+    # Each split adds at most one waiting stretch.
+    waiting = np.empty((s.size + 1, 2), np.int64)
+    # Heights of a plane differ from a straight line by rounding: that must not keep a vertex.
+    limit = tolerance + 1e-9
+    for stop in range(1, s.size):
+        if not fixed[stop]:
+            continue
+        waiting[0, 0], waiting[0, 1] = begin, stop
+        size = 1
+        while size > 0:
+            size -= 1
+            a, b = waiting[size, 0], waiting[size, 1]
+            slope = (z[b] - z[a]) / (s[b] - s[a])
+            worst, where = limit, -1
+            for k in range(a + 1, b):
+                distance = abs(z[k] - z[a] - slope * (s[k] - s[a]))
+                if distance > worst:
+                    worst, where = distance, k
+            if where >= 0:
+                keep[where] = True
+                waiting[size, 0], waiting[size, 1] = a, where
+                waiting[size + 1, 0], waiting[size + 1, 1] = where, b
+                size += 2
+        begin = stop
+    return keep
+
+
+@kernel
+def _to_map(
+    offset: IntArray,
+    s: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    line: IntArray,
+    chainage: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    out_x = np.full(line.size, np.nan)
+    out_y = np.full(line.size, np.nan)
+    for i in range(line.size):
+        first, last = offset[line[i]], offset[line[i] + 1] - 1
+        where = chainage[i]
+        if not (where >= s[first] - _END_SLACK and where <= s[last] + _END_SLACK):
+            continue
+        low, high = first, last
+        while high - low > 1:
+            middle = (low + high) // 2
+            if s[middle] <= where:
+                low = middle
+            else:
+                high = middle
+        if high == low:
+            out_x[i], out_y[i] = x[low], y[low]
+        else:
+            share = min(1.0, max(0.0, (where - s[low]) / (s[high] - s[low])))
+            out_x[i] = x[low] + share * (x[high] - x[low])
+            out_y[i] = y[low] + share * (y[high] - y[low])
+    return out_x, out_y
+
+
+@kernel
+def _nearest(
+    s: FloatArray, x: FloatArray, y: FloatArray, px: FloatArray, py: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    out_s = np.full(px.size, s[0])
+    out_d = np.empty(px.size)
+    for i in range(px.size):
+        if s.size == 1:
+            out_d[i] = np.hypot(px[i] - x[0], py[i] - y[0])
+            continue
+        best = np.inf
+        for k in range(s.size - 1):
+            dx, dy = x[k + 1] - x[k], y[k + 1] - y[k]
+            ex, ey = px[i] - x[k], py[i] - y[k]
+            share = min(1.0, max(0.0, (ex * dx + ey * dy) / (dx * dx + dy * dy)))
+            distance = np.hypot(ex - share * dx, ey - share * dy)
+            if distance < best:
+                best = distance
+                out_s[i] = s[k] + share * (s[k + 1] - s[k])
+                out_d[i] = distance if dx * ey - dy * ex <= 0.0 else -distance
+    return out_s, out_d
+
+
+@kernel
+def _cross(
+    offset: IntArray, s: FloatArray, x: FloatArray, y: FloatArray, gx: FloatArray, gy: FloatArray
+) -> tuple[IntArray, FloatArray]:
+    lines = np.empty(64, np.int64)
+    chainages = np.empty(64)
+    count = 0
+    west, east, south, north = gx.min(), gx.max(), gy.min(), gy.max()
+    for i in range(offset.size - 1):
+        for k in range(offset[i], offset[i + 1] - 1):
+            x0, y0, x1, y1 = x[k], y[k], x[k + 1], y[k + 1]
+            if (
+                max(x0, x1) < west
+                or min(x0, x1) > east
+                or max(y0, y1) < south
+                or min(y0, y1) > north
+            ):
+                continue
+            dx, dy = x1 - x0, y1 - y0
+            for g in range(gx.size - 1):
+                ex, ey = gx[g + 1] - gx[g], gy[g + 1] - gy[g]
+                cross = dx * ey - dy * ex
+                if cross == 0.0:
+                    continue
+                fx, fy = gx[g] - x0, gy[g] - y0
+                on_line = (fx * ey - fy * ex) / cross
+                on_gate = (fx * dy - fy * dx) / cross
+                # Both ends belong to a segment: crossings at a vertex are found twice, not never.
+                if 0.0 <= on_line <= 1.0 and 0.0 <= on_gate <= 1.0:
+                    if count == lines.size:
+                        lines = grown(lines, count + 1)
+                        chainages = grown(chainages, count + 1)
+                    lines[count] = i
+                    chainages[count] = s[k] + on_line * (s[k + 1] - s[k])
+                    count += 1
+    return lines[:count].copy(), chainages[:count].copy()

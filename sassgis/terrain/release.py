@@ -1,0 +1,293 @@
+"""Release points: where fall lines start."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from typing import Literal, get_args
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from sassgis.core.errors import ConfigError, InputError
+from sassgis.core.grid import FloatArray, IntArray
+from sassgis.core.profiles import ReleasePoints
+
+Placement = Literal["grid", "random"]
+
+_MAX_POINTS = 50_000_000
+_BATCH = 4096
+_MAX_BATCHES = 5000
+
+
+def release_points(
+    areas: Sequence[tuple[str, BaseGeometry]],
+    spacing_m: float,
+    placement: Placement = "grid",
+    seed: int = 0,
+) -> ReleasePoints:
+    """Place release points in, along or at release areas.
+
+    Polygons are filled, lines get a point every ``spacing_m`` from their start, points are taken as
+    they are. What one area gives never depends on which others are in the run.
+
+    Parameters
+    ----------
+    areas : sequence of (name, geometry)
+        Names must be distinct: they are the identity of the points. Coordinates in the system of
+        the DEM (m).
+    spacing_m : float
+        Distance between points (m).
+    placement : {"grid", "random"}
+        How polygons are filled. "grid": the points whose coordinates are whole multiples of
+        ``spacing_m``; a polygon too small to hold one gets its representative point. "random": as
+        many points as area / spacing², uniform, drawn from the seed and the name of the area.
+    seed : int
+        Of the random placement.
+
+    Returns
+    -------
+    ReleasePoints
+
+    Raises
+    ------
+    ConfigError
+        If the spacing is not positive, or the placement is unknown.
+    InputError
+        If a name comes twice, or a geometry is missing, empty or invalid.
+    """
+    if not (np.isfinite(spacing_m) and spacing_m > 0.0):
+        raise ConfigError(
+            "unusable spacing", field="release.spacing_m", found=spacing_m, expected="above 0 m"
+        )
+    if placement not in get_args(Placement):
+        raise ConfigError(
+            "unknown choice",
+            field="release.placement",
+            found=repr(placement),
+            expected="one of " + ", ".join(get_args(Placement)),
+        )
+    names = tuple(name for name, _ in areas)
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                "two release areas have the same name",
+                field="name",
+                found=repr(name),
+                expected="distinct names",
+            )
+    placed = [
+        _points_of(name, _checked(name, geometry), spacing_m, placement, seed)
+        for name, geometry in areas
+    ]
+    coordinates = np.concatenate([np.empty((0, 2)), *placed])
+    return ReleasePoints(
+        x=np.ascontiguousarray(coordinates[:, 0]),
+        y=np.ascontiguousarray(coordinates[:, 1]),
+        area=np.repeat(np.arange(len(areas), dtype=np.int64), [len(p) for p in placed]),
+        key=np.concatenate(
+            [
+                np.empty(0, np.uint64),
+                *(point_keys(name, len(p)) for name, p in zip(names, placed, strict=True)),
+            ]
+        ),
+        area_names=names,
+    )
+
+
+def take(points: ReleasePoints, which: IntArray | slice) -> ReleasePoints:
+    """Some of the release points; area numbers and names stay as they are.
+
+    Parameters
+    ----------
+    points : ReleasePoints
+    which : int64 array or slice
+        Positions of the wanted points.
+
+    Returns
+    -------
+    ReleasePoints
+    """
+    return ReleasePoints(
+        x=points.x[which],
+        y=points.y[which],
+        area=points.area[which],
+        key=points.key[which],
+        area_names=points.area_names,
+    )
+
+
+def point_keys(name: str, count: int) -> NDArray[np.uint64]:
+    """Identities of the first ``count`` points of an area.
+
+    The SHA-256 of the name starts a SplitMix64 sequence (G. L. Steele, D. Lea, C. H. Flood, 2014,
+    Fast splittable pseudorandom number generators, OOPSLA '14), so key ``i`` depends on the name
+    and ``i`` alone.
+
+    Parameters
+    ----------
+    name : str
+    count : int
+
+    Returns
+    -------
+    uint64, shape (count,)
+    """
+    digest = hashlib.sha256(b"release point\x00" + name.encode()).digest()
+    base = np.uint64(int.from_bytes(digest[:8], "little"))
+    word = base + (np.arange(count, dtype=np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+    word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    keys: NDArray[np.uint64] = word ^ (word >> np.uint64(31))
+    return keys
+
+
+def points_in_polygon(polygon: BaseGeometry, spacing_m: float) -> FloatArray:
+    """Lattice points within a polygon, from north to south and west to east.
+
+    Parameters
+    ----------
+    polygon : shapely Polygon
+    spacing_m : float
+        Spacing of the lattice, which is anchored at the origin of the coordinates (m).
+
+    Returns
+    -------
+    float64, shape (n, 2)
+        At least one point: the representative point if the lattice misses the polygon.
+    """
+    west, south, east, north = shapely.bounds(polygon)
+    cols = np.arange(np.ceil(west / spacing_m), np.floor(east / spacing_m) + 1.0)
+    rows = np.arange(np.floor(north / spacing_m), np.ceil(south / spacing_m) - 1.0, -1.0)
+    if cols.size * rows.size > _MAX_POINTS:
+        raise InputError(
+            "the release spacing is too fine for the area",
+            field="release.spacing_m",
+            found=f"{cols.size} x {rows.size} lattice points",
+            expected=f"at most {_MAX_POINTS}",
+        )
+    x, y = (part.ravel() for part in np.meshgrid(cols * spacing_m, rows * spacing_m))
+    shapely.prepare(polygon)
+    inside = shapely.contains_xy(polygon, x, y)
+    if not inside.any():
+        return np.array(shapely.get_coordinates(shapely.point_on_surface(polygon)), np.float64)
+    return np.column_stack([x[inside], y[inside]])
+
+
+def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
+    """Points on a line, every ``spacing_m`` from its start.
+
+    Parameters
+    ----------
+    line : shapely LineString
+    spacing_m : float
+
+    Returns
+    -------
+    float64, shape (n, 2)
+    """
+    # The small allowance keeps the end point of a line of, say, 30 m at a spacing of 0.3 m.
+    count = int(np.floor(shapely.length(line) / spacing_m + 1e-9)) + 1
+    along = np.minimum(np.arange(count) * spacing_m, shapely.length(line))
+    return np.array(
+        shapely.get_coordinates(shapely.line_interpolate_point(line, along)), np.float64
+    )
+
+
+def random_points_in_polygon(
+    name: str, polygon: BaseGeometry, spacing_m: float, seed: int
+) -> FloatArray:
+    """Uniform random points in a polygon, as many as area / spacing².
+
+    Parameters
+    ----------
+    name : str
+        Name of the release area; with the seed it decides the draws.
+    polygon : shapely Polygon or MultiPolygon
+    spacing_m : float
+    seed : int
+
+    Returns
+    -------
+    float64, shape (n, 2)
+        At least one point.
+
+    Raises
+    ------
+    InputError
+        If the polygon is so thin that no draw hits it.
+    """
+    count = max(1, round(float(shapely.area(polygon)) / spacing_m**2))
+    if count > _MAX_POINTS:
+        raise InputError(
+            "the release spacing is too fine for the area",
+            field="release.spacing_m",
+            found=f"{count} points in {name!r}",
+            expected=f"at most {_MAX_POINTS}",
+        )
+    digest = hashlib.sha256(f"release area\x00{seed}\x00{name}".encode()).digest()
+    random = np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:16], "little")))
+    west, south, east, north = shapely.bounds(polygon)
+    shapely.prepare(polygon)
+    found: list[FloatArray] = []
+    missing = count
+    misses = 0
+    while missing > 0:
+        draw = random.random((_BATCH, 2))
+        x, y = west + draw[:, 0] * (east - west), south + draw[:, 1] * (north - south)
+        inside = np.flatnonzero(shapely.contains_xy(polygon, x, y))[:missing]
+        found.append(np.column_stack([x[inside], y[inside]]))
+        missing -= inside.size
+        misses = 0 if inside.size else misses + 1
+        if misses > _MAX_BATCHES:
+            raise InputError(
+                "release area too thin for random placement",
+                field=f"release area {name!r}",
+                found=f"area {float(shapely.area(polygon)):g} m²",
+                expected="a wider polygon, or placement grid",
+            )
+    return np.concatenate(found)
+
+
+def _checked(name: str, geometry: BaseGeometry | None) -> BaseGeometry:
+    """The geometry without heights, or a clear error."""
+    field = f"release area {name!r}"
+    if geometry is None or shapely.is_empty(geometry):
+        raise InputError("the geometry is empty", field=field, expected="a polygon, line or point")
+    if not shapely.is_valid(geometry):
+        raise InputError(
+            "the geometry is invalid", field=field, found=shapely.is_valid_reason(geometry)
+        )
+    flat: BaseGeometry = shapely.force_2d(geometry)
+    return flat
+
+
+def _points_of(
+    name: str, geometry: BaseGeometry, spacing_m: float, placement: Placement, seed: int
+) -> FloatArray:
+    """All release points of one area, part by part."""
+    parts = _simple_parts(geometry)
+    polygons = [part for part in parts if part.geom_type == "Polygon"]
+    placed: list[FloatArray] = []
+    if polygons and placement == "random":
+        placed.append(
+            random_points_in_polygon(name, shapely.multipolygons(polygons), spacing_m, seed)
+        )
+    for part in parts:
+        if part.geom_type == "Polygon":
+            if placement == "grid":
+                placed.append(points_in_polygon(part, spacing_m))
+        elif part.geom_type in ("LineString", "LinearRing"):
+            placed.append(points_along_line(part, spacing_m))
+        else:
+            placed.append(np.array(shapely.get_coordinates(part), np.float64))
+    return np.concatenate(placed)
+
+
+def _simple_parts(geometry: BaseGeometry) -> list[BaseGeometry]:
+    """Polygons, lines and points of a geometry, however nested."""
+    if hasattr(geometry, "geoms"):
+        return [part for member in geometry.geoms for part in _simple_parts(member)]
+    return [geometry]
