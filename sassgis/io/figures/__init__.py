@@ -1,0 +1,26 @@
+"""Figures: arrays in, a matplotlib Figure out; nothing is written until ``save``."""
+
+from sassgis.io.figures.energy import energy_profile_figure
+from sassgis.io.figures.histograms import runout_counts_figure, runout_figure, station_figure
+from sassgis.io.figures.map import map_figure
+from sassgis.io.figures.profile import ProfilePanel, profile_comparison_figure, profile_figure
+from sassgis.io.figures.restitution import fig9_figure
+from sassgis.io.figures.runout_gap import runout_gap_figure
+from sassgis.io.figures.study import convergence_figure
+from sassgis.io.figures.style import save, to_png
+
+__all__ = [
+    "ProfilePanel",
+    "convergence_figure",
+    "energy_profile_figure",
+    "fig9_figure",
+    "map_figure",
+    "profile_comparison_figure",
+    "profile_figure",
+    "runout_counts_figure",
+    "runout_figure",
+    "runout_gap_figure",
+    "save",
+    "station_figure",
+    "to_png",
+]
