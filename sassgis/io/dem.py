@@ -72,7 +72,7 @@ def read_dem(
         If the file cannot be used; the line says why and what to do about it.
     """
     file = Path(path)
-    with _open_raster(file, "terrain.dem") as dataset:
+    with open_raster(file, "terrain.dem") as dataset:
         band = _height_band(dataset, file)
         if min(dataset.shape) < 3:
             raise InputError(
@@ -105,7 +105,7 @@ def read_dem(
 
 
 @contextmanager
-def _open_raster(file: Path, key: str) -> Iterator[Any]:
+def open_raster(file: Path, key: str) -> Iterator[Any]:
     """Open a raster or say in one line why that cannot be done."""
     if not file.exists():
         raise InputError(
