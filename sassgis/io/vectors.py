@@ -522,11 +522,11 @@ def _open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, st
             "file not found", file=file, field=f"{key}.file", expected="the path of a vector file"
         )
     try:
-        layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
-        name = _choose_layer(layers, layer, file, key)
         with warnings.catch_warnings():
             # Measures along lines are dropped with the heights: nothing is lost.
             warnings.filterwarnings("ignore", message="Measured", category=UserWarning)
+            layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
+            name = _choose_layer(layers, layer, file, key)
             # Geometries that cannot be decoded come as None and are reported by feature.
             frame = pyogrio.read_dataframe(file, layer=name, on_invalid="ignore")
     except (DataSourceError, DataLayerError, shapely.errors.ShapelyError, ValueError) as error:
