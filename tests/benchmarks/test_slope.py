@@ -1,0 +1,117 @@
+"""The benchmark slope is the one that is described, and SAGA is timed or named as absent."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import geopandas as gpd
+import numpy as np
+import pytest
+import rasterio
+
+from sassgis.io.config import load_config
+from sassgis.terrain.release import release_points
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def slope() -> ModuleType:
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        import slope
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+    return slope
+
+
+@pytest.fixture(scope="module")
+def saga() -> ModuleType:
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        import saga
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+    return saga
+
+
+@pytest.fixture(scope="module")
+def plain(slope: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plain")
+    slope.write_slope(folder)
+    return folder
+
+
+def test_units_have_their_slopes(slope: ModuleType, plain: Path) -> None:
+    with rasterio.open(plain / "dem.tif") as raster:
+        z = raster.read(1).astype(float)
+    assert z.shape == (300, 600)
+    assert (z == z[0]).all()  # the plain slope has no relief along it
+    x = (np.arange(600) + 0.5) * slope.CELL
+    edge = slope.borders()
+    assert edge[-1] == slope.WIDTH
+    for (_, angle, _), low, high in zip(slope.UNITS, edge[:-1], edge[1:], strict=True):
+        inside = (x > low) & (x < high)
+        fall = np.polyfit(x[inside], z[0, inside], 1)[0]
+        assert np.degrees(np.arctan(-fall)) == pytest.approx(angle, abs=0.05)
+
+
+def test_there_are_3000_release_points_and_each_is_a_cell_centre(
+    slope: ModuleType, plain: Path
+) -> None:
+    config = load_config(plain / "config.toml")
+    areas = gpd.read_file(config.release_path)
+    points = release_points(
+        list(zip(areas["name"], areas.geometry, strict=True)),
+        config.release.spacing_m,
+        config.release.placement,
+    )
+    assert len(points) == slope.RELEASE_CELLS == 3000
+    with rasterio.open(plain / "dem.tif") as raster:
+        cols = (points.x - raster.bounds.left) / raster.res[0] - 0.5
+        rows = (raster.bounds.top - points.y) / raster.res[1] - 0.5
+    assert np.array_equal(cols, np.round(cols)) and np.array_equal(rows, np.round(rows))
+    down = points.x - slope.WEST
+    assert slope.borders()[1] < down.min() and down.max() < slope.borders()[2]
+
+
+def test_ground_covers_the_slope_without_overlap(slope: ModuleType, plain: Path) -> None:
+    ground = gpd.read_file(plain / "ground.gpkg")
+    assert ground.area.sum() == pytest.approx(slope.WIDTH * slope.HEIGHT)
+    assert ground.union_all().area == pytest.approx(slope.WIDTH * slope.HEIGHT)
+
+
+def test_the_rough_slope_is_rough_where_it_should_be(slope: ModuleType) -> None:
+    x, y = np.meshgrid(
+        slope.WEST + np.arange(1.0, 1200.0, 2.0), slope.SOUTH + np.arange(1.0, 600, 2)
+    )
+    relief = slope.heights(x, y, rough=True) - slope.heights(x, y, rough=False)
+    down = x - slope.WEST
+    talus = relief[(down > 170) & (down < 480)].std()
+    flat = relief[down > 750].std()
+    assert 0.2 < talus < 0.6
+    assert flat < 0.15
+
+
+def test_saga_is_named_when_it_is_absent(
+    saga: ModuleType, plain: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(saga, "PROGRAM", "no_such_program")
+    result = saga.measure(plain, repeats=1)
+    assert result["available"] is False
+    assert "apt-get install saga" in result["message"]
+
+
+def test_saga_walks_run_out_over_the_talus(
+    saga: ModuleType, slope: ModuleType, plain: Path
+) -> None:
+    if saga.version() is None:
+        pytest.skip(saga.ABSENT)
+    result = saga.measure(plain, repeats=1, iterations=3)
+    assert result["release_cells"] == 3000
+    assert result["walks"] == 9000
+    assert result["stop_chainage"]["stops"] == 9000
+    assert result["walks_per_s"] > 0 and result["walks_per_cpu_s"] > 0
+    assert slope.borders()[3] < result["stop_chainage"]["p50_m"] < slope.borders()[4]
