@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from sassgis.core.errors import InputError
@@ -79,8 +81,13 @@ def energy_profile_figure(
     """
     bins = np.asarray(s_bins, float)
     curves = {share: np.asarray(quantiles[share], float) for share in sorted(quantiles)}
+    first = next(iter(curves.values())).size if curves else 0
     for share, values in curves.items():
-        if values.ndim != 1 or values.size not in (bins.size, bins.size - 1):
+        if (
+            values.ndim != 1
+            or values.size not in (bins.size, bins.size - 1)
+            or values.size != first
+        ):
             raise InputError(
                 f"the quantile {share:g} does not fit the chainage bins",
                 found=f"shape {values.shape}",
@@ -126,8 +133,7 @@ def energy_profile_figure(
                 color=BLUE if gate.kind == "station" else VERMILION,
             )
     if not known.size:
-        nothing_to_show(upper, "no rock passes")
-        upper.set_yticks([])
+        nothing_to_show(upper, "no rock passes", keep_x=True)
         return figure
 
     if log:
@@ -146,44 +152,50 @@ def energy_profile_figure(
     else:
         upper.set_ylim(min(0.0, float(known.min())), 1.1 * max(float(known.max()), 1e-9))
 
-    ends: list[tuple[float, float, str]] = []
     for i, (share, values) in enumerate(shown.items()):
         width = 0.9 + 0.35 * i
         tone = 0.35 + 0.65 * (i + 1) / len(shown)
         shade = to_hex((1.0 - tone, 1.0 - 0.72 * tone, 1.0 - 0.5 * tone))
         if values.size == bins.size - 1:
             upper.stairs(values, bins, baseline=None, color=shade, lw=width, gid=f"q{share:g}")
-            middle = (bins[:-1] + bins[1:]) / 2.0
         else:
             upper.plot(bins, values, color=shade, lw=width, gid=f"q{share:g}")
-            middle = bins
-        finite = np.nonzero(np.isfinite(values))[0]
-        if finite.size:
-            ends.append((float(middle[finite[-1]]), float(values[finite[-1]]), _share_text(share)))
-    if ends:
-        y = np.array([e[1] for e in ends])
-        y0, y1 = upper.get_ylim()
-        along = (
-            (np.log(np.maximum(y, y0)) - np.log(y0)) / np.log(y1 / y0)
-            if log
-            else (y - y0) / (y1 - y0)
-        )
-        for (x, value, text), place in zip(ends, spread(along, 0.062), strict=True):
-            upper.annotate(
-                text,
-                (x, max(value, y0)),
-                xytext=(1.012, float(place)),
-                textcoords="axes fraction",
-                va="center",
-                ha="left",
-                size=SMALL,
-                arrowprops={
-                    "arrowstyle": "-",
-                    "lw": 0.4,
-                    "color": "#9a9a9a",
-                    "shrinkA": 0,
-                    "shrinkB": 1,
-                },
-                annotation_clip=False,
-            )
+    _name_curves(upper, bins, shown, log)
     return figure
+
+
+def _name_curves(ax: Axes, bins: FloatArray, curves: Mapping[float, FloatArray], log: bool) -> None:
+    """Write the quantiles on their curves, at the chainage where these lie furthest apart."""
+    values = np.stack(list(curves.values()))
+    middle = bins if values.shape[1] == bins.size else (bins[:-1] + bins[1:]) / 2.0
+    low, high = ax.get_ylim()
+    scale = np.log10 if log else np.asarray
+    bottom = float(scale(low))
+    heights = (scale(np.maximum(values, low)) - bottom) / (float(scale(high)) - bottom)
+    x0, x1 = ax.get_xlim()
+    # Labels at the very ends would leave the panel.
+    inner = (middle >= x0 + 0.06 * (x1 - x0)) & (middle <= x1 - 0.06 * (x1 - x0))
+    apart = np.diff(heights, axis=0).min(axis=0) if len(heights) > 1 else heights[0]
+    score = np.where(inner & np.isfinite(heights).all(axis=0), apart, -np.inf)
+    best = int(np.argmax(score))
+    if not np.isfinite(score[best]):
+        # No chainage shows all curves: each gets its name at its own middle.
+        places = [np.nonzero(np.isfinite(row))[0] for row in heights]
+        columns = [int(p[p.size // 2]) if p.size else -1 for p in places]
+    else:
+        columns = [best] * len(heights)
+    wanted = np.array([row[c] if c >= 0 else 0.0 for row, c in zip(heights, columns, strict=True)])
+    placed = spread(wanted + 0.035, 0.065)
+    for share, column, height in zip(curves, columns, placed, strict=True):
+        if column >= 0:
+            ax.text(
+                float(middle[column]),
+                float(height),
+                _share_text(share),
+                transform=ax.get_xaxis_transform(),
+                ha="center",
+                va="center",
+                size=SMALL,
+                path_effects=[withStroke(linewidth=2.2, foreground="white")],
+                zorder=8,
+            )

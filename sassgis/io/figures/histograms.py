@@ -103,8 +103,6 @@ def _panel(
         edges, counts = sets[0]
     if not any(c.sum() for _, c in sets):
         nothing_to_show(ax, "no rock here")
-        ax.set_xticks([])
-        ax.set_yticks([])
         return
     scaled = [(e, 100.0 * c / max(c.sum(), 1.0) if as_share else c) for e, c in sets]
     if observed is None:

@@ -33,6 +33,7 @@ from sassgis.io.figures.style import (
     lines_in,
     new_figure,
     styled,
+    text_width_pt,
     thousands,
     wrap,
 )
@@ -321,11 +322,13 @@ def map_figure(
     norm: Normalize = _ramp_norm(values)
     if labels:
         coarse = class_numbers(coarse, layer.breaks)
-        cmap = ListedColormap(class_colours(layer.ramp, len(labels)))
+        cmap = ListedColormap(class_colours(layer.breaks, layer.ramp))
         norm = BoundaryNorm(np.arange(len(labels) + 1) - 0.5, len(labels))
 
     # Everything is placed in inches: an equal-aspect map leaves gaps in automatic layouts.
-    left, right, legend_gap, bar_w = 0.62, 0.85, 0.14, 0.14
+    left, legend_gap, bar_w = 0.62, 0.14, 0.14
+    longest = max((text_width_pt(label) for label in labels), default=0.0)
+    right = max(0.85, legend_gap + bar_w + 0.12 + longest / 72.0)
     aspect = (box[3] - box[1]) / (box[2] - box[0])
     map_w = WIDTH_IN - left - right
     map_h = map_w * aspect

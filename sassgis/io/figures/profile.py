@@ -349,9 +349,10 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     ax.set_xlim(frame.s0, frame.s1)
     ax.set_ylim(frame.z0, frame.z1)
     ax.set_aspect("equal")
-    step = round_step(max(frame.s1 - frame.s0, frame.z1 - frame.z0), 8)
-    ax.xaxis.set_major_locator(MultipleLocator(step))
-    ax.yaxis.set_major_locator(MultipleLocator(step))
+    across = round_step(frame.s1 - frame.s0, max(3, round(1.4 * frame.inches[0])))
+    upward = round_step(frame.z1 - frame.z0, max(3, round(1.6 * frame.inches[1])))
+    ax.xaxis.set_major_locator(MultipleLocator(across))
+    ax.yaxis.set_major_locator(MultipleLocator(upward))
     ax.xaxis.set_major_formatter(thousands_formatter())
     ax.yaxis.set_major_formatter(thousands_formatter())
     ax.set_ylabel("height (m)")
@@ -387,8 +388,9 @@ def _figure(panels: Sequence[ProfilePanel], letters: bool) -> Figure:
     unnamed: dict[str, str] = {}
     for panel in panels:
         unnamed |= _ground_names(panel, frame)[1]
-    columns = min(len(unnamed), 5)
-    legend_h = 0.1 + 0.16 * -(-len(unnamed) // columns) if unnamed else 0.0
+    rows = -(-len(unnamed) // 5)
+    columns = -(-len(unnamed) // max(rows, 1))
+    legend_h = 0.1 + 0.16 * rows if unnamed else 0.0
     height = sum(heads) + len(panels) * panel_h + (len(panels) - 1) * 0.28 + foot + legend_h
     figure = new_figure(WIDTH_IN, height, constrained=False)
     left = _LEFT_IN + (WIDTH_IN - _LEFT_IN - _RIGHT_IN - panel_w) / 2.0

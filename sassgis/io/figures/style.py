@@ -195,8 +195,11 @@ def count(n: int, noun: str, plural: str | None = None) -> str:
     return f"{thousands(n)} {noun if n == 1 else (plural or noun + 's')}"
 
 
-def nothing_to_show(ax: Axes, text: str = "no data") -> None:
-    """Say in the middle of a panel that it is empty on purpose."""
+def nothing_to_show(ax: Axes, text: str = "no data", *, keep_x: bool = False) -> None:
+    """Say in the middle of a panel that it is empty on purpose, and take its ticks away."""
+    ax.set_yticks([])
+    if not keep_x:
+        ax.set_xticks([])
     ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color=GREY, size=TEXT)
 
 
