@@ -6,15 +6,15 @@ ahead, the direction of steepest descent says little about a rock that arrives w
 the line keeps its heading, so that it runs out over a valley floor and up the other side, until
 the ground ahead descends again. What a rock really does on that line is left to the engine.
 
-With heading psi, direction of steepest descent psi_d and slope m (tangent), the line obeys, where
-m is below the tangent m_f of the flat slope or the ground does not descend ahead,
+A line that follows the descent does so until the slope falls below the flat slope (tangent m_f) or
+the descent turns away from the heading by more than 60°. From there it coasts:
 
-    d psi / d s = (psi_d - psi) / L * Q / (1 - Q),
-    Q = min(1, (m / m_f)²) * a(cos(psi_d - psi)),
+    d psi / d s = (psi_d - psi) (m / m_f)² a(cos(psi_d - psi)) / L,
 
-with the turning length L and a smooth step ``a`` from 0 (descent sideways or backwards) to 1
-(within 60° of the heading). For Q = 1 the heading is the descent itself. This is an equation of
-the line, free of the step with which it is solved.
+with heading psi, direction of steepest descent psi_d, slope m (tangent), turning length L, and a
+smooth step ``a`` from 0 (descent sideways or backwards) to 1 (within 60° of the heading). It follows
+again once the slope is m_f or more and the heading has come within 5° of the descent. These are
+equations of the line, free of the step with which they are solved.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ _LOOP_WAY = 4.0
 # Ends lie this much inside the last valid cell: rounding of map coordinates cannot push them out.
 _INSIDE = 1e-6
 _ALIGNED = 0.5
+_AGREED = math.cos(math.radians(5.0))
 # Gradients (m per cell) below this are rounding of a level surface.
 _LEVEL = 1e-10
 
@@ -67,10 +68,12 @@ class FallLineSettings:
         Standard deviation of the Gaussian by which the terrain is smoothed for tracing (m): a rock
         does not answer to every dent. Heights of the profiles are never smoothed.
     flat_slope_deg : float
-        Below this slope the line tends to keep its heading (degrees).
+        Below this slope the line tends to keep its heading (degrees). The default is well below the
+        20° or so on which rocks still roll on, so that whatever arrives there arrives with speed,
+        and above the slope of valley floors and most debris fans.
     turning_length_m : float
-        L above (m): on flat ground at 0.7 times the tangent of the flat slope, the heading turns
-        towards the descent over this length.
+        L above (m): on ground of the flat slope a coasting line turns towards the descent over this
+        length; over four times as much on ground half as steep.
     energy_line_angle_deg : float
         Angle below the horizontal of the line that, drawn from the release point over the plan
         length of the fall line, no rock is expected to reach beyond (degrees). Where the terrain
@@ -84,7 +87,7 @@ class FallLineSettings:
     """
 
     smoothing_m: float = 5.0
-    flat_slope_deg: float = 3.0
+    flat_slope_deg: float = 8.0
     turning_length_m: float = 50.0
     energy_line_angle_deg: float = 20.0
     energy_line_free_m: float = 25.0
@@ -294,13 +297,14 @@ def _trace_line(
     out_hu, out_hv = hu, hv
     since_out = 0.0
     longest = _STEP
+    attached = slope >= flat
     while True:
         s_old = line[size - 1, 2] + _length(u - line[size - 1, 0], v - line[size - 1, 1])
         # How fast the direction of descent changes along and across it (per cell).
         bend = _bend(gu, gv, huu, huv, hvv, slope)
         step = min(longest, _POINT_DISTANCE - since_out)
         limit = step
-        following = slope >= flat and _along(gu, gv, cos_fan, sin_fan, hu, hv) >= _ALIGNED
+        following = attached
         ku, kv = hu, hv
         if following:
             step = max(min(step, _RATE_PER_STEP / (bend + 1e-300)), _SHORTEST_STEP)
@@ -323,9 +327,13 @@ def _trace_line(
         share, reason = _way_open(valid, u, v, u_new, v_new)
         z_new, gu_new, gv_new, huu, huv, hvv = shape_at(coefficients, u_new, v_new)
         slope_new = _length(gu_new, gv_new)
+        attached_new = False
+        if slope_new >= flat:
+            near = _ALIGNED if following else _AGREED
+            au, av = _aim(gu_new, gv_new, cos_fan, sin_fan)
+            if au * nu + av * nv >= near:
+                nu, nv, attached_new = au, av, True
         if following:
-            if slope_new >= flat and _along(gu_new, gv_new, cos_fan, sin_fan, hu, hv) >= _ALIGNED:
-                nu, nv = _aim(gu_new, gv_new, cos_fan, sin_fan)
             # The look-ahead was too long if the direction still turned much: again, shorter.
             if nu * hu + nv * hv < _COS_STEP and step > 2.0 * _SHORTEST_STEP:
                 longest = 0.5 * step
@@ -368,6 +376,7 @@ def _trace_line(
         if reason != _VALID:
             return line, size, reason
         u, v, z, gu, gv, slope, hu, hv = u_new, v_new, z_new, gu_new, gv_new, slope_new, nu, nv
+        attached = attached_new
 
 
 @kernel
@@ -427,14 +436,11 @@ def _turn_rate(
     flat: float,
     turning: float,
 ) -> float:
-    """Rate at which the heading turns towards the aim (per cell); 1e12 stands for at once."""
+    """Rate at which a coasting heading turns towards the aim (per cell)."""
     cosine = min(1.0, max(0.0, _along(gu, gv, cos_fan, sin_fan, hu, hv) / _ALIGNED))
-    quality = cosine * cosine * (3.0 - 2.0 * cosine)
-    if slope < flat:
-        quality *= (slope / flat) ** 2
-    if quality >= 1.0:
-        return 1e12
-    return min(1e12, quality / (1.0 - quality) / turning)
+    agreement = cosine * cosine * (3.0 - 2.0 * cosine)
+    steepness = slope / flat if flat > 0.0 else 1.0
+    return agreement * steepness * steepness / turning
 
 
 @kernel

@@ -1,0 +1,131 @@
+"""The stretch of a fall line on which its rocks start, and the ground behind it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.grid import FloatArray
+from sassgis.core.profiles import ProfileSet, ReleasePoints, TraceSet
+from sassgis.terrain.surface import Surface, evaluate
+
+
+def moved_uphill(
+    points: ReleasePoints, surface: Surface, distance_m: float, inside: NDArray[np.bool_] | None
+) -> tuple[ReleasePoints, FloatArray]:
+    """Move release points up the slope, so that rocks can start on both sides of them.
+
+    A lattice point stands for a square of the release area; its rocks start on the fall line within
+    half the spacing above and below it.
+
+    Parameters
+    ----------
+    points : ReleasePoints
+    surface : Surface
+        The smooth surface on which lines are traced.
+    distance_m : float
+        How far (m); 0 leaves everything as it is.
+    inside : bool, shape (n,), optional
+        Points that may be moved; default all.
+
+    Returns
+    -------
+    points : ReleasePoints
+        Keys and areas unchanged.
+    moved : float64, shape (n,)
+        How far each has been moved (m): ``distance_m``, or 0 where the ground is level or unknown.
+    """
+    height, gx, gy = evaluate(surface, points.x, points.y)
+    slope = np.hypot(gx, gy)
+    can = np.isfinite(height) & np.isfinite(slope) & (slope > 1e-6)
+    if inside is not None:
+        can &= inside
+    step = np.where(can, distance_m, 0.0)
+    unit = np.where(can, slope, 1.0)
+    x = points.x + np.where(can, gx / unit, 0.0) * step
+    y = points.y + np.where(can, gy / unit, 0.0) * step
+    above, _, _ = evaluate(surface, x, y)
+    known = np.isfinite(above)
+    moved = np.where(known, step, 0.0)
+    return (
+        ReleasePoints(
+            x=np.where(known, x, points.x),
+            y=np.where(known, y, points.y),
+            area=points.area,
+            key=points.key,
+            area_names=points.area_names,
+        ),
+        moved,
+    )
+
+
+def usable(traces: TraceSet, least_m: float) -> NDArray[np.bool_]:
+    """Which lines are long enough to follow a rock on, shape (n,)."""
+    last = traces.s[np.maximum(traces.offset[1:] - 1, 0)]
+    counts = np.diff(traces.offset)
+    return (counts >= 2) & (last >= least_m)
+
+
+def take_lines(traces: TraceSet, which: NDArray[np.bool_]) -> TraceSet:
+    """Some of the lines."""
+    counts = np.diff(traces.offset)
+    keep = np.repeat(which, counts)
+    return TraceSet(
+        offset=np.concatenate([[0], np.cumsum(counts[which])]).astype(np.int64),
+        x=traces.x[keep],
+        y=traces.y[keep],
+        s=traces.s[keep],
+        point=traces.point[which],
+        fan=traces.fan[which],
+        end=traces.end[which],
+    )
+
+
+def take_profiles(profiles: ProfileSet, which: NDArray[np.bool_]) -> ProfileSet:
+    """Some of the profiles."""
+    vertices = np.diff(profiles.offset)
+    stretches = np.diff(profiles.cell_offset)
+    keep_v = np.repeat(which, vertices)
+    return ProfileSet(
+        offset=np.concatenate([[0], np.cumsum(vertices[which])]).astype(np.int64),
+        s=profiles.s[keep_v],
+        z=profiles.z[keep_v],
+        ground=profiles.ground[keep_v],
+        cell_offset=np.concatenate([[0], np.cumsum(stretches[which])]).astype(np.int64),
+        cell_s=profiles.cell_s[np.repeat(which, stretches + 1)],
+        cell=profiles.cell[np.repeat(which, stretches)],
+    )
+
+
+def with_lead_in(profiles: ProfileSet, length_m: float) -> ProfileSet:
+    """Let the ground go on behind the start at the slope of the first segment.
+
+    A rock that rebounds uphill from the first metres would otherwise be lost from the profile. Ground
+    that rises down the line is continued level. No cell of the map belongs to the lead-in.
+
+    Parameters
+    ----------
+    profiles : ProfileSet
+    length_m : float
+        Plan length (m).
+
+    Returns
+    -------
+    ProfileSet
+        Each with one more vertex in front, at chainage ``-length_m`` from its first.
+    """
+    n = len(profiles)
+    first = profiles.offset[:-1]
+    fall = (profiles.z[first] - profiles.z[first + 1]) / (profiles.s[first + 1] - profiles.s[first])
+    new_s = profiles.s[first] - length_m
+    new_z = profiles.z[first] + length_m * np.maximum(fall, 0.0)
+    first_cell_s = profiles.cell_offset[:-1] + np.arange(n)
+    return ProfileSet(
+        offset=profiles.offset + np.arange(n + 1),
+        s=np.insert(profiles.s, first, new_s),
+        z=np.insert(profiles.z, first, new_z),
+        ground=np.insert(profiles.ground, first, profiles.ground[first]),
+        cell_offset=profiles.cell_offset + np.arange(n + 1),
+        cell_s=np.insert(profiles.cell_s, first_cell_s, new_s),
+        cell=np.insert(profiles.cell, profiles.cell_offset[:-1], -1),
+    )
