@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from sassgis.core.grid import Grid
 from sassgis.core.ground import GroundTable

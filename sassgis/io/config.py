@@ -12,6 +12,7 @@ import itertools
 import json
 import math
 import re
+import textwrap
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
@@ -587,7 +588,19 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
 
 def config_template() -> str:
     """A commented configuration with every key; it loads once its paths are filled in."""
-    return (resources.files("sassgis") / "data" / "config_template.toml").read_text("utf-8")
+    text = (resources.files("sassgis") / "data" / "config_template.toml").read_text("utf-8")
+    return text.replace("#@ engine\n", _engine_lines())
+
+
+def _engine_lines() -> str:
+    """Keys of ``[engine]`` with defaults and meaning, from the type that the engine reads."""
+    lines: list[str] = []
+    for key, field in _EngineSection.model_fields.items():
+        lines.append(f"# {key} = {json.dumps(field.default)}")
+        lines += textwrap.wrap(
+            field.description or "", 95, initial_indent="#     ", subsequent_indent="#     "
+        )
+    return "\n".join(lines) + "\n"
 
 
 def profile_gates(config: Config) -> list[tuple[Gate, float]]:
