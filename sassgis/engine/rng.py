@@ -43,3 +43,24 @@ def uniform(key, stream, event):
 def between(key, stream, event, low, high):
     """A number between two limits, which may coincide."""
     return low + (high - low) * uniform(key, stream, event)
+
+
+def combined(keys, word):
+    """Keys of things that are told apart by a further number, by the same scrambling.
+
+    Parameters
+    ----------
+    keys : uint64, shape (n,)
+    word : int or uint64, shape (n,)
+
+    Returns
+    -------
+    uint64, shape (n,)
+    """
+    with np.errstate(over="ignore"):
+        z = np.asarray(keys, np.uint64) + (
+            np.asarray(word).astype(np.uint64) + np.uint64(1)
+        ) * np.uint64(0x9E3779B97F4A7C15)
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))

@@ -529,8 +529,6 @@ def follow(
         if pull < 0.0 and -v * v / (2.0 * pull) <= way_len:
             way_len = -v * v / (2.0 * pull)
             what = 1
-        lift_theta = 0.0
-        lift_v = 0.0
         _note(
             course,
             phase,

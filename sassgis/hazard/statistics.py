@@ -1,0 +1,214 @@
+"""Sums per cell of the map, and what is read from them.
+
+Every rock enters a cell's statistics once, with the largest energy, passing height and speed that it
+had there. All sums are whole numbers, so that the result does not depend on the order of adding, and
+memory grows with the cells that are reached, not with the number of rocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.grid import FloatArray, IntArray
+
+#: Sums that are added, and maxima that are raised, when two sets of sums are joined.
+_ADDED = ("reach", "reach_square", "stops", "energy_sum", "energy", "height", "speed")
+_RAISED = ("energy_max", "height_max", "speed_max")
+
+
+class MapSums:
+    """Growing sums over the cells that rocks have come to.
+
+    Parameters
+    ----------
+    n_cells : int
+        Cells of the whole grid.
+    """
+
+    def __init__(self, n_cells: int) -> None:
+        self._row = np.full(n_cells, -1, np.int32)
+        self._cells = np.empty(0, np.int64)
+        self._used = 0
+        self._sums: dict[str, NDArray[np.generic]] = {}
+
+    @property
+    def cells(self) -> IntArray:
+        """Flat indices of the cells with sums, in the order in which they came."""
+        return self._cells[: self._used]
+
+    def column(self, name: str) -> NDArray[np.generic]:
+        """One of the sums, rows as ``cells``."""
+        return self._sums[name][: self._used]
+
+    def add(self, cells: IntArray, sums: Mapping[str, NDArray[np.generic]]) -> None:
+        """Join the sums of some cells, each of which is named once.
+
+        Parameters
+        ----------
+        cells : int64, shape (n,)
+        sums : mapping
+            Arrays with one row per cell, by name as in the kernel's CellSums.
+        """
+        came = sums["reach"] + sums["stops"] > 0  # type: ignore[operator]
+        cells = cells[came]
+        rows = self._rows_of(cells, sums)
+        for name in _ADDED:
+            self._sums[name][rows] += sums[name][came]  # type: ignore[operator]
+        for name in _RAISED:
+            self._sums[name][rows] = np.maximum(self._sums[name][rows], sums[name][came])  # type: ignore[call-overload]
+
+    def _rows_of(self, cells: IntArray, like: Mapping[str, NDArray[np.generic]]) -> IntArray:
+        """Rows of the cells, made where there were none."""
+        fresh = cells[self._row[cells] < 0]
+        end = self._used + fresh.size
+        if end > self._cells.size or not self._sums:
+            room = max(end, int(1.5 * self._cells.size), 1024)
+            self._cells = _enlarged(self._cells, room)
+            for name in (*_ADDED, *_RAISED):
+                old = self._sums.get(name)
+                if old is None:
+                    old = np.zeros((0, *like[name].shape[1:]), like[name].dtype)
+                self._sums[name] = _enlarged(old, room)
+        self._cells[self._used : end] = fresh
+        self._row[fresh] = np.arange(self._used, end, dtype=np.int32)
+        self._used = end
+        rows: IntArray = self._row[cells].astype(np.int64)
+        return rows
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """Everything that is needed to go on later, as plain arrays."""
+        return {"cells": self.cells, **{n: self.column(n) for n in self._sums}}
+
+    @classmethod
+    def from_state(cls, n_cells: int, state: Mapping[str, NDArray[np.generic]]) -> MapSums:
+        """The sums that ``state`` gave."""
+        sums = cls(n_cells)
+        if len(state) > 1:
+            sums.add(
+                np.asarray(state["cells"], np.int64),
+                {n: state[n] for n in (*_ADDED, *_RAISED)},
+            )
+        return sums
+
+
+def _enlarged(array: NDArray[np.generic], room: int) -> NDArray[np.generic]:
+    out = np.zeros((room, *array.shape[1:]), array.dtype)
+    out[: array.shape[0]] = array
+    return out
+
+
+def quantiles(
+    counts: NDArray[np.integer],
+    edges: FloatArray,
+    probabilities: tuple[float, ...],
+    largest: FloatArray,
+) -> FloatArray:
+    """Quantiles of values that were counted in bins.
+
+    Within a bin the values are taken as spread evenly; no quantile exceeds the largest value seen.
+
+    Parameters
+    ----------
+    counts : integer, shape (n, n_bins)
+    edges : float64, shape (n_bins + 1,)
+    probabilities : tuple of float
+    largest : float64, shape (n,)
+        Largest value counted in each row.
+
+    Returns
+    -------
+    float64, shape (n_probabilities, n)
+        NaN where nothing was counted.
+    """
+    total = counts.sum(axis=1)
+    below = np.cumsum(counts, axis=1, dtype=np.float64)
+    out = np.full((len(probabilities), counts.shape[0]), np.nan)
+    some = total > 0
+    rows = np.flatnonzero(some)
+    for i, p in enumerate(probabilities):
+        wanted = p * total[rows]
+        bin_ = np.minimum((below[rows] < wanted[:, None]).sum(axis=1), counts.shape[1] - 1)
+        inside = counts[rows, bin_].astype(np.float64)
+        before = below[rows, bin_] - inside
+        share = np.where(inside > 0, (wanted - before) / np.maximum(inside, 1.0), 0.0)
+        value = edges[bin_] + np.clip(share, 0.0, 1.0) * (edges[bin_ + 1] - edges[bin_])
+        out[i, rows] = np.minimum(value, largest[rows])
+    return out
+
+
+def exceedance(
+    counts: NDArray[np.integer], edges: FloatArray, threshold: float
+) -> NDArray[np.int64]:
+    """Number counted at or above a threshold that is one of the edges, shape (n,).
+
+    Raises
+    ------
+    ValueError
+        The threshold is not an edge, so that the count would not be exact.
+    """
+    at = int(np.argmin(np.abs(edges - threshold)))
+    if abs(edges[at] - threshold) > 1e-9 * max(abs(threshold), 1.0):
+        raise ValueError(f"{threshold} is not an edge of the histogram")
+    total: NDArray[np.int64] = counts[:, at:].sum(axis=1, dtype=np.int64)
+    return total
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """How many rocks stand behind a map.
+
+    Attributes
+    ----------
+    rocks : int
+        All rocks released: the denominator of the reach probability.
+    rocks_per_line : int
+    lines : int
+        Lines times block scenarios: the strata of the sample.
+    random_points : bool
+        Whether the release points were themselves drawn at random.
+    """
+
+    rocks: int
+    rocks_per_line: int
+    lines: int
+    random_points: bool
+
+
+def reach_probability(
+    reach: IntArray, reach_square: IntArray, sample: Sample
+) -> tuple[FloatArray, FloatArray]:
+    """Share of all rocks that come to each cell, and its sampling standard error.
+
+    With k_l of n rocks of line l in the cell and N rocks in all, P = Σ k_l / N. Release points on a
+    lattice are fixed, so only the rocks of each line are a sample (stratified sampling; Cochran 1977,
+    section 5.3): Var P = Σ k_l (n − k_l)/(n − 1) / N². Points drawn at random make the line the unit
+    (cluster sampling; ibid., section 9A.2): Var P = L/(L − 1) · (Σ k_l² − (Σ k_l)²/L) / N².
+
+    Parameters
+    ----------
+    reach, reach_square : int64, shape (n,)
+        Σ k_l and Σ k_l².
+    sample : Sample
+
+    Returns
+    -------
+    probability, standard_error : float64, shape (n,)
+        The error is NaN where the sample cannot tell it: one rock per line, or a single random line.
+    """
+    k = reach.astype(np.float64)
+    k2 = reach_square.astype(np.float64)
+    n = sample.rocks_per_line
+    if sample.random_points:
+        if sample.lines < 2:
+            variance = np.full(k.shape, np.nan)
+        else:
+            variance = sample.lines / (sample.lines - 1.0) * (k2 - k * k / sample.lines)
+    elif n < 2:
+        variance = np.full(k.shape, np.nan)
+    else:
+        variance = (n * k - k2) / (n - 1.0)
+    return k / sample.rocks, np.sqrt(np.maximum(variance, 0.0)) / sample.rocks

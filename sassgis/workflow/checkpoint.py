@@ -1,0 +1,159 @@
+"""The saved state of a run on the map, so that nothing computed is lost.
+
+The state is a folder ``checkpoint`` in the working folder of the result: ``state.npz`` with all sums,
+and numbered files of rows that have been handed on. It belongs to one fingerprint of settings and
+inputs; with any other it is ignored.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.hazard.gates import GateSums
+from sassgis.hazard.statistics import MapSums
+from sassgis.io.staging import CHECKPOINT_STEM, writing
+from sassgis.workflow.map_run import FallLines, MapRun, Progress, Rows
+
+_LINE_FIELDS = ("offset", "x", "y", "point", "fan", "length_m", "drop_m", "end")
+_ROW_FIELDS = ("rocks", "rock_scenario", "x", "y", "passages", "passage_scenario")
+
+
+def joined_lines(parts: list[FallLines]) -> FallLines:
+    """Fall lines of several chunks as one."""
+    if not parts:
+        empty = np.empty(0)
+        none = np.empty(0, np.int64)
+        return FallLines(np.zeros(1, np.int64), empty, empty, none, empty, empty, empty,
+                         np.empty(0, np.uint8))  # fmt: skip
+    sizes = np.concatenate([np.diff(p.offset) for p in parts])
+    return FallLines(
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        *(np.concatenate([getattr(p, f) for p in parts]) for f in _LINE_FIELDS[1:]),
+    )
+
+
+def joined_rows(parts: list[Rows]) -> Rows:
+    """Rows of several chunks as one; there must be at least one."""
+    return Rows(*(np.concatenate([getattr(p, f) for p in parts]) for f in _ROW_FIELDS))
+
+
+class Checkpoint:
+    """Saves and restores the progress of a run.
+
+    Parameters
+    ----------
+    work : Path
+        Working folder of the result.
+    fingerprint : str
+        Of settings and inputs.
+    """
+
+    def __init__(self, work: Path, fingerprint: str) -> None:
+        self.folder = work / CHECKPOINT_STEM
+        self.fingerprint = fingerprint
+        self._waiting: list[Rows] = []
+        self._parts = 0
+
+    def restore(self, run: MapRun) -> Progress | None:
+        """Progress of an earlier run with the same fingerprint, if there is one."""
+        file = self.folder / "state.npz"
+        if not file.is_file():
+            return None
+        try:
+            with np.load(file, allow_pickle=False) as stored:
+                state = {k: stored[k] for k in stored.files}
+        except (OSError, ValueError):
+            return None
+        if str(state.get("fingerprint", "")) != self.fingerprint:
+            return None
+        self._parts = int(state["parts"])
+        n_rows, n_cols = run.grid.shape
+        progress = Progress.fresh(run)
+        progress.chunks = int(state["chunks"])
+        progress.sums = MapSums.from_state(n_rows * n_cols, _group(state, "sums"))
+        progress.gates = GateSums.from_state(tuple(g for g, _ in run.gates), _group(state, "gates"))
+        progress.reasons = np.array(state["reasons"])
+        progress.runout = np.array(state["runout"])
+        progress.lost = int(state["lost"])
+        lines = _group(state, "lines")
+        progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
+        rows = _group(state, "stops")
+        progress.stops = [Rows(*(rows[f] for f in _ROW_FIELDS))]
+        return progress
+
+    def hand_on(self, rows: Rows) -> None:
+        """Take rows that are to be written to tables; they are saved with the next state."""
+        self._waiting.append(rows)
+
+    def save(self, progress: Progress) -> None:
+        """Save the state; whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If the disk is full or not writable.
+        """
+        with writing(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if self._waiting:
+                rows = joined_rows(self._waiting)
+                part = self.folder / f"rows_{self._parts:06d}.npz"
+                _write(part, {f: getattr(rows, f) for f in _ROW_FIELDS})
+                self._waiting = []
+                self._parts += 1
+            state: dict[str, NDArray[np.generic]] = {
+                "fingerprint": np.array(self.fingerprint),
+                "parts": np.array(self._parts),
+                "chunks": np.array(progress.chunks),
+                "reasons": progress.reasons,
+                "runout": progress.runout,
+                "lost": np.array(progress.lost),
+            }
+            state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
+            state |= {f"gates.{k}": v for k, v in progress.gates.state().items()}
+            lines = joined_lines(progress.lines)
+            state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
+            stops = joined_rows(progress.stops or [_no_rows()])
+            state |= {f"stops.{f}": getattr(stops, f) for f in _ROW_FIELDS}
+            _write(self.folder / "state.npz", state)
+
+    def rows(self) -> list[Path]:
+        """Files of the rows that were handed on, in order."""
+        return [self.folder / f"rows_{i:06d}.npz" for i in range(self._parts)]
+
+
+def read_rows(part: Path) -> Rows:
+    """Rows of one file of a checkpoint."""
+    with np.load(part, allow_pickle=False) as stored:
+        return Rows(*(stored[f] for f in _ROW_FIELDS))
+
+
+def _no_rows() -> Rows:
+    from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE
+
+    none = np.empty(0, np.int64)
+    return Rows(
+        np.empty(0, ROCK_DTYPE), none, np.empty(0), np.empty(0), np.empty(0, PASSAGE_DTYPE), none
+    )
+
+
+def _group(state: dict[str, NDArray[np.generic]], name: str) -> dict[str, NDArray[np.generic]]:
+    start = name + "."
+    return {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}
+
+
+def _write(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
+    """Write beside and rename, so that a full disk leaves the older state as it was."""
+    fresh = path.with_suffix(".new")
+    try:
+        with fresh.open("wb") as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+            stream.flush()
+            os.fsync(stream.fileno())
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)

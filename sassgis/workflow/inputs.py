@@ -1,0 +1,106 @@
+"""From a configuration to everything that a run on the map needs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from sassgis.core.errors import ConfigError
+from sassgis.io.config import Config
+from sassgis.io.dem import read_dem
+from sassgis.io.ground import ground_raster, read_ground_table
+from sassgis.io.vectors import read_gates, read_release
+from sassgis.terrain.fall_lines import FallLineSettings
+from sassgis.terrain.spread import SpreadSettings
+from sassgis.workflow.map_run import MapRun
+
+
+@contextmanager
+def collected_notices() -> Iterator[list[str]]:
+    """Collect what the readers have to say (level WARNING and above), each once."""
+    notices: list[str] = []
+
+    class _Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            text = record.getMessage()
+            if text not in notices:
+                notices.append(text)
+
+    logger = logging.getLogger("sassgis")
+    handler = _Collector(level=logging.WARNING)
+    logger.addHandler(handler)
+    try:
+        yield notices
+    finally:
+        logger.removeHandler(handler)
+
+
+def fall_line_settings(config: Config) -> FallLineSettings:
+    """How fall lines are traced."""
+    return FallLineSettings(
+        smoothing_m=config.terrain.smoothing_m,
+        flat_slope_deg=config.terrain.flat_slope_deg,
+        energy_line_angle_deg=config.terrain.energy_line_angle_deg,
+        max_length_m=config.terrain.max_line_length_m,
+    )
+
+
+def read_map_run(config: Config) -> MapRun:
+    """Read every file that the configuration names.
+
+    Raises
+    ------
+    ConfigError, InputError
+        With the file, the field, what was found and what is expected.
+    """
+    if not config.blocks:
+        raise ConfigError(
+            "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
+        )
+    terrain = config.terrain
+    grid = read_dem(config.dem_path, terrain.crs, terrain.vertical_datum)
+    areas = read_release(config.release, grid, config.block_names)
+    table = read_ground_table(config.ground.classes)
+    return MapRun(
+        grid=grid,
+        ground=ground_raster(config.ground, grid, table),
+        table=table,
+        areas=tuple(areas),
+        blocks=config.blocks,
+        gates=tuple(read_gates(config, grid)),
+        engine=config.engine,
+        fall_lines=fall_line_settings(config),
+        spread=SpreadSettings(config.spread.lines_per_point, config.spread.width_percent),
+        segment_tolerance_m=terrain.segment_tolerance_m,
+        spacing_m=config.release.spacing_m,
+        placement=config.release.placement,
+        rocks_per_point=config.release.rocks_per_point,
+        seed=config.run.seed,
+        stop_points_max=config.output.stop_points_max,
+    )
+
+
+def input_files(config: Config) -> dict[str, Path]:
+    """The files that a configuration names, by their role, for the manifest."""
+    files: dict[str, Path] = {"config": config.file}
+    candidates = {
+        "dem": config.terrain.dem,
+        "release": config.release.file,
+        "ground": config.ground.file,
+        "ground classes": config.ground.classes,
+        "profile": config.profile.file if config.profile else None,
+    }
+    for item in (*config.stations, *config.barriers):
+        candidates[item.name] = item.file
+    files.update({role: path for role, path in candidates.items() if path is not None})
+    return files
+
+
+def unverified_classes(run: MapRun) -> list[str]:
+    """Names of the ground classes on the map whose values are not from the paper."""
+    used = np.unique(run.ground[np.isfinite(run.grid.values)])
+    return [run.table.classes[i].name for i in used if not run.table.classes[i].verified]

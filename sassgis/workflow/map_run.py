@@ -1,0 +1,516 @@
+"""From release points to sums per cell: trace, flatten, simulate and add up, chunk by chunk.
+
+A chunk is a few release points. Its fall lines, profiles and rocks live only while it is worked on,
+so that memory depends on the map, not on the number of rocks. Chunks are worked on in threads and
+added up in their order; since all sums are whole numbers the result is the same for any number of
+threads and any size of chunk.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from sassgis.core.blocks import BlockPopulation
+from sassgis.core.grid import FloatArray, Grid, IntArray
+from sassgis.core.ground import GroundTable
+from sassgis.core.profiles import LineEnd, ReleasePoints, TraceSet
+from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate, StopReason
+from sassgis.core.settings import EngineSettings
+from sassgis.engine import rng
+from sassgis.engine.simulate import GateCrossings, Simulated, default_bins, simulate
+from sassgis.hazard.gates import GateSums
+from sassgis.hazard.statistics import MapSums, Sample
+from sassgis.io.vectors import ReleaseArea
+from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface
+from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles
+from sassgis.terrain.release import release_points, take
+from sassgis.terrain.spread import SpreadSettings, trace_bundles
+from sassgis.terrain.stretch import (
+    moved_uphill,
+    take_lines,
+    take_profiles,
+    usable,
+    with_lead_in,
+)
+from sassgis.terrain.surface import Surface
+
+CHUNK_POINTS = 32
+#: Plan length of the ground behind the start (m).
+LEAD_IN_M = 20.0
+#: Fall lines shorter than this are not followed (m).
+SHORTEST_LINE_M = 1.0
+_SIMPLIFIED = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class MapRun:
+    """Everything that a run on the map needs.
+
+    Attributes
+    ----------
+    grid : Grid
+    ground : int32, shape of the grid
+        Ground class of each cell.
+    table : GroundTable
+    areas : tuple of ReleaseArea
+    blocks : tuple of BlockPopulation
+        Names are those of the scenarios.
+    gates : tuple of (Gate, float64 array of shape (k, 2))
+        Stations and barriers with their course on the map.
+    engine : EngineSettings
+    fall_lines : FallLineSettings
+    spread : SpreadSettings
+    segment_tolerance_m, spacing_m : float
+    placement : {"grid", "random"}
+    rocks_per_point, seed : int
+    stop_points_max : int
+        Most stop points to keep one by one.
+    keep_rows : bool
+        Whether to hand on the row of every rock and passage.
+    """
+
+    grid: Grid
+    ground: NDArray[np.int32]
+    table: GroundTable
+    areas: tuple[ReleaseArea, ...]
+    blocks: tuple[BlockPopulation, ...]
+    gates: tuple[tuple[Gate, FloatArray], ...]
+    engine: EngineSettings
+    fall_lines: FallLineSettings
+    spread: SpreadSettings
+    segment_tolerance_m: float
+    spacing_m: float
+    placement: str
+    rocks_per_point: int
+    seed: int
+    stop_points_max: int = 100_000
+    keep_rows: bool = False
+
+    @property
+    def rocks_per_line(self) -> int:
+        """Rocks on each line of a bundle: those of the point, shared out and rounded up."""
+        return -(-self.rocks_per_point // self.spread.lines_per_point)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What will be simulated, before anything is.
+
+    Attributes
+    ----------
+    points : ReleasePoints
+        As placed in the release areas.
+    starts : ReleasePoints
+        Where their fall lines begin.
+    moved : float64, shape (n,)
+        How far up the slope from the points (m).
+    surface : Surface
+    scenarios : tuple of int tuples
+        Positions in ``blocks`` of the scenarios of each area.
+    """
+
+    points: ReleasePoints
+    starts: ReleasePoints
+    moved: FloatArray
+    surface: Surface
+    scenarios: tuple[tuple[int, ...], ...]
+
+    def rocks_of_point(self, run: MapRun) -> IntArray:
+        """Rocks that are released at each point, shape (n,)."""
+        per_line = run.rocks_per_line * run.spread.lines_per_point
+        counts = np.array([len(s) for s in self.scenarios], np.int64)
+        rocks: IntArray = counts[self.points.area] * per_line
+        return rocks
+
+
+def plan(run: MapRun) -> Plan:
+    """Place the release points and prepare the surface.
+
+    Raises
+    ------
+    InputError, ConfigError
+        As sassgis.terrain.release.release_points.
+    """
+    points = release_points(
+        [(a.name, a.geometry) for a in run.areas],
+        run.spacing_m,
+        run.placement,  # type: ignore[arg-type]
+        run.seed,
+    )
+    surface = fall_line_surface(run.grid, run.fall_lines)
+    polygonal = np.array([a.geometry.area > 0.0 for a in run.areas], bool)
+    distance = 0.5 * run.spacing_m if run.placement == "grid" else 0.0
+    starts, moved = moved_uphill(points, surface, distance, polygonal[points.area])
+    names = {b.name: i for i, b in enumerate(run.blocks)}
+    return Plan(
+        points, starts, moved, surface, tuple(tuple(names[s] for s in a.scenarios) for a in run.areas)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rocks and passages one by one, with their place on the map.
+
+    Attributes
+    ----------
+    rocks, passages : structured arrays
+        ROCK_DTYPE and PASSAGE_DTYPE. ``line`` counts the lines of the run: release point times
+        lines per point, plus the place in the bundle.
+    rock_scenario, passage_scenario : int64
+        Position in ``blocks``.
+    x, y : float64
+        Where each rock ends (m).
+    """
+
+    rocks: NDArray[np.void]
+    rock_scenario: IntArray
+    x: FloatArray
+    y: FloatArray
+    passages: NDArray[np.void]
+    passage_scenario: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class FallLines:
+    """Fall lines for the map: ragged coordinates, thinned, and a row each.
+
+    Attributes
+    ----------
+    offset, x, y
+        Line ``i`` owns ``[offset[i], offset[i + 1])``.
+    point : int64
+        Release point.
+    fan, length_m, drop_m : float64
+    end : uint8
+        A LineEnd.
+    """
+
+    offset: IntArray
+    x: FloatArray
+    y: FloatArray
+    point: IntArray
+    fan: FloatArray
+    length_m: FloatArray
+    drop_m: FloatArray
+    end: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What one chunk gave."""
+
+    sums: list[Simulated]
+    rows: Rows
+    lines: FallLines
+    lost: int
+
+
+def _line_keys(traces: TraceSet, keys: NDArray[np.uint64], lines_per_point: int) -> NDArray[np.uint64]:
+    member = np.arange(len(traces), dtype=np.int64) % lines_per_point
+    out: NDArray[np.uint64] = rng.combined(keys[traces.point], member)
+    return out
+
+
+def _scenario_word(name: str) -> int:
+    """A number that stands for a scenario's name in the random draws."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
+
+
+def _gate_crossings(run: MapRun, traces: TraceSet) -> GateCrossings:
+    found = [crossings(traces, course) for _, course in run.gates]
+    line = np.concatenate([np.empty(0, np.int64), *(f[0] for f in found)])
+    chainage = np.concatenate([np.empty(0), *(f[1] for f in found)])
+    gate = np.repeat(np.arange(len(found), dtype=np.int64), [f[0].size for f in found])
+    order = np.lexsort((gate, chainage, line))
+    counts = np.bincount(line, minlength=len(traces)).astype(np.int64)
+    return GateCrossings(
+        tuple(g for g, _ in run.gates),
+        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        chainage[order],
+        gate[order],
+    )
+
+
+def _thinned(traces: TraceSet, run: MapRun) -> FallLines:
+    """Coordinates for drawing, within a tenth of a cell of the traced ones."""
+    counts = np.diff(traces.offset)
+    some = counts >= 2
+    drop = np.zeros(len(traces))
+    parts_x, parts_y, sizes = [], [], []
+    for i in range(len(traces)):
+        own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
+        xy = np.column_stack([traces.x[own], traces.y[own]])
+        if some[i]:
+            line = shapely.simplify(
+                shapely.LineString(xy), _SIMPLIFIED * run.grid.cell_size, preserve_topology=False
+            )
+            xy = shapely.get_coordinates(line)
+            cells = run.grid.cell_of(xy[[0, -1], 0], xy[[0, -1], 1])
+            if (cells >= 0).all():
+                ends = run.grid.values.ravel()[cells]
+                drop[i] = ends[0] - ends[1]
+        parts_x.append(xy[:, 0])
+        parts_y.append(xy[:, 1])
+        sizes.append(len(xy))
+    last = traces.s[np.maximum(traces.offset[1:] - 1, 0)]
+    return FallLines(
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        np.concatenate([np.empty(0), *parts_x]),
+        np.concatenate([np.empty(0), *parts_y]),
+        traces.point,
+        traces.fan,
+        np.where(counts >= 1, last, 0.0),
+        drop,
+        traces.end,
+    )
+
+
+def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome:
+    """One chunk: the release points ``which``."""
+    m = run.spread.lines_per_point
+    starts = take(planned.starts, which)
+    traces = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, run.spread)
+    flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
+    good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
+    drawn = _thinned(traces, run)
+    number = which[traces.point] * m + np.arange(len(traces)) % m
+    keys = _line_keys(traces, starts.key, m)
+    areas = starts.area[traces.point]
+    moved = planned.moved[which][traces.point]
+    per_point = planned.rocks_of_point(run)[which][traces.point] // m
+    lost = int(per_point[~good].sum())
+
+    sums, rocks, scenario, xs, ys, passages, passage_scenario = [], [], [], [], [], [], []
+    for k, blocks in enumerate(run.blocks):
+        wanted = good & np.array([k in planned.scenarios[a] for a in areas], bool)
+        if not wanted.any():
+            continue
+        lines = take_lines(traces, wanted)
+        ahead = with_lead_in(take_profiles(flat, wanted), LEAD_IN_M)
+        last = ahead.s[ahead.offset[1:] - 1]
+        start = np.column_stack([np.zeros(len(lines)), np.minimum(2.0 * moved[wanted], last)])
+        result = simulate(
+            ahead,
+            run.table,
+            blocks,
+            run.engine,
+            seed=run.seed,
+            rocks_per_line=run.rocks_per_line,
+            line_keys=rng.combined(keys[wanted], np.uint64(_scenario_word(blocks.name))),
+            starts=start,
+            gates=_gate_crossings(run, lines),
+            line_numbers=number[wanted],
+            bins=bins,  # type: ignore[arg-type]
+        )
+        local = np.repeat(np.arange(len(lines), dtype=np.int64), run.rocks_per_line)
+        x, y = chainage_to_xy(
+            lines, local, np.clip(result.rocks["runout_m"], 0.0, np.repeat(last, run.rocks_per_line))
+        )
+        sums.append(result)
+        rocks.append(result.rocks)
+        scenario.append(np.full(result.rocks.size, k, np.int64))
+        xs.append(x)
+        ys.append(y)
+        passages.append(result.passages)
+        passage_scenario.append(np.full(result.passages.size, k, np.int64))
+    drawn = FallLines(
+        drawn.offset, drawn.x, drawn.y, which[traces.point], drawn.fan, drawn.length_m,
+        drawn.drop_m, drawn.end,
+    )  # fmt: skip
+    return _Outcome(
+        sums,
+        Rows(
+            np.concatenate([np.empty(0, ROCK_DTYPE), *rocks]),
+            np.concatenate([np.empty(0, np.int64), *scenario]),
+            np.concatenate([np.empty(0), *xs]),
+            np.concatenate([np.empty(0), *ys]),
+            np.concatenate([np.empty(0, PASSAGE_DTYPE), *passages]),
+            np.concatenate([np.empty(0, np.int64), *passage_scenario]),
+        ),
+        drawn,
+        lost,
+    )
+
+
+@dataclass
+class Progress:
+    """What has been added up so far; grows chunk by chunk, in their order.
+
+    Attributes
+    ----------
+    chunks : int
+        Chunks added.
+    sums : MapSums
+    gates : GateSums
+    reasons : int64, shape (len(StopReason),)
+        Rocks by the reason of their end.
+    lost : int
+        Rocks of lines that could not be followed.
+    runout : int64, shape (n_bins,)
+        Rocks by run-out chainage, in metres.
+    lines : list of FallLines
+    stops : list of Rows
+        The rocks whose stop is kept one by one.
+    """
+
+    chunks: int
+    sums: MapSums
+    gates: GateSums
+    reasons: IntArray = field(default_factory=lambda: np.zeros(len(StopReason), np.int64))
+    lost: int = 0
+    runout: IntArray = field(default_factory=lambda: np.zeros((len(StopReason), 0), np.int64))
+    lines: list[FallLines] = field(default_factory=list)
+    stops: list[Rows] = field(default_factory=list)
+
+    @classmethod
+    def fresh(cls, run: MapRun) -> Progress:
+        """Nothing added yet."""
+        n_rows, n_cols = run.grid.shape
+        return cls(0, MapSums(n_rows * n_cols), GateSums(tuple(g for g, _ in run.gates)))
+
+
+def _kept(rows: Rows, seed: int, share: float) -> Rows:
+    """A part of the stops, chosen by the identity of each rock."""
+    if share >= 1.0:
+        which = np.ones(rows.rocks.size, bool)
+    else:
+        word = rng.combined(
+            rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),
+            np.full(rows.rocks.size, seed % 2**63) + rows.rock_scenario,
+        )
+        which = word.astype(np.float64) < share * 2.0**64
+    return Rows(
+        rows.rocks[which], rows.rock_scenario[which], rows.x[which], rows.y[which],
+        rows.passages[:0], rows.passage_scenario[:0],
+    )  # fmt: skip
+
+
+def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float) -> None:
+    for result in outcome.sums:
+        progress.sums.add(result.cells, result.sums._asdict())
+        progress.gates.add(result.passages)
+    reasons = outcome.rows.rocks["reason"]
+    progress.reasons += np.bincount(reasons, minlength=len(StopReason))
+    progress.lost += outcome.lost
+    if reasons.size:
+        metres = np.maximum(outcome.rows.rocks["runout_m"], 0.0).astype(np.int64)
+        width = max(int(metres.max()) + 1, progress.runout.shape[1])
+        grown = np.zeros((len(StopReason), width), np.int64)
+        grown[:, : progress.runout.shape[1]] = progress.runout
+        np.add.at(grown, (reasons, metres), 1)
+        progress.runout = grown
+    progress.lines.append(outcome.lines)
+    progress.stops.append(_kept(outcome.rows, run.seed, share))
+    progress.chunks += 1
+
+
+def chunks_of(planned: Plan, size: int = CHUNK_POINTS) -> list[IntArray]:
+    """The release points of each chunk."""
+    return [
+        np.arange(i, min(i + size, len(planned.points)), dtype=np.int64)
+        for i in range(0, len(planned.points), size)
+    ]
+
+
+def _in_order(
+    work: Callable[[IntArray], _Outcome], chunks: list[IntArray], jobs: int
+) -> Iterator[_Outcome]:
+    """Results of ``work`` in the order of the chunks, a few of them under way at a time."""
+    if jobs == 1:
+        for chunk in chunks:
+            yield work(chunk)
+        return
+    with ThreadPoolExecutor(jobs) as pool:
+        waiting: deque[Future[_Outcome]] = deque()
+        todo = iter(chunks)
+        try:
+            for chunk in todo:
+                waiting.append(pool.submit(work, chunk))
+                if len(waiting) > 2 * jobs:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def bins_of(run: MapRun) -> object:
+    """Histogram bins wide enough for what can happen on this terrain."""
+    relief = float(np.nanmax(run.grid.values) - np.nanmin(run.grid.values))
+    g = run.engine.gravity_mps2
+    drop = relief + max(b.drop_m[1] for b in run.blocks)
+    speed = max(b.speed_mps[1] for b in run.blocks)
+    mass = max(b.largest_mass_kg for b in run.blocks)
+    energy = 1e-3 * mass * (g * drop + 0.5 * speed * speed)
+    fastest = float(np.sqrt(2.0 * g * drop + speed * speed))
+    return default_bins(2.0 * energy, min(drop, 300.0), min(fastest, 150.0))
+
+
+def simulate_map(
+    run: MapRun,
+    planned: Plan,
+    *,
+    jobs: int = 1,
+    resume: Progress | None = None,
+    on_chunk: Callable[[Progress, int, Rows], None] | None = None,
+    chunk_points: int = CHUNK_POINTS,
+) -> Progress:
+    """Simulate all rocks of a plan.
+
+    Parameters
+    ----------
+    run : MapRun
+    planned : Plan
+        Of the same run.
+    jobs : int
+        Threads.
+    resume : Progress, optional
+        Of an earlier, interrupted call with the same run and chunk size; grows further.
+    on_chunk : callable, optional
+        Called after each chunk with the progress, the number of chunks in all and the chunk's rows.
+    chunk_points : int
+        Release points per chunk.
+
+    Returns
+    -------
+    Progress
+    """
+    progress = resume if resume is not None else Progress.fresh(run)
+    bins = bins_of(run)
+    chunks = chunks_of(planned, chunk_points)
+    total = int(planned.rocks_of_point(run).sum())
+    share = run.stop_points_max / total if total else 1.0
+
+    def work(which: IntArray) -> _Outcome:
+        return _work(run, planned, which, bins)
+
+    for outcome in _in_order(work, chunks[progress.chunks :], jobs):
+        _add(progress, outcome, run, share)
+        if on_chunk is not None:
+            on_chunk(progress, len(chunks), outcome.rows)
+    return progress
+
+
+def sample_of(run: MapRun, planned: Plan, progress: Progress) -> Sample:
+    """The sample behind the maps: rocks that were followed."""
+    return Sample(
+        rocks=int(progress.reasons.sum()),
+        rocks_per_line=run.rocks_per_line,
+        lines=int(progress.reasons.sum()) // run.rocks_per_line,
+        random_points=run.placement == "random",
+    )
+
+
+def line_ends(progress: Progress) -> dict[LineEnd, int]:
+    """How many fall lines end for which reason."""
+    ends = np.concatenate([np.empty(0, np.uint8), *(f.end for f in progress.lines)])
+    return {e: int((ends == e).sum()) for e in LineEnd}
