@@ -1,8 +1,8 @@
 """Make the slope on which run times are measured: ``python benchmarks/slope.py FOLDER [--rough]``.
 
 1.2 km down the slope by 0.6 km along it at 2 m: plateau, cliff of 65°, talus of 36°, foot of 18°,
-flat. A release polygon in the cliff holds exactly 3,000 cell centres. The script is deterministic; the
-ground is made, not surveyed.
+flat. A release polygon in the cliff holds exactly 3,000 cell centres. The ground is made, not
+surveyed, and the same each time.
 """
 
 from __future__ import annotations
