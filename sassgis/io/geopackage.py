@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
@@ -166,16 +167,19 @@ def _write_layer(
     }
     if frame.crs is None:
         options["SRID"] = "-1"  # Undefined Cartesian; GDAL would take undefined geographic.
-    pyogrio.write_dataframe(
-        frame,
-        path,
-        layer=layer.name,
-        driver="GPKG",
-        geometry_type=geometry_type,
-        promote_to_multi=geometry_type.startswith("Multi"),
-        dataset_options={"VERSION": "1.3"},
-        layer_options=options,
-    )
+    with warnings.catch_warnings():
+        # Local coordinates are a choice of the user, who has been told what it means.
+        warnings.filterwarnings("ignore", message="'crs' was not provided")
+        pyogrio.write_dataframe(
+            frame,
+            path,
+            layer=layer.name,
+            driver="GPKG",
+            geometry_type=geometry_type,
+            promote_to_multi=geometry_type.startswith("Multi"),
+            dataset_options={"VERSION": "1.3"},
+            layer_options=options,
+        )
 
 
 @contextmanager

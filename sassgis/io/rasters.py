@@ -10,7 +10,7 @@ from rasterio.transform import from_origin
 
 from sassgis.core.grid import Grid
 from sassgis.core.results import Band, RasterLayer
-from sassgis.io.qgis.styles import qml, raster_style_elements
+from sassgis.io.qgis.styles import HILLSHADE, qml, raster_style_elements
 from sassgis.io.staging import writing
 
 #: NaN would do for the cells, but GDAL's most-frequent-value overviews turn it into zeros (seen
@@ -24,7 +24,7 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
 
     The file is a Cloud-Optimised GeoTIFF: float32, nodata -9999, deflate, tiled, with overviews
     made of values that occur (the most frequent one), so that a class seen from afar is a class
-    of the map. Band descriptions and units, and the title and note of the layer, are in its tags.
+    of the map; only heights for shaded relief are averaged. Band descriptions and units, and the title and note of the layer, are in its tags.
 
     Parameters
     ----------
@@ -81,7 +81,8 @@ def _encode(layer: RasterLayer, grid: Grid) -> bytes:
             compress="DEFLATE",
             predictor="YES",
             blocksize=_BLOCK,
-            overview_resampling="MODE",
+            # Relief made of single heights, picked here and there, would look rough.
+            overview_resampling="AVERAGE" if layer.ramp == HILLSHADE else "MODE",
             # Kept in the file, or QGIS would write an .aux.xml beside it.
             statistics="YES",
             bigtiff="IF_SAFER",

@@ -123,6 +123,10 @@ def output_error(error: BaseException, path: Path) -> OutputError:
     if reason is None:
         detail = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         reason = " ".join(detail.split()) or type(error).__name__
+        free = _free_bytes(path)
+        if free is not None and _is_library_error(error):
+            # GDAL may say no more than that a transaction failed, and have cleared up by now.
+            reason += f"; is the disk full? {free / 1e6:.1f} MB are free"
     return OutputError(f"{path}: cannot be written: {reason}")
 
 

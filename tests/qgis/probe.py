@@ -4,7 +4,7 @@ Run by the system's Python, which has QGIS: ``/usr/bin/python3 probe.py PROJECT.
 With ``--at X,Y`` (repeatable, map units) the colours of the picture there are printed too; with
 ``--alone PATH`` (repeatable) a raster, or ``FILE.gpkg|layername=NAME``, is opened by itself to see
 the style that it brings along. ``--only NAME`` (repeatable) draws these layers in place of those
-that the project shows.
+that the project shows. ``--legend PICTURE.png`` draws the legend of the visible layers.
 """
 
 import argparse
@@ -14,19 +14,23 @@ import sys
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from qgis.core import (  # noqa: E402
+from qgis.core import (
     Qgis,
     QgsApplication,
     QgsLayerTreeGroup,
+    QgsLayerTreeModel,
+    QgsLegendRenderer,
+    QgsLegendSettings,
     QgsMapRendererParallelJob,
     QgsMapSettings,
     QgsProject,
     QgsRasterLayer,
     QgsReferencedRectangle,
+    QgsRenderContext,
     QgsVectorLayer,
 )
-from qgis.PyQt.QtCore import QSize  # noqa: E402
-from qgis.PyQt.QtGui import QColor  # noqa: E402
+from qgis.PyQt.QtCore import QSize
+from qgis.PyQt.QtGui import QColor, QImage, QPainter
 
 WIDTH = 1000
 
@@ -52,7 +56,11 @@ def describe_renderer(layer):
     elif facts["type"] == "categorizedSymbol":
         facts["column"] = renderer.classAttribute()
         facts["classes"] = [
-            {"value": entry.value(), "label": entry.label(), "colour": entry.symbol().color().name()}
+            {
+                "value": entry.value(),
+                "label": entry.label(),
+                "colour": entry.symbol().color().name(),
+            }
             for entry in renderer.categories()
         ]
     elif facts["type"] == "graduatedSymbol":
@@ -126,7 +134,9 @@ def render(project, only):
     if only:
         shown = [layer for layer in order if layer.name() in only]
     else:
-        visible = {node.layerId() for node in project.layerTreeRoot().findLayers() if node.isVisible()}
+        visible = {
+            node.layerId() for node in project.layerTreeRoot().findLayers() if node.isVisible()
+        }
         shown = [layer for layer in order if layer.id() in visible]
     settings.setLayers(shown)
     extent = QgsReferencedRectangle(canvas, canvas.crs())
@@ -138,6 +148,29 @@ def render(project, only):
     job.waitForFinished()
     errors = [error.message for error in job.errors()]
     return job.renderedImage(), settings.mapToPixel(), errors
+
+
+def draw_legend(project, target):
+    tree = project.layerTreeRoot().clone()
+    hidden = [node.layerId() for node in tree.findLayers() if not node.isVisible()]
+    for key in hidden:
+        node = tree.findLayer(key)
+        node.parent().removeChildNode(node)
+    model = QgsLayerTreeModel(tree)
+    renderer = QgsLegendRenderer(model, QgsLegendSettings())
+    scale = 5  # pixels per mm
+    image = QImage(QSize(150 * scale, 180 * scale), QImage.Format_ARGB32)
+    image.fill(QColor(255, 255, 255))
+    image.setDotsPerMeterX(1000 * scale)
+    image.setDotsPerMeterY(1000 * scale)
+    painter = QPainter(image)
+    context = QgsRenderContext.fromQPainter(painter)
+    painter.scale(scale, scale)  # The legend is drawn in mm.
+    renderer.drawLegend(context)
+    painter.end()
+    image.save(target)
+    # In this order, each needs the next.
+    del context, painter, renderer, model, tree
 
 
 def background_share(image):
@@ -159,6 +192,7 @@ def main():
     parser.add_argument("picture")
     parser.add_argument("--at", action="append", default=[])
     parser.add_argument("--alone", action="append", default=[])
+    parser.add_argument("--legend")
     parser.add_argument("--only", action="append", default=[])
     given = parser.parse_args()
 
@@ -192,6 +226,8 @@ def main():
             x, y = map(float, place.split(","))
             pixel = to_pixel.transform(x, y)
             report["at"][place] = image.pixelColor(int(pixel.x()), int(pixel.y())).name()
+        if given.legend:
+            draw_legend(project, given.legend)
     alone = []
     for source in given.alone:
         if ".gpkg" in source:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 from xml.etree import ElementTree as ET
@@ -25,7 +25,7 @@ QGIS_VERSION = "3.22.0"
 #: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
 HILLSHADE = "hillshade"
 #: Maps over the shaded relief let a little of it through.
-RASTER_OPACITY = 0.8
+RASTER_OPACITY = 0.85
 
 SymbolKind = Literal["marker", "line", "fill"]
 Hatch = Literal["", "diagonal", "horizontal"]
@@ -180,21 +180,26 @@ def class_labels(breaks: Sequence[float], unit: str) -> list[str]:
     return [_range_label(low, high, unit) for low, high in class_limits(breaks)]
 
 
-def class_colours(ramp: str, count: int) -> list[str]:
-    """``count`` colours (``#rrggbb``) spread over a matplotlib colour map, end to end.
+def class_colours(breaks: Sequence[float], ramp: str) -> list[str]:
+    """Colours (``#rrggbb``) of the classes of :func:`class_limits`.
+
+    The classes are spread over the ramp from end to end, the one below the first break included
+    even where zero as the first break leaves it out: so the palest end of a ramp can be avoided.
 
     Raises
     ------
     ValueError
-        If matplotlib does not know the colour map.
+        If the breaks do not ascend or matplotlib does not know the ramp.
     """
+    return _ramp_colours(ramp, len(breaks) + 1)[-len(class_limits(breaks)) :]
+
+
+def _ramp_colours(ramp: str, count: int) -> list[str]:
     try:
         colours = matplotlib.colormaps[ramp]
     except KeyError as error:
         raise ValueError(f"matplotlib has no colour map named {ramp!r}") from error
-    # A single class takes the strong end: the pale one would hardly be seen.
-    places = np.linspace(0.0, 1.0, count) if count > 1 else np.ones(count)
-    return [to_hex(colours(float(place))) for place in places]
+    return [to_hex(colours(float(place))) for place in np.linspace(0.0, 1.0, count)]
 
 
 def _with_unit(text: str, unit: str) -> str:
@@ -233,7 +238,7 @@ def categorised_style(
         method="categories",
         column=column,
         classes=tuple(
-            StyleClass(label, _recoloured(symbol, colour), value=value)
+            StyleClass(label, replace(symbol, colour=colour), value=value)
             for value, (label, colour) in entries.items()
         ),
     )
@@ -264,25 +269,11 @@ def graduated_style(
         method="ranges",
         column=column,
         classes=tuple(
-            StyleClass(label, _recoloured(symbol, colour), lower=low, upper=high)
+            StyleClass(label, replace(symbol, colour=colour), lower=low, upper=high)
             for (low, high), label, colour in zip(
-                limits, class_labels(breaks, unit), class_colours(ramp, len(limits)), strict=True
+                limits, class_labels(breaks, unit), class_colours(breaks, ramp), strict=True
             )
         ),
-    )
-
-
-def _recoloured(symbol: Symbol, colour: str) -> Symbol:
-    return Symbol(
-        symbol.kind,
-        colour,
-        symbol.opacity,
-        symbol.size_mm,
-        symbol.outline,
-        symbol.outline_mm,
-        symbol.shape,
-        symbol.dash,
-        symbol.hatch,
     )
 
 
@@ -595,8 +586,8 @@ def raster_style_elements(layer: RasterLayer) -> list[ET.Element]:
     ET.SubElement(
         pipe,
         "brightnesscontrast",
-        brightness="40" if relief else "0",
-        contrast="-20" if relief else "0",
+        brightness="75" if relief else "0",
+        contrast="-35" if relief else "0",
         gamma="1",
     )
     ET.SubElement(pipe, "huesaturation", saturation="0", grayscaleMode="0", colorizeOn="0")
@@ -686,7 +677,7 @@ def _class_items(layer: RasterLayer) -> list[tuple[float, str, str]]:
         (_just_below(upper), colour, label)
         for (_, upper), colour, label in zip(
             limits,
-            class_colours(layer.ramp, len(limits)),
+            class_colours(layer.breaks, layer.ramp),
             class_labels(layer.breaks, layer.bands[0].unit),
             strict=True,
         )
@@ -705,9 +696,9 @@ def _ramp_items(layer: RasterLayer) -> list[tuple[float, str, str]]:
     band = layer.bands[0]
     low, high = _data_range(band.values, skip_zero=_zero_is_nothing(band.unit))
     return [
-        (float(value), colour, _with_unit(f"{value:.4g}", band.unit))
+        (float(value), colour, _with_unit(f"{value:.3g}", band.unit))
         for value, colour in zip(
-            np.linspace(low, high, _RAMP_STEPS), class_colours(layer.ramp, _RAMP_STEPS), strict=True
+            np.linspace(low, high, _RAMP_STEPS), _ramp_colours(layer.ramp, _RAMP_STEPS), strict=True
         )
     ]
 
