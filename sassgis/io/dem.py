@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -179,8 +180,10 @@ def _transform(dataset: Any, file: Path) -> Affine:
 
 
 def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> tuple[float, float, float, float]:
-    corners = [transform * (c, r) for c in (0, shape[1]) for r in (0, shape[0])]
-    x, y = zip(*corners, strict=True)
+    a, b, c, d, e, f = transform[:6]
+    corners = [(col, row) for col in (0, shape[1]) for row in (0, shape[0])]
+    x = [a * col + b * row + c for col, row in corners]
+    y = [d * col + e * row + f for col, row in corners]
     return min(x), min(y), max(x), max(y)
 
 
@@ -223,7 +226,20 @@ def same_crs(one: pyproj.CRS, other: pyproj.CRS) -> bool:
     if one.equals(other, ignore_axis_order=True):
         return True
     codes = (one.to_epsg(), other.to_epsg())
-    return codes[0] is not None and codes[0] == codes[1]
+    if None not in codes:
+        return codes[0] == codes[1]
+    # Files written by other programs leave codes and names of the projection out.
+    return _fingerprint(one) == _fingerprint(other)
+
+
+def _fingerprint(crs: pyproj.CRS) -> tuple[object, ...]:
+    """Projection with its numbers, and the datum."""
+    base = crs.source_crs if crs.is_bound and crs.source_crs is not None else crs
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # what PROJ strings lose, the datum adds
+        projection = sorted((k, str(v)) for k, v in base.to_dict().items())
+    datum = "" if base.datum is None else str(base.datum.name).lower()
+    return (*projection, re.sub(r"^d_|ensemble|[^a-z0-9]", "", datum))
 
 
 def _system(
@@ -358,7 +374,7 @@ def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str)
             found=f"{plane.name} with {extent}",
             expected="coordinates on the Earth; the file is probably tagged with the wrong system",
         )
-    area = base.area_of_use
+    area = _area_of_use(base)
     if area is not None:
         beyond = max(area.south - lat, lat - area.north, 0.0)
         width = (area.east - area.west) % 360.0 or 360.0
@@ -385,6 +401,12 @@ def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str)
         log.warning(
             "%s: a metre in %s is %.4f m on the ground at the DEM", file, plane.name, 1.0 / scale
         )
+
+
+def _area_of_use(crs: pyproj.CRS) -> Any:
+    """Area of use; files do not carry it, but their codes lead to it."""
+    code = crs.to_epsg()
+    return crs.area_of_use or (None if code is None else pyproj.CRS.from_epsg(code).area_of_use)
 
 
 def _height_system(
@@ -435,6 +457,10 @@ def _heights(dataset: Any, band: int, file: Path, vertical_unit: float) -> Float
     unit = _height_unit(dataset, band, file, vertical_unit)
     try:
         raw = dataset.read(band, masked=True)
+        # GDAL takes transparency for a mask only where it is stored as bytes.
+        for other, kind in enumerate(dataset.colorinterp, start=1):
+            if kind == ColorInterp.alpha:
+                raw = np.ma.masked_where(dataset.read(other) == 0, raw)
     except (RasterioIOError, RasterioError, OSError) as error:
         raise InputError(
             "cannot be read to the end",
@@ -495,14 +521,12 @@ def _north_up(values: FloatArray, transform: Affine) -> tuple[FloatArray, Affine
     """Turn rasters whose rows run north or whose columns run west."""
     if transform.b or transform.d:
         return values, transform
-    n_rows, n_cols = values.shape
-    if transform.e > 0.0:
-        values = values[::-1]
-        transform = transform * Affine(1, 0, 0, 0, -1, n_rows)
-    if transform.a < 0.0:
-        values = values[:, ::-1]
-        transform = transform * Affine(-1, 0, n_cols, 0, 1, 0)
-    return values, transform
+    a, _, west, _, e, north = transform[:6]
+    if e > 0.0:
+        values, north, e = values[::-1], north + e * values.shape[0], -e
+    if a < 0.0:
+        values, west, a = values[:, ::-1], west + a * values.shape[1], -a
+    return values, Affine(a, 0.0, west, 0.0, e, north)
 
 
 def _is_square(transform: Affine, shape: tuple[int, ...]) -> bool:
