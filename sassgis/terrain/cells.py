@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.core.grid import FloatArray, Grid, IntArray
 from sassgis.core.jit import kernel
 from sassgis.core.profiles import TraceSet
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 # Stretches shorter than this (m) are rounding, not ground that a rock passes.
 SHORTEST_STRETCH = 1e-9
@@ -40,7 +44,7 @@ def cell_stretches(grid: Grid, traces: TraceSet) -> tuple[IntArray, FloatArray, 
 
 
 @kernel
-def grown(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
     """A copy with room for at least ``size`` rows, doubling."""
     bigger = np.empty(max(size, 2 * values.shape[0]), values.dtype)
     bigger[: values.shape[0]] = values
@@ -51,17 +55,17 @@ def grown(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
 def next_line(position: float, target: float) -> float:
     """First whole number strictly ahead of ``position`` on the way to ``target``."""
     if target > position:
-        return np.floor(position) + 1.0
-    return np.ceil(position) - 1.0
+        return float(np.floor(position)) + 1.0
+    return float(np.ceil(position)) - 1.0
 
 
 @kernel
 def next_share(start: float, target: float, line: float) -> float:
     """Share of the way from start to target at which ``line`` is met; 2 if it is not."""
     if target > start:
-        return (line - start) / (target - start) if line < target else 2.0
+        return (line - start) / (target - start) if line <= target else 2.0
     if target < start:
-        return (line - start) / (target - start) if line > target else 2.0
+        return (line - start) / (target - start) if line >= target else 2.0
     return 2.0
 
 
@@ -166,4 +170,4 @@ def height_at(heights: FloatArray, u: float, v: float, row: int, col: int) -> fl
     else:
         twist = 0.0
     fu, fv = abs(du), abs(dv)
-    return own + across * fu + down * fv + twist * fu * fv
+    return float(own + across * fu + down * fv + twist * fu * fv)

@@ -12,9 +12,9 @@ the descent turns away from the heading by more than 60°. From there it coasts:
     d psi / d s = (psi_d - psi) (m / m_f)² a(cos(psi_d - psi)) / L,
 
 with heading psi, direction of steepest descent psi_d, slope m (tangent), turning length L, and a
-smooth step ``a`` from 0 (descent sideways or backwards) to 1 (within 60° of the heading). It follows
-again once the slope is m_f or more and the heading has come within 5° of the descent. These are
-equations of the line, free of the step with which they are solved.
+smooth step ``a`` from 0 (descent sideways or backwards) to 1 (within 60° of the heading). It
+follows again once the slope is m_f or more and the heading has come within 5° of the descent.
+These are equations of the line, free of the step with which they are solved.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from sassgis.core.errors import ConfigError
 from sassgis.core.grid import FloatArray, Grid, IntArray
 from sassgis.core.jit import kernel
 from sassgis.core.profiles import LineEnd, ReleasePoints, TraceSet
-from sassgis.terrain.cells import grown, height_at, next_line, next_share
+from sassgis.terrain.cells import grown, height_at, next_share
 from sassgis.terrain.surface import BoolArray, Surface, shape_at, slope_at, smoothed, standing
 from sassgis.terrain.surface import surface as spline
 
@@ -333,12 +333,11 @@ def _trace_line(
             au, av = _aim(gu_new, gv_new, cos_fan, sin_fan)
             if au * nu + av * nv >= near:
                 nu, nv, attached_new = au, av, True
-        if following:
-            # The look-ahead was too long if the direction still turned much: again, shorter.
-            if nu * hu + nv * hv < _COS_STEP and step > 2.0 * _SHORTEST_STEP:
-                longest = 0.5 * step
-                _, _, _, huu, huv, hvv = shape_at(coefficients, u, v)
-                continue
+        # The look-ahead was too long if the direction still turned much: again, shorter.
+        if following and nu * hu + nv * hv < _COS_STEP and step > 2.0 * _SHORTEST_STEP:
+            longest = 0.5 * step
+            _, _, _, huu, huv, hvv = shape_at(coefficients, u, v)
+            continue
         longest = min(_STEP, 2.0 * longest)
 
         s_new = line[size - 1, 2] + _length(u_new - line[size - 1, 0], v_new - line[size - 1, 1])
@@ -382,7 +381,7 @@ def _trace_line(
 @kernel
 def _length(a: float, b: float) -> float:
     """Length of a vector; several times faster than hypot, whose care for overflow is idle here."""
-    return np.sqrt(a * a + b * b)
+    return float(np.sqrt(a * a + b * b))
 
 
 @kernel
@@ -410,7 +409,7 @@ def _angle(gu: float, gv: float, cos_fan: float, sin_fan: float, hu: float, hv: 
     au, av = _aim(gu, gv, cos_fan, sin_fan)
     if au == 0.0 and av == 0.0:
         return 0.0
-    return np.arctan2(hu * av - hv * au, hu * au + hv * av)
+    return float(np.arctan2(hu * av - hv * au, hu * au + hv * av))
 
 
 @kernel
@@ -520,8 +519,9 @@ def _way_open(valid: BoolArray, u0: float, v0: float, u1: float, v1: float) -> t
     """Share of a step (shorter than a cell) that runs over valid cells, and what stops it."""
     if int(np.floor(u0)) == int(np.floor(u1)) and int(np.floor(v0)) == int(np.floor(v1)):
         return 1.0, _VALID
-    t_u = next_share(u0, u1, next_line(u0, u1))
-    t_v = next_share(v0, v1, next_line(v0, v1))
+    # A start on a border belongs to the cell east or south of it: going back, it leaves at once.
+    t_u = next_share(u0, u1, np.floor(u0) + (1.0 if u1 > u0 else 0.0))
+    t_v = next_share(v0, v1, np.floor(v0) + (1.0 if v1 > v0 else 0.0))
     first, second = min(t_u, t_v), min(1.0, max(t_u, t_v))
     length = _length(u1 - u0, v1 - v0)
     if second > first:

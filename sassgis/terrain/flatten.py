@@ -377,9 +377,7 @@ def _samples(
                 out_class[size] = out_class[size - 1]
                 size += 1
             out_s[size - 1] = s[last]
-            out_z[size - 1] = (
-                height_at(heights, u[last], v[last], row, col) if inside else np.nan
-            )
+            out_z[size - 1] = height_at(heights, u[last], v[last], row, col) if inside else np.nan
         out_fixed[size - 1] = True
     return (
         out_s[:size].copy(),

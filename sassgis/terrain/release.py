@@ -191,9 +191,8 @@ def points_along_line(line: BaseGeometry, spacing_m: float) -> FloatArray:
     # The small allowance keeps the end point of a line of, say, 30 m at a spacing of 0.3 m.
     count = int(np.floor(shapely.length(line) / spacing_m + 1e-9)) + 1
     along = np.minimum(np.arange(count) * spacing_m, shapely.length(line))
-    return np.array(
-        shapely.get_coordinates(shapely.line_interpolate_point(line, along)), np.float64
-    )
+    placed = shapely.line_interpolate_point(np.full(count, line, np.object_), along)
+    return np.array(shapely.get_coordinates(placed), np.float64)
 
 
 def random_points_in_polygon(
@@ -273,7 +272,7 @@ def _points_of(
     placed: list[FloatArray] = []
     if polygons and placement == "random":
         placed.append(
-            random_points_in_polygon(name, shapely.multipolygons(polygons), spacing_m, seed)
+            random_points_in_polygon(name, shapely.MultiPolygon(polygons), spacing_m, seed)
         )
     for part in parts:
         if part.geom_type == "Polygon":

@@ -64,8 +64,9 @@ def fans(settings: SpreadSettings) -> FloatArray:
         middle of an odd number.
     """
     m = settings.lines_per_point
-    steps: FloatArray = 2.0 * np.arange(m) + 1.0 - m
-    return steps * (settings.width_percent / 100.0 / (2.0 * m))
+    steps = 2.0 * np.arange(m, dtype=np.float64) + 1.0 - m
+    deviations: FloatArray = steps * (settings.width_percent / 100.0 / (2.0 * m))
+    return deviations
 
 
 def trace_bundles(

@@ -1,0 +1,13 @@
+"""Fixtures of the terrain tests."""
+
+from __future__ import annotations
+
+import pytest
+from terrains import grid_of, rough
+
+from sassgis.core.grid import Grid
+
+
+@pytest.fixture(scope="session")
+def rough_grid() -> Grid:
+    return grid_of(rough, 120, 140)

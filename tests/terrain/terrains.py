@@ -1,0 +1,56 @@
+"""Small terrains with known fall lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.grid import Grid
+from sassgis.core.profiles import ReleasePoints
+
+FloatArray = NDArray[np.float64]
+Heights = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+def grid_of(
+    heights: Heights,
+    n_cols: int = 100,
+    n_rows: int = 100,
+    cell: float = 2.0,
+    west: float = 1000.0,
+    north: float = 2000.0,
+) -> Grid:
+    """A grid of the heights at its cell centres, in coordinates from its middle."""
+    x = (np.arange(n_cols) + 0.5 - n_cols / 2) * cell
+    y = (n_rows / 2 - np.arange(n_rows) - 0.5) * cell
+    xx, yy = np.meshgrid(x, y)
+    return Grid(np.asarray(heights(xx, yy), np.float64), west, north, cell)
+
+
+def middle(grid: Grid) -> tuple[float, float]:
+    west, south, east, north = grid.bounds
+    return 0.5 * (west + east), 0.5 * (south + north)
+
+
+def points_at(x: object, y: object) -> ReleasePoints:
+    xs, ys = np.atleast_1d(np.asarray(x, np.float64)), np.atleast_1d(np.asarray(y, np.float64))
+    return ReleasePoints(
+        x=xs,
+        y=ys,
+        area=np.zeros(xs.size, np.int64),
+        key=np.arange(xs.size, dtype=np.uint64),
+        area_names=("a",),
+    )
+
+
+def rough(x: FloatArray, y: FloatArray) -> FloatArray:
+    """A slope of about 35° with gullies and bumps."""
+    return (
+        1000.0
+        + 0.7 * y
+        + 4.0 * np.sin(x / 9.0)
+        + 2.0 * np.sin(x / 5.0 + y / 11.0)
+        + 1.0 * np.cos(y / 6.0)
+    )

@@ -1,0 +1,362 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from terrains import grid_of, middle, points_at
+
+from sassgis.core.errors import ConfigError
+from sassgis.core.grid import Grid
+from sassgis.core.profiles import LineEnd, TraceSet
+from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
+from sassgis.terrain.release import take
+from sassgis.terrain.spread import SpreadSettings, fans, trace_bundles
+from sassgis.terrain.surface import surface
+
+FloatArray = NDArray[np.float64]
+SHARP = FallLineSettings(smoothing_m=0.0)
+
+
+def run(grid: Grid, x: object, y: object, settings: FallLineSettings = SHARP) -> TraceSet:
+    return trace(grid, fall_line_surface(grid, settings), points_at(x, y), settings)
+
+
+def line(traces: TraceSet, i: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
+    own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
+    return traces.x[own], traces.y[own], traces.s[own]
+
+
+def headings(traces: TraceSet, i: int = 0) -> FloatArray:
+    """Direction of each step (rad), counter-clockwise from east, without jumps of a full turn."""
+    x, y, _ = line(traces, i)
+    return np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(0, 360), st.floats(21, 75), st.floats(-20, 20), st.floats(-20, 20))
+def test_lines_on_planes_are_straight_and_long_enough(
+    azimuth: float, slope: float, dx: float, dy: float
+) -> None:
+    east, north = np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))
+    tangent = np.tan(np.radians(slope))
+    grid = grid_of(lambda x, y: 500 - tangent * (x * east + y * north))
+    mx, my = middle(grid)
+    x, y, s = line(traces := run(grid, mx + dx, my + dy))
+    assert traces.end[0] == LineEnd.LEFT_DEM
+    across = (x - x[0]) * north - (y - y[0]) * east
+    along = (x - x[0]) * east + (y - y[0]) * north
+    assert np.abs(across).max() < 1e-6
+    assert np.allclose(along, s, atol=1e-6)
+    # It reaches the edge of the DEM, and no further.
+    west, south, right, top = grid.bounds
+    gap = min(x[-1] - west, right - x[-1], y[-1] - south, top - y[-1])
+    assert 0.0 <= gap < 1e-4 * grid.cell_size
+    assert np.diff(s).max() <= 0.5 * grid.cell_size + 1e-9
+
+
+def test_lines_on_a_cone_are_straight() -> None:
+    grid = grid_of(lambda x, y: 900 - 0.8 * np.hypot(x, y), 240, 240)
+    mx, my = middle(grid)
+    azimuths = np.radians(np.arange(3.0, 363.0, 7.0))
+    start = 40.0
+    traces = run(grid, mx + start * np.cos(azimuths), my + start * np.sin(azimuths))
+    for i, azimuth in enumerate(azimuths):
+        x, y, s = line(traces, i)
+        across = (y - my) * np.cos(azimuth) - (x - mx) * np.sin(azimuth)
+        assert np.abs(across).max() < 0.01 * grid.cell_size
+        assert np.hypot(x[-1] - mx, y[-1] - my) - start == pytest.approx(s[-1], abs=1e-4)
+        assert traces.end[i] == LineEnd.LEFT_DEM
+
+
+def test_chainage_is_the_length_of_the_line(rough_grid: Grid) -> None:
+    mx, my = middle(rough_grid)
+    traces = run(rough_grid, [mx, mx + 13.0], [my + 100.0, my + 90.0])
+    for i in range(2):
+        x, y, s = line(traces, i)
+        assert s[0] == 0.0
+        assert np.allclose(np.hypot(np.diff(x), np.diff(y)), np.diff(s), atol=1e-9)
+
+
+def test_steps_do_not_matter() -> None:
+    """The same smooth terrain on a grid twice as fine gives the same line."""
+
+    def terrain(x: FloatArray, y: FloatArray) -> FloatArray:
+        return 500 + 0.6 * y + 6 * np.sin(x / 25) * np.cos(y / 30)
+
+    coarse, fine = grid_of(terrain), grid_of(terrain, 200, 200, cell=1.0)
+    mx, my = middle(coarse)
+    for dx in (-31.0, 0.0, 17.0):
+        x1, y1, _ = line(run(coarse, mx + dx, my + 80.0))
+        x2, y2, _ = line(run(fine, mx + dx, my + 80.0))
+        order = np.argsort(y2)
+        assert np.abs(x1 - np.interp(y1, y2[order], x2[order])).max() < 0.02
+
+
+@pytest.mark.parametrize("turn", [0.0, 17.0, 30.0, 45.0, 81.0])
+@pytest.mark.parametrize("axis_slope", [10.0, 18.0, 35.0])
+def test_a_gully_is_followed_without_zigzag(turn: float, axis_slope: float) -> None:
+    """V with sides of 40° and a bottom 2 cells wide: lines join the axis and stay on it."""
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    fall = np.tan(np.radians(axis_slope))
+
+    def terrain(x: FloatArray, y: FloatArray) -> FloatArray:
+        across = y * c - x * s
+        return 900 - fall * (x * c + y * s) + 0.84 * np.sqrt(across**2 + 2.0**2)
+
+    grid = grid_of(terrain, 160, 160)
+    settings = FallLineSettings(smoothing_m=2.0, energy_line_angle_deg=0.0)
+    mx, my = middle(grid)
+    for side in (-18.0, 23.5):
+        along0 = -60.0
+        start = mx + along0 * c - side * s, my + along0 * s + side * c
+        traces = run(grid, *start, settings)
+        x, y, _ = line(traces)
+        across = (y - my) * c - (x - mx) * s
+        along = (x - mx) * c + (y - my) * s
+        assert along[-1] > 60.0
+        inner = along < 90.0
+        # It comes down its side, rounds into the axis once, and stays there.
+        assert (across * np.sign(side))[inner].min() > -0.05 * grid.cell_size
+        joined = inner & (along > along0 + 75.0)
+        assert np.abs(across[joined]).max() < 0.05 * grid.cell_size
+        assert np.abs(np.degrees(headings(traces))[joined[1:]] - turn).max() < 3.0
+
+
+def test_the_dem_resolution_does_not_pull_lines_into_its_axes() -> None:
+    """On a smooth dome all directions are equal."""
+    grid = grid_of(lambda x, y: 900 - (x**2 + y**2) / 100, 120, 120)
+    mx, my = middle(grid)
+    azimuths = np.radians(np.arange(0.0, 360.0, 5.0))
+    traces = run(grid, mx + 60 * np.cos(azimuths), my + 60 * np.sin(azimuths))
+    for i, azimuth in enumerate(azimuths):
+        # The last cells before the edge, where the spline lacks neighbours, are left out.
+        x, y, _ = line(traces, i)
+        inner = np.maximum(np.abs(x - mx), np.abs(y - my))[1:] < 110.0
+        assert np.abs(headings(traces, i) - headings(traces, i)[0])[inner].max() < 1e-5
+        assert np.cos(headings(traces, i)[0] - azimuth) > 1 - 1e-6
+
+
+def valley(x: FloatArray, y: FloatArray) -> FloatArray:
+    """A slope of 35° to the south, a floor 100 m wide falling by 0.8 % eastward, a counter-slope.
+
+    A river runs along the floor in a shallow bed.
+    """
+    side = np.maximum(y, 0.0) * 0.7 + np.maximum(-100.0 - y, 0.0) * 0.5
+    return 600 + side - 0.008 * x - 0.6 * np.exp(-(((y + 50.0) / 8.0) ** 2))
+
+
+def test_a_line_runs_over_a_valley_floor_and_up_the_other_side() -> None:
+    grid = grid_of(valley, 100, 240)
+    mx, my = middle(grid)
+    settings = FallLineSettings(smoothing_m=4.0)
+    traces = run(grid, mx - 20.0, my + 150.0, settings)
+    x, y, _ = line(traces)
+    # 105 m of fall over 150 m + 100 m of floor: 14 m are left at 20° on the other side, which
+    # rises by 0.5 against the 0.364 of the line.
+    assert traces.end[0] == LineEnd.ENERGY_LINE
+    left = 105.0 - 250.0 * np.tan(np.radians(20.0))
+    assert my - 100.0 - y[-1] == pytest.approx(left / (0.5 + np.tan(np.radians(20.0))), abs=2.0)
+    # It is hardly drawn along the floor, and not at all along the river.
+    assert abs(x[-1] - x[0]) < 12.0
+
+
+def test_a_line_crosses_a_bank_and_follows_the_descent_again() -> None:
+    def terrain(x: FloatArray, y: FloatArray) -> FloatArray:
+        return 900 + 0.6 * y + 12.0 * np.exp(-(((y - 0.0) / 12.0) ** 2)) + 0.0 * x
+
+    grid = grid_of(terrain, 100, 240)
+    mx, my = middle(grid)
+    x, y, _ = line(traces := run(grid, mx, my + 150.0))
+    assert traces.end[0] == LineEnd.LEFT_DEM
+    assert y[-1] < grid.bounds[1] + 1e-3
+    assert np.abs(x - x[0]).max() < 1e-3
+
+
+def test_a_line_passes_through_a_pit() -> None:
+    def terrain(x: FloatArray, y: FloatArray) -> FloatArray:
+        return 900 + 0.6 * y - 9.0 * np.exp(-((x - 1.0) ** 2 + y**2) / 60.0)
+
+    grid = grid_of(terrain, 100, 160)
+    mx, my = middle(grid)
+    traces = run(grid, [mx, mx + 3.0, mx - 4.0], my + np.array([120.0, 120.0, 120.0]))
+    for i in range(3):
+        _, y, s = line(traces, i)
+        assert traces.end[i] == LineEnd.LEFT_DEM
+        assert y[-1] < grid.bounds[1] + 1e-3
+        assert s[-1] < 1.1 * (y[0] - y[-1])
+
+
+def test_a_fan_line_that_circles_in_a_bowl_closes() -> None:
+    """A line turned nearly 90° off the descent spirals around the bowl until it meets itself."""
+    grid = grid_of(lambda x, y: 500 + (x**2 + y**2) / 100.0, 120, 120)
+    mx, my = middle(grid)
+    settings = FallLineSettings(smoothing_m=0.0, energy_line_angle_deg=0.0)
+    traces = trace(grid, surface(grid), points_at(mx + 80.0, my), settings, np.array([2000.0]))
+    assert traces.end[0] == LineEnd.CLOSED_LOOP
+    x, y, s = line(traces)
+    assert s[-1] == pytest.approx(2 * np.pi * 80.0, rel=0.02)
+    assert np.hypot(x[-1] - x[0], y[-1] - y[0]) < 2 * grid.cell_size
+
+
+def test_energy_line_ends_a_line_where_the_terrain_rises_above_it() -> None:
+    def terrain(x: FloatArray, y: FloatArray) -> FloatArray:
+        return 600 + np.where(y > 0, y, 0.15 * y) + 0.0 * x
+
+    grid = grid_of(terrain, 60, 400)
+    mx, my = middle(grid)
+    for angle in (20.0, 25.0, 30.0):
+        settings = FallLineSettings(smoothing_m=0.0, energy_line_angle_deg=angle)
+        traces = run(grid, mx, my + 100.0, settings)
+        _, _, s = line(traces)
+        tangent = np.tan(np.radians(angle))
+        # 100 m down over the first 100 m, then 0.15 per metre: s tan = 100 + 0.15 (s - 100).
+        assert traces.end[0] == LineEnd.ENERGY_LINE
+        assert s[-1] == pytest.approx(85.0 / (tangent - 0.15), abs=1e-6)
+
+
+def test_a_shoulder_above_a_cliff_does_not_end_the_line() -> None:
+    def terrain(x: FloatArray, y: FloatArray) -> FloatArray:
+        return 600 + np.where(y > 0, 0.2 * y, 1.2 * y) + 0.0 * x
+
+    grid = grid_of(terrain, 60, 160)
+    mx, my = middle(grid)
+    assert run(grid, mx, my + 20.0).end[0] == LineEnd.LEFT_DEM
+    strict = FallLineSettings(smoothing_m=0.0, energy_line_free_m=0.0)
+    stopped = run(grid, mx, my + 20.0, strict)
+    assert stopped.end[0] == LineEnd.ENERGY_LINE
+    assert stopped.s.size == 1
+    short = FallLineSettings(smoothing_m=0.0, energy_line_free_m=10.0)
+    stopped = run(grid, mx, my + 20.0, short)
+    assert stopped.end[0] == LineEnd.ENERGY_LINE
+    assert stopped.s[-1] == pytest.approx(10.0, abs=1e-6)
+
+
+def test_max_length_is_kept_exactly(rough_grid: Grid) -> None:
+    settings = FallLineSettings(smoothing_m=0.0, max_length_m=77.7)
+    mx, my = middle(rough_grid)
+    traces = run(rough_grid, mx, my + 100.0, settings)
+    assert traces.end[0] == LineEnd.MAX_LENGTH
+    assert traces.s[-1] == pytest.approx(77.7, abs=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0, 360), st.integers(0, 2**31))
+def test_lines_end_at_the_border_of_nodata(azimuth: float, seed: int) -> None:
+    """However the nodata lies, no point of a line is in it, and the end touches it."""
+    east, north = np.sin(np.radians(azimuth)), np.cos(np.radians(azimuth))
+    whole = grid_of(lambda x, y: 500 - 0.7 * (x * east + y * north))
+    values = whole.values.copy()
+    rng = np.random.default_rng(seed)
+    values[rng.random(values.shape) < 0.01] = np.nan
+    values[48:53, 48:53] = whole.values[48:53, 48:53]
+    grid = Grid(values, whole.west, whole.north, whole.cell_size)
+    mx, my = middle(grid)
+    # Not on a border between cells: a line along one has the cells of both sides beside it.
+    x, y, s = line(traces := run(grid, mx + 0.37, my + 0.21))
+    known = np.isfinite(values).ravel()
+    # Between its points too: a line could cut the corner of a cell.
+    fine_s = np.linspace(0.0, s[-1], 20 * s.size)
+    cells = grid.cell_of(np.interp(fine_s, s, x), np.interp(fine_s, s, y))
+    assert (cells >= 0).all()
+    assert known[cells].all()
+    beyond = grid.cell_of(
+        np.array([x[-1] + 1e-5 * grid.cell_size * east]),
+        np.array([y[-1] + 1e-5 * grid.cell_size * north]),
+    )[0]
+    if traces.end[0] == LineEnd.LEFT_DEM:
+        assert beyond == -1
+    else:
+        assert traces.end[0] == LineEnd.NODATA
+        assert not known[beyond]
+
+
+def test_release_points_without_ground_give_single_points() -> None:
+    grid = grid_of(lambda x, y: 500 + 0.7 * y)
+    grid.values[50, 50] = np.nan
+    x, y = grid.cell_centres(np.array([50 * 100 + 50]))
+    traces = run(grid, [x[0], grid.west - 1.0, x[0] + 30], [y[0], y[0], y[0]])
+    assert list(traces.end) == [LineEnd.NODATA, LineEnd.LEFT_DEM, LineEnd.LEFT_DEM]
+    assert list(np.diff(traces.offset)[:2]) == [1, 1]
+    assert traces.x[1] == grid.west - 1.0
+    assert np.diff(traces.offset)[2] > 50
+
+
+def test_level_ground_gives_a_single_point() -> None:
+    traces = run(grid_of(lambda x, y: 500 + 0 * x), 1100.0, 1900.0)
+    assert traces.end[0] == LineEnd.CLOSED_LOOP
+    assert traces.s.size == 1
+
+
+def test_chunks_give_the_same_lines_to_the_last_bit(rough_grid: Grid) -> None:
+    mx, my = middle(rough_grid)
+    rng = np.random.default_rng(3)
+    points = points_at(mx + rng.uniform(-60, 60, 40), my + rng.uniform(-50, 120, 40))
+    settings = FallLineSettings()
+    ground = fall_line_surface(rough_grid, settings)
+    spread = SpreadSettings(lines_per_point=3, width_percent=15.0)
+    whole = trace_bundles(rough_grid, ground, points, settings, spread)
+    for chunk in (np.arange(0, 7), np.arange(7, 40), np.array([39, 4])):
+        part = trace_bundles(rough_grid, ground, take(points, chunk), settings, spread)
+        for i in range(len(part)):
+            j = int(chunk[i // 3]) * 3 + i % 3
+            for a, b in zip(line(part, i), line(whole, j), strict=True):
+                assert np.array_equal(a, b)
+            assert part.end[i] == whole.end[j]
+            assert part.fan[i] == whole.fan[j]
+
+
+def test_bad_settings_are_named() -> None:
+    with pytest.raises(ConfigError, match="energy_line_angle_deg"):
+        FallLineSettings(energy_line_angle_deg=90.0)
+
+
+# Spread
+
+
+def test_fans_are_symmetric_and_of_equal_parts() -> None:
+    assert np.array_equal(fans(SpreadSettings(1, 20.0)), [0.0])
+    assert np.allclose(fans(SpreadSettings(4, 20.0)), [-0.075, -0.025, 0.025, 0.075])
+    odd = fans(SpreadSettings(5, 20.0))
+    assert odd[2] == 0.0
+    assert np.array_equal(odd, -odd[::-1])
+    with pytest.raises(ConfigError, match="lines_per_point"):
+        SpreadSettings(0, 20.0)
+
+
+@pytest.mark.parametrize("quarter", [0, 1, 2, 3])
+def test_a_fan_on_a_plane_ends_beside_the_fall_line(quarter: int) -> None:
+    """Offset at the edge = fan x length of the middle line, positive to the right."""
+    east, north = [(0, -1), (-1, 0), (0, 1), (1, 0)][quarter]
+    grid = grid_of(lambda x, y: 500 - 0.7 * (x * east + y * north))
+    mx, my = middle(grid)
+    spread = SpreadSettings(5, 20.0)
+    traces = trace_bundles(grid, surface(grid), points_at(mx, my), SHARP, spread)
+    x0, y0, s0 = line(traces, 2)
+    assert np.allclose((x0 - mx) * east + (y0 - my) * north, s0, atol=1e-6)
+    for i in range(5):
+        x, y, _ = line(traces, i)
+        right = (x[-1] - mx) * north - (y[-1] - my) * east
+        assert right == pytest.approx(traces.fan[i] * s0[-1], abs=1e-4)
+        assert traces.end[i] == LineEnd.LEFT_DEM
+
+
+def test_a_fan_keeps_its_angle_over_flat_ground() -> None:
+    grid = grid_of(lambda x, y: 600 + np.maximum(y, 0.0) * 0.8 + 0.0 * x, 100, 240)
+    mx, my = middle(grid)
+    traces = trace(grid, surface(grid), points_at(mx, my + 100.0), SHARP, np.array([0.1]))
+    x, y, _ = line(traces)
+    assert y[-1] < my - 30.0
+    assert np.allclose(mx - x, 0.1 * (y[0] - y), atol=1e-2)
+
+
+def test_walls_of_a_gully_hold_the_bundle() -> None:
+    grid = grid_of(lambda x, y: 900 + 0.5 * y + 0.02 * x**2, 80, 240)
+    mx, my = middle(grid)
+    spread = SpreadSettings(3, 30.0)
+    traces = trace_bundles(grid, surface(grid), points_at(mx, my + 200.0), SHARP, spread)
+    for i in range(3):
+        x, _, _ = line(traces, i)
+        # Where the wall turns the descent back by the angle of the fan: 0.04 x = 0.5 f.
+        assert x[-1] - mx == pytest.approx(-traces.fan[i] * 0.5 / 0.04, abs=0.05)

@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from sassgis.core.errors import ConfigError, InputError
+from sassgis.terrain.release import point_keys, release_points, take
+
+SQUARE = shapely.box(1001.0, 2001.0, 1019.0, 2011.0)
+LEFT = shapely.Polygon([(0, 0), (31, 3), (17, 29), (2, 22)])
+
+
+def test_lattice_lies_on_multiples_of_the_spacing_within_the_polygon() -> None:
+    points = release_points([("a", SQUARE)], 5.0)
+    assert sorted(zip(points.x, points.y, strict=True)) == [
+        (x, y) for x in (1005.0, 1010.0, 1015.0) for y in (2005.0, 2010.0)
+    ]
+
+
+@pytest.mark.parametrize("placement", ["grid", "random"])
+def test_points_of_an_area_do_not_depend_on_the_others(placement: str) -> None:
+    alone = release_points([("b", LEFT)], 3.0, placement, seed=5)  # type: ignore[arg-type]
+    both = release_points([("a", SQUARE), ("b", LEFT)], 3.0, placement, seed=5)  # type: ignore[arg-type]
+    own = take(both, np.flatnonzero(both.area == 1))
+    assert np.array_equal(own.x, alone.x)
+    assert np.array_equal(own.y, alone.y)
+    assert np.array_equal(own.key, alone.key)
+    assert both.area_names == ("a", "b")
+
+
+def test_keys_are_distinct_and_fixed() -> None:
+    keys = np.concatenate([point_keys(name, 5000) for name in ("a", "b", "cliff", "Ä")])
+    assert np.unique(keys).size == keys.size
+    assert np.array_equal(point_keys("a", 10), point_keys("a", 100)[:10])
+    # Written down once: a change would change every result that users have on file.
+    assert [int(k) for k in point_keys("cliff", 2)] == [
+        4207823814202407420,
+        4647717136730258016,
+    ]
+
+
+def test_small_polygon_gets_its_representative_point() -> None:
+    tiny = shapely.box(1001.0, 2001.0, 1002.0, 2002.0)
+    points = release_points([("a", tiny)], 5.0)
+    assert len(points) == 1
+    assert shapely.contains_xy(tiny, points.x[0], points.y[0])
+
+
+def test_random_placement_is_uniform_and_depends_on_seed_and_name() -> None:
+    first = release_points([("a", LEFT)], 0.5, "random", seed=1)
+    assert len(first) == round(LEFT.area / 0.25)
+    assert shapely.contains_xy(LEFT, first.x, first.y).all()
+    # The mean of n uniform points misses the centroid by about width / sqrt(12 n).
+    assert abs(first.x.mean() - LEFT.centroid.x) < 4 * 31 / np.sqrt(12 * len(first))
+    assert abs(first.y.mean() - LEFT.centroid.y) < 4 * 29 / np.sqrt(12 * len(first))
+    for name, seed in (("a", 2), ("b", 1)):
+        other = release_points([(name, LEFT)], 0.5, "random", seed=seed)
+        assert not np.any(other.x == first.x)
+    again = release_points([("a", LEFT)], 0.5, "random", seed=1)
+    assert np.array_equal(again.x, first.x)
+
+
+def test_lines_and_points() -> None:
+    line = shapely.LineString([(0, 0), (10, 0), (10, 7)])
+    points = release_points([("l", line)], 5.0)
+    assert np.allclose(np.c_[points.x, points.y], [(0, 0), (5, 0), (10, 0), (10, 5)])
+    given = shapely.MultiPoint([(3, 4), (1, 2)])
+    points = release_points([("p", given)], 5.0)
+    assert np.array_equal(np.c_[points.x, points.y], [(3, 4), (1, 2)])
+
+
+def test_parts_of_a_multipolygon_all_get_points() -> None:
+    parts = shapely.MultiPolygon([SQUARE, shapely.box(1101.0, 2001.0, 1102.0, 2002.0)])
+    points = release_points([("a", parts)], 5.0)
+    assert len(points) == 7
+
+
+def test_nothing_gives_nothing() -> None:
+    assert len(release_points([], 5.0)) == 0
+
+
+def test_bad_inputs_are_named() -> None:
+    with pytest.raises(InputError, match="same name"):
+        release_points([("a", SQUARE), ("a", LEFT)], 5.0)
+    with pytest.raises(InputError, match=r"'a'.*empty"):
+        release_points([("a", shapely.Polygon())], 5.0)
+    bow = shapely.Polygon([(0, 0), (10, 10), (10, 0), (0, 10)])
+    with pytest.raises(InputError, match="Self-intersection"):
+        release_points([("a", bow)], 5.0)
+    with pytest.raises(ConfigError, match="spacing_m"):
+        release_points([("a", SQUARE)], 0.0)
+    with pytest.raises(ConfigError, match="placement"):
+        release_points([("a", SQUARE)], 5.0, "hex")  # type: ignore[arg-type]
