@@ -22,9 +22,10 @@ _BLOCK = 256
 def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
     """Write a map as ``<stem>.tif`` and its style as ``<stem>.qml``.
 
-    The file is a Cloud-Optimised GeoTIFF: float32, nodata -9999, deflate, tiled, with overviews
-    made of values that occur (the most frequent one), so that a class seen from afar is a class
-    of the map; only heights for shaded relief are averaged. Band descriptions and units, and the title and note of the layer, are in its tags.
+    The file is a Cloud-Optimised GeoTIFF: float32, nodata -9999, deflate, tiled. Its overviews are
+    made of values that occur (the most frequent one), so that a class seen from afar is a class of
+    the map; only heights for shaded relief are averaged. The descriptions and units of the bands
+    and the title and note of the layer are in its tags.
 
     Parameters
     ----------

@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from typing import IO
 
@@ -64,6 +65,8 @@ _LIBRARY_ERRORS = (
 )
 #: Below this many free bytes a failure without a stated reason is put down to a full disk.
 _NEARLY_NOTHING = 1 << 16
+#: Below this many the line at least asks.
+_LITTLE = 1 << 31
 
 
 def _is_library_error(error: BaseException) -> bool:
@@ -124,7 +127,7 @@ def output_error(error: BaseException, path: Path) -> OutputError:
         detail = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         reason = " ".join(detail.split()) or type(error).__name__
         free = _free_bytes(path)
-        if free is not None and _is_library_error(error):
+        if free is not None and free < _LITTLE and _is_library_error(error):
             # GDAL may say no more than that a transaction failed, and have cleared up by now.
             reason += f"; is the disk full? {free / 1e6:.1f} MB are free"
     return OutputError(f"{path}: cannot be written: {reason}")
@@ -272,7 +275,7 @@ def _outlives_failure(entry: Path) -> bool:
 
 def _clear(work: Path) -> None:
     """Delete what is half written; the checkpoint and the marker stay."""
-    for entry in list(work.iterdir()):
+    for entry in list(work.iterdir()) if work.is_dir() else ():
         if not _outlives_failure(entry):
             _remove(entry)
 
@@ -287,9 +290,11 @@ def _remove(entry: Path) -> None:
 
 def _flush_to_disk(work: Path) -> None:
     """Wait for the disk: some file systems report only now that they are full."""
+    # Windows flushes only what is open for writing.
+    mode = os.O_RDONLY if os.name == "posix" else os.O_RDWR
     for folder, _, names in os.walk(work):
         for name in names:
-            descriptor = os.open(Path(folder) / name, os.O_RDWR)
+            descriptor = os.open(Path(folder) / name, mode)
             try:
                 os.fsync(descriptor)
             finally:
@@ -298,12 +303,12 @@ def _flush_to_disk(work: Path) -> None:
 
 def _swap(work: Path, target: Path) -> None:
     """Rename ``work`` to ``target``; what was there is deleted after, or put back on failure."""
-    aside = target.with_name(target.name + ".replaced")
     if not target.is_dir():
         os.rename(work, target)
         return
-    if aside.is_dir():  # Left by a run that was killed at this very place.
-        _remove(aside)
+    # Never a name in use: it could be the user's own, or what a run that was killed left here.
+    names = (target.with_name(f"{target.name}.replaced{n or ''}") for n in count())
+    aside = next(name for name in names if not os.path.lexists(name))
     os.rename(target, aside)
     try:
         os.rename(work, target)
