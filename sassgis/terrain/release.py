@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from typing import Literal, get_args
 
@@ -70,8 +71,8 @@ def release_points(
             expected="one of " + ", ".join(get_args(Placement)),
         )
     names = tuple(name for name, _ in areas)
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(names).items():
+        if count > 1:
             raise InputError(
                 "two release areas have the same name",
                 field="name",
@@ -268,7 +269,7 @@ def _points_of(
 ) -> FloatArray:
     """All release points of one area, part by part."""
     parts = _simple_parts(geometry)
-    polygons = [part for part in parts if part.geom_type == "Polygon"]
+    polygons = [part for part in parts if isinstance(part, shapely.Polygon)]
     placed: list[FloatArray] = []
     if polygons and placement == "random":
         placed.append(
