@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -79,7 +80,7 @@ def make_layer(tmp_path: Path) -> Callable[..., Path]:
 
     def make(
         shapes: Sequence[Any],
-        name: str = "release.gpkg",
+        file: str = "release.gpkg",
         *,
         crs: str | None = LV95,
         to: str | None = None,
@@ -89,9 +90,11 @@ def make_layer(tmp_path: Path) -> Callable[..., Path]:
         frame = gpd.GeoDataFrame(dict(columns), geometry=list(shapes), crs=crs)
         if to is not None:
             frame = frame.to_crs(to)
-        path = tmp_path / name
+        path = tmp_path / file
         options = {} if layer is None else {"layer": layer}
-        frame.to_file(path, engine="pyogrio", **options)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="'crs' was not provided")
+            frame.to_file(path, engine="pyogrio", **options)
         return path
 
     return make

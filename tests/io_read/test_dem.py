@@ -343,6 +343,7 @@ def test_several_bands(make_dem, one_line):
     _refused(one_line, path, "several bands", "2 bands", "one band", "gdal_translate")
 
 
+@pytest.mark.filterwarnings("ignore:The given matrix")
 def test_no_georeference(make_dem, one_line):
     path = make_dem(HEIGHTS, transform=Affine.identity())
     _refused(one_line, path, "no georeference", "no corner", "world file")
