@@ -81,6 +81,8 @@ def _encode(layer: RasterLayer, grid: Grid) -> bytes:
             transform=from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size),
             compress="DEFLATE",
             predictor="YES",
+            level=3,  # Twice as fast as the default of 6, and no larger with floats.
+            num_threads="ALL_CPUS",
             blocksize=_BLOCK,
             # Relief made of single heights, picked here and there, would look rough.
             overview_resampling="AVERAGE" if layer.ramp == HILLSHADE else "MODE",
