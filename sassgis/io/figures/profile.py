@@ -27,6 +27,7 @@ from sassgis.io.figures.style import (
     TITLE,
     VERMILION,
     WIDTH_IN,
+    YELLOW,
     count,
     lines_in,
     new_figure,
@@ -42,7 +43,7 @@ from sassgis.io.figures.style import (
 ProfileGate = tuple[Gate, float, float]
 
 _HALO = [withStroke(linewidth=1.8, foreground="white")]
-_STRIP_PT = 9.0
+_STRIP_PT = 7.0
 _LEFT_IN, _RIGHT_IN = 0.62, 0.15
 
 
@@ -296,7 +297,7 @@ def _draw_gates(ax: Axes, gates: Sequence[ProfileGate], frame: _Frame) -> None:
             [z, top],
             color=VERMILION,
             lw=2.4,
-            ls="-" if gate.kind == "wall" else (0, (1, 0.5)),
+            ls="-" if gate.kind == "wall" else (0, (0.6, 0.35)),
             solid_capstyle="butt",
             dash_capstyle="butt",
             zorder=8,
@@ -336,11 +337,10 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             stops,
             np.interp(stops, panel.s, panel.z),
             "o",
-            ms=3.2,
-            mfc=VERMILION,
-            mec="white",
-            mew=0.3,
-            alpha=0.8,
+            ms=3.4,
+            mfc=YELLOW,
+            mec=INK,
+            mew=0.4,
             ls="none",
             zorder=7,
             gid="stops",
@@ -366,7 +366,7 @@ def _caption(panel: ProfilePanel) -> str:
         f"{count(len(panel.trajectories), 'path')} of the centre of mass"
         if len(panel.trajectories)
         else "",
-        f"orange dots: where {count(n_stops, 'rock')} ended" if n_stops else "",
+        f"yellow dots: where {count(n_stops, 'rock')} ended" if n_stops else "",
     ]
     return "; ".join(part for part in parts if part)
 
