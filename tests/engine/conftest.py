@@ -1,0 +1,145 @@
+"""What the engine's tests share: short ways to make profiles, grounds and runs."""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sassgis.core.blocks import BlockPopulation
+from sassgis.core.ground import GroundClass, GroundTable
+from sassgis.core.profiles import ProfileSet
+from sassgis.core.settings import EngineSettings
+from sassgis.engine.simulate import COURSE_COLUMNS, GateCrossings, simulate
+
+FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
+COL = {name: i for i, name in enumerate(COURSE_COLUMNS)}
+
+
+def ground(
+    name="ground", eta_max=0.7, dp=(0.0, 0.0), mu_f=0.8, mu_0=0.5, k=0.0, d_star_m=0.0
+) -> GroundClass:
+    return GroundClass(name, eta_max, dp[0], dp[1], mu_f, mu_0, k, d_star_m)
+
+
+#: Table 1 of Bozzolo and Pamini (1986), with frictions from the middle of their ranges.
+ROCK = ground("rock", 0.70, (0.0, 0.3), 0.8, 0.5, 0.2, 0.2)
+DEBRIS = ground("debris", 0.55, (0.2, 0.6), 0.8, 0.5, 0.2, 0.3)
+
+
+def profile_set(*lines, classes=None, cell=2.0) -> ProfileSet:
+    """Profiles from (s, z) pairs; cells are stretches of equal length, numbered line by line."""
+    offset, cell_offset = [0], [0]
+    all_s, all_z, all_ground, all_borders, all_cells = [], [], [], [], []
+    number = 0
+    for i, (s, z) in enumerate(lines):
+        s = np.asarray(s, float)
+        z = np.asarray(z, float)
+        borders = np.append(np.arange(s[0], s[-1] - 1e-9, cell), s[-1])
+        own = np.zeros(s.size, np.int32) if classes is None else np.asarray(classes[i], np.int32)
+        all_s.append(s)
+        all_z.append(z)
+        all_ground.append(own)
+        all_borders.append(borders)
+        all_cells.append(np.arange(number, number + borders.size - 1))
+        number += borders.size - 1
+        offset.append(offset[-1] + s.size)
+        cell_offset.append(cell_offset[-1] + borders.size - 1)
+    return ProfileSet(
+        np.array(offset),
+        np.concatenate(all_s),
+        np.concatenate(all_z),
+        np.concatenate(all_ground),
+        np.array(cell_offset),
+        np.concatenate(all_borders),
+        np.concatenate(all_cells).astype(np.int64),
+    )
+
+
+def slope(*parts, top=1000.0, start=0.0):
+    """(s, z) of a profile from (chainage length, angle below the horizontal in degrees)."""
+    ds = np.array([p[0] for p in parts], float)
+    dz = -ds * np.tan(np.radians([p[1] for p in parts]))
+    s = np.concatenate([[0.0], np.cumsum(ds)]) + start
+    return s, np.concatenate([[0.0], np.cumsum(dz)]) + top
+
+
+def sphere(radius=0.5, **limits) -> BlockPopulation:
+    r = (radius, radius)
+    return BlockPopulation(axis_1_m=r, axis_2_m=r, axis_3_m=r, **limits)
+
+
+def ellipsoid(a=0.5, b=0.4, c=0.3, **limits) -> BlockPopulation:
+    return BlockPopulation(axis_1_m=(a, a), axis_2_m=(b, b), axis_3_m=(c, c), **limits)
+
+
+#: A population of many shapes and sizes.
+MIXED = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
+
+
+def run(lines, table, blocks, *, n=1, seed=1, start=None, settings=None, keys=None, **more):
+    """``simulate`` with defaults for tests; ``lines`` is a ProfileSet or one (s, z) pair."""
+    profiles = lines if isinstance(lines, ProfileSet) else profile_set(lines)
+    count = len(profiles)
+    if isinstance(table, GroundClass):
+        table = GroundTable((table,))
+    if start is None:
+        start = [(profiles.vertices(i)[0][0] + 5.0,) * 2 for i in range(count)]
+    starts = np.broadcast_to(np.asarray(start, float), (count, 2))
+    return simulate(
+        profiles,
+        table,
+        blocks,
+        settings or EngineSettings(),
+        seed=seed,
+        rocks_per_line=n,
+        line_keys=np.arange(count, dtype=np.uint64) if keys is None else keys,
+        starts=starts,
+        **more,
+    )
+
+
+def with_settings(**changes) -> EngineSettings:
+    return dataclasses.replace(EngineSettings(), **changes)
+
+
+def rough(seed, step=0.5, length=120.0, angle=36.0, amplitude=0.15, foot=40.0):
+    """A rough slope with a flat foot, segments of ``step``; (s, z)."""
+    rng = np.random.default_rng(seed)
+    s = np.arange(0.0, length + foot + step, step)
+    z = -np.tan(np.radians(angle)) * np.minimum(s, length)
+    noise = rng.normal(0.0, amplitude, s.size)
+    return s, z + noise + 1000.0
+
+
+def valley():
+    """A smooth slope that flattens step by step: 30, 65, 36, 18 and 0 degrees."""
+    return slope((50, 30), (10, 65), (140, 36), (200, 18), (300, 0))
+
+
+@pytest.fixture(scope="session")
+def lab() -> SimpleNamespace:
+    """The helpers of this folder under one name."""
+    return SimpleNamespace(
+        FLIGHT=FLIGHT,
+        IMPACT=IMPACT,
+        ROLLING=ROLLING,
+        SLIDING=SLIDING,
+        END=END,
+        COL=COL,
+        ROCK=ROCK,
+        DEBRIS=DEBRIS,
+        MIXED=MIXED,
+        GateCrossings=GateCrossings,
+        ground=ground,
+        profile_set=profile_set,
+        slope=slope,
+        sphere=sphere,
+        ellipsoid=ellipsoid,
+        run=run,
+        with_settings=with_settings,
+        rough=rough,
+        valley=valley,
+    )
