@@ -18,6 +18,7 @@ from sassgis.core.results import Gate
 from sassgis.io.config import Config, ReleaseSettings, profile_gates
 from sassgis.io.dem import crs_name, read_dem
 from sassgis.io.ground import built_in_table, ground_raster, read_ground_table
+from sassgis.io.profile_csv import check_on_profile, read_profile
 from sassgis.io.vectors import ReleaseArea, read_gates, read_release
 
 
@@ -37,6 +38,18 @@ class DemSummary:
 
 
 @dataclass(frozen=True, slots=True)
+class ProfileSummary:
+    """What the profile of a run without a map holds; lengths in m."""
+
+    file: Path
+    vertices: int
+    first: float
+    last: float
+    lowest: float
+    highest: float
+
+
+@dataclass(frozen=True, slots=True)
 class AreaSummary:
     """A release area: ``size`` in m2 for polygons, in m for lines, a count for points."""
 
@@ -49,7 +62,7 @@ class AreaSummary:
 
 @dataclass(frozen=True, slots=True)
 class ClassSummary:
-    """A ground class in use; ``share`` of the cells with a height, 0 to 1."""
+    """A ground class in use; ``share`` of the cells with a height, or of the profile's length."""
 
     name: str
     share: float
@@ -66,6 +79,8 @@ class InputReport:
     config : Path
     dem : DemSummary or None
         None where the configuration is for profile runs only.
+    profile : ProfileSummary or None
+        None where there is a DEM, or no profile file.
     areas : tuple of AreaSummary
     classes : tuple of ClassSummary
         Those that occur.
@@ -79,6 +94,7 @@ class InputReport:
 
     config: Path
     dem: DemSummary | None
+    profile: ProfileSummary | None
     areas: tuple[AreaSummary, ...]
     classes: tuple[ClassSummary, ...]
     gates: tuple[Gate, ...]
@@ -104,6 +120,14 @@ class InputReport:
                 f"height system {d.vertical_datum or 'not stated'}",
                 f"               {d.crs}",
             ]
+        if self.profile is not None:
+            p = self.profile
+            out += [
+                f"profile        {p.file}",
+                f"               {p.vertices} vertices, chainage {p.first:g} to {p.last:g} m, "
+                f"heights {p.lowest:.1f} to {p.highest:.1f} m",
+            ]
+        extent = "profile" if self.dem is None else "cells"
         units = {"polygon": " m2", "line": " m", "point": " point(s)"}
         for area in self.areas:
             size = f"{area.size:.0f}{units[area.kind]}"
@@ -116,7 +140,7 @@ class InputReport:
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:
             state = "verified" if c.verified else "UNVERIFIED"
-            out.append(f"ground         {c.name}: {100.0 * c.share:.1f} % of the cells, {state}")
+            out.append(f"ground         {c.name}: {100.0 * c.share:.1f} % of the {extent}, {state}")
             out.append(f"               {c.source}")
         for gate in self.gates:
             text = f"{gate.kind:<15}{gate.name}"
@@ -147,12 +171,13 @@ def check_inputs(config: Config) -> InputReport:
         Whatever would stop a run.
     """
     dem: DemSummary | None = None
+    profile: ProfileSummary | None = None
     areas: tuple[AreaSummary, ...] = ()
     with _heard() as records:
         table = read_ground_table(config.ground.classes)
         if config.terrain.dem is None:
             gates = tuple(gate for gate, _ in profile_gates(config))
-            shares = {table.index(config.ground.default): 1.0}
+            profile, shares = _profile(config, table)
         else:
             grid = read_dem(
                 config.dem_path,
@@ -173,6 +198,7 @@ def check_inputs(config: Config) -> InputReport:
     return InputReport(
         config=config.file,
         dem=dem,
+        profile=profile,
         areas=areas,
         classes=classes,
         gates=gates,
@@ -195,6 +221,21 @@ def _dem_summary(file: Path, grid: Grid) -> DemSummary:
         lowest=float(grid.values[known].min()),
         highest=float(grid.values[known].max()),
     )
+
+
+def _profile(config: Config, table: GroundTable) -> tuple[ProfileSummary | None, dict[int, float]]:
+    """The profile and the share of each ground class of its length."""
+    if config.profile is None or config.profile.file is None:
+        return None, {table.index(config.ground.default): 1.0}
+    flat = read_profile(config.profile.file, table, config.ground.default)
+    check_on_profile(config, flat)
+    s, z = flat.vertices(0)
+    lengths = np.bincount(flat.ground[:-1], weights=np.diff(s))
+    shares = {i: float(n) / float(s[-1] - s[0]) for i, n in enumerate(lengths) if n > 0.0}
+    summary = ProfileSummary(
+        config.profile.file, s.size, float(s[0]), float(s[-1]), float(z.min()), float(z.max())
+    )
+    return summary, shares
 
 
 def _areas(config: Config, grid: Grid) -> tuple[AreaSummary, ...]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import logging
-import math
 import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
@@ -24,13 +22,14 @@ from sassgis.core.errors import InputError
 from sassgis.core.grid import Grid
 from sassgis.core.ground import GroundClass, GroundTable
 from sassgis.io.config import GroundSettings
+from sassgis.io.csv_table import check_columns, csv_rows, number, read_text
 from sassgis.io.dem import open_raster, resample, same_crs
 from sassgis.io.vectors import nearest, read_features
 
 log = logging.getLogger(__name__)
 
 _NUMBERS = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
-_COLUMNS = ("name", *_NUMBERS, "source", "verified")
+_REQUIRED = ("name", *_NUMBERS)
 #: Columns that a user's table may leave out: it is then taken as unverified.
 _OPTIONAL = ("source", "verified")
 _TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False, "": False}
@@ -90,48 +89,14 @@ def read_ground_table(path: str | PathLike[str] | None = None) -> GroundTable:
 
 
 def _read_classes(file: Path) -> list[GroundClass]:
-    if not file.is_file():
-        raise InputError(
-            "file not found",
-            file=file,
-            field="ground.classes",
-            expected="a table of ground classes, CSV or TOML",
-        )
-    try:
-        text = file.read_bytes().decode("utf-8-sig")
-    except (UnicodeDecodeError, OSError) as error:
-        raise InputError(
-            "cannot be read as text", file=file, found=str(error), expected="UTF-8"
-        ) from None
-    rows = list((_toml_rows if file.suffix.lower() == ".toml" else _csv_rows)(text, file))
+    text = read_text(file, "ground.classes", "a table of ground classes, CSV or TOML")
+    if file.suffix.lower() == ".toml":
+        rows = list(_toml_rows(text, file))
+    else:
+        rows = list(csv_rows(text, file, _REQUIRED, _OPTIONAL, _NUMBERS))
     if not rows:
         raise InputError("holds no ground class", file=file, expected="at least one row")
     return [_ground_class(where, row, file) for where, row in rows]
-
-
-def _csv_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Rows of a CSV file with the number of their line; spreadsheets may write ; and , for . ."""
-    lines = text.splitlines()
-    header = lines[0] if lines else ""
-    delimiter = ";" if header.count(";") > header.count(",") else ","
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    columns = [c.strip() for c in next(reader, [])]
-    _check_columns(columns, file, "row 1")
-    for cells in reader:
-        if not any(cell.strip() for cell in cells):
-            continue
-        where = f"row {reader.line_num}"
-        if len(cells) != len(columns):
-            raise InputError(
-                f"{where} does not fit the header",
-                file=file,
-                found=f"{len(cells)} values",
-                expected=f"{len(columns)} (texts with a {delimiter} in quotes)",
-            )
-        row = {c: v.strip() for c, v in zip(columns, cells, strict=True)}
-        if delimiter == ";":
-            row |= {c: row[c].replace(",", ".") for c in _NUMBERS}
-        yield where, row
 
 
 def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -149,32 +114,12 @@ def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
             found=f"keys {', '.join(document) or 'none'}",
             expected="[[classes]] sections and nothing else",
         )
-    for number, row in enumerate(rows, start=1):
-        where = f"class number {number}"
+    for place, row in enumerate(rows, start=1):
+        where = f"class number {place}"
         if not isinstance(row, dict):
             raise InputError(f"{where} is not a section", file=file, expected="[[classes]]")
-        _check_columns(list(row), file, where)
+        check_columns(list(row), file, where, _REQUIRED, _OPTIONAL)
         yield where, row
-
-
-def _check_columns(columns: list[str], file: Path, where: str) -> None:
-    for column in columns:
-        if column not in _COLUMNS or columns.count(column) > 1:
-            raise InputError(
-                f"{where}: unknown or repeated column",
-                file=file,
-                field=column or "(empty)",
-                expected=nearest(column, _COLUMNS),
-            )
-    for column in _COLUMNS:
-        if column not in columns and column not in _OPTIONAL:
-            raise InputError(
-                f"{where}: missing column",
-                file=file,
-                field=column,
-                found=", ".join(columns) or "nothing",
-                expected=", ".join(_COLUMNS),
-            )
 
 
 def _ground_class(where: str, row: Mapping[str, Any], file: Path) -> GroundClass:
@@ -192,7 +137,7 @@ def _ground_class(where: str, row: Mapping[str, Any], file: Path) -> GroundClass
             found=repr(row["verified"]),
             expected="true or false",
         )
-    numbers = {column: _number(row[column], where, column, file) for column in _NUMBERS}
+    numbers = {column: number(row[column], where, column, file) for column in _NUMBERS}
     try:
         return GroundClass(
             name=name.strip(),
@@ -208,24 +153,6 @@ def _ground_class(where: str, row: Mapping[str, Any], file: Path) -> GroundClass
             found=error.found,
             expected=error.expected,
         ) from None
-
-
-def _number(value: object, where: str, column: str, file: Path) -> float:
-    try:
-        if isinstance(value, bool):
-            raise ValueError
-        number = float(value)  # type: ignore[arg-type]
-        if math.isfinite(number):
-            return number
-    except (TypeError, ValueError):
-        pass
-    raise InputError(
-        f"{where}: is not a number",
-        file=file,
-        field=column,
-        found=repr(value),
-        expected="a finite number, with a point for decimals",
-    )
 
 
 # ---------------------------------------------------------------------------------------------

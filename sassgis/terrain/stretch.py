@@ -10,6 +10,10 @@ from sassgis.core.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.surface import Surface, evaluate
 
 
+#: Fall lines shorter than this are not followed (m).
+SHORTEST_LINE_M = 1.0
+
+
 def moved_uphill(
     points: ReleasePoints, surface: Surface, distance_m: float, inside: NDArray[np.bool_] | None
 ) -> tuple[ReleasePoints, FloatArray]:

@@ -34,6 +34,7 @@ from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles
 from sassgis.terrain.release import release_points, take
 from sassgis.terrain.spread import SpreadSettings, trace_bundles
 from sassgis.terrain.stretch import (
+    SHORTEST_LINE_M,
     moved_uphill,
     take_lines,
     take_profiles,
@@ -45,8 +46,6 @@ from sassgis.terrain.surface import Surface
 CHUNK_POINTS = 32
 #: Plan length of the ground behind the start (m).
 LEAD_IN_M = 20.0
-#: Fall lines shorter than this are not followed (m).
-SHORTEST_LINE_M = 1.0
 _SIMPLIFIED = 0.1
 
 
@@ -213,9 +212,14 @@ class _Outcome:
     lost: int
 
 
-def _line_keys(traces: TraceSet, keys: NDArray[np.uint64], lines_per_point: int) -> NDArray[np.uint64]:
+def line_draw_keys(
+    traces: TraceSet, point_keys: NDArray[np.uint64], lines_per_point: int, scenario: str
+) -> NDArray[np.uint64]:
+    """Identity of lines for the random draws: release point, place in the bundle, scenario."""
     member = np.arange(len(traces), dtype=np.int64) % lines_per_point
-    out: NDArray[np.uint64] = rng.combined(keys[traces.point], member)
+    out: NDArray[np.uint64] = rng.combined(
+        rng.combined(point_keys[traces.point], member), np.uint64(_scenario_word(scenario))
+    )
     return out
 
 
@@ -224,7 +228,8 @@ def _scenario_word(name: str) -> int:
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
 
 
-def _gate_crossings(run: MapRun, traces: TraceSet) -> GateCrossings:
+def gate_crossings(run: MapRun, traces: TraceSet) -> GateCrossings:
+    """Where lines cross the stations and barriers of a run."""
     found = [crossings(traces, course) for _, course in run.gates]
     line = np.concatenate([np.empty(0, np.int64), *(f[0] for f in found)])
     chainage = np.concatenate([np.empty(0), *(f[1] for f in found)])
@@ -282,7 +287,6 @@ def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome
     good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
     drawn = _thinned(traces, run)
     number = which[traces.point] * m + np.arange(len(traces)) % m
-    keys = _line_keys(traces, starts.key, m)
     areas = starts.area[traces.point]
     moved = planned.moved[which][traces.point]
     per_point = planned.rocks_of_point(run)[which][traces.point] // m
@@ -304,9 +308,9 @@ def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome
             run.engine,
             seed=run.seed,
             rocks_per_line=run.rocks_per_line,
-            line_keys=rng.combined(keys[wanted], np.uint64(_scenario_word(blocks.name))),
+            line_keys=line_draw_keys(traces, starts.key, m, blocks.name)[wanted],
             starts=start,
-            gates=_gate_crossings(run, lines),
+            gates=gate_crossings(run, lines),
             line_numbers=number[wanted],
             bins=bins,  # type: ignore[arg-type]
         )

@@ -1,0 +1,408 @@
+"""The main job: from a configuration to maps, GeoPackage, QGIS project, figures and report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import sassgis
+from sassgis.core.errors import Interrupted
+from sassgis.core.grid import Grid
+from sassgis.core.profiles import LineEnd
+from sassgis.core.results import Band, RasterLayer, StopReason
+from sassgis.engine.kernel import Bins
+from sassgis.hazard.layers import map_layers
+from sassgis.io.config import Config, load_config, resolved, settings_hash
+from sassgis.io.dem import crs_name
+from sassgis.io.geopackage import VectorLayer, write_geopackage
+from sassgis.io.manifest import write_manifest
+from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.qgis.styles import HILLSHADE
+from sassgis.io.rasters import write_raster
+from sassgis.io.report import write_report
+from sassgis.io.staging import staged_output
+from sassgis.workflow import vector_layers
+from sassgis.workflow.checkpoint import Checkpoint
+from sassgis.workflow.inputs import (
+    collected_notices,
+    input_files,
+    read_map_run,
+    unverified_classes,
+)
+from sassgis.workflow.map_report import map_report
+from sassgis.workflow.map_run import (
+    MapRun,
+    Plan,
+    Progress,
+    Rows,
+    bins_of,
+    line_ends,
+    plan,
+    sample_of,
+    simulate_map,
+)
+from sassgis.workflow.tables import passage_frame, require_parquet, rock_frame, rows_of, write_table
+
+#: Seconds between two savings of the state of a run.
+SAVE_EVERY_S = 60.0
+
+#: Called with (chunks done, chunks in all, rocks done).
+OnProgress = Callable[[int, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """What a run left.
+
+    Attributes
+    ----------
+    folder : Path
+    rocks : int
+        Rocks that were followed.
+    reasons : dict of StopReason to int
+    warnings : tuple of str
+        What the user should know before trusting the maps.
+    seconds : float
+        Time of the simulation alone.
+    run, planned, progress, layers
+        Inputs, plan, sums and layers, for further work in Python.
+    """
+
+    folder: Path
+    rocks: int
+    reasons: dict[StopReason, int]
+    warnings: tuple[str, ...]
+    seconds: float
+    run: MapRun
+    planned: Plan
+    progress: Progress
+    layers: tuple[RasterLayer, ...]
+
+
+def warnings_of(run: MapRun, planned: Plan, progress: Progress) -> list[str]:
+    """What happened to rocks and lines that a user must know of."""
+    total = max(int(progress.reasons.sum()), 1)
+    out = []
+    ends = line_ends(progress)
+    for end, what in (
+        (LineEnd.LEFT_DEM, "reach the edge of the terrain model"),
+        (LineEnd.NODATA, "run into nodata"),
+        (LineEnd.MAX_LENGTH, "are cut at terrain.max_line_length_m"),
+        (LineEnd.CLOSED_LOOP, "close upon themselves"),
+    ):
+        if ends[end]:
+            out.append(f"{ends[end]} of {sum(ends.values())} fall lines {what}.")
+    for reason, what in (
+        (StopReason.LEFT_PROFILE, "still moved at the end of their fall line and are lost from the map"),
+        (StopReason.STEP_LIMIT, "were given up at engine.max_events contacts"),
+        (
+            StopReason.NEVER_STARTED,
+            "never started: the slope at their release point is below the friction there "
+            "(give blocks an initial speed if they should)",
+        ),
+    ):
+        n = int(progress.reasons[reason])
+        if n:
+            out.append(f"{n} of {total} rocks ({100 * n / total:.2g} %) {what}.")
+    if progress.lost:
+        out.append(
+            f"{progress.lost} rocks were not followed: their fall lines end where they begin "
+            "(release points on nodata or at the edge of the terrain model). They are not part of "
+            "the denominator of the reach probability."
+        )
+    names = unverified_classes(run)
+    if names:
+        out.append(
+            "Ground classes with values that are not from the paper (unverified): "
+            + ", ".join(names)
+            + "."
+        )
+    return out
+
+
+def terrain_layer(grid: Grid) -> RasterLayer:
+    """The heights, to be shown as relief."""
+    return RasterLayer(
+        "terrain",
+        "Relief",
+        f"Terrain model of the run. Heights: {grid.vertical_datum or 'datum not stated'}.",
+        (Band("height", "Height of the terrain", "m", grid.values.astype(np.float32)),),
+        (),
+        HILLSHADE,
+    )
+
+
+def _extent(layers: tuple[RasterLayer, ...], grid: Grid) -> tuple[float, float, float, float]:
+    """What rocks reach, with a margin."""
+    reached = np.isfinite(layers[0].bands[0].values)
+    if not reached.any():
+        return grid.bounds
+    rows = np.flatnonzero(reached.any(axis=1))
+    cols = np.flatnonzero(reached.any(axis=0))
+    margin = 0.05 * max(rows[-1] - rows[0], cols[-1] - cols[0], 10)
+    c = grid.cell_size
+    return (
+        grid.west + (cols[0] - margin) * c,
+        grid.north - (rows[-1] + 1 + margin) * c,
+        grid.west + (cols[-1] + 1 + margin) * c,
+        grid.north - (rows[0] - margin) * c,
+    )
+
+
+def _write_qgis(
+    folder: Path,
+    title: str,
+    grid: Grid,
+    layers: tuple[RasterLayer, ...],
+    vectors: list[VectorLayer],
+) -> None:
+    by_name = {v.name: v for v in vectors}
+
+    def entries(*names: str, hidden: tuple[str, ...] = ()) -> tuple[LayerEntry, ...]:
+        return tuple(
+            LayerEntry(by_name[n], "result.gpkg", visible=n not in hidden)
+            for n in names
+            if n in by_name
+        )
+
+    maps = tuple(
+        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy")
+        for layer in layers
+    )
+    write_project(
+        folder / "project.qgz",
+        title=title,
+        crs=grid.crs,
+        groups=[
+            LayerGroup("Stations and measures", entries("barriers", "stations")),
+            LayerGroup(
+                "Release and fall lines",
+                entries(
+                    "release_areas", "release_points", "fall_lines", "stops",
+                    hidden=("release_points", "fall_lines", "stops"),
+                ),
+            ),  # fmt: skip
+            LayerGroup("Footprint", entries("footprint")),
+            LayerGroup("Maps", maps, exclusive=True),
+            LayerGroup("Terrain", (LayerEntry(terrain_layer(grid), "maps/terrain.tif"),)),
+        ],
+        extent=_extent(layers, grid),
+        abstract="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). "
+        f"Reach probabilities refer to a width of {grid.cell_size:g} m.",
+    )
+
+
+def run(
+    config: Config | str | Path,
+    out: str | Path,
+    *,
+    overwrite: bool = False,
+    seed: int | None = None,
+    jobs: int | None = None,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> RunResult:
+    """Run a configuration on the map and write everything.
+
+    An interrupted run leaves its state beside ``out``; the same call goes on from there.
+
+    Parameters
+    ----------
+    config : Config or path
+    out : path
+        Folder of the result; appears whole or not at all.
+    overwrite : bool
+        Whether a result that is there already may be replaced.
+    seed, jobs : int, optional
+        In place of those of the configuration.
+    on_progress : callable, optional
+        Called with (chunks done, chunks in all, rocks done).
+    say : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    RunResult
+
+    Raises
+    ------
+    ConfigError, InputError, OutputError
+    Interrupted
+        If the user stops the run; its state is kept.
+    """
+    overrides = {} if seed is None else {"run.seed": seed}
+    if not isinstance(config, Config):
+        config = load_config(config, overrides)
+    elif seed is not None:
+        config = replace(config, run=config.run.model_copy(update={"seed": seed}))
+    tell = say or (lambda _text: None)
+    if "parquet" in (config.output.rock_table, config.output.passage_table):
+        require_parquet()
+    with staged_output(Path(out), overwrite) as work:
+        tell("Reading the inputs")
+        with collected_notices() as notices:
+            job = read_map_run(config)
+        fingerprint = settings_hash(config)
+        tell("Placing the release points")
+        planned = plan(job)
+        checkpoint = Checkpoint(work, fingerprint)
+        began = time.perf_counter()
+        progress = _simulate(config, job, planned, checkpoint, jobs, on_progress, tell)
+        seconds = time.perf_counter() - began
+        warnings = [*notices, *warnings_of(job, planned, progress)]
+        tell("Writing the maps")
+        layers = _write_result(work, config, job, planned, progress, checkpoint, warnings, tell)
+    reasons = {r: int(progress.reasons[r]) for r in StopReason}
+    return RunResult(
+        Path(out), int(progress.reasons.sum()), reasons, tuple(warnings), seconds, job, planned,
+        progress, layers,
+    )  # fmt: skip
+
+
+def job_count(config: Config, jobs: int | None) -> int:
+    """Threads to use: as asked, or all cores that this process may use."""
+    import os
+
+    wanted = config.run.jobs if jobs is None else jobs
+    if wanted > 0:
+        return wanted
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+def _simulate(
+    config: Config,
+    job: MapRun,
+    planned: Plan,
+    checkpoint: Checkpoint,
+    jobs: int | None,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+) -> Progress:
+    """Simulate, saving the state now and then and when the user stops the run."""
+    resumed = checkpoint.restore(job)
+    progress = resumed if resumed is not None else Progress.fresh(job)
+    if resumed is not None:
+        tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
+    keep = config.output.rock_table != "none" or config.output.passage_table != "none"
+    saved = time.monotonic()
+
+    def on_chunk(now: Progress, chunks: int, rows: Rows) -> None:
+        nonlocal saved
+        if keep:
+            checkpoint.hand_on(rows)
+        if time.monotonic() - saved > SAVE_EVERY_S:
+            checkpoint.save(now)
+            saved = time.monotonic()
+        if on_progress is not None:
+            on_progress(now.chunks, chunks, int(now.reasons.sum()))
+
+    tell("Following the rocks")
+    try:
+        simulate_map(
+            job, planned, jobs=job_count(config, jobs), resume=progress, on_chunk=on_chunk
+        )
+    except KeyboardInterrupt:
+        checkpoint.save(progress)
+        raise Interrupted(
+            f"stopped by the user after {int(progress.reasons.sum())} rocks; what was computed is "
+            f"kept in {checkpoint.folder}: the same command goes on from there"
+        ) from None
+    # Whatever happens while the result is written, the simulation is not lost.
+    checkpoint.save(progress)
+    return progress
+
+
+def _write_result(
+    work: Path,
+    config: Config,
+    job: MapRun,
+    planned: Plan,
+    progress: Progress,
+    checkpoint: Checkpoint,
+    warnings: list[str],
+    tell: Callable[[str], None],
+) -> tuple[RasterLayer, ...]:
+    bins = bins_of(job)
+    assert isinstance(bins, Bins)
+    sample = sample_of(job, planned, progress)
+    layers = map_layers(
+        progress.sums,
+        job.grid.shape,
+        sample,
+        bins._asdict(),
+        job.grid.cell_size,
+        config.output.energy_classes_kj,
+    )
+    for layer in (*layers, terrain_layer(job.grid)):
+        write_raster(layer, job.grid, work / "maps")
+    vectors = [
+        vector_layers.release_areas(job, planned),
+        vector_layers.release_points(job, planned),
+        vector_layers.fall_lines(job, planned, progress),
+        vector_layers.stops(job, planned, progress),
+        vector_layers.stations(job, progress),
+        vector_layers.barriers(job, progress),
+        vector_layers.footprint(job, layers),
+    ]
+    counts = {
+        "release_areas": len(job.areas),
+        "release_points": len(planned.points),
+        "fall_lines": sum(line_ends(progress).values()),
+        "rocks": sample.rocks,
+        "rocks_not_followed": progress.lost,
+        **{f"rocks_{r.name.lower()}": int(progress.reasons[r]) for r in StopReason},
+        **{f"lines_{e.name.lower()}": n for e, n in line_ends(progress).items()},
+    }
+    facts = {
+        "program": f"sassgis {sassgis.__version__}",
+        "model": "SASS (Bozzolo and Pamini, 1986)",
+        "title": config.project.name,
+        "crs": crs_name(job.grid.crs) if job.grid.crs else "local coordinates",
+        "vertical_datum": job.grid.vertical_datum or "not stated",
+        "seed": job.seed,
+        "ref_width_m": job.grid.cell_size,
+        "lateral_spread": f"{job.spread.lines_per_point} lines per point, "
+        f"{job.spread.width_percent:g} % of the length",
+        "settings_hash": checkpoint.fingerprint,
+        **counts,
+    }
+    write_geopackage(work / "result.gpkg", vectors, facts)
+    _write_qgis(work, config.project.name, job.grid, layers, vectors)
+    if config.output.rock_table != "none":
+        tell("Writing the table of rocks")
+        write_table(
+            work / "tables" / f"rocks.{config.output.rock_table}",
+            (rock_frame(r, job, planned) for r in rows_of(checkpoint.rows())),
+        )
+    if config.output.passage_table != "none":
+        tell("Writing the table of passages")
+        write_table(
+            work / "tables" / f"passages.{config.output.passage_table}",
+            (passage_frame(r, job) for r in rows_of(checkpoint.rows())),
+        )
+    tell("Drawing the figures")
+    context = map_report(
+        config, job, planned, progress, layers, warnings, facts, work / "figures"
+    )
+    write_report(work / "report.html", context)
+    write_manifest(
+        work / "manifest.json",
+        inputs=input_files(config),
+        base=config.file.parent,
+        crs=job.grid.crs,
+        vertical_datum=job.grid.vertical_datum,
+        seed=job.seed,
+        ref_width_m=job.grid.cell_size,
+        preset="",
+        settings=resolved(config),
+        counts=counts,
+        warnings=warnings,
+    )
+    return layers
