@@ -41,6 +41,7 @@ TURN = np.radians(
     14.0
 )  # strike of the slope against the grid, so that no fall line follows an axis
 GULLY_U = 520.0
+SCREE_SHARE = 0.80  # of the talus' plan length that is fine scree
 BORDER = 24  # cells made beyond the edge, so that no filter bends the border
 LARGE_COULOIRS = ((68.0, 9.0), (268.0, 11.0), (391.0, 13.0), (688.0, 12.0), (838.0, 9.0))
 
@@ -95,7 +96,7 @@ def edges(u: FloatArray) -> Edges:
     steepness = np.radians(69.5 + 1.8 * noise(u, 0.0, 130.0, 3))
     top = 262.0 + 13.0 * noise(u, 0.0, 310.0, 7) + 5.0 * noise(u, 0.0, 85.0, 8)
     talus_end = 612.0 + 20.0 * noise(u, 0.0, 290.0, 10) + 6.0 * noise(u, 0.0, 90.0, 11)
-    foot_end = 742.0 + 12.0 * noise(u, 0.0, 330.0, 12)
+    foot_end = 674.0 + 12.0 * noise(u, 0.0, 330.0, 12)
     cone = np.exp(-np.square((u - GULLY_U + 15.0) / 170.0))
     return Edges(
         top=top - 15.0 * couloir,
@@ -103,7 +104,7 @@ def edges(u: FloatArray) -> Edges:
         cliff_run=height / np.tan(steepness) + 11.0 * couloir,
         talus_end=talus_end,
         foot_end=foot_end,
-        river=905.0 + 16.0 * noise(u, 0.0, 240.0, 13) + 34.0 * cone,
+        river=865.0 + 16.0 * noise(u, 0.0, 240.0, 13) + 34.0 * cone,
         floor_z=1004.0 + 0.012 * u,
         couloir=couloir,
     )
@@ -152,7 +153,7 @@ def bare_slope(u: FloatArray, v: FloatArray) -> FloatArray:
     f = np.clip((w - e.talus_end) / (e.foot_end - e.talus_end), 0.0, 1.0)
     foot = foot_top - (foot_top - e.floor_z) * (f + 0.10 * f * (1.0 - f))
     floor = e.floor_z - 0.006 * np.maximum(w - e.foot_end, 0.0)
-    far = np.maximum(w - 985.0 - 14.0 * noise(u, 5.0, 180.0, 26), 0.0)
+    far = np.maximum(w - 950.0 - 14.0 * noise(u, 5.0, 180.0, 26), 0.0)
     swells = 5.0 * noise(u, v, 130.0, 28) + 2.0 * noise(u, v, 55.0, 29)
     floor = floor + far * np.tan(np.radians(11.0)) + 0.0007 * np.square(far)
     floor = floor + swells * ease(far, 0.0, 90.0)
@@ -188,7 +189,7 @@ def gully_depth(v: FloatArray) -> FloatArray:
 
 
 CONE_APEX_V = 545.0
-CONE_RADIUS = 265.0
+CONE_RADIUS = 205.0
 
 
 def with_gully_and_cone(u: FloatArray, v: FloatArray, z: FloatArray) -> FloatArray:
@@ -306,13 +307,22 @@ def line_on_map(u: FloatArray, v: FloatArray) -> LineString:
     return LineString(np.column_stack(to_map(u, v)))
 
 
+def sorting_line(u: FloatArray) -> FloatArray:
+    """Down-slope place v where fine scree gives way to coarse blocks."""
+    e = edges(u)
+    return e.toe + (SCREE_SHARE + 0.03 * noise(u, 4.0, 90.0, 81)) * (e.talus_end - e.toe)
+
+
 def valley_ground() -> list[dict[str, Any]]:
     """Ground polygons without overlaps; what they leave free is soft meadow."""
     u = np.arange(-330.0, 1240.0, 6.0)
     e = edges(u)
     frame = box(WEST, SOUTH, WEST + WIDTH, SOUTH + HEIGHT)
     rock = strip(u, e.top - 5.0, e.toe + 1.0)
-    talus = strip(u, e.toe + 1.0, e.talus_end + 12.0)
+    # Falling rocks sort themselves: fine scree below the cliff, coarse blocks at the talus' end.
+    coarse = gaussian_along(sorting_line, u, 30.0)
+    scree = strip(u, e.toe + 1.0, coarse)
+    talus = strip(u, coarse, e.talus_end + 12.0)
     foot = strip(u, e.talus_end + 12.0, np.full_like(u, 1500.0))
     plateau = strip(u, np.full_like(u, -500.0), e.top - 5.0)
     v = np.arange(110.0, CONE_APEX_V + 12.0, 6.0)
@@ -329,6 +339,7 @@ def valley_ground() -> list[dict[str, Any]]:
     debris = union_all([gully, cone]).difference(union_all([road, river]))
     classes: list[tuple[str, BaseGeometry]] = [
         ("rock", rock),
+        ("debris", scree.difference(debris)),
         ("talus", talus.difference(debris)),
         ("debris", debris),
         ("debris", river),
