@@ -313,6 +313,10 @@ def _trace_line(
                 coefficients, u, v, gu, gv, hu, hv, step, cos_fan, sin_fan, flat
             )
             nu, nv = ku, kv
+            # Where the descent is lost decides the heading of what follows: find the place.
+            if not following and step > 2.0 * _SHORTEST_STEP:
+                longest = 0.5 * step
+                continue
         if not following:
             rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, slope, flat, turning)
             turn = abs(_angle(gu, gv, cos_fan, sin_fan, hu, hv))
@@ -333,8 +337,9 @@ def _trace_line(
             au, av = _aim(gu_new, gv_new, cos_fan, sin_fan)
             if au * nu + av * nv >= near:
                 nu, nv, attached_new = au, av, True
-        # The look-ahead was too long if the direction still turned much: again, shorter.
-        if following and nu * hu + nv * hv < _COS_STEP and step > 2.0 * _SHORTEST_STEP:
+        # The step was too long if the direction turned much or the descent was lost: again, shorter.
+        lost = nu * hu + nv * hv < _COS_STEP or not attached_new
+        if following and lost and reason == _VALID and step > 2.0 * _SHORTEST_STEP:
             longest = 0.5 * step
             _, _, _, huu, huv, hvv = shape_at(coefficients, u, v)
             continue

@@ -1,0 +1,224 @@
+"""The command line: thin, and quick to answer, as everything heavy is imported when it is used."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sassgis import __version__
+from sassgis.core.errors import Interrupted, SassgisError
+
+_OUT = click.option(
+    "-o", "--output", "out", required=True, type=click.Path(path_type=Path), help="Folder to write."
+)
+_CONFIG = click.argument("config", type=click.Path(path_type=Path))
+_OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace a result that is there.")
+_SEED = click.option(
+    "--seed", type=click.IntRange(0, 2**63 - 1), help="In place of run.seed of the configuration."
+)
+_JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: all.")
+
+
+class _Progress:
+    """A bar with the time left on a terminal; a line now and then in a log."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stderr.isatty()
+        self._began = time.monotonic()
+        self._told = 0.0
+        self._open = False
+
+    def say(self, text: str) -> None:
+        self.close()
+        click.echo(f"{text} ...", err=True)
+
+    def step(self, done: int, total: int, rocks: int) -> None:
+        now = time.monotonic()
+        if done == 1:
+            self._began = min(self._began, now)
+        gone = now - self._began
+        left = gone / done * (total - done)
+        if self._terminal:
+            if now - self._told < 0.1 and done < total:
+                return
+            width = 28
+            filled = width * done // total
+            bar = "#" * filled + "-" * (width - filled)
+            click.echo(
+                f"\r  [{bar}] {100 * done // total:3d} %  {rocks:,} rocks  {_clock(left)} left ",
+                nl=False,
+                err=True,
+            )
+            self._open = True
+        elif now - self._told >= 30.0:
+            click.echo(
+                f"  {100 * done // total} %, {rocks} rocks, about {_clock(left)} left", err=True
+            )
+        else:
+            return
+        self._told = now
+
+    def close(self) -> None:
+        if self._open:
+            click.echo("", err=True)
+            self._open = False
+
+
+def _clock(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="sassgis")
+@click.option("--debug", is_flag=True, help="Show the full traceback of an error.")
+def cli(debug: bool) -> None:
+    """Rockfall hazard zoning with the SASS model of Bozzolo and Pamini (1986)."""
+
+
+@cli.command()
+@click.argument("file", type=click.Path(path_type=Path), default="sassgis.toml")
+@click.option("--overwrite", is_flag=True, help="Replace a file that is there.")
+def init(file: Path, overwrite: bool) -> None:
+    """Write a commented configuration to FILE (default: sassgis.toml)."""
+    from sassgis.core.errors import OutputError
+    from sassgis.io.config import config_template
+
+    if file.exists() and not overwrite:
+        raise OutputError(f"{file}: exists; choose another name, or --overwrite")
+    try:
+        file.write_text(config_template(), encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{file}: cannot be written: {error.strerror}") from error
+    click.echo(f"Wrote {file}. Fill in the paths, then: sassgis validate {file}")
+
+
+@cli.command()
+@_CONFIG
+def validate(config: Path) -> None:
+    """Read CONFIG and every file that it names, and say what they hold."""
+    from sassgis.io.check import check_inputs
+    from sassgis.io.config import load_config
+
+    for line in check_inputs(load_config(config)).lines():
+        click.echo(line)
+
+
+@cli.command()
+@_CONFIG
+@_OUT
+@_SEED
+@_JOBS
+@_OVERWRITE
+def run(config: Path, out: Path, seed: int | None, jobs: int | None, overwrite: bool) -> None:
+    """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
+    _run(config, out, seed, jobs, overwrite)
+
+
+def _run(config: Path, out: Path, seed: int | None, jobs: int | None, overwrite: bool) -> None:
+    from sassgis.workflow.run import run as run_map
+
+    progress = _Progress()
+    try:
+        result = run_map(
+            config,
+            out,
+            seed=seed,
+            jobs=jobs,
+            overwrite=overwrite,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    finally:
+        progress.close()
+    for warning in result.warnings:
+        click.echo(f"Note: {warning}", err=True)
+    click.echo(f"{result.rocks} rocks in {result.seconds:.1f} s.")
+    click.echo(f"Open {out / 'project.qgz'} in QGIS, {out / 'report.html'} in a browser.")
+
+
+@cli.command()
+@_CONFIG
+@_OUT
+@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Profile: s_m, z_m, ground.")
+@click.option(
+    "--point", type=(float, float), metavar="X Y", help="Cut the profile from the terrain, from here."
+)
+@click.option("--rocks", type=click.IntRange(1), help="Rocks per block scenario.")
+@_SEED
+@_OVERWRITE
+def profile(
+    config: Path,
+    out: Path,
+    csv_file: Path | None,
+    point: tuple[float, float] | None,
+    rocks: int | None,
+    seed: int | None,
+    overwrite: bool,
+) -> None:
+    """Simulate one profile: trajectories, stations, run-out, energy along the slope."""
+    from sassgis.core.errors import ConfigError
+    from sassgis.workflow.profile_run import run_profile
+
+    if csv_file is not None and point is not None:
+        raise ConfigError("--csv and --point exclude each other", expected="one of them")
+    result = run_profile(
+        config, out, csv_file=csv_file, point=point, rocks=rocks, seed=seed, overwrite=overwrite
+    )
+    click.echo(f"{result.rocks.size} rocks. Open {out / 'report.html'} in a browser.")
+
+
+@cli.command()
+@_OUT
+@_JOBS
+@_OVERWRITE
+def demo(out: Path, jobs: int | None, overwrite: bool) -> None:
+    """Run the sample valley, a terrain that is made, not surveyed."""
+    from sassgis.workflow.samples import sample_folder
+
+    _run(sample_folder() / "valley" / "config.toml", out, None, jobs, overwrite)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; errors print as one line and set the exit code."""
+    given = sys.argv[1:] if arguments is None else arguments
+    debug = "--debug" in given
+    logging.basicConfig(level=logging.DEBUG if debug else logging.ERROR, format="%(message)s")
+    logging.getLogger("numba").setLevel(logging.WARNING)
+    try:
+        code: Any = cli.main(
+            args=[a for a in given if a != "--debug"], prog_name="sassgis", standalone_mode=False
+        )
+    except SassgisError as error:
+        _fail(str(error), error.exit_code, debug)
+    except click.exceptions.Abort:
+        _fail("stopped by the user", Interrupted.exit_code, debug)
+    except KeyboardInterrupt:
+        _fail("stopped by the user", Interrupted.exit_code, debug)
+    except click.ClickException as error:
+        _fail(error.format_message(), error.exit_code, debug)
+    except MemoryError:
+        _fail("not enough memory; fewer release points or larger cells need less", 1, debug)
+    except Exception as error:
+        _fail(
+            f"unexpected {type(error).__name__}: {' '.join(str(error).split())} "
+            "(a fault of sassgis; run again with --debug and report what it says)",
+            70,
+            debug,
+        )
+    else:
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(text: str, code: int, debug: bool) -> None:
+    if debug:
+        traceback.print_exc()
+    click.echo(f"Error: {text}", err=True)
+    sys.exit(code)

@@ -1,0 +1,526 @@
+"""A run along one profile: trajectories, stations, run-out, energy along the slope."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import sassgis
+from sassgis.core.errors import ConfigError, InputError
+from sassgis.core.grid import FloatArray
+from sassgis.core.ground import GroundTable
+from sassgis.core.profiles import ProfileSet, ReleasePoints
+from sassgis.core.results import Gate, Histogram, Outcome, StopReason
+from sassgis.engine import rng
+from sassgis.engine.course import trajectory
+from sassgis.engine.simulate import GateCrossings, Simulated, default_bins, simulate
+from sassgis.hazard.gates import GateSums
+from sassgis.hazard.statistics import quantiles
+from sassgis.io import figures
+from sassgis.io.config import Config, load_config, profile_gates, resolved, settings_hash
+from sassgis.io.ground import read_ground_table
+from sassgis.io.manifest import write_manifest
+from sassgis.io.report import ReportContext, ReportFigure, ReportTable, write_report
+from sassgis.io.staging import staged_output
+from sassgis.terrain.fall_lines import fall_line_surface, trace
+from sassgis.terrain.flatten import crossings, profiles
+from sassgis.terrain.stretch import with_lead_in
+from sassgis.workflow.inputs import (
+    collected_notices,
+    fall_line_settings,
+    input_files,
+    read_map_run,
+)
+from sassgis.workflow.map_report import file_stem, gate_tables, station_figures
+from sassgis.workflow.map_run import LEAD_IN_M
+from sassgis.workflow.tables import write_table
+from sassgis.workflow.vector_layers import STOP_TEXT
+
+#: Width of the stretches for which energy, speed and height along the profile are given (m).
+STRETCH_M = 1.0
+_COURSE_EVENTS = 2000
+_DRAWN = 100
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileInput:
+    """A profile to be run.
+
+    Attributes
+    ----------
+    name : str
+    s, z : float64, shape (n,)
+        Chainage and height of the vertices (m).
+    ground : int32, shape (n,)
+        Ground class of the segment that starts at each vertex.
+    table : GroundTable
+    gates : tuple of (Gate, chainage)
+    start : (low, high)
+        Chainages between which rocks start (m).
+    """
+
+    name: str
+    s: FloatArray
+    z: FloatArray
+    ground: NDArray[np.int32]
+    table: GroundTable
+    gates: tuple[tuple[Gate, float], ...]
+    start: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileResult:
+    """What the rocks of a profile left.
+
+    Attributes
+    ----------
+    profile : ProfileInput
+    rocks : ROCK_DTYPE, shape (n_scenarios * n_rocks,)
+    scenario : int64, same shape
+        Position in the configuration's blocks.
+    passages : PASSAGE_DTYPE
+    gates : GateSums
+    paths : tuple of (s, z)
+        Trajectories of the first rocks (m).
+    stretches : float64, shape (n + 1,)
+        Borders of the stretches of the profile (m).
+    along : dict of str to dict of float to float64, shape (n,)
+        Quantiles of "energy" (kJ), "speed" (m/s) and "height" (m) in each stretch.
+    """
+
+    profile: ProfileInput
+    rocks: NDArray[np.void]
+    scenario: NDArray[np.int64]
+    passages: NDArray[np.void]
+    gates: GateSums
+    paths: tuple[tuple[FloatArray, FloatArray], ...]
+    stretches: FloatArray
+    along: dict[str, dict[float, FloatArray]]
+
+
+def read_profile_csv(
+    path: Path, table: GroundTable, default_class: str
+) -> tuple[FloatArray, FloatArray, NDArray[np.int32]]:
+    """Read a profile: columns ``s_m``, ``z_m`` and, if wanted, ``ground``.
+
+    Raises
+    ------
+    InputError
+        With the file, the line, what was found and what is expected.
+    """
+    if not path.is_file():
+        raise InputError("file not found", file=path, expected="a CSV with columns s_m, z_m, ground")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream)
+            header = [h.strip() for h in (reader.fieldnames or [])]
+            reader.fieldnames = header
+            missing = [c for c in ("s_m", "z_m") if c not in header]
+            if missing:
+                raise InputError(
+                    "a column is missing",
+                    file=path,
+                    field=missing[0],
+                    found=", ".join(header) or "an empty file",
+                    expected="s_m, z_m and, if wanted, ground",
+                )
+            rows = [(reader.line_num, row) for row in reader]
+    except UnicodeDecodeError:
+        raise InputError("is not UTF-8 text", file=path, expected="UTF-8") from None
+    s, z, ground = [], [], []
+    for number, row in rows:
+        values = []
+        for column in ("s_m", "z_m"):
+            try:
+                value = float(row[column] or "")
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                raise InputError(
+                    "is not a number",
+                    file=path,
+                    field=f"line {number}, {column}",
+                    found=repr(row[column]),
+                    expected="metres",
+                )
+            values.append(value)
+        name = (row.get("ground") or "").strip() or default_class
+        try:
+            ground.append(table.index(name))
+        except InputError as error:
+            raise InputError(
+                error.problem,
+                file=path,
+                field=f"line {number}, ground",
+                found=error.found,
+                expected=error.expected,
+            ) from None
+        if s and values[0] <= s[-1]:
+            raise InputError(
+                "chainage must rise",
+                file=path,
+                field=f"line {number}, s_m",
+                found=f"{values[0]:g} after {s[-1]:g}",
+                expected="a larger number",
+            )
+        s.append(values[0])
+        z.append(values[1])
+    if len(s) < 2:
+        raise InputError(
+            "a profile needs two points", file=path, found=len(s), expected="two rows or more"
+        )
+    return np.array(s), np.array(z), np.array(ground, np.int32)
+
+
+def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
+    """The profile of ``[profile] file``, or of another CSV file in its place."""
+    settings = config.profile
+    file = path or (settings.file if settings else None)
+    if file is None:
+        raise ConfigError(
+            "no profile to run",
+            file=config.file,
+            field="profile.file",
+            expected="a CSV file; or give --csv, or --point to cut a profile from the terrain",
+        )
+    table = read_ground_table(config.ground.classes)
+    try:
+        default = table.index(config.ground.default)
+    except InputError as error:
+        raise ConfigError(
+            error.problem,
+            file=config.file,
+            field="ground.default",
+            found=error.found,
+            expected=error.expected,
+        ) from None
+    s, z, ground = read_profile_csv(file, table, table.names[default])
+    start = settings.start_m if settings else (float(s[0]), float(s[0]))
+    if not (s[0] <= start[0] and start[1] <= s[-1]):
+        raise ConfigError(
+            "rocks would start outside the profile",
+            file=config.file,
+            field="profile.start_m",
+            found=f"[{start[0]:g}, {start[1]:g}]",
+            expected=f"within {s[0]:g} to {s[-1]:g} m",
+        )
+    gates = tuple(profile_gates(config))
+    for gate, chainage in gates:
+        if not s[0] <= chainage <= s[-1]:
+            raise ConfigError(
+                "lies outside the profile",
+                file=config.file,
+                field=f"{gate.name}.chainage_m",
+                found=f"{chainage:g}",
+                expected=f"within {s[0]:g} to {s[-1]:g} m",
+            )
+    return ProfileInput(config.project.name, s, z, ground, table, gates, start)
+
+
+def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
+    """The profile of the fall line that starts at a point of the map.
+
+    Raises
+    ------
+    InputError
+        If the point lies outside the terrain model or on nodata.
+    """
+    run = read_map_run(config)
+    surface = fall_line_surface(run.grid, fall_line_settings(config))
+    point = ReleasePoints(
+        np.array([x]), np.array([y]), np.zeros(1, np.int64), np.zeros(1, np.uint64), ("point",)
+    )
+    traces = trace(run.grid, surface, point, run.fall_lines)
+    flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
+    s, z = flat.vertices(0)
+    if s.size < 2:
+        west, south, east, north = run.grid.bounds
+        raise InputError(
+            "no fall line starts here",
+            file=config.dem_path,
+            field="--point",
+            found=f"{x:g}, {y:g}",
+            expected=f"a point on known terrain within {west:g} to {east:g}, {south:g} to {north:g}",
+        )
+    gates = []
+    for gate, course in run.gates:
+        _, chainage = crossings(traces, course)
+        gates += [
+            (gate if i == 0 else replace(gate, name=f"{gate.name} ({i + 1})"), float(c))
+            for i, c in enumerate(chainage)
+        ]
+    return ProfileInput(
+        f"{config.project.name}: fall line from {x:.0f}, {y:.0f}",
+        s, z, flat.ground[: s.size], run.table, tuple(gates), (0.0, 0.0),
+    )  # fmt: skip
+
+
+def _with_stretches(profile: ProfileInput) -> ProfileSet:
+    """The profile with stretches of STRETCH_M in place of the cells of a map."""
+    n = max(math.ceil((profile.s[-1] - profile.s[0]) / STRETCH_M), 1)
+    border = profile.s[0] + STRETCH_M * np.arange(n + 1)
+    border[-1] = profile.s[-1]
+    flat = ProfileSet(
+        np.array([0, profile.s.size], np.int64), profile.s, profile.z,
+        profile.ground.astype(np.int32), np.array([0, n], np.int64), border,
+        np.arange(n, dtype=np.int64),
+    )  # fmt: skip
+    return with_lead_in(flat, LEAD_IN_M)
+
+
+def simulate_profile(
+    config: Config, profile: ProfileInput, *, seed: int | None = None, rocks: int | None = None
+) -> ProfileResult:
+    """Follow rocks of every block scenario down one profile.
+
+    Parameters
+    ----------
+    config : Config
+    profile : ProfileInput
+    seed, rocks : int, optional
+        In place of those of the configuration; rocks count per block scenario.
+    """
+    if not config.blocks:
+        raise ConfigError(
+            "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
+        )
+    count = rocks or (config.profile.rocks if config.profile else 100)
+    flat = _with_stretches(profile)
+    chainages = [c for _, c in profile.gates]
+    gates = GateCrossings.same_for_all([g for g, _ in profile.gates], chainages, 1)
+    sums = GateSums(gates.gates)
+    relief = float(profile.z.max() - profile.z.min())
+    mass = max(b.largest_mass_kg for b in config.blocks)
+    bins = default_bins(2e-3 * mass * 9.81 * max(relief, 10.0), max(relief, 4.0), 100.0)
+    parts: list[Simulated] = []
+    paths: list[tuple[FloatArray, FloatArray]] = []
+    drawn = -(-min(count, _DRAWN) // len(config.blocks))
+    for blocks in config.blocks:
+        word = int.from_bytes(blocks.name.encode()[:8].ljust(8, b"\0"), "little")
+        keys = rng.combined(np.zeros(1, np.uint64), np.uint64(word))
+
+        def follow(n: int, first: int, events: int, blocks=blocks, keys=keys) -> Simulated:  # type: ignore[no-untyped-def]
+            return simulate(
+                flat, profile.table, blocks, config.engine,
+                seed=config.run.seed if seed is None else seed, rocks_per_line=n, line_keys=keys,
+                starts=np.array([profile.start]), gates=gates, first_rock=first, bins=bins,
+                course_events=events,
+            )  # fmt: skip
+
+        shown = follow(min(drawn, count), 0, _COURSE_EVENTS)
+        paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.courses]
+        parts.append(follow(count, 0, 0))
+    for part in parts:
+        sums.add(part.passages)
+    borders = flat.cell_s[1:]
+    along = {
+        name: {
+            p: values
+            for p, values in zip(
+                (0.5, 0.9, 0.95, 0.99),
+                quantiles(
+                    np.sum([getattr(part.sums, name) for part in parts], axis=0, dtype=np.int64),
+                    getattr(bins, name),
+                    (0.5, 0.9, 0.95, 0.99),
+                    np.max([getattr(part.sums, f"{name}_max") for part in parts], axis=0),
+                ),
+                strict=True,
+            )
+        }
+        for name in ("energy", "speed", "height")
+    }
+    return ProfileResult(
+        profile,
+        np.concatenate([p.rocks for p in parts]),
+        np.repeat(np.arange(len(parts), dtype=np.int64), [p.rocks.size for p in parts]),
+        np.concatenate([p.passages for p in parts]),
+        sums,
+        tuple(paths),
+        borders,
+        along,
+    )
+
+
+def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePanel:
+    """The slope with trajectories, gates and stops, for one or several panels."""
+    p = result.profile
+    return figures.ProfilePanel(
+        s=p.s,
+        z=p.z,
+        trajectories=list(result.paths),
+        ground=p.ground.astype(np.int64),
+        ground_names=p.table.names,
+        gates=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.gates],
+        stops=result.rocks["runout_m"][: len(result.paths)],
+        title=title or p.name,
+    )
+
+
+def passage_histogram(
+    result: ProfileResult, gate: str, quantity: str, edges: Sequence[float], unit: str
+) -> Histogram:
+    """Histogram of one quantity of the passages at a station or barrier, by its name."""
+    names = [g.name for g, _ in result.profile.gates]
+    rows = result.passages[result.passages["gate"] == names.index(gate)]
+    counts, _ = np.histogram(np.clip(rows[quantity], edges[0], edges[-1]), edges)
+    return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
+
+
+def arrivals(result: ProfileResult, gate: str) -> int:
+    """Rocks that came to a station or barrier, by its name."""
+    names = [g.name for g, _ in result.profile.gates]
+    return result.gates.arrivals(names.index(gate))
+
+
+def run_profile(
+    config: Config | str | Path,
+    out: str | Path,
+    *,
+    csv_file: str | Path | None = None,
+    point: tuple[float, float] | None = None,
+    rocks: int | None = None,
+    seed: int | None = None,
+    overwrite: bool = False,
+) -> ProfileResult:
+    """Run one profile and write figures, tables and report.
+
+    Parameters
+    ----------
+    config : Config or path
+    out : path
+        Folder of the result; appears whole or not at all.
+    csv_file : path, optional
+        Profile in place of ``[profile] file``.
+    point : (x, y), optional
+        Start of a fall line on the terrain, in place of a CSV file.
+    rocks, seed : int, optional
+        In place of those of the configuration.
+    overwrite : bool
+
+    Returns
+    -------
+    ProfileResult
+
+    Raises
+    ------
+    ConfigError, InputError, OutputError
+    """
+    if not isinstance(config, Config):
+        config = load_config(config, {} if seed is None else {"run.seed": seed})
+    with staged_output(Path(out), overwrite) as work:
+        with collected_notices() as notices:
+            if point is not None:
+                profile = profile_from_terrain(config, *point)
+            else:
+                profile = profile_from_csv(config, None if csv_file is None else Path(csv_file))
+        result = simulate_profile(config, profile, seed=seed, rocks=rocks)
+        _write(work, config, result, list(notices), csv_file, seed)
+    return result
+
+
+def _write(
+    work: Path,
+    config: Config,
+    result: ProfileResult,
+    warnings: list[str],
+    csv_file: str | Path | None,
+    seed: int | None,
+) -> None:
+    p = result.profile
+    total = result.rocks.size
+    reasons = np.bincount(result.rocks["reason"], minlength=len(StopReason))
+    for reason in (StopReason.LEFT_PROFILE, StopReason.STEP_LIMIT, StopReason.NEVER_STARTED):
+        if reasons[reason]:
+            warnings.append(f"{reasons[reason]} of {total} rocks: {STOP_TEXT[reason]}.")
+    folder = work / "figures"
+    pictures = []
+
+    def add(name: str, title: str, caption: str, figure: object) -> None:
+        png = figures.to_png(figure)  # type: ignore[arg-type]
+        folder.mkdir(exist_ok=True)
+        (folder / f"{name}.png").write_bytes(png)
+        pictures.append(ReportFigure(title, caption, png))
+
+    gates = [(g, c) for g, c in p.gates]
+    add(
+        "profile", "Trajectories", "Paths of the centres of the rocks; chainage in plan.",
+        figures.profile_comparison_figure([profile_panel(result)]),
+    )  # fmt: skip
+    for quantity, words in (("energy", "Energy"), ("speed", "Speed"), ("height", "Passing height")):
+        add(
+            f"{quantity}_along", f"{words} along the profile",
+            f"Quantiles of the rocks that come into each stretch of {STRETCH_M:g} m.",
+            figures.energy_profile_figure(
+                result.stretches, result.along[quantity], p.s, p.z, quantity=quantity, gates=gates
+            ),
+        )  # fmt: skip
+    add(
+        "runout", "Run-out", "Chainage at which rocks end, by the reason.",
+        figures.runout_figure(result.rocks["runout_m"], result.rocks["reason"].astype(np.int64)),
+    )  # fmt: skip
+    for name, figure in station_figures(result.gates, total):
+        add(f"station_{file_stem(name)}", f"At {name}", "First downhill passage.", figure)
+    scenario = np.array([b.name for b in config.blocks])[result.scenario]
+    rocks = pd.DataFrame({n: result.rocks[n] for n in result.rocks.dtype.names or ()})
+    rocks["reason"] = [StopReason(int(r)).name.lower() for r in rocks["reason"]]
+    rocks.insert(0, "scenario", scenario)
+    write_table(work / "tables" / "rocks.csv", [rocks.drop(columns="line")])
+    passages = pd.DataFrame({n: result.passages[n] for n in result.passages.dtype.names or ()})
+    names = np.array([g.name for g, _ in p.gates], dtype=object)
+    passages["gate"] = names[result.passages["gate"]] if names.size else []
+    passages["outcome"] = [Outcome(int(o)).name.lower() for o in passages["outcome"]]
+    write_table(work / "tables" / "passages.csv", [passages.drop(columns="line")])
+    table = ReportTable(
+        "How rocks end",
+        (("reason", ""), ("rocks", ""), ("share", "%")),
+        tuple(
+            (STOP_TEXT[r], int(reasons[r]), 100.0 * int(reasons[r]) / max(total, 1))
+            for r in StopReason
+        ),
+    )
+    used_seed = config.run.seed if seed is None else seed
+    write_report(
+        work / "report.html",
+        ReportContext(
+            title=p.name,
+            subtitle="Rockfall along one profile with the SASS model (Bozzolo and Pamini, 1986)",
+            what_was_run=(
+                ("Profile", f"{p.s.size} vertices, {p.s[-1] - p.s[0]:.0f} m long, "
+                 f"{p.z.max() - p.z.min():.0f} m of relief"),
+                ("Start", f"chainage {p.start[0]:g} to {p.start[1]:g} m"),
+                ("Rocks", int(total)),
+            ),
+            warnings=tuple(warnings),
+            key_results=table,
+            figures=tuple(pictures),
+            tables=tuple(gate_tables(result.gates)),
+            provenance=(
+                ("Program", f"sassgis {sassgis.__version__}"),
+                ("Seed", used_seed),
+                ("Settings and inputs (SHA-256)", settings_hash(config)),
+            ),
+        ),
+    )  # fmt: skip
+    inputs = input_files(config)
+    if csv_file is not None:
+        inputs["profile"] = Path(csv_file)
+    write_manifest(
+        work / "manifest.json",
+        inputs=inputs,
+        base=config.file.parent,
+        crs="",
+        vertical_datum="",
+        seed=used_seed,
+        ref_width_m=None,
+        preset="",
+        settings=resolved(config),
+        counts={"rocks": int(total), **{f"rocks_{r.name.lower()}": int(reasons[r]) for r in StopReason}},
+        warnings=warnings,
+    )
