@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -34,7 +36,7 @@ def headings(traces: TraceSet, i: int = 0) -> FloatArray:
     return np.unwrap(np.arctan2(np.diff(y), np.diff(x)))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.floats(0, 360), st.floats(21, 75), st.floats(-20, 20), st.floats(-20, 20))
 def test_lines_on_planes_are_straight_and_long_enough(
     azimuth: float, slope: float, dx: float, dy: float
@@ -305,6 +307,42 @@ def test_chunks_give_the_same_lines_to_the_last_bit(rough_grid: Grid) -> None:
                 assert np.array_equal(a, b)
             assert part.end[i] == whole.end[j]
             assert part.fan[i] == whole.fan[j]
+
+
+def test_threads_give_the_same_lines(rough_grid: Grid) -> None:
+    mx, my = middle(rough_grid)
+    points = points_at(mx + np.linspace(-60, 60, 60), np.full(60, my + 80.0))
+    settings = FallLineSettings()
+    ground = fall_line_surface(rough_grid, settings)
+    whole = trace(rough_grid, ground, points, settings)
+    chunks = [slice(k, k + 10) for k in range(0, 60, 10)]
+    with ThreadPoolExecutor(4) as pool:
+        parts = list(
+            pool.map(lambda c: trace(rough_grid, ground, take(points, c), settings), chunks)
+        )
+    assert np.array_equal(np.concatenate([p.x for p in parts]), whole.x)
+    assert np.array_equal(np.concatenate([p.y for p in parts]), whole.y)
+    assert np.array_equal(np.concatenate([p.s for p in parts]), whole.s)
+
+
+def test_no_points_give_no_lines(rough_grid: Grid) -> None:
+    traces = run(rough_grid, np.empty(0), np.empty(0))
+    assert len(traces) == 0
+    assert traces.x.size == 0
+
+
+def test_a_line_keeps_out_of_a_river_along_a_flat_floor() -> None:
+    """It comes to the river at a slant and crosses it without turning into its bed."""
+    grid = grid_of(lambda x, y: valley(x, y - 0.5 * x), 200, 240)
+    mx, my = middle(grid)
+    settings = FallLineSettings(smoothing_m=4.0)
+    traces = run(grid, mx - 40.0, my + 140.0, settings)
+    x, y, _ = line(traces)
+    beyond = (y - my) - 0.5 * (x - mx) < -75.0
+    assert beyond.any()
+    floor = (y - my) - 0.5 * (x - mx) < -10.0
+    turn = np.degrees(headings(traces))
+    assert np.ptp(turn[floor[1:] & ~beyond[1:]]) < 15.0
 
 
 def test_bad_settings_are_named() -> None:
