@@ -17,7 +17,7 @@ from sassgis.core.ground import GroundTable
 from sassgis.core.results import Gate
 from sassgis.io.config import Config, ReleaseSettings, profile_gates
 from sassgis.io.dem import crs_name, read_dem
-from sassgis.io.ground import built_in_table, ground_raster, read_ground_table
+from sassgis.io.ground import built_in_table, default_class, ground_raster, read_ground_table
 from sassgis.io.profile_csv import check_on_profile, read_profile
 from sassgis.io.vectors import ReleaseArea, read_gates, read_release
 
@@ -225,8 +225,9 @@ def _dem_summary(file: Path, grid: Grid) -> DemSummary:
 
 def _profile(config: Config, table: GroundTable) -> tuple[ProfileSummary | None, dict[int, float]]:
     """The profile and the share of each ground class of its length."""
+    default = default_class(config.ground, table)
     if config.profile is None or config.profile.file is None:
-        return None, {table.index(config.ground.default): 1.0}
+        return None, {default: 1.0}
     flat = read_profile(config.profile.file, table, config.ground.default)
     check_on_profile(config, flat)
     s, z = flat.vertices(0)
@@ -272,7 +273,7 @@ def _doubts(table: GroundTable, shares: dict[int, float]) -> list[str]:
     for index in sorted(shares):
         c = table.classes[index]
         if not c.verified:
-            doubts.append(f"ground class {c.name}: its values are unverified ({c.source})")
+            doubts.append(f"ground class {c.name}: its values are unverified, see its source")
         elif c in built_in and c.d_star_m > 0.0:
             doubts.append(
                 f"ground class {c.name}: the diameter of the blocks on the ground (d_star_m "

@@ -26,6 +26,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    PrivateAttr,
     ValidationError,
     ValidationInfo,
     create_model,
@@ -114,6 +115,16 @@ TableFormat = Literal["none", "csv", "parquet"]
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+    _config_file: Path | None = PrivateAttr(default=None)
+
+    def model_post_init(self, context: Any) -> None:
+        """Remember the file, for messages of those who are given the section alone."""
+        self._config_file = (context or {}).get("file")
+
+    @property
+    def config_file(self) -> Path | None:
+        """The configuration file; None for a section that was made in code."""
+        return self._config_file
 
 
 # ---------------------------------------------------------------------------------------------
@@ -547,7 +558,7 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
     file = file.resolve()
     problems: list[ConfigError] = []
     engine_table = document.pop("engine", {})
-    context = {"base": file.parent}
+    context = {"base": file.parent, "file": file}
     parsed: _Document | None = None
     engine: EngineSettings | None = None
     try:

@@ -469,7 +469,7 @@ def _heights(dataset: Any, band: int, file: Path, vertical_unit: float) -> Float
             found=_reason(error, file),
             expected="an undamaged file",
         ) from None
-    values = np.asarray(raw.data, dtype=np.float64).copy()
+    values = np.array(raw.data, dtype=np.float64)
     values[np.ma.getmaskarray(raw)] = np.nan
     _refuse_infinite(values, file, band)
     scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]

@@ -183,12 +183,19 @@ def ground_raster(ground: GroundSettings, grid: Grid, table: GroundTable) -> NDA
     InputError
         If the file cannot be used or names a class that the table does not hold.
     """
-    default = _class_index(ground.default, table, "default class", ground.classes, "ground.default")
+    default = default_class(ground, table)
     if ground.file is None:
         return np.full(grid.shape, default, dtype=np.int32)
     if ground.raster_classes is not None:
         return _from_codes(ground, ground.file, grid, table, default)
     return _from_polygons(ground, ground.file, grid, table, default)
+
+
+def default_class(ground: GroundSettings, table: GroundTable) -> int:
+    """Position of the default class; InputError if the table does not hold it."""
+    return _class_index(
+        ground.default, table, "default class", ground.config_file, "ground.default"
+    )
 
 
 def _class_index(name: str, table: GroundTable, who: str, file: Path | None, field: str) -> int:

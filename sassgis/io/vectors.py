@@ -123,7 +123,12 @@ def read_release(
         If the file, the layer, a field, a feature or a name cannot be used.
     """
     if release.file is None:
-        raise InputError("no release areas are given", field="release.file", expected="a file")
+        raise InputError(
+            "no release areas are given",
+            file=release.config_file,
+            field="release.file",
+            expected="a file",
+        )
     file, name_field, scenario_field = release.file, release.name_field, release.scenario_field
     features = read_features(
         file,

@@ -116,11 +116,16 @@ def test_profile_runs_are_checked_without_a_map(tmp_path):
     blocks = TEXT[TEXT.index("[[blocks]]") : TEXT.index("[[stations]]")]
     path = tmp_path / "profile.toml"
     path.write_text(
-        f'[profile]\nfile = "p.csv"\n{blocks}[[stations]]\nname = "road"\nchainage_m = 9\n'
+        '[profile]\nfile = "p.csv"\nstart_m = [0, 5]\n'
+        f'{blocks}[[stations]]\nname = "road"\nchainage_m = 9\n'
     )
+    (tmp_path / "p.csv").write_text("s_m,z_m,ground\n0,100,rock\n5,96,\n20,94,\n")
     report = check_inputs(load_config(path))
     assert report.dem is None
     assert report.areas == ()
     assert [g.name for g in report.gates] == ["road"]
-    assert [c.name for c in report.classes] == ["debris"]
-    assert "blocks         large" in report.lines()
+    assert {c.name: c.share for c in report.classes} == {"rock": 0.25, "debris": 0.75}
+    text = "\n".join(report.lines())
+    assert "3 vertices, chainage 0 to 20 m, heights 94.0 to 100.0 m" in text
+    assert "debris: 75.0 % of the profile, verified" in text
+    assert "blocks         large" in text

@@ -12,7 +12,7 @@ from shapely import Point, box
 
 from sassgis.core.errors import InputError
 from sassgis.core.ground import GroundClass
-from sassgis.io.config import GroundSettings
+from sassgis.io.config import GroundSettings, load_config
 from sassgis.io.ground import built_in_table, ground_raster, read_ground_table
 
 WEST, NORTH = 2_700_000.0, 1_150_000.0
@@ -237,6 +237,17 @@ def refused(slope_grid, one_line):
 
 def test_unknown_default(refused):
     refused(None, "ground.default", "'rok'", "one of rock, debris", "nearest: rock", default="rok")
+
+
+def test_unknown_default_names_the_configuration(tmp_path, slope_grid, one_line):
+    path = tmp_path / "run.toml"
+    path.write_text(
+        '[ground]\ndefault = "rok"\n[profile]\n'
+        '[[blocks]]\nname = "b"\naxis_1_m = 1\naxis_2_m = 1\naxis_3_m = 1\n'
+    )
+    with pytest.raises(InputError) as error:
+        ground_raster(load_config(path).ground, slope_grid, TABLE)
+    one_line(error, "run.toml", "ground.default", "'rok'")
 
 
 def test_unknown_class_of_a_polygon(refused, make_layer):
