@@ -37,6 +37,8 @@ _METRES = {
 }
 #: Heights that occur on land, with room: the Dead Sea shore lies at -430 m, Everest at 8849 m.
 _LOWEST_M, _HIGHEST_M = -500.0, 9000.0
+#: Where all other heights lie above this, heights of exactly 0 are suspect.
+_ZERO_GAP_M = 50.0
 #: Shift (in cells) over the whole raster below which cells count as square.
 _SQUARE_TOLERANCE = 0.01
 #: Outside the area of use of a coordinate system by more than this, a warning is due (degrees).
@@ -497,7 +499,23 @@ def _heights(dataset: Any, band: int, file: Path, vertical_unit: float) -> Float
             expected=f"heights from {_LOWEST_M:g} to {_HIGHEST_M:g} m; "
             f"declare nodata with gdal_edit.py -a_nodata {stored:g}",
         )
+    _warn_of_zeros(values, file, band)
     return values
+
+
+def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
+    """Zero often stands for nodata; amid mountains it shows."""
+    zero = values == 0.0
+    others = values[np.isfinite(values) & ~zero]
+    if zero.any() and others.size and others.min() > _ZERO_GAP_M:
+        log.warning(
+            "%s: band %d: %d cells hold exactly 0 while all others lie above %.0f m; "
+            "probably nodata that is not declared",
+            file,
+            band,
+            int(zero.sum()),
+            math.floor(float(others.min())),
+        )
 
 
 def _refuse_infinite(values: FloatArray, file: Path, band: int) -> None:

@@ -527,9 +527,8 @@ def _open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, st
             "file not found", file=file, field=f"{key}.file", expected="the path of a vector file"
         )
     try:
-        with warnings.catch_warnings():
-            # Measures along lines are dropped with the heights: nothing is lost.
-            warnings.filterwarnings("ignore", message="Measured", category=UserWarning)
+        with warnings.catch_warnings(record=True) as spoken:
+            warnings.simplefilter("always")
             layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
             name = _choose_layer(layers, layer, file, key)
             # Geometries that cannot be decoded come as None and are reported by feature.
@@ -542,6 +541,10 @@ def _open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, st
             found=str(error).split(";")[0].replace(f"'{file}' ", "")[:160],
             expected="GeoPackage, Shapefile, GeoJSON or another format that GDAL reads",
         ) from None
+    for text in dict.fromkeys(str(w.message) for w in spoken):
+        # Measures along lines are dropped with the heights: nothing is lost.
+        if not text.startswith("Measured"):
+            log.warning("%s: %s", file, " ".join(text.split()))
     known = [c for c in frame.columns if c != "geometry"]
     for setting, field in fields.items():
         if field is not None and field not in known:
@@ -597,7 +600,10 @@ def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str
     place = f"{key}.file"
     if shape is None or shape.is_empty:
         raise InputError(
-            f"{who} has no geometry", file=file, field=place, expected="a " + " or ".join(kinds)
+            f"{who} has no usable geometry",
+            file=file,
+            field=place,
+            expected="a " + " or ".join(kinds),
         )
     kind = _KINDS.get(shape.geom_type, "")
     if kind not in kinds:

@@ -363,6 +363,16 @@ def test_images_draw_a_warning(make_dem, caplog):
     assert "hillshade" in caplog.text
 
 
+def test_zeros_amid_mountains_draw_a_warning(make_dem, caplog):
+    values = HEIGHTS - 1000.0  # from 0 to 19 m: by the sea
+    read_dem(make_dem(values))
+    assert not caplog.records
+    values = HEIGHTS.copy()
+    values[1, 1:3] = 0.0
+    read_dem(make_dem(values))
+    assert "2 cells hold exactly 0 while all others lie above 1000 m" in caplog.text
+
+
 # --- field data -----------------------------------------------------------------------------
 
 

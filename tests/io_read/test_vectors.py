@@ -198,7 +198,7 @@ def test_empty_layer(refused, make_layer):
 @pytest.mark.parametrize("shape", [None, Polygon()], ids=["none", "empty"])
 def test_missing_geometry_names_the_feature(refused, make_layer, shape):
     path = make_layer([AREA, shape], title=["a", "b"])
-    refused(path, "feature 2 (b)", "no geometry", "polygon", name_field="title")
+    refused(path, "feature 2 (b)", "no usable geometry", "polygon", name_field="title")
 
 
 def test_crossing_polygon_names_feature_and_place(refused, make_layer):
@@ -316,6 +316,15 @@ def test_overlaps_are_warned_of_within_a_scenario(make_layer, slope_grid, caplog
     assert [r.getMessage().split(": ")[1] for r in caplog.records] == [
         "areas area 1 and area 2 overlap by 600.0 m2; rocks start there from both"
     ]
+
+
+def test_open_rings_are_refused_and_the_reason_is_told(refused, tmp_path, caplog):
+    ring = [list(p) for p in gpd.GeoSeries([AREA], crs=2056).to_crs(4326)[0].exterior.coords[:-1]]
+    shape = {"type": "Polygon", "coordinates": [ring]}
+    path = tmp_path / "open.geojson"
+    path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": shape}))
+    refused(path, "release.file", "feature 1 has no usable geometry")
+    assert "Non closed ring" in caplog.text
 
 
 # --- cells and slopes -----------------------------------------------------------------------
