@@ -506,8 +506,10 @@ def _heights(dataset: Any, band: int, file: Path, vertical_unit: float) -> Float
 def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
     """Zero often stands for nodata; amid mountains it shows."""
     zero = values == 0.0
+    if not zero.any():
+        return
     others = values[np.isfinite(values) & ~zero]
-    if zero.any() and others.size and others.min() > _ZERO_GAP_M:
+    if others.size and others.min() > _ZERO_GAP_M:
         log.warning(
             "%s: band %d: %d cells hold exactly 0 while all others lie above %.0f m; "
             "probably nodata that is not declared",
