@@ -35,7 +35,7 @@ FEWEST = 1
 
 # Random walk at its own defaults. The geometric gradient stops a walk where the straight line to
 # its start is flatter than the angle. This angle lets walks cross the talus and end on the foot,
-# half of them within some 450 m of the cliff's edge; of the rocks of SASS half end within some 400 m
+# half of them within some 450 m of the cliff's edge; of the rocks of SASS half end within about 400
 # (rough) to 430 m (plain), so neither side gains much by shorter paths. A flatter angle makes walks
 # longer and slower.
 OPTIONS = {
