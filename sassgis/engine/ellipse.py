@@ -32,8 +32,12 @@ def contact_frame(a, b, theta):
     curvature : float
         Second derivative of y (m).
     """
-    s = math.sin(theta)
-    c = math.cos(theta)
+    return frame_of(a, b, math.sin(theta), math.cos(theta))
+
+
+@kernel
+def frame_of(a, b, s, c):
+    """As contact_frame, from the sine and cosine of the angle."""
     y = math.sqrt(a * a * s * s + b * b * c * c)
     x = (a * a - b * b) * s * c / y
     curvature = ((a * a - b * b) * (c * c - s * s) - x * x) / y

@@ -225,13 +225,15 @@ def run_lines(
         tx = np.empty(n)
         tz = np.empty(n)
         length = np.empty(n)
+        angle = np.empty(n)
         for j in range(n):
             dx = sx[j + 1] - sx[j]
             dz = sz[j + 1] - sz[j]
             length[j] = math.sqrt(dx * dx + dz * dz)
             tx[j] = dx / length[j]
             tz[j] = dz / length[j]
-        profile = Profile(sx, sz, tx, tz, length, lines.ground[v0:v1])
+            angle[j] = math.atan2(dz, dx)
+        profile = Profile(sx, sz, tx, tz, length, angle, lines.ground[v0:v1])
         c0 = lines.cell_offset[i]
         c1 = lines.cell_offset[i + 1]
         n_pieces = _cut(

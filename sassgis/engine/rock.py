@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sassgis.core.jit import kernel
 from sassgis.engine import rng
 from sassgis.engine.contact import next_contact, resting_height
-from sassgis.engine.ellipse import contact_frame, inertia, mean_radius
+from sassgis.engine.ellipse import frame_of, inertia, mean_radius
 from sassgis.engine.impact import impact, normal_force, turn_about_contact
 from sassgis.engine.recording import record_flight, record_ground
 from sassgis.engine.rolling import rolling_stretch
@@ -62,6 +62,7 @@ class Profile(NamedTuple):
     tx: NDArray[np.float64]
     tz: NDArray[np.float64]
     length: NDArray[np.float64]
+    angle: NDArray[np.float64]
     ground: NDArray[np.int32]
 
 
@@ -310,7 +311,7 @@ def follow(
     round_rock = a - b < 1e-12 * a
 
     seg = _segment_at(profile, start_x, 0)
-    theta = orientation + math.atan2(tz[seg], tx[seg])
+    theta = orientation + profile.angle[seg]
     x = start_x
     z = resting_height(x, theta, a, b, sx, sz, tx, tz) + drop
     vx = speed * tx[seg]
@@ -363,6 +364,13 @@ def follow(
     nz = tx[seg]
     v = speed
 
+    # Calls that have nothing to do are left out: passing arrays costs more than most of them.
+    noting = course.rows.shape[0] > 0
+    guarded = gates.x.size > 0
+    t_gate = np.inf
+    share = 1.0
+    outcome = PASSED
+    left = 1.0
     events = 0
     while phase != END:
         events += 1
@@ -371,7 +379,8 @@ def follow(
             break
 
         if phase == FLIGHT:
-            _note(course, FLIGHT, t, x, z, vx, vz, theta, omega, -1, 0.0, 0.0)
+            if noting:
+                _note(course, FLIGHT, t, x, z, vx, vz, theta, omega, -1, 0.0, 0.0)
             if vx > 1e-9:
                 limit = (sx[n] - x) / vx
             elif vx < -1e-9:
@@ -384,10 +393,12 @@ def follow(
             )  # fmt: skip
             if hit < 0:
                 until = max(limit, 0.0)
-            n_passages, t_gate, outcome, left, gate = _gates_in_flight(
-                gates, seen, passages, n_passages, profile, seg, gates_from, x, z, vx, vz, theta,
-                omega, g, until, block, inert,
-            )  # fmt: skip
+            gate = -1
+            if guarded:
+                n_passages, t_gate, outcome, left, gate = _gates_in_flight(
+                    gates, seen, passages, n_passages, profile, seg, gates_from, x, z, vx, vz,
+                    theta, omega, g, until, block, inert,
+                )  # fmt: skip
             spin_energy = 0.5 * inert * omega * omega
             if gate >= 0:
                 until = t_gate
@@ -437,8 +448,9 @@ def follow(
             uz = -nx
             vt = vx * ux + vz * uz
             vn = vx * nx + vz * nz
-            slope_angle = math.atan2(uz, ux)
-            lever, support, curvature = contact_frame(a, b, theta - slope_angle)
+            st = math.sin(theta)
+            ct = math.cos(theta)
+            lever, support, curvature = frame_of(a, b, st * ux - ct * uz, ct * ux + st * uz)
             row = ground_table[profile.ground[seg]]
             energy = 0.5 * (vx * vx + vz * vz + inert * omega * omega)
             # Contacts on one spot: a rock that only trembles has come to rest.
@@ -465,9 +477,9 @@ def follow(
                     p = uz / ux * (1.0 - u)
                     mz = 1.0 / math.sqrt(1.0 + p * p)
                     mx = -p * mz
-                met_angle = math.atan2(-mx, mz)
-                px, py, _ = contact_frame(a, b, theta - met_angle)
-                _note(course, IMPACT, t, x, z, vx, vz, theta, omega, seg, mz, -mx)
+                px, py, _ = frame_of(a, b, st * mz + ct * mx, ct * mz - st * mx)
+                if noting:
+                    _note(course, IMPACT, t, x, z, vx, vz, theta, omega, seg, mz, -mx)
                 wt, wn, omega = impact(
                     px, py, inert, vx * mz - vz * mx, vx * mx + vz * mz, omega, row[0],
                     physics.eta_rule, row[3],
@@ -529,23 +541,14 @@ def follow(
         if pull < 0.0 and -v * v / (2.0 * pull) <= way_len:
             way_len = -v * v / (2.0 * pull)
             what = 1
-        _note(
-            course,
-            phase,
-            t,
-            x,
-            z,
-            v * way * ux,
-            v * way * uz,
-            theta,
-            omega,
-            seg,
-            way * ux,
-            way * uz,
-        )
+        if noting:
+            _note(
+                course, phase, t, x, z, v * way * ux, v * way * uz, theta, omega, seg, way * ux,
+                way * uz,
+            )  # fmt: skip
         if rolling:
             way_len, what = rolling_stretch(
-                a, b, inert, roll_radius, theta - math.atan2(uz, ux), way, v, pull, g, ux,
+                a, b, inert, roll_radius, theta - profile.angle[seg], way, v, pull, g, ux,
                 way_len, what, physics.lift_off and not round_rock,
                 physics.end_sliding and not round_rock,
             )  # fmt: skip
@@ -577,10 +580,12 @@ def follow(
             # Friction can turn the rock no faster than its work allows.
             target = max(v2 + dv2, 0.0) / (roll_radius * roll_radius)
             dspin2 = min(target - spin2, 2.0 * mu * g * ux * way_len / inert)
-        n_passages, share, outcome, left, gate = _gates_on_ground(
-            gates, seen, passages, n_passages, gates_from, x, end_x, v2, dv2, spin2, dspin2,
-            way * ux, way * uz, way, block, inert,
-        )  # fmt: skip
+        gate = -1
+        if guarded:
+            n_passages, share, outcome, left, gate = _gates_on_ground(
+                gates, seen, passages, n_passages, gates_from, x, end_x, v2, dv2, spin2, dspin2,
+                way * ux, way * uz, way, block, inert,
+            )  # fmt: skip
         if gate >= 0:
             way_len *= share
             dv2 *= share
@@ -637,7 +642,7 @@ def follow(
             # The ellipse stands upright and leaves the ground; its centre is lifted to its top.
             energy = 0.5 * (v * v + inert * omega * omega) - g * ux * (a - roll_radius)
             omega = way * math.sqrt(2.0 * energy / (inert + a * a))
-            theta = 0.5 * math.pi + math.atan2(uz, ux)
+            theta = 0.5 * math.pi + profile.angle[seg]
             x += (a - roll_radius) * -uz
             z += (a - roll_radius) * ux
             vx = a * omega * ux
@@ -659,7 +664,8 @@ def follow(
                 seg = k
             continue
 
-    _note(course, END, t, x, z, 0.0, 0.0, theta, 0.0, seg, 0.0, 0.0)
+    if noting:
+        _note(course, END, t, x, z, 0.0, 0.0, theta, 0.0, seg, 0.0, 0.0)
     if reason == REST and not moved:
         reason = NEVER_STARTED
     return (
