@@ -9,7 +9,7 @@ the ground ahead descends again. What a rock really does on that line is left to
 A line that follows the descent does so until the slope falls below the flat slope (tangent m_f) or
 the descent turns away from the heading by more than 60°. From there it coasts:
 
-    d psi / d s = (psi_d - psi) (m / m_f)² a(cos(psi_d - psi)) / L,
+    d psi / d s = (psi_d - psi) q min(1, q) a(cos(psi_d - psi)) / L,    q = m / m_f,
 
 with heading psi, direction of steepest descent psi_d, slope m (tangent), turning length L, and a
 smooth step ``a`` from 0 (descent sideways or backwards) to 1 (within 60° of the heading). It
@@ -75,7 +75,9 @@ class FallLineSettings:
         and above the slope of valley floors and most debris fans.
     turning_length_m : float
         L above (m): on ground of the flat slope a coasting line turns towards the descent over this
-        length; over four times as much on ground half as steep.
+        length; over four times as much on ground half as steep, half as much on ground twice as
+        steep. The default is about the radius v² / (g sin) on which gravity bends the path of a
+        body that moves across a slope of 8° at 8 m/s.
     energy_line_angle_deg : float
         Angle below the horizontal of the line that, drawn from the release point over the plan
         length of the fall line, no rock is expected to reach beyond (degrees). Where the terrain
@@ -446,7 +448,7 @@ def _turn_rate(
     cosine = min(1.0, max(0.0, _along(gu, gv, cos_fan, sin_fan, hu, hv) / _ALIGNED))
     agreement = cosine * cosine * (3.0 - 2.0 * cosine)
     steepness = slope / flat if flat > 0.0 else 1.0
-    return agreement * steepness * steepness / turning
+    return agreement * steepness * min(1.0, steepness) / turning
 
 
 @kernel
