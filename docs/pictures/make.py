@@ -1,0 +1,56 @@
+"""Make the pictures of the README from the samples.
+
+python docs/pictures/make.py            # rewrites the PNG files of this folder
+python docs/pictures/make.py FOLDER     # writes them somewhere else
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from sassgis.core.results import StopReason
+from sassgis.io.config import load_config
+from sassgis.io.figures import profile_comparison_figure, save
+from sassgis.workflow.profile_run import (
+    arrivals,
+    profile_from_csv,
+    profile_panel,
+    simulate_profile,
+)
+from sassgis.workflow.run import run
+from sassgis.workflow.samples import sample_folder
+
+
+def energy_map(folder: Path) -> None:
+    """The energy map of `sassgis demo`, as the program itself draws it."""
+    with tempfile.TemporaryDirectory() as work:
+        out = Path(work) / "demo"
+        run(sample_folder() / "valley" / "config.toml", out)
+        shutil.copyfile(out / "figures" / "map_energy.png", folder / "energy_map.png")
+
+
+def before_and_after(folder: Path) -> None:
+    """The Bedrina-like slope without and with its wall and two nets."""
+    panels = []
+    for name in ("before", "after"):
+        config = load_config(sample_folder() / "bedrina" / f"config_{name}.toml")
+        result = simulate_profile(config, profile_from_csv(config))
+        started = int((result.rocks["reason"] != StopReason.NEVER_STARTED).sum())
+        words = f"{name}: {arrivals(result, 'road')} of {started} rocks reach the road"
+        panels.append(profile_panel(result, words))
+    save(profile_comparison_figure(panels), folder / "before_after.png")
+
+
+def main() -> None:
+    """Write both pictures."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
+    folder.mkdir(parents=True, exist_ok=True)
+    before_and_after(folder)
+    energy_map(folder)
+
+
+if __name__ == "__main__":
+    main()
