@@ -10,8 +10,8 @@ Engine
     ``simulate`` follows rocks down profiles that are given as arrays; ``read_dem`` reads a terrain
     model.
 Types
-    ``Grid``, ``GroundTable`` and ``GroundClass``, ``BlockPopulation``, ``EngineSettings``, ``Gate``,
-    ``StopReason``, ``Outcome``.
+    ``Grid``, ``GroundTable`` and ``GroundClass``, ``BlockPopulation``, ``EngineSettings``,
+    ``Gate``, ``StopReason``, ``Outcome``.
 
 docs/python.md has examples.
 """
