@@ -1,7 +1,7 @@
 """Make the pictures of the README from the samples.
 
-python docs/pictures/make.py            # rewrites the PNG files of this folder
-python docs/pictures/make.py FOLDER     # writes them somewhere else
+``python docs/pictures/make.py`` rewrites the PNG files of this folder;
+``python docs/pictures/make.py FOLDER`` writes them somewhere else.
 """
 
 from __future__ import annotations
