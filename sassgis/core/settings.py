@@ -9,6 +9,7 @@ from sassgis.core.errors import ConfigError
 
 EtaMaxRule = Literal["scale", "coulomb"]
 SlopeVariation = Literal["per_impact", "off"]
+Rolling = Literal["round", "ellipse"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +19,7 @@ class EngineSettings:
     Attributes
     ----------
     gravity_mps2 : float
+        Acceleration of gravity.
     eta_max_rule : {"scale", "coulomb"}
         How an impact that would keep more energy than η_max is brought down to it. "scale" scales
         spin and velocity together (direction and no-slip kept). "coulomb" first lets the contact
@@ -26,8 +28,10 @@ class EngineSettings:
         Whether each impact on descending ground meets it at tan β' = tan β (1 − u).
     rolling_threshold : float
         A rock lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius.
-    lift_off : bool
-        Whether a rolling rock leaves the ground where the normal force on its turning ellipse ends.
+    rolling : {"round", "ellipse"}
+        "round": dv/dt = g (sin β − μ_r cos β), the paper's words; the rock leaves the ground at
+        convex vertices only. "ellipse": also the turning ellipse counts, whose centre rises and
+        falls, and it leaves the ground where the normal force on it ends (N <= 0).
     end_sliding : bool
         Whether a rock too slow to turn over its longer axis ends by sliding.
     contact_tolerance_m : float
@@ -40,7 +44,7 @@ class EngineSettings:
     eta_max_rule: EtaMaxRule = "scale"
     slope_variation: SlopeVariation = "per_impact"
     rolling_threshold: float = 0.1
-    lift_off: bool = True
+    rolling: Rolling = "round"
     end_sliding: bool = True
     contact_tolerance_m: float = 1e-6
     max_events: int = 20_000
@@ -49,6 +53,7 @@ class EngineSettings:
         choices = {
             "eta_max_rule": get_args(EtaMaxRule),
             "slope_variation": get_args(SlopeVariation),
+            "rolling": get_args(Rolling),
         }
         for field, allowed in choices.items():
             if getattr(self, field) not in allowed:

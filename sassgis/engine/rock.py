@@ -14,7 +14,7 @@ from sassgis.engine.contact import next_contact, resting_height
 from sassgis.engine.ellipse import frame_of, inertia, mean_radius
 from sassgis.engine.impact import impact, normal_force, turn_about_contact
 from sassgis.engine.recording import record_flight, record_ground
-from sassgis.engine.rolling import rolling_stretch
+from sassgis.engine.rolling import rolling_spin, rolling_stretch
 
 # Phases, as they are written to the course of a rock.
 FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4
@@ -48,7 +48,7 @@ class Physics(NamedTuple):
     eta_rule: int
     slope_variation: bool
     rolling_threshold: float
-    lift_off: bool
+    as_ellipse: bool
     end_sliding: bool
     tolerance: float
     max_events: int
@@ -368,6 +368,7 @@ def follow(
     noting = course.rows.shape[0] > 0
     guarded = gates.x.size > 0
     t_gate = np.inf
+    lift = 0.0
     share = 1.0
     outcome = PASSED
     left = 1.0
@@ -547,9 +548,9 @@ def follow(
                 way * uz,
             )  # fmt: skip
         if rolling:
-            way_len, what = rolling_stretch(
-                a, b, inert, roll_radius, theta - profile.angle[seg], way, v, pull, g, ux,
-                way_len, what, physics.lift_off and not round_rock,
+            way_len, what, lift = rolling_stretch(
+                a, b, inert, roll_radius, theta - profile.angle[seg], way, v, pull, g, ux, down,
+                way_len, what, physics.as_ellipse and not round_rock,
                 physics.end_sliding and not round_rock,
             )  # fmt: skip
         # Ground ahead: the rock is moved in a straight line until it touches.
@@ -639,15 +640,16 @@ def follow(
             phase = SLIDING
             continue
         if what == 3:
-            # The ellipse stands upright and leaves the ground; its centre is lifted to its top.
-            energy = 0.5 * (v * v + inert * omega * omega) - g * ux * (a - roll_radius)
-            omega = way * math.sqrt(2.0 * energy / (inert + a * a))
-            theta = 0.5 * math.pi + profile.angle[seg]
-            x += (a - roll_radius) * -uz
-            z += (a - roll_radius) * ux
-            vx = a * omega * ux
-            vz = a * omega * uz
-            clear_from = _FIRST_TURN / abs(omega)
+            # The normal force on the turning ellipse ends; its centre is where it then stands.
+            spin = rolling_spin(a, b, inert, roll_radius, v, lift, g, ux)
+            theta = 0.5 * math.pi + way * lift + profile.angle[seg]
+            lever, support, _ = frame_of(a, b, math.cos(lift), -way * math.sin(lift))
+            omega = way * spin
+            x += (support - roll_radius) * -uz
+            z += (support - roll_radius) * ux
+            vx = support * omega * ux + lever * omega * uz
+            vz = support * omega * uz - lever * omega * ux
+            clear_from = _FIRST_TURN / spin
             phase = FLIGHT
             continue
         if what == 0:

@@ -138,7 +138,7 @@ def _physics(settings: EngineSettings) -> rock_rules.Physics:
         ],
         slope_variation=settings.slope_variation == "per_impact",
         rolling_threshold=float(settings.rolling_threshold),
-        lift_off=bool(settings.lift_off),
+        as_ellipse=settings.rolling == "ellipse",
         end_sliding=bool(settings.end_sliding),
         tolerance=float(settings.contact_tolerance_m),
         max_events=int(settings.max_events),

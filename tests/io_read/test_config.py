@@ -182,7 +182,7 @@ WRONG = [
     ("[terrain]", "[engine]\nmax_event = 1\n[terrain]", ["engine.max_event", "'max_events'"]),
     ("[terrain]", "[engine]\nmax_events = 1\n[terrain]", ["engine.max_events", "100"]),
     ("[terrain]", "[engine]\ngravity_mps2 = nan\n[terrain]", ["engine.gravity_mps2", "finite"]),
-    ("[terrain]", "[engine]\nlift_off = 1\n[terrain]", ["engine.lift_off", "true or false"]),
+    ("[terrain]", "[engine]\nend_sliding = 1\n[terrain]", ["engine.end_sliding", "true or false"]),
     ("[terrain]", "[output]\nenergy_classes_kj = [3, 3]\n[terrain]", ["energy_classes_kj", "asc"]),
     (
         "[terrain]",
