@@ -8,6 +8,8 @@ from sassgis.core.grid import FloatArray
 from sassgis.core.results import Band, RasterLayer
 from sassgis.hazard.statistics import MapSums, Sample, quantiles, reach_probability
 
+# Breaks start at 0, as nothing that is mapped is negative: no class without cells, and not the
+# palest colour of a ramp, which would be lost on the relief.
 #: Probabilities of the quantiles that are mapped.
 PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
 
@@ -106,16 +108,16 @@ def map_layers(
                     where_reached(error),
                 ),
             ),
-            (0.0001, 0.001, 0.01, 0.03, 0.1, 0.3),
-            "YlOrRd",
+            (0.0, 0.0001, 0.001, 0.01, 0.03, 0.1, 0.3),
+            "plasma_r",
         ),
         RasterLayer(
             "passages",
             "Rocks passing",
             f"Number of rocks that come into the cell. {width}",
             (band("passages", "Rocks that come into the cell", "rocks", where_reached(reach)),),
-            (1, 10, 100, 1000, 10000),
-            "viridis",
+            (0, 10, 100, 1000, 10000),
+            "BuPu",
         ),
         RasterLayer(
             "energy",
@@ -127,8 +129,8 @@ def map_layers(
                 band("mean", "Kinetic energy, mean of the rocks", "kJ", where_reached(mean)),
                 band("max", "Kinetic energy, largest", "kJ", where_reached(largest["energy"])),
             ),
-            energy_classes_kj,
-            "plasma",
+            (0.0, *energy_classes_kj),
+            "YlOrRd",
         ),
         RasterLayer(
             "passing_height",
@@ -139,8 +141,8 @@ def map_layers(
                 *first(height, q95),
                 band("max", "Passing height, largest", "m", where_reached(largest["height"])),
             ),
-            (0.5, 1.0, 2.0, 4.0, 8.0),
-            "cividis",
+            (0.0, 0.5, 1.0, 2.0, 4.0, 8.0),
+            "YlGnBu",
         ),
         RasterLayer(
             "speed",
@@ -151,8 +153,8 @@ def map_layers(
                 *first(speed, q95),
                 band("max", "Speed, largest", "m/s", where_reached(largest["speed"])),
             ),
-            (5.0, 10.0, 15.0, 20.0, 30.0),
-            "magma",
+            (0.0, 5.0, 10.0, 15.0, 20.0, 30.0),
+            "RdPu",
         ),
         RasterLayer(
             "stops",
@@ -160,10 +162,13 @@ def map_layers(
             "Number of rocks that come to rest, or are stopped by a barrier, in the cell.",
             (
                 band(
-                    "stops", "Rocks that end in the cell", "rocks", np.where(stops > 0, stops, np.nan)
+                    "stops",
+                    "Rocks that end in the cell",
+                    "rocks",
+                    np.where(stops > 0, stops, np.nan),
                 ),
             ),
-            (1, 3, 10, 30, 100),
+            (0, 3, 10, 30, 100),
             "Blues",
         ),
     )

@@ -14,13 +14,18 @@ from sassgis.hazard.gates import GateSums
 from sassgis.io.footprint import footprints
 from sassgis.io.geopackage import VectorLayer
 from sassgis.io.qgis.styles import (
+    BARRIER_STYLE,
+    FALL_LINE_STYLE,
+    FOOTPRINT_STYLE,
+    RELEASE_AREA_STYLE,
+    RELEASE_POINT_STYLE,
+    STATION_STYLE,
+    STOP_STYLE,
     FieldInfo,
-    Symbol,
-    VectorStyle,
     categorised_style,
 )
-from sassgis.workflow.checkpoint import joined_lines, joined_rows
-from sassgis.workflow.map_run import MapRun, Plan, Progress
+from sassgis.workflow.checkpoint import joined_lines
+from sassgis.workflow.map_run import MapRun, Plan, Progress, kept_stops
 
 LINE_END_TEXT = {
     LineEnd.LEFT_DEM: "edge of the terrain model",
@@ -45,6 +50,9 @@ _STOP_COLOUR = {
 }
 #: Levels of the footprint: every cell reached, and shares of all rocks.
 FOOTPRINT_LEVELS = (0.0, 0.001, 0.01)
+_FOOTPRINT_COLOUR = ("#fed976", "#fd8d3c", "#bd0026")
+#: Beyond these ends of a fall line nothing is known of the rocks.
+_LINE_CUT = (LineEnd.LEFT_DEM, LineEnd.NODATA, LineEnd.MAX_LENGTH)
 
 
 def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
@@ -72,9 +80,7 @@ def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
             "points": FieldInfo("release points"),
             "rocks": FieldInfo("rocks released"),
         },
-        style=VectorStyle(
-            Symbol("fill", "#7f2704", 0.15, outline="#7f2704", outline_mm=0.4), label_column="name"
-        ),
+        style=RELEASE_AREA_STYLE,
     )
 
 
@@ -95,7 +101,7 @@ def release_points(run: MapRun, planned: Plan) -> VectorLayer:
         "Each stands for the rocks released around it.",
         frame,
         {"area": FieldInfo("release area"), "rocks": FieldInfo("rocks released")},
-        style=VectorStyle(Symbol("marker", "#7f2704", size_mm=0.8)),
+        style=RELEASE_POINT_STYLE,
     )
 
 
@@ -138,10 +144,10 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             "ends_at": FieldInfo("ends at"),
         },
         style=categorised_style(
-            Symbol("line", "#5f5f5f", 0.6, size_mm=0.12),
+            FALL_LINE_STYLE.symbol,
             "ends_at",
             {
-                text: (text, "#c1121f" if end in (LineEnd.LEFT_DEM, LineEnd.NODATA) else "#5f5f5f")
+                text: (text, "#c1121f" if end in _LINE_CUT else FALL_LINE_STYLE.symbol.colour)
                 for end, text in LINE_END_TEXT.items()
             },
         ),
@@ -151,7 +157,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
 def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
     """Where single rocks end: all of them, or an even share of all."""
     total = int(progress.reasons.sum())
-    rows = joined_rows(progress.stops)
+    rows = kept_stops(run, progress)
     on_map = np.isfinite(rows.x) & np.isfinite(rows.y)
     rocks = rows.rocks[on_map]
     frame = gpd.GeoDataFrame(
@@ -194,7 +200,7 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             "impacts": FieldInfo("impacts"),
         },
         style=categorised_style(
-            Symbol("marker", "#1f4e79", 0.7, size_mm=0.7),
+            STOP_STYLE.symbol,
             "end",
             {text: (text, _STOP_COLOUR[reason]) for reason, text in STOP_TEXT.items()},
         ),
@@ -285,11 +291,7 @@ def _gate_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
             "Statistics at the first downhill arrival of each rock, whether it hits or overtops.",
             frame,
             fields,
-            style=categorised_style(
-                Symbol("line", "#d95f02", size_mm=0.9),
-                "kind",
-                {"wall": ("wall", "#d95f02"), "net": ("net", "#e6ab02")},
-            ),
+            style=BARRIER_STYLE,
         )
     return VectorLayer(
         "stations",
@@ -297,9 +299,7 @@ def _gate_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
         "Statistics of the first downhill passage of each rock.",
         frame,
         fields,
-        style=VectorStyle(
-            Symbol("line", "#0072b2", size_mm=0.5, dash="dash"), label_column="name"
-        ),
+        style=STATION_STYLE,
     )
 
 
@@ -313,6 +313,10 @@ def barriers(run: MapRun, progress: Progress) -> VectorLayer:
     return _gate_layer(run, progress, barriers=True)
 
 
+def _footprint_label(level: float) -> str:
+    return "reached by a rock" if level == 0.0 else f"reach probability {100 * level:g} % or more"
+
+
 def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
     """Outline of the cells that rocks reach, and of higher reach probabilities."""
     reach = next(layer for layer in layers if layer.stem == "reach_probability")
@@ -320,10 +324,7 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
     frame.insert(
         0,
         "label",
-        [
-            "reached by a rock" if v == 0.0 else f"reach probability {100 * v:g} % or more"
-            for v in frame["level"]
-        ],
+        [_footprint_label(v) for v in frame["level"]],
     )
     frame["ref_width_m"] = run.grid.cell_size
     return VectorLayer(
@@ -337,5 +338,12 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
             "area_m2": FieldInfo("area", "m²"),
             "ref_width_m": FieldInfo("reference width", "m"),
         },
-        style=VectorStyle(Symbol("fill", "#ffffff", 0.0, outline="#222222", outline_mm=0.3)),
+        style=categorised_style(
+            FOOTPRINT_STYLE.symbol,
+            "label",
+            {
+                _footprint_label(level): (_footprint_label(level), colour)
+                for level, colour in zip(FOOTPRINT_LEVELS, _FOOTPRINT_COLOUR, strict=True)
+            },
+        ),
     )

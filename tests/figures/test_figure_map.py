@@ -98,7 +98,7 @@ def test_empty_layer_says_so_and_shows_all_terrain(valley: Grid, texts) -> None:
 def test_release_lines_and_gates(valley: Grid, find, texts) -> None:
     corner = np.array([valley.west, valley.north])
     ring = np.array([[80.0, -60.0], [110.0, -60.0], [110.0, -50.0]]) + corner
-    gate = np.array([[90.0, -120.0], [150.0, -120.0]]) + corner
+    gate = np.array([[90.0, -80.0], [250.0, -80.0]]) + corner
     figure = map_figure(
         valley,
         layer_of(valley),
@@ -113,6 +113,11 @@ def test_release_lines_and_gates(valley: Grid, find, texts) -> None:
     words = texts(figure)
     assert f"{MAX_LINES} fall lines of {MAX_LINES + 30} are drawn" in words
     assert "road" in words and "W1" in words
+    # A gate that leaves the map is named inside the map.
+    ax = next(a for a in figure.axes if a.get_label() == "map")
+    (name,) = [t for t in ax.texts if t.get_text() == "road"]
+    frame, box = ax.get_window_extent(), name.get_window_extent()
+    assert frame.x0 <= box.x0 and box.x1 <= frame.x1
     assert "dashes: station" in words and "line: wall" in words and "dots: net" not in words
 
 

@@ -20,7 +20,6 @@ from sassgis.io.qgis.styles import (
     HILLSHADE,
     RELEASE_AREA_STYLE,
     RELEASE_POINT_STYLE,
-    STATION_STYLE,
     STOP_STYLE,
     Symbol,
     VectorStyle,
@@ -120,6 +119,7 @@ def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
             frame(
                 [LineString([(WEST + 350, NORTH - 500), (WEST + 650, NORTH - 500)])],
                 name=["Dam & net <A>"],
+                kind=["wall"],
                 height_m=[4.0],
             ),
             {**name, "height_m": FieldInfo("Height", "m", "Vertical, above the ground")},
@@ -131,7 +131,9 @@ def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
             "Where passages are recorded",
             frame([Point(WEST + 500, NORTH - 400)], name=["Road"], n=[12]),
             {**name, "n": FieldInfo("Passages")},
-            style=STATION_STYLE,
+            style=VectorStyle(
+                Symbol("marker", "#ffffff", outline="#08519c", shape="diamond"), label_column="name"
+            ),
         ),
         VectorLayer(
             "stops",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
@@ -27,7 +28,6 @@ from sassgis.io.figures.style import (
     SMALL,
     TEXT,
     TITLE,
-    VERMILION,
     WIDTH_IN,
     count,
     lines_in,
@@ -37,7 +37,13 @@ from sassgis.io.figures.style import (
     thousands,
     wrap,
 )
-from sassgis.io.qgis.styles import class_colours, class_labels, class_limits
+from sassgis.io.qgis.styles import (
+    BARRIER_STYLE,
+    class_colours,
+    class_labels,
+    class_limits,
+    zero_is_nothing,
+)
 
 #: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a gate.
 MapGate = tuple[str, str, FloatArray]
@@ -55,11 +61,10 @@ _UNITLESS = ("", "1", "-", "–")
 def shown_values(band: Band) -> FloatArray:
     """Values of a band as the map shows them, float64 with NaN where it stays clear.
 
-    As on the map in QGIS, a count, probability or energy of 0 is no rock at all; a height of 0 m is
-    a rock that rolls.
+    As on the map in QGIS: see :func:`sassgis.io.qgis.styles.zero_is_nothing`.
     """
     values = np.asarray(band.values, float)
-    return values if band.unit == "m" else np.where(values == 0.0, np.nan, values)
+    return np.where(values == 0.0, np.nan, values) if zero_is_nothing(band.unit) else values
 
 
 def class_numbers(values: FloatArray, breaks: Sequence[float]) -> FloatArray:
@@ -190,15 +195,19 @@ def _draw_lines(ax: Axes, lines: TraceSet) -> int:
     return len(paths)
 
 
+#: As on the map in QGIS.
+_BARRIER = BARRIER_STYLE.symbol.colour
 _GATE_LINE = {
     "station": (BLUE, "--", 1.4),
-    "wall": (VERMILION, "-", 2.2),
-    "net": (VERMILION, ":", 2.2),
+    "wall": (_BARRIER, "-", 2.2),
+    "net": (_BARRIER, ":", 2.2),
 }
 
 
-def draw_map_gates(ax: Axes, gates: Sequence[MapGate]) -> None:
-    """Draw stations, walls and nets with their names."""
+def draw_map_gates(
+    ax: Axes, gates: Sequence[MapGate], box: Extent, points_per_metre: float
+) -> None:
+    """Draw stations, walls and nets with their names, written inside the map."""
     for name, kind, coords in gates:
         xy = np.asarray(coords, float).reshape(-1, 2)
         if not xy.size:
@@ -206,12 +215,17 @@ def draw_map_gates(ax: Axes, gates: Sequence[MapGate]) -> None:
         colour, dashes, width = _GATE_LINE[kind]
         ax.plot(xy[:, 0], xy[:, 1], "-", color="white", lw=width + 1.6, zorder=8)
         ax.plot(xy[:, 0], xy[:, 1], ls=dashes, color=colour, lw=width, zorder=9, gid=f"gate-{name}")
-        east = xy[np.argmax(xy[:, 0])]
+        seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
+        if not seen.size:
+            continue
+        east = seen[np.argmax(seen[:, 0])]
+        fits = (box[2] - east[0]) * points_per_metre > text_width_pt(name) + 6.0
         ax.annotate(
             name,
             (float(east[0]), float(east[1])),
-            xytext=(3, 0),
+            xytext=(3 if fits else -3, 0),
             textcoords="offset points",
+            ha="left" if fits else "right",
             size=SMALL,
             color=colour,
             weight="bold",
@@ -230,8 +244,8 @@ def _key(release: bool, lines: bool, gates: Sequence[MapGate]) -> str:
         "black outline or triangle: release area" if release else "",
         "thin black lines: fall lines" if lines else "",
         "blue dashes: station" if "station" in kinds else "",
-        "orange line: wall" if "wall" in kinds else "",
-        "orange dots: net" if "net" in kinds else "",
+        "green line: wall" if "wall" in kinds else "",
+        "green dots: net" if "net" in kinds else "",
     ]
     text = "; ".join(part for part in parts if part)
     return f"{text[:1].upper()}{text[1:]}." if text else ""
@@ -368,7 +382,7 @@ def map_figure(
     if lines is not None and len(lines):
         _draw_lines(ax, lines)
     draw_release(ax, release, release_points)
-    draw_map_gates(ax, gates)
+    draw_map_gates(ax, gates, box, 72.0 * map_w / (box[2] - box[0]))
     relief.map_axes(ax, box)
     corner = relief.emptiest_corner(
         np.isfinite(part_values),

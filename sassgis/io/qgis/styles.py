@@ -289,15 +289,21 @@ STOP_STYLE = VectorStyle(
     Symbol("marker", "#1a1a1a", opacity=0.8, size_mm=1.2, outline="#ffffff", outline_mm=0.1)
 )
 STATION_STYLE = VectorStyle(
-    Symbol("marker", "#ffffff", size_mm=2.6, outline="#08519c", outline_mm=0.5, shape="diamond"),
-    label_column="name",
-)
-STATION_LINE_STYLE = VectorStyle(
     Symbol("line", "#08519c", size_mm=0.5, dash="dash"), label_column="name"
 )
-BARRIER_STYLE = VectorStyle(Symbol("line", "#00441b", size_mm=1.2), label_column="name")
+_WALL = Symbol("line", "#00441b", size_mm=1.2)
+BARRIER_STYLE = VectorStyle(
+    _WALL,
+    "categories",
+    "kind",
+    (
+        StyleClass("wall", _WALL, value="wall"),
+        StyleClass("net", replace(_WALL, dash="dot"), value="net"),
+    ),
+    label_column="name",
+)
 FOOTPRINT_STYLE = VectorStyle(
-    Symbol("fill", "#e31a1c", opacity=0.0, outline="#b10026", outline_mm=0.5)
+    Symbol("fill", "#e31a1c", opacity=0.4, outline="#b10026", outline_mm=0.1)
 )
 
 
@@ -591,8 +597,10 @@ def raster_style_elements(layer: RasterLayer) -> list[ET.Element]:
         gamma="1",
     )
     ET.SubElement(pipe, "huesaturation", saturation="0", grayscaleMode="0", colorizeOn="0")
-    # Cells are drawn as cells: no value on the map that is not in the file.
-    ET.SubElement(pipe, "rasterresampler", maxOversampling="2")
+    # Cells are drawn as cells: no value on the map that is not in the file. The relief is but a
+    # picture; without smoothing QGIS would shade the steps between its cells.
+    smooth = {"zoomedInResampler": "bilinear"} if relief else {}
+    ET.SubElement(pipe, "rasterresampler", {"maxOversampling": "2", **smooth})
     ET.SubElement(pipe, "resamplingStage").text = "resamplingFilter"
     return [pipe, _text_element("blendMode", "0")]
 
@@ -614,8 +622,11 @@ def _hillshade_renderer() -> ET.Element:
     return renderer
 
 
-def _zero_is_nothing(unit: str) -> bool:
-    # A passing height of 0 m is a rock that rolls; a count, probability or energy of 0 is no rock.
+def zero_is_nothing(unit: str) -> bool:
+    """Whether a value of 0 in this unit stays clear on the map.
+
+    A passing height of 0 m is a rock that rolls; a count, probability or energy of 0 is no rock.
+    """
     return unit != "m"
 
 
@@ -623,7 +634,7 @@ def _colour_renderer(layer: RasterLayer) -> ET.Element:
     band = layer.bands[0]
     items = _class_items(layer) if layer.breaks else _ramp_items(layer)
     finite = [value for value, _, _ in items if math.isfinite(value)]
-    low, high = _data_range(band.values, skip_zero=_zero_is_nothing(band.unit))
+    low, high = _data_range(band.values, skip_zero=zero_is_nothing(band.unit))
     low, high = min([low, *finite]), max([high, *finite])
     renderer = ET.Element(
         "rasterrenderer",
@@ -636,7 +647,7 @@ def _colour_renderer(layer: RasterLayer) -> ET.Element:
         classificationMax=_number(high),
     )
     transparency = ET.SubElement(renderer, "rasterTransparency")
-    if _zero_is_nothing(band.unit):
+    if zero_is_nothing(band.unit):
         pixels = ET.SubElement(transparency, "singleValuePixelList")
         ET.SubElement(pixels, "pixelListEntry", min="0", max="0", percentTransparent="100")
     origin = ET.SubElement(renderer, "minMaxOrigin")
@@ -694,7 +705,7 @@ def _just_below(limit: float) -> float:
 
 def _ramp_items(layer: RasterLayer) -> list[tuple[float, str, str]]:
     band = layer.bands[0]
-    low, high = _data_range(band.values, skip_zero=_zero_is_nothing(band.unit))
+    low, high = _data_range(band.values, skip_zero=zero_is_nothing(band.unit))
     return [
         (float(value), colour, _with_unit(f"{value:.3g}", band.unit))
         for value, colour in zip(
