@@ -7,7 +7,7 @@ import logging
 import math
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,8 +97,35 @@ class ReleaseArea:
 # Release areas
 
 
+def release_names(release: ReleaseSettings) -> tuple[str, ...]:
+    """Names of all release areas in the order of the file; their shapes are not looked at.
+
+    Raises
+    ------
+    InputError
+        If the file, the layer, a field or a name cannot be used.
+    """
+    file = _release_file(release)
+    frame = _open_layer(file, release.layer, "release", {"name_field": release.name_field})
+    return tuple(_names(_without_shapes(frame), release.name_field, "area", file, "release"))
+
+
+def _release_file(release: ReleaseSettings) -> Path:
+    if release.file is None:
+        raise InputError(
+            "no release areas are given",
+            file=release.config_file,
+            field="release.file",
+            expected="a file",
+        )
+    return release.file
+
+
 def read_release(
-    release: ReleaseSettings, grid: Grid, block_names: Sequence[str]
+    release: ReleaseSettings,
+    grid: Grid,
+    block_names: Sequence[str],
+    only: Sequence[str] | None = None,
 ) -> list[ReleaseArea]:
     """Read the release areas and check them against the DEM.
 
@@ -110,6 +137,8 @@ def read_release(
         The terrain model.
     block_names
         Names of the block scenarios.
+    only
+        Names of the areas to read; the shapes of the others are not looked at. Default: all.
 
     Returns
     -------
@@ -120,16 +149,28 @@ def read_release(
     Raises
     ------
     InputError
-        If the file, the layer, a field, a feature or a name cannot be used.
+        If the file, the layer, a field, a feature or a name cannot be used, or ``only`` names an
+        area that is not there.
     """
-    if release.file is None:
-        raise InputError(
-            "no release areas are given",
-            file=release.config_file,
-            field="release.file",
-            expected="a file",
-        )
-    file, name_field, scenario_field = release.file, release.name_field, release.scenario_field
+    file = _release_file(release)
+    name_field, scenario_field = release.name_field, release.scenario_field
+
+    def named(features: Sequence[Feature]) -> list[str]:
+        return _names(features, name_field, "area", file, "release")
+
+    def chosen(features: Sequence[Feature]) -> list[Feature]:
+        names = named(features)
+        for name in only or ():
+            if name not in names:
+                raise InputError(
+                    "no release area has this name",
+                    file=file,
+                    field="area",
+                    found=repr(name),
+                    expected=nearest(name, names),
+                )
+        return [f for f, n in zip(features, names, strict=True) if only is None or n in only]
+
     features = read_features(
         file,
         grid,
@@ -137,10 +178,10 @@ def read_release(
         layer=release.layer,
         fields={"name_field": name_field, "scenario_field": scenario_field},
         label=name_field,
+        choose=chosen,
     )
-    names = _names(features, name_field, "area", file, "release")
     areas = []
-    for feature, name in zip(features, names, strict=True):
+    for feature, name in zip(features, named(features), strict=True):
         _check_under(feature, feature.label(name_field), grid, file)
         scenarios = _scenarios(feature, scenario_field, block_names, name_field, file)
         areas.append(ReleaseArea(name, feature.geometry, scenarios))
@@ -476,6 +517,7 @@ def read_features(
     fields: Mapping[str, str | None] | None = None,
     label: str | None = None,
     kinds: Sequence[str] = ("polygon", "line", "point"),
+    choose: Callable[[Sequence[Feature]], list[Feature]] | None = None,
 ) -> list[Feature]:
     """Read a layer, check its geometries and bring them into the coordinates of the DEM.
 
@@ -493,6 +535,8 @@ def read_features(
         Attribute with the names of the features, for messages.
     kinds
         Kinds of geometry that can be used.
+    choose
+        Picks the features to read, by number and attributes alone. Default: all.
 
     Returns
     -------
@@ -505,19 +549,26 @@ def read_features(
         geometry is missing, invalid or of the wrong kind.
     """
     frame = _open_layer(file, layer, key, fields or {})
-    attributes = frame.drop(columns=frame.geometry.name).to_dict("records")
-    labels = [Feature(n, row, None, "").label(label) for n, row in enumerate(attributes, start=1)]
-    shapes = [shapely.force_2d(g) if g is not None else None for g in frame.geometry.array]
+    bare = _without_shapes(frame)
+    if choose is not None:
+        bare = choose(bare)
+    labels = [f.label(label) for f in bare]
+    geometries = [frame.geometry.array[f.number - 1] for f in bare]
+    shapes = [shapely.force_2d(g) if g is not None else None for g in geometries]
     found_kinds = [
         _check_shape(g, who, file, key, kinds) for g, who in zip(shapes, labels, strict=True)
     ]
     moved = _onto_grid(shapes, frame.crs, grid, file, key, labels)
     return [
-        Feature(n, row, g, kind)
-        for n, (row, g, kind) in enumerate(
-            zip(attributes, moved, found_kinds, strict=True), start=1
-        )
+        Feature(f.number, f.attributes, g, kind)
+        for f, g, kind in zip(bare, moved, found_kinds, strict=True)
     ]
+
+
+def _without_shapes(frame: Any) -> list[Feature]:
+    """The features of a layer by number and attributes."""
+    rows = frame.drop(columns=frame.geometry.name).to_dict("records")
+    return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
 
 
 def _open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str | None]) -> Any:
