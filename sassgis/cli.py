@@ -22,6 +22,9 @@ _OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace a result th
 _SEED = click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), help="In place of run.seed of the configuration."
 )
+_AREAS = click.option(
+    "--area", "areas", multiple=True, help="Only this release area; may be given several times."
+)
 _JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: all.")
 
 
@@ -30,7 +33,7 @@ class _Progress:
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
-        self._began = time.monotonic()
+        self._began: tuple[float, int] | None = None
         self._told = 0.0
         self._open = False
 
@@ -40,10 +43,13 @@ class _Progress:
 
     def step(self, done: int, total: int, rocks: int) -> None:
         now = time.monotonic()
-        if done == 1:
-            self._began = min(self._began, now)
-        gone = now - self._began
-        left = gone / done * (total - done)
+        # The first chunk tells no pace: it waits for the program to be compiled, and in a run that
+        # goes on from a saved state all before it was done another time.
+        if self._began is None:
+            self._began = (now, done)
+        since, first = self._began
+        pace = (now - since) / (done - first) if done > first else None
+        left = "" if pace is None else f", about {_clock(pace * (total - done))} left"
         if self._terminal:
             if now - self._told < 0.1 and done < total:
                 return
@@ -51,15 +57,13 @@ class _Progress:
             filled = width * done // total
             bar = "#" * filled + "-" * (width - filled)
             click.echo(
-                f"\r  [{bar}] {100 * done // total:3d} %  {rocks:,} rocks  {_clock(left)} left ",
+                f"\r  [{bar}] {100 * done // total:3d} %, {rocks} rocks{left}  ",
                 nl=False,
                 err=True,
             )
             self._open = True
         elif now - self._told >= 30.0:
-            click.echo(
-                f"  {100 * done // total} %, {rocks} rocks, about {_clock(left)} left", err=True
-            )
+            click.echo(f"  {100 * done // total} %, {rocks} rocks{left}", err=True)
         else:
             return
         self._told = now
@@ -114,15 +118,30 @@ def validate(config: Path) -> None:
 @cli.command()
 @_CONFIG
 @_OUT
+@_AREAS
 @_SEED
 @_JOBS
 @_OVERWRITE
-def run(config: Path, out: Path, seed: int | None, jobs: int | None, overwrite: bool) -> None:
+def run(
+    config: Path,
+    out: Path,
+    areas: tuple[str, ...],
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
     """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
-    _run(config, out, seed, jobs, overwrite)
+    _run(config, out, areas, seed, jobs, overwrite)
 
 
-def _run(config: Path, out: Path, seed: int | None, jobs: int | None, overwrite: bool) -> None:
+def _run(
+    config: Path,
+    out: Path,
+    areas: tuple[str, ...],
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
     from sassgis.workflow.run import run as run_map
 
     progress = _Progress()
@@ -130,6 +149,7 @@ def _run(config: Path, out: Path, seed: int | None, jobs: int | None, overwrite:
         result = run_map(
             config,
             out,
+            areas=areas or None,
             seed=seed,
             jobs=jobs,
             overwrite=overwrite,
@@ -147,9 +167,14 @@ def _run(config: Path, out: Path, seed: int | None, jobs: int | None, overwrite:
 @cli.command()
 @_CONFIG
 @_OUT
-@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Profile: s_m, z_m, ground.")
 @click.option(
-    "--point", type=(float, float), metavar="X Y", help="Cut the profile from the terrain, from here."
+    "--csv", "csv_file", type=click.Path(path_type=Path), help="Profile: s_m, z_m, ground."
+)
+@click.option(
+    "--point",
+    type=(float, float),
+    metavar="X Y",
+    help="Cut the profile from the terrain, from here.",
 )
 @click.option("--rocks", type=click.IntRange(1), help="Rocks per block scenario.")
 @_SEED
@@ -183,7 +208,7 @@ def demo(out: Path, jobs: int | None, overwrite: bool) -> None:
     """Run the sample valley, a terrain that is made, not surveyed."""
     from sassgis.workflow.samples import sample_folder
 
-    _run(sample_folder() / "valley" / "config.toml", out, None, jobs, overwrite)
+    _run(sample_folder() / "valley" / "config.toml", out, (), None, jobs, overwrite)
 
 
 def main(arguments: list[str] | None = None) -> None:

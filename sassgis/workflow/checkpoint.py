@@ -1,14 +1,16 @@
 """The saved state of a run on the map, so that nothing computed is lost.
 
-The state is a folder ``checkpoint`` in the working folder of the result: ``state.npz`` with all sums,
-and numbered files of rows that have been handed on. It belongs to one fingerprint of settings and
-inputs; with any other it is ignored.
+The state is a folder ``checkpoint`` in the working folder of the result: ``state.npz`` with all
+sums, and numbered files of rows that have been handed on. It belongs to one fingerprint of settings
+and inputs; with any other it is ignored.
 """
 
 from __future__ import annotations
 
 import os
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.gates import GateSums
 from sassgis.hazard.statistics import MapSums
 from sassgis.io.staging import CHECKPOINT_STEM, writing
-from sassgis.workflow.map_run import FallLines, MapRun, Progress, Rows
+from sassgis.workflow.map_run import FallLines, MapRun, Progress, Rows, joined_rows
 
 _LINE_FIELDS = ("offset", "x", "y", "point", "fan", "length_m", "drop_m", "end")
 _ROW_FIELDS = ("rocks", "rock_scenario", "x", "y", "passages", "passage_scenario")
@@ -34,11 +36,6 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
         np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         *(np.concatenate([getattr(p, f) for p in parts]) for f in _LINE_FIELDS[1:]),
     )
-
-
-def joined_rows(parts: list[Rows]) -> Rows:
-    """Rows of several chunks as one; there must be at least one."""
-    return Rows(*(np.concatenate([getattr(p, f) for p in parts]) for f in _ROW_FIELDS))
 
 
 class Checkpoint:
@@ -66,11 +63,14 @@ class Checkpoint:
         try:
             with np.load(file, allow_pickle=False) as stored:
                 state = {k: stored[k] for k in stored.files}
-        except (OSError, ValueError):
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
             return None
         if str(state.get("fingerprint", "")) != self.fingerprint:
             return None
-        self._parts = int(state["parts"])
+        parts = int(state["parts"])
+        if not all(self._part(i).is_file() for i in range(parts)):
+            return None
+        self._parts = parts
         n_rows, n_cols = run.grid.shape
         progress = Progress.fresh(run)
         progress.chunks = int(state["chunks"])
@@ -79,6 +79,9 @@ class Checkpoint:
         progress.reasons = np.array(state["reasons"])
         progress.runout = np.array(state["runout"])
         progress.lost = int(state["lost"])
+        if state["furthest_m"].size:
+            line, scenario, rock = state["furthest_rock"].tolist()
+            progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
         lines = _group(state, "lines")
         progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
         rows = _group(state, "stops")
@@ -101,8 +104,7 @@ class Checkpoint:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._waiting:
                 rows = joined_rows(self._waiting)
-                part = self.folder / f"rows_{self._parts:06d}.npz"
-                _write(part, {f: getattr(rows, f) for f in _ROW_FIELDS})
+                _write(self._part(self._parts), {f: getattr(rows, f) for f in _ROW_FIELDS})
                 self._waiting = []
                 self._parts += 1
             state: dict[str, NDArray[np.generic]] = {
@@ -112,18 +114,23 @@ class Checkpoint:
                 "reasons": progress.reasons,
                 "runout": progress.runout,
                 "lost": np.array(progress.lost),
+                "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
+                "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
             }
             state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
             state |= {f"gates.{k}": v for k, v in progress.gates.state().items()}
             lines = joined_lines(progress.lines)
             state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
-            stops = joined_rows(progress.stops or [_no_rows()])
+            stops = joined_rows(progress.stops)
             state |= {f"stops.{f}": getattr(stops, f) for f in _ROW_FIELDS}
             _write(self.folder / "state.npz", state)
 
     def rows(self) -> list[Path]:
         """Files of the rows that were handed on, in order."""
-        return [self.folder / f"rows_{i:06d}.npz" for i in range(self._parts)]
+        return [self._part(i) for i in range(self._parts)]
+
+    def _part(self, number: int) -> Path:
+        return self.folder / f"rows_{number:06d}.npz"
 
 
 def read_rows(part: Path) -> Rows:
@@ -132,16 +139,7 @@ def read_rows(part: Path) -> Rows:
         return Rows(*(stored[f] for f in _ROW_FIELDS))
 
 
-def _no_rows() -> Rows:
-    from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE
-
-    none = np.empty(0, np.int64)
-    return Rows(
-        np.empty(0, ROCK_DTYPE), none, np.empty(0), np.empty(0), np.empty(0, PASSAGE_DTYPE), none
-    )
-
-
-def _group(state: dict[str, NDArray[np.generic]], name: str) -> dict[str, NDArray[np.generic]]:
+def _group(state: dict[str, Any], name: str) -> dict[str, Any]:
     start = name + "."
     return {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -49,8 +49,14 @@ def fall_line_settings(config: Config) -> FallLineSettings:
     )
 
 
-def read_map_run(config: Config) -> MapRun:
+def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     """Read every file that the configuration names.
+
+    Parameters
+    ----------
+    config : Config
+    areas : sequence of str, optional
+        Names of the release areas to run; default: all.
 
     Raises
     ------
@@ -63,13 +69,13 @@ def read_map_run(config: Config) -> MapRun:
         )
     terrain = config.terrain
     grid = read_dem(config.dem_path, terrain.crs, terrain.vertical_datum)
-    areas = read_release(config.release, grid, config.block_names)
+    chosen = read_release(config.release, grid, config.block_names, areas)
     table = read_ground_table(config.ground.classes)
     return MapRun(
         grid=grid,
         ground=ground_raster(config.ground, grid, table),
         table=table,
-        areas=tuple(areas),
+        areas=tuple(chosen),
         blocks=config.blocks,
         gates=tuple(read_gates(config, grid)),
         engine=config.engine,

@@ -23,7 +23,7 @@ from sassgis.terrain.flatten import profiles
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import SpreadSettings, trace_bundles
 from sassgis.terrain.stretch import SHORTEST_LINE_M, usable, with_lead_in
-from sassgis.workflow.checkpoint import joined_lines, joined_rows
+from sassgis.workflow.checkpoint import joined_lines
 from sassgis.workflow.map_run import (
     LEAD_IN_M,
     MapRun,
@@ -58,21 +58,17 @@ def _drawn_lines(progress: Progress) -> TraceSet:
 
 
 def furthest_line(run: MapRun, progress: Progress) -> tuple[int, int] | None:
-    """Release point and block scenario of the rock that came furthest, of those kept one by one."""
-    rows = joined_rows(progress.stops) if progress.stops else None
-    if rows is None or not rows.rocks.size:
+    """Release point and block scenario of the rock that came furthest."""
+    if progress.furthest is None:
         return None
-    i = int(np.argmax(rows.rocks["runout_m"]))
-    point = int(rows.rocks["line"][i]) // run.spread.lines_per_point
-    return point, int(rows.rock_scenario[i])
+    _, line, scenario, _ = progress.furthest
+    return line // run.spread.lines_per_point, scenario
 
 
 def one_profile_figure(run: MapRun, planned: Plan, point: int, scenario: int) -> Figure:
     """The profile of one fall line with the paths of its rocks."""
     starts = take(planned.starts, np.array([point]))
-    traces = trace_bundles(
-        run.grid, planned.surface, starts, run.fall_lines, SpreadSettings()
-    )
+    traces = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, SpreadSettings())
     flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
     if not usable(traces, SHORTEST_LINE_M).all():
         raise InputError("this fall line is too short for a profile")
@@ -259,9 +255,12 @@ def map_report(
         ),
         tuple(
             (
-                b.name, *(
+                b.name,
+                *(
                     f"{low:g} to {high:g}" if high > low else f"{low:g}"
-                    for low, high in (b.axis_1_m, b.axis_2_m, b.axis_3_m, b.density_kgm3, b.speed_mps)
+                    for low, high in (
+                        b.axis_1_m, b.axis_2_m, b.axis_3_m, b.density_kgm3, b.speed_mps
+                    )
                 ),
             )
             for b in run.blocks
@@ -329,4 +328,3 @@ def map_report(
             ("Configuration", config.file.name),
         ),
     )  # fmt: skip
-

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,6 +43,7 @@ from sassgis.terrain.stretch import (
     with_lead_in,
 )
 from sassgis.terrain.surface import Surface
+from sassgis.workflow.interrupts import held_back
 
 CHUNK_POINTS = 32
 #: Plan length of the ground behind the start (m).
@@ -150,7 +152,11 @@ def plan(run: MapRun) -> Plan:
     starts, moved = moved_uphill(points, surface, distance, polygonal[points.area])
     names = {b.name: i for i, b in enumerate(run.blocks)}
     return Plan(
-        points, starts, moved, surface, tuple(tuple(names[s] for s in a.scenarios) for a in run.areas)
+        points,
+        starts,
+        moved,
+        surface,
+        tuple(tuple(names[s] for s in a.scenarios) for a in run.areas),
     )
 
 
@@ -218,14 +224,14 @@ def line_draw_keys(
     """Identity of lines for the random draws: release point, place in the bundle, scenario."""
     member = np.arange(len(traces), dtype=np.int64) % lines_per_point
     out: NDArray[np.uint64] = rng.combined(
-        rng.combined(point_keys[traces.point], member), np.uint64(_scenario_word(scenario))
+        rng.combined(point_keys[traces.point], member), scenario_word(scenario)
     )
     return out
 
 
-def _scenario_word(name: str) -> int:
+def scenario_word(name: str) -> np.uint64:
     """A number that stands for a scenario's name in the random draws."""
-    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little")
+    return np.uint64(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little"))
 
 
 def gate_crossings(run: MapRun, traces: TraceSet) -> GateCrossings:
@@ -292,7 +298,8 @@ def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome
     per_point = planned.rocks_of_point(run)[which][traces.point] // m
     lost = int(per_point[~good].sum())
 
-    sums, rocks, scenario, xs, ys, passages, passage_scenario = [], [], [], [], [], [], []
+    sums: list[Simulated] = []
+    parts: list[Rows] = []
     for k, blocks in enumerate(run.blocks):
         wanted = good & np.array([k in planned.scenarios[a] for a in areas], bool)
         if not wanted.any():
@@ -316,32 +323,22 @@ def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome
         )
         local = np.repeat(np.arange(len(lines), dtype=np.int64), run.rocks_per_line)
         x, y = chainage_to_xy(
-            lines, local, np.clip(result.rocks["runout_m"], 0.0, np.repeat(last, run.rocks_per_line))
+            lines,
+            local,
+            np.clip(result.rocks["runout_m"], 0.0, np.repeat(last, run.rocks_per_line)),
         )
         sums.append(result)
-        rocks.append(result.rocks)
-        scenario.append(np.full(result.rocks.size, k, np.int64))
-        xs.append(x)
-        ys.append(y)
-        passages.append(result.passages)
-        passage_scenario.append(np.full(result.passages.size, k, np.int64))
+        parts.append(
+            Rows(
+                result.rocks, np.full(result.rocks.size, k, np.int64), x, y,
+                result.passages, np.full(result.passages.size, k, np.int64),
+            )
+        )  # fmt: skip
     drawn = FallLines(
         drawn.offset, drawn.x, drawn.y, which[traces.point], drawn.fan, drawn.length_m,
         drawn.drop_m, drawn.end,
     )  # fmt: skip
-    return _Outcome(
-        sums,
-        Rows(
-            np.concatenate([np.empty(0, ROCK_DTYPE), *rocks]),
-            np.concatenate([np.empty(0, np.int64), *scenario]),
-            np.concatenate([np.empty(0), *xs]),
-            np.concatenate([np.empty(0), *ys]),
-            np.concatenate([np.empty(0, PASSAGE_DTYPE), *passages]),
-            np.concatenate([np.empty(0, np.int64), *passage_scenario]),
-        ),
-        drawn,
-        lost,
-    )
+    return _Outcome(sums, joined_rows(parts), drawn, lost)
 
 
 @dataclass
@@ -362,7 +359,9 @@ class Progress:
         Rocks by run-out chainage, in metres.
     lines : list of FallLines
     stops : list of Rows
-        The rocks whose stop is kept one by one.
+        The rocks whose stop is kept one by one; kept_stops joins them.
+    furthest : (run-out, line, scenario, rock) or None
+        The rock with the longest run-out of all (m).
     """
 
     chunks: int
@@ -373,6 +372,7 @@ class Progress:
     runout: IntArray = field(default_factory=lambda: np.zeros((len(StopReason), 0), np.int64))
     lines: list[FallLines] = field(default_factory=list)
     stops: list[Rows] = field(default_factory=list)
+    furthest: tuple[float, int, int, int] | None = None
 
     @classmethod
     def fresh(cls, run: MapRun) -> Progress:
@@ -384,17 +384,54 @@ class Progress:
 def _kept(rows: Rows, seed: int, share: float) -> Rows:
     """A part of the stops, chosen by the identity of each rock."""
     if share >= 1.0:
-        which = np.ones(rows.rocks.size, bool)
-    else:
-        word = rng.combined(
-            rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),
-            np.full(rows.rocks.size, seed % 2**63) + rows.rock_scenario,
-        )
-        which = word.astype(np.float64) < share * 2.0**64
+        return _rocks_alone(rows, np.ones(rows.rocks.size, bool))
+    return _rocks_alone(rows, _lots(rows, seed).astype(np.float64) < share * 2.0**64)
+
+
+def _lots(rows: Rows, seed: int) -> NDArray[np.uint64]:
+    """A number for each rock, drawn from its identity."""
+    lots: NDArray[np.uint64] = rng.combined(
+        rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),
+        np.full(rows.rocks.size, seed % 2**63) + rows.rock_scenario,
+    )
+    return lots
+
+
+def _rocks_alone(rows: Rows, which: NDArray[np.generic]) -> Rows:
     return Rows(
         rows.rocks[which], rows.rock_scenario[which], rows.x[which], rows.y[which],
         rows.passages[:0], rows.passage_scenario[:0],
     )  # fmt: skip
+
+
+def joined_rows(parts: list[Rows]) -> Rows:
+    """Rows of several chunks as one."""
+    return Rows(
+        np.concatenate([np.empty(0, ROCK_DTYPE), *(p.rocks for p in parts)]),
+        np.concatenate([np.empty(0, np.int64), *(p.rock_scenario for p in parts)]),
+        np.concatenate([np.empty(0), *(p.x for p in parts)]),
+        np.concatenate([np.empty(0), *(p.y for p in parts)]),
+        np.concatenate([np.empty(0, PASSAGE_DTYPE), *(p.passages for p in parts)]),
+        np.concatenate([np.empty(0, np.int64), *(p.passage_scenario for p in parts)]),
+    )
+
+
+def kept_stops(run: MapRun, progress: Progress) -> Rows:
+    """The rocks that are kept one by one, ``stop_points_max`` at most."""
+    rows = joined_rows(progress.stops)
+    if rows.rocks.size <= run.stop_points_max:
+        return rows
+    # The share that is kept is right on average only.
+    order = np.argsort(_lots(rows, run.seed), kind="stable")
+    return _rocks_alone(rows, np.sort(order[: run.stop_points_max]))
+
+
+def _furthest(rows: Rows) -> tuple[float, int, int, int]:
+    """The longest run-out and whose it is; the first in the order of the run among equals."""
+    reach = rows.rocks["runout_m"]
+    line, rock, scenario = rows.rocks["line"], rows.rocks["rock"], rows.rock_scenario
+    i = np.lexsort((rock, scenario, line, -reach))[0]
+    return float(reach[i]), int(line[i]), int(scenario[i]), int(rock[i])
 
 
 def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float) -> None:
@@ -411,6 +448,9 @@ def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float) -> No
         grown[:, : progress.runout.shape[1]] = progress.runout
         np.add.at(grown, (reasons, metres), 1)
         progress.runout = grown
+        longest = _furthest(outcome.rows)
+        if progress.furthest is None or longest[0] > progress.furthest[0]:
+            progress.furthest = longest
     progress.lines.append(outcome.lines)
     progress.stops.append(_kept(outcome.rows, run.seed, share))
     progress.chunks += 1
@@ -426,7 +466,7 @@ def chunks_of(planned: Plan, size: int = CHUNK_POINTS) -> list[IntArray]:
 
 def _in_order(
     work: Callable[[IntArray], _Outcome], chunks: list[IntArray], jobs: int
-) -> Iterator[_Outcome]:
+) -> Generator[_Outcome, None, None]:
     """Results of ``work`` in the order of the chunks, a few of them under way at a time."""
     if jobs == 1:
         for chunk in chunks:
@@ -481,6 +521,7 @@ def simulate_map(
         Of an earlier, interrupted call with the same run and chunk size; grows further.
     on_chunk : callable, optional
         Called after each chunk with the progress, the number of chunks in all and the chunk's rows.
+        Ctrl-C waits until it returns, so that the progress is whole at any time.
     chunk_points : int
         Release points per chunk.
 
@@ -497,10 +538,12 @@ def simulate_map(
     def work(which: IntArray) -> _Outcome:
         return _work(run, planned, which, bins)
 
-    for outcome in _in_order(work, chunks[progress.chunks :], jobs):
-        _add(progress, outcome, run, share)
-        if on_chunk is not None:
-            on_chunk(progress, len(chunks), outcome.rows)
+    with closing(_in_order(work, chunks[progress.chunks :], jobs)) as outcomes:
+        for outcome in outcomes:
+            with held_back():
+                _add(progress, outcome, run, share)
+                if on_chunk is not None:
+                    on_chunk(progress, len(chunks), outcome.rows)
     return progress
 
 

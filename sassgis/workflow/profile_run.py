@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -22,11 +22,13 @@ from sassgis.engine import rng
 from sassgis.engine.course import trajectory
 from sassgis.engine.simulate import GateCrossings, Simulated, default_bins, simulate
 from sassgis.hazard.gates import GateSums
+from sassgis.hazard.layers import PROBABILITIES
 from sassgis.hazard.statistics import quantiles
 from sassgis.io import figures
 from sassgis.io.config import Config, load_config, profile_gates, resolved, settings_hash
-from sassgis.io.ground import read_ground_table
+from sassgis.io.ground import default_class, read_ground_table
 from sassgis.io.manifest import write_manifest
+from sassgis.io.profile_csv import check_on_profile, read_profile
 from sassgis.io.report import ReportContext, ReportFigure, ReportTable, write_report
 from sassgis.io.staging import staged_output
 from sassgis.terrain.fall_lines import fall_line_surface, trace
@@ -39,7 +41,7 @@ from sassgis.workflow.inputs import (
     read_map_run,
 )
 from sassgis.workflow.map_report import file_stem, gate_tables, station_figures
-from sassgis.workflow.map_run import LEAD_IN_M
+from sassgis.workflow.map_run import LEAD_IN_M, scenario_word
 from sassgis.workflow.tables import write_table
 from sassgis.workflow.vector_layers import STOP_TEXT
 
@@ -88,7 +90,9 @@ class ProfileResult:
     passages : PASSAGE_DTYPE
     gates : GateSums
     paths : tuple of (s, z)
-        Trajectories of the first rocks (m).
+        Trajectories of the first rocks of each block scenario (m).
+    drawn : int
+        How many of each scenario.
     stretches : float64, shape (n + 1,)
         Borders of the stretches of the profile (m).
     along : dict of str to dict of float to float64, shape (n,)
@@ -101,82 +105,9 @@ class ProfileResult:
     passages: NDArray[np.void]
     gates: GateSums
     paths: tuple[tuple[FloatArray, FloatArray], ...]
+    drawn: int
     stretches: FloatArray
     along: dict[str, dict[float, FloatArray]]
-
-
-def read_profile_csv(
-    path: Path, table: GroundTable, default_class: str
-) -> tuple[FloatArray, FloatArray, NDArray[np.int32]]:
-    """Read a profile: columns ``s_m``, ``z_m`` and, if wanted, ``ground``.
-
-    Raises
-    ------
-    InputError
-        With the file, the line, what was found and what is expected.
-    """
-    if not path.is_file():
-        raise InputError("file not found", file=path, expected="a CSV with columns s_m, z_m, ground")
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            reader = csv.DictReader(stream)
-            header = [h.strip() for h in (reader.fieldnames or [])]
-            reader.fieldnames = header
-            missing = [c for c in ("s_m", "z_m") if c not in header]
-            if missing:
-                raise InputError(
-                    "a column is missing",
-                    file=path,
-                    field=missing[0],
-                    found=", ".join(header) or "an empty file",
-                    expected="s_m, z_m and, if wanted, ground",
-                )
-            rows = [(reader.line_num, row) for row in reader]
-    except UnicodeDecodeError:
-        raise InputError("is not UTF-8 text", file=path, expected="UTF-8") from None
-    s, z, ground = [], [], []
-    for number, row in rows:
-        values = []
-        for column in ("s_m", "z_m"):
-            try:
-                value = float(row[column] or "")
-            except ValueError:
-                value = math.nan
-            if not math.isfinite(value):
-                raise InputError(
-                    "is not a number",
-                    file=path,
-                    field=f"line {number}, {column}",
-                    found=repr(row[column]),
-                    expected="metres",
-                )
-            values.append(value)
-        name = (row.get("ground") or "").strip() or default_class
-        try:
-            ground.append(table.index(name))
-        except InputError as error:
-            raise InputError(
-                error.problem,
-                file=path,
-                field=f"line {number}, ground",
-                found=error.found,
-                expected=error.expected,
-            ) from None
-        if s and values[0] <= s[-1]:
-            raise InputError(
-                "chainage must rise",
-                file=path,
-                field=f"line {number}, s_m",
-                found=f"{values[0]:g} after {s[-1]:g}",
-                expected="a larger number",
-            )
-        s.append(values[0])
-        z.append(values[1])
-    if len(s) < 2:
-        raise InputError(
-            "a profile needs two points", file=path, found=len(s), expected="two rows or more"
-        )
-    return np.array(s), np.array(z), np.array(ground, np.int32)
 
 
 def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
@@ -191,37 +122,14 @@ def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
             expected="a CSV file; or give --csv, or --point to cut a profile from the terrain",
         )
     table = read_ground_table(config.ground.classes)
-    try:
-        default = table.index(config.ground.default)
-    except InputError as error:
-        raise ConfigError(
-            error.problem,
-            file=config.file,
-            field="ground.default",
-            found=error.found,
-            expected=error.expected,
-        ) from None
-    s, z, ground = read_profile_csv(file, table, table.names[default])
+    default = table.names[default_class(config.ground, table)]
+    flat = read_profile(file, table, default)
+    check_on_profile(config, flat)
+    s, z = flat.vertices(0)
     start = settings.start_m if settings else (float(s[0]), float(s[0]))
-    if not (s[0] <= start[0] and start[1] <= s[-1]):
-        raise ConfigError(
-            "rocks would start outside the profile",
-            file=config.file,
-            field="profile.start_m",
-            found=f"[{start[0]:g}, {start[1]:g}]",
-            expected=f"within {s[0]:g} to {s[-1]:g} m",
-        )
-    gates = tuple(profile_gates(config))
-    for gate, chainage in gates:
-        if not s[0] <= chainage <= s[-1]:
-            raise ConfigError(
-                "lies outside the profile",
-                file=config.file,
-                field=f"{gate.name}.chainage_m",
-                found=f"{chainage:g}",
-                expected=f"within {s[0]:g} to {s[-1]:g} m",
-            )
-    return ProfileInput(config.project.name, s, z, ground, table, gates, start)
+    return ProfileInput(
+        config.project.name, s, z, flat.ground, table, tuple(profile_gates(config)), start
+    )
 
 
 def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
@@ -246,8 +154,9 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
             "no fall line starts here",
             file=config.dem_path,
             field="--point",
-            found=f"{x:g}, {y:g}",
-            expected=f"a point on known terrain within {west:g} to {east:g}, {south:g} to {north:g}",
+            found=f"{x:.10g}, {y:.10g}",
+            expected=f"a point on known terrain within x {west:.10g} to {east:.10g}, "
+            f"y {south:.10g} to {north:.10g}",
         )
     gates = []
     for gate, course in run.gates:
@@ -301,10 +210,9 @@ def simulate_profile(
     bins = default_bins(2e-3 * mass * 9.81 * max(relief, 10.0), max(relief, 4.0), 100.0)
     parts: list[Simulated] = []
     paths: list[tuple[FloatArray, FloatArray]] = []
-    drawn = -(-min(count, _DRAWN) // len(config.blocks))
+    drawn = min(count, -(-_DRAWN // len(config.blocks)))
     for blocks in config.blocks:
-        word = int.from_bytes(blocks.name.encode()[:8].ljust(8, b"\0"), "little")
-        keys = rng.combined(np.zeros(1, np.uint64), np.uint64(word))
+        keys = rng.combined(np.zeros(1, np.uint64), scenario_word(blocks.name))
 
         def follow(n: int, first: int, events: int, blocks=blocks, keys=keys) -> Simulated:  # type: ignore[no-untyped-def]
             return simulate(
@@ -314,26 +222,25 @@ def simulate_profile(
                 course_events=events,
             )  # fmt: skip
 
-        shown = follow(min(drawn, count), 0, _COURSE_EVENTS)
+        shown = follow(drawn, 0, _COURSE_EVENTS)
         paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.courses]
         parts.append(follow(count, 0, 0))
     for part in parts:
         sums.add(part.passages)
     borders = flat.cell_s[1:]
     along = {
-        name: {
-            p: values
-            for p, values in zip(
-                (0.5, 0.9, 0.95, 0.99),
+        name: dict(
+            zip(
+                PROBABILITIES,
                 quantiles(
                     np.sum([getattr(part.sums, name) for part in parts], axis=0, dtype=np.int64),
                     getattr(bins, name),
-                    (0.5, 0.9, 0.95, 0.99),
+                    PROBABILITIES,
                     np.max([getattr(part.sums, f"{name}_max") for part in parts], axis=0),
                 ),
                 strict=True,
             )
-        }
+        )
         for name in ("energy", "speed", "height")
     }
     return ProfileResult(
@@ -343,6 +250,7 @@ def simulate_profile(
         np.concatenate([p.passages for p in parts]),
         sums,
         tuple(paths),
+        drawn,
         borders,
         along,
     )
@@ -358,7 +266,7 @@ def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePane
         ground=p.ground.astype(np.int64),
         ground_names=p.table.names,
         gates=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.gates],
-        stops=result.rocks["runout_m"][: len(result.paths)],
+        stops=result.rocks["runout_m"][result.rocks["rock"] < result.drawn],
         title=title or p.name,
     )
 
@@ -453,7 +361,12 @@ def _write(
         "profile", "Trajectories", "Paths of the centres of the rocks; chainage in plan.",
         figures.profile_comparison_figure([profile_panel(result)]),
     )  # fmt: skip
-    for quantity, words in (("energy", "Energy"), ("speed", "Speed"), ("height", "Passing height")):
+    quantities: tuple[tuple[Literal["energy", "speed", "height"], str], ...] = (
+        ("energy", "Energy"),
+        ("speed", "Speed"),
+        ("height", "Passing height"),
+    )
+    for quantity, words in quantities:
         add(
             f"{quantity}_along", f"{words} along the profile",
             f"Quantiles of the rocks that come into each stretch of {STRETCH_M:g} m.",
@@ -521,6 +434,9 @@ def _write(
         ref_width_m=None,
         preset="",
         settings=resolved(config),
-        counts={"rocks": int(total), **{f"rocks_{r.name.lower()}": int(reasons[r]) for r in StopReason}},
+        counts={
+            "rocks": int(total),
+            **{f"rocks_{r.name.lower()}": int(reasons[r]) for r in StopReason},
+        },
         warnings=warnings,
     )

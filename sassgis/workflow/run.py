@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -33,6 +35,7 @@ from sassgis.workflow.inputs import (
     read_map_run,
     unverified_classes,
 )
+from sassgis.workflow.interrupts import held_back
 from sassgis.workflow.map_report import map_report
 from sassgis.workflow.map_run import (
     MapRun,
@@ -97,7 +100,10 @@ def warnings_of(run: MapRun, planned: Plan, progress: Progress) -> list[str]:
         if ends[end]:
             out.append(f"{ends[end]} of {sum(ends.values())} fall lines {what}.")
     for reason, what in (
-        (StopReason.LEFT_PROFILE, "still moved at the end of their fall line and are lost from the map"),
+        (
+            StopReason.LEFT_PROFILE,
+            "still moved at the end of their fall line and are lost from the map",
+        ),
         (StopReason.STEP_LIMIT, "were given up at engine.max_events contacts"),
         (
             StopReason.NEVER_STARTED,
@@ -182,11 +188,14 @@ def _write_qgis(
             LayerGroup(
                 "Release and fall lines",
                 entries(
-                    "release_areas", "release_points", "fall_lines", "stops",
+                    "release_areas",
+                    "release_points",
+                    "fall_lines",
+                    "stops",
                     hidden=("release_points", "fall_lines", "stops"),
                 ),
-            ),  # fmt: skip
-            LayerGroup("Footprint", entries("footprint")),
+            ),
+            LayerGroup("Footprint", entries("footprint", hidden=("footprint",))),
             LayerGroup("Maps", maps, exclusive=True),
             LayerGroup("Terrain", (LayerEntry(terrain_layer(grid), "maps/terrain.tif"),)),
         ],
@@ -201,6 +210,7 @@ def run(
     out: str | Path,
     *,
     overwrite: bool = False,
+    areas: Sequence[str] | None = None,
     seed: int | None = None,
     jobs: int | None = None,
     on_progress: OnProgress | None = None,
@@ -217,6 +227,8 @@ def run(
         Folder of the result; appears whole or not at all.
     overwrite : bool
         Whether a result that is there already may be replaced.
+    areas : sequence of str, optional
+        Names of the release areas to run; default: all. Their rocks are those of a run of all.
     seed, jobs : int, optional
         In place of those of the configuration.
     on_progress : callable, optional
@@ -245,22 +257,39 @@ def run(
     with staged_output(Path(out), overwrite) as work:
         tell("Reading the inputs")
         with collected_notices() as notices:
-            job = read_map_run(config)
-        fingerprint = settings_hash(config)
+            job = read_map_run(config, areas)
         tell("Placing the release points")
         planned = plan(job)
-        checkpoint = Checkpoint(work, fingerprint)
+        checkpoint = Checkpoint(work, _state_fingerprint(config, job))
         began = time.perf_counter()
         progress = _simulate(config, job, planned, checkpoint, jobs, on_progress, tell)
         seconds = time.perf_counter() - began
         warnings = [*notices, *warnings_of(job, planned, progress)]
         tell("Writing the maps")
-        layers = _write_result(work, config, job, planned, progress, checkpoint, warnings, tell)
+        layers = _write_result(
+            work, config, job, planned, progress, checkpoint, areas, warnings, tell
+        )
     reasons = {r: int(progress.reasons[r]) for r in StopReason}
     return RunResult(
         Path(out), int(progress.reasons.sum()), reasons, tuple(warnings), seconds, job, planned,
         progress, layers,
     )  # fmt: skip
+
+
+def _state_fingerprint(config: Config, job: MapRun) -> str:
+    """Of all that a saved state hangs on, down to the version and to what is kept for tables."""
+    parts = [
+        sassgis.__version__,
+        settings_hash(config),
+        [a.name for a in job.areas],
+        job.stop_points_max,
+        _keeps_rows(config),
+    ]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+
+def _keeps_rows(config: Config) -> bool:
+    return config.output.rock_table != "none" or config.output.passage_table != "none"
 
 
 def job_count(config: Config, jobs: int | None) -> int:
@@ -290,7 +319,7 @@ def _simulate(
     progress = resumed if resumed is not None else Progress.fresh(job)
     if resumed is not None:
         tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
-    keep = config.output.rock_table != "none" or config.output.passage_table != "none"
+    keep = _keeps_rows(config)
     saved = time.monotonic()
 
     def on_chunk(now: Progress, chunks: int, rows: Rows) -> None:
@@ -305,11 +334,10 @@ def _simulate(
 
     tell("Following the rocks")
     try:
-        simulate_map(
-            job, planned, jobs=job_count(config, jobs), resume=progress, on_chunk=on_chunk
-        )
+        simulate_map(job, planned, jobs=job_count(config, jobs), resume=progress, on_chunk=on_chunk)
     except KeyboardInterrupt:
-        checkpoint.save(progress)
+        with held_back():
+            checkpoint.save(progress)
         raise Interrupted(
             f"stopped by the user after {int(progress.reasons.sum())} rocks; what was computed is "
             f"kept in {checkpoint.folder}: the same command goes on from there"
@@ -326,6 +354,7 @@ def _write_result(
     planned: Plan,
     progress: Progress,
     checkpoint: Checkpoint,
+    areas: Sequence[str] | None,
     warnings: list[str],
     tell: Callable[[str], None],
 ) -> tuple[RasterLayer, ...]:
@@ -370,7 +399,7 @@ def _write_result(
         "ref_width_m": job.grid.cell_size,
         "lateral_spread": f"{job.spread.lines_per_point} lines per point, "
         f"{job.spread.width_percent:g} % of the length",
-        "settings_hash": checkpoint.fingerprint,
+        "settings_hash": settings_hash(config),
         **counts,
     }
     write_geopackage(work / "result.gpkg", vectors, facts)
@@ -388,9 +417,7 @@ def _write_result(
             (passage_frame(r, job) for r in rows_of(checkpoint.rows())),
         )
     tell("Drawing the figures")
-    context = map_report(
-        config, job, planned, progress, layers, warnings, facts, work / "figures"
-    )
+    context = map_report(config, job, planned, progress, layers, warnings, facts, work / "figures")
     write_report(work / "report.html", context)
     write_manifest(
         work / "manifest.json",
@@ -401,7 +428,7 @@ def _write_result(
         seed=job.seed,
         ref_width_m=job.grid.cell_size,
         preset="",
-        settings=resolved(config),
+        settings=resolved(config) | ({} if areas is None else {"areas": sorted(areas)}),
         counts=counts,
         warnings=warnings,
     )
