@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -196,6 +196,21 @@ def file_stem(name: str) -> str:
     return "".join(c if c.isalnum() else "_" for c in name).strip("_").lower() or "unnamed"
 
 
+def file_stems(names: Sequence[str]) -> list[str]:
+    """Names as parts of file names, no two the same."""
+    taken: set[str] = set()
+    stems = []
+    for name in names:
+        stem = base = file_stem(name)
+        number = 1
+        while stem in taken:
+            number += 1
+            stem = f"{base}_{number}"
+        taken.add(stem)
+        stems.append(stem)
+    return stems
+
+
 def map_report(
     config: Config,
     run: MapRun,
@@ -239,12 +254,13 @@ def map_report(
                 _save(folder, "runout", runout_counts(progress)),
             )
         )
-    for name, figure in station_figures(progress.gates, total):
+    drawn = station_figures(progress.gates, total)
+    for (name, figure), stem in zip(drawn, file_stems([n for n, _ in drawn]), strict=True):
         pictures.append(
             ReportFigure(
                 f"At {name}",
                 "First downhill passage of each rock.",
-                _save(folder, f"station_{file_stem(name)}", figure),
+                _save(folder, f"station_{stem}", figure),
             )
         )
     blocks = ReportTable(

@@ -436,7 +436,7 @@ def _furthest(rows: Rows) -> tuple[float, int, int, int]:
 
 def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float) -> None:
     for result in outcome.sums:
-        progress.sums.add(result.cells, result.sums._asdict())
+        progress.sums.add(result.cells, result.sums)
         progress.gates.add(result.passages)
     reasons = outcome.rows.rocks["reason"]
     progress.reasons += np.bincount(reasons, minlength=len(StopReason))

@@ -40,7 +40,7 @@ from sassgis.workflow.inputs import (
     input_files,
     read_map_run,
 )
-from sassgis.workflow.map_report import file_stem, gate_tables, station_figures
+from sassgis.workflow.map_report import file_stems, gate_tables, station_figures
 from sassgis.workflow.map_run import LEAD_IN_M, scenario_word
 from sassgis.workflow.tables import write_table
 from sassgis.workflow.vector_layers import STOP_TEXT
@@ -233,10 +233,10 @@ def simulate_profile(
             zip(
                 PROBABILITIES,
                 quantiles(
-                    np.sum([getattr(part.sums, name) for part in parts], axis=0, dtype=np.int64),
+                    np.sum([part.sums[name] for part in parts], axis=0, dtype=np.int64),
                     getattr(bins, name),
                     PROBABILITIES,
-                    np.max([getattr(part.sums, f"{name}_max") for part in parts], axis=0),
+                    np.max([part.sums[f"{name}_max"] for part in parts], axis=0),
                 ),
                 strict=True,
             )
@@ -279,6 +279,16 @@ def passage_histogram(
     rows = result.passages[result.passages["gate"] == names.index(gate)]
     counts, _ = np.histogram(np.clip(rows[quantity], edges[0], edges[-1]), edges)
     return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
+
+
+def share_within(
+    result: ProfileResult, gate: str, quantity: str, low: float, high: float
+) -> tuple[int, float]:
+    """Passages at a station or barrier, and the share of them between two limits (inclusive)."""
+    names = [g.name for g, _ in result.profile.gates]
+    values = result.passages[result.passages["gate"] == names.index(gate)][quantity]
+    share = float(((values >= low) & (values <= high)).mean()) if values.size else float("nan")
+    return int(values.size), share
 
 
 def arrivals(result: ProfileResult, gate: str) -> int:
@@ -378,8 +388,9 @@ def _write(
         "runout", "Run-out", "Chainage at which rocks end, by the reason.",
         figures.runout_figure(result.rocks["runout_m"], result.rocks["reason"].astype(np.int64)),
     )  # fmt: skip
-    for name, figure in station_figures(result.gates, total):
-        add(f"station_{file_stem(name)}", f"At {name}", "First downhill passage.", figure)
+    drawn = station_figures(result.gates, total)
+    for (name, figure), stem in zip(drawn, file_stems([n for n, _ in drawn]), strict=True):
+        add(f"station_{stem}", f"At {name}", "First downhill passage.", figure)
     scenario = np.array([b.name for b in config.blocks])[result.scenario]
     rocks = pd.DataFrame({n: result.rocks[n] for n in result.rocks.dtype.names or ()})
     rocks["reason"] = [StopReason(int(r)).name.lower() for r in rocks["reason"]]

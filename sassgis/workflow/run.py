@@ -414,7 +414,7 @@ def _write_result(
         tell("Writing the table of passages")
         write_table(
             work / "tables" / f"passages.{config.output.passage_table}",
-            (passage_frame(r, job) for r in rows_of(checkpoint.rows())),
+            (passage_frame(r, job, planned) for r in rows_of(checkpoint.rows())),
         )
     tell("Drawing the figures")
     context = map_report(config, job, planned, progress, layers, warnings, facts, work / "figures")

@@ -1,0 +1,59 @@
+"""Which release area sends how many rocks where, and how much of the slope is in which class?
+
+    python pipelines/hazard_zoning.py CONFIG -o OUT
+
+Runs the configuration as ``sassgis run`` does, with the tables of rocks and passages, and adds two
+tables to the result (after its manifest, which does not list them): ``OUT/tables/areas.csv`` has a
+row per release area and station or barrier, with the rocks that arrive, their energy, speed and
+passing height; ``OUT/tables/energy_classes.csv`` has the share of the reached cells by class of the
+95 % quantile of the energy.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import pandas as pd
+
+from sassgis.core.errors import SassgisError
+from sassgis.io.config import load_config
+from sassgis.workflow.run import run
+from sassgis.workflow.tables import area_gate_table, class_table, write_table
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run a configuration and write both tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("config", type=Path)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--jobs", type=int, default=None)
+    parser.add_argument("--overwrite", action="store_true")
+    given = parser.parse_args(argv)
+    config = load_config(given.config, {"output.rock_table": "csv", "output.passage_table": "csv"})
+    result = run(config, given.output, jobs=given.jobs, overwrite=given.overwrite, say=print)
+
+    job = result.run
+    areas = area_gate_table(
+        pd.read_csv(given.output / "tables" / "rocks.csv", usecols=["area"]),
+        pd.read_csv(given.output / "tables" / "passages.csv"),
+        [area.name for area in job.areas],
+        [gate.name for gate, _ in job.gates],
+    )
+    energy = next(layer for layer in result.layers if layer.stem == "energy")
+    classes = class_table(
+        energy.bands[0].values, config.output.energy_classes_kj, "kJ", job.grid.cell_size
+    )
+    write_table(given.output / "tables" / "areas.csv", [areas])
+    write_table(given.output / "tables" / "energy_classes.csv", [classes])
+    print(areas.to_string(index=False))
+    print(classes.to_string(index=False))
+    for warning in result.warnings:
+        print(f"Note: {warning}")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except SassgisError as error:
+        raise SystemExit(f"Error: {error}") from None
