@@ -99,10 +99,7 @@ def _draw_curves(ax: Axes, observed: FloatArray, predicted: FloatArray) -> None:
             gid=name,
             label=name,
         )
-    ax.legend(
-        loc="upper left",
-        handlelength=2.2,
-    )
+    ax.legend(loc="best", handlelength=2.2)
     ax.set_ylim(0.0, 103.0)
     ax.yaxis.set_major_formatter(percent_formatter())
     ax.xaxis.set_major_formatter(thousands_formatter())

@@ -587,6 +587,17 @@ def raster_style_elements(layer: RasterLayer) -> list[ET.Element]:
     """
     pipe = ET.Element("pipe")
     relief = layer.ramp == HILLSHADE
+    if relief:
+        # Heights are smoothed before they are shaded: QGIS would shade the steps between cells,
+        # and smoothing its shading would leave seams between the tiles that it draws.
+        ET.SubElement(
+            ET.SubElement(pipe, "provider"),
+            "resampling",
+            enabled="true",
+            maxOversampling="2",
+            zoomedInResamplingMethod="cubic",
+            zoomedOutResamplingMethod="nearestNeighbour",
+        )
     pipe.append(_hillshade_renderer() if relief else _colour_renderer(layer))
     # Pale relief: the colours of the maps over it must stay those of their legend.
     ET.SubElement(
@@ -597,11 +608,9 @@ def raster_style_elements(layer: RasterLayer) -> list[ET.Element]:
         gamma="1",
     )
     ET.SubElement(pipe, "huesaturation", saturation="0", grayscaleMode="0", colorizeOn="0")
-    # Cells are drawn as cells: no value on the map that is not in the file. The relief is but a
-    # picture; without smoothing QGIS would shade the steps between its cells.
-    smooth = {"zoomedInResampler": "bilinear"} if relief else {}
-    ET.SubElement(pipe, "rasterresampler", {"maxOversampling": "2", **smooth})
-    ET.SubElement(pipe, "resamplingStage").text = "resamplingFilter"
+    # Cells are drawn as cells: no value on the map that is not in the file.
+    ET.SubElement(pipe, "rasterresampler", maxOversampling="2")
+    ET.SubElement(pipe, "resamplingStage").text = "provider" if relief else "resamplingFilter"
     return [pipe, _text_element("blendMode", "0")]
 
 
