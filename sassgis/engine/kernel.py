@@ -54,17 +54,14 @@ class Bins(NamedTuple):
 
 
 class CellSums(NamedTuple):
-    """Statistics per cell of a chunk, one entry per rock and cell. Whole numbers, so that the order
-    of adding does not matter.
+    """Statistics per cell of a chunk, one entry per rock and cell.
+
+    Whole numbers, so that the order of adding does not matter.
     """
 
-    reach: NDArray[np.int64]  # rocks that came
-    reach_square: NDArray[np.int64]  # sum over lines of the square of that number
-    stops: NDArray[np.int64]
-    energy_sum: NDArray[np.int64]  # J
-    energy_max: NDArray[np.float64]  # kJ
-    height_max: NDArray[np.float64]
-    speed_max: NDArray[np.float64]
+    # (n, 4): rocks that came; sum over lines of the square of that number; energy (J); stops
+    tally: NDArray[np.int64]
+    peak: NDArray[np.float64]  # (n, 4): largest energy (kJ), height (m), speed (m/s); unused
     energy: NDArray[np.uint32]  # (n, bins)
     height: NDArray[np.uint32]
     speed: NDArray[np.uint32]
@@ -109,25 +106,25 @@ def _flush(work, n_touched, sums, bins, mass, line_hits, line_touched, n_line):
     iv = 0
     for k in range(n_touched):
         cell = work.touched[k]
-        joule = work.energy[cell] * mass
+        joule = work.peak[cell, 0] * mass
         kj = 1e-3 * joule
-        height = work.height[cell]
-        speed = work.speed[cell]
+        height = work.peak[cell, 1]
+        speed = math.sqrt(work.peak[cell, 2])
         ie = _hunt(bins.energy, kj, ie)
         ih = _hunt(bins.height, height, ih)
         iv = _hunt(bins.speed, speed, iv)
         sums.energy[cell, ie] += np.uint32(1)
         sums.height[cell, ih] += np.uint32(1)
         sums.speed[cell, iv] += np.uint32(1)
-        sums.energy_sum[cell] += np.int64(joule + 0.5)
-        sums.energy_max[cell] = max(sums.energy_max[cell], kj)
-        sums.height_max[cell] = max(sums.height_max[cell], height)
-        sums.speed_max[cell] = max(sums.speed_max[cell], speed)
+        sums.tally[cell, 2] += np.int64(joule + 0.5)
+        sums.peak[cell, 0] = max(sums.peak[cell, 0], kj)
+        sums.peak[cell, 1] = max(sums.peak[cell, 1], height)
+        sums.peak[cell, 2] = max(sums.peak[cell, 2], speed)
         if line_hits[cell] == 0:
             line_touched[n_line] = cell
             n_line += 1
         line_hits[cell] += 1
-        work.energy[cell] = -1.0
+        work.peak[cell, 0] = -1.0
     return n_line
 
 
@@ -198,10 +195,8 @@ def run_lines(
         Rows of ``passages`` filled.
     """
     n_lines = lines.number.size
-    n_cells = sums.reach.size
-    work = CellWork(
-        np.full(n_cells, -1.0), np.zeros(n_cells), np.zeros(n_cells), np.zeros(n_cells, np.int64)
-    )
+    n_cells = sums.tally.shape[0]
+    work = CellWork(np.full((n_cells, 4), -1.0), np.zeros(n_cells, np.int64))
     line_hits = np.zeros(n_cells, np.int64)
     line_touched = np.zeros(n_cells, np.int64)
     most = 1
@@ -283,7 +278,7 @@ def run_lines(
                 work, n_touched, sums, bins, block.mass, line_hits, line_touched, n_line
             )
             if last >= 0 and reason != 2 and reason != 3:
-                sums.stops[last] += 1
+                sums.tally[last, 3] += 1
             row = rocks[row_number]
             row[0] = reason
             row[1] = start
@@ -304,7 +299,7 @@ def run_lines(
         for k in range(n_line):
             cell = line_touched[k]
             hits = line_hits[cell]
-            sums.reach[cell] += hits
-            sums.reach_square[cell] += hits * hits
+            sums.tally[cell, 0] += hits
+            sums.tally[cell, 1] += hits * hits
             line_hits[cell] = 0
     return n_passages

@@ -24,27 +24,30 @@ class Pieces(NamedTuple):
 
 
 class CellWork(NamedTuple):
-    """Maxima of one rock in each cell of a chunk; energy is -1 where it has not been."""
+    """Maxima of one rock in each cell of a chunk.
 
-    energy: NDArray[np.float64]  # per unit mass (J/kg)
-    height: NDArray[np.float64]  # (m)
-    speed: NDArray[np.float64]  # (m/s)
+    What is touched together lies together: one row is one line of the processor's cache.
+    """
+
+    # (n, 4): energy per unit mass (J/kg), -1 where the rock has not been; height (m); speed squared
+    # (m²/s²); unused.
+    peak: NDArray[np.float64]
     touched: NDArray[np.int64]  # cells in the order in which they were entered
 
 
 @kernel
-def _raise(work, n_touched, cell, energy, height, speed):
+def _raise(work, n_touched, cell, energy, height, speed2):
     """Raise the maxima of a cell; returns the new number of cells touched."""
-    if work.energy[cell] < 0.0:
+    peak = work.peak
+    if peak[cell, 0] < 0.0:
         work.touched[n_touched] = cell
-        n_touched += 1
-        work.energy[cell] = energy
-        work.height[cell] = height
-        work.speed[cell] = speed
-        return n_touched
-    work.energy[cell] = max(work.energy[cell], energy)
-    work.height[cell] = max(work.height[cell], height)
-    work.speed[cell] = max(work.speed[cell], speed)
+        peak[cell, 0] = energy
+        peak[cell, 1] = height
+        peak[cell, 2] = speed2
+        return n_touched + 1
+    peak[cell, 0] = max(peak[cell, 0], energy)
+    peak[cell, 1] = max(peak[cell, 1], height)
+    peak[cell, 2] = max(peak[cell, 2], speed2)
     return n_touched
 
 
@@ -82,9 +85,17 @@ def record_flight(
     while piece < n - 1 and pieces.border[piece + 1] < x:
         piece += 1
     x_end = x + vx * until
+    per_vx = 1.0 / vx if vx != 0.0 else 0.0
+    per_gravity = 1.0 / gravity
     now = 0.0
     top = 0.0
     step = 1 if vx >= 0.0 else -1
+    segment = -1
+    lift = 0.0
+    above = 0.0
+    clear = 0.0
+    apex = 0.0
+    before = vz * vz
     while True:
         if step > 0:
             border = pieces.border[piece + 1]
@@ -92,28 +103,34 @@ def record_flight(
         else:
             border = pieces.border[piece]
             inside = border <= x_end or piece == 0
-        leave = until if inside else (border - x) / vx
+        leave = until if inside else (border - x) * per_vx
         leave = min(max(leave, now), until)
-        cell = pieces.cell[piece]
         j = pieces.segment[piece]
-        slope = tz[j] / tx[j]
-        ground = sz[j] + slope * (x - sx[j])
-        clear = rest / tx[j]
-        w0 = vz - gravity * now
-        w1 = vz - gravity * leave
-        lift = vz - slope * vx
-        high = z - ground + (lift - 0.5 * gravity * now) * now
-        high = max(high, z - ground + (lift - 0.5 * gravity * leave) * leave)
-        apex = lift / gravity
+        if j != segment:
+            # Height above this segment: above + lift t − gravity t²/2.
+            segment = j
+            slope = tz[j] / tx[j]
+            above = z - sz[j] - slope * (x - sx[j])
+            clear = rest / tx[j]
+            lift = vz - slope * vx
+            apex = lift * per_gravity
+        after = vz - gravity * leave
+        after *= after
+        high = max(
+            above + (lift - 0.5 * gravity * now) * now,
+            above + (lift - 0.5 * gravity * leave) * leave,
+        )
         if now < apex < leave:
-            high = max(high, z - ground + 0.5 * lift * apex)
+            high = max(high, above + 0.5 * lift * apex)
         high = max(high - clear, 0.0)
         top = max(top, high)
+        cell = pieces.cell[piece]
         if cell >= 0:
-            half = 0.5 * (vx * vx + max(w0 * w0, w1 * w1))
-            n_touched = _raise(work, n_touched, cell, half + spin_energy, high, np.sqrt(2.0 * half))
+            speed2 = vx * vx + max(before, after)
+            n_touched = _raise(work, n_touched, cell, 0.5 * speed2 + spin_energy, high, speed2)
         if inside:
             return n_touched, piece, top
+        before = after
         now = leave
         piece += step
 
@@ -154,7 +171,7 @@ def record_ground(pieces, work, n_touched, piece, x, x_end, v2, dv2, spin, dspin
         if cell >= 0:
             fast = max(v2 + dv2 * done, v2 + dv2 * share)
             energy = 0.5 * fast + max(spin + dspin * done, spin + dspin * share)
-            n_touched = _raise(work, n_touched, cell, energy, 0.0, np.sqrt(max(fast, 0.0)))
+            n_touched = _raise(work, n_touched, cell, energy, 0.0, max(fast, 0.0))
         if inside:
             return n_touched, piece
         done = share

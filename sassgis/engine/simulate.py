@@ -81,8 +81,10 @@ class Simulated:
     ----------
     cells : int64, shape (n_cells,)
         Flat indices of the grid cells under the lines, ascending.
-    sums : CellSums
-        One entry for each of ``cells``.
+    sums : dict of str to array with a row for each of ``cells``
+        "reach" (rocks that came), "reach_square" (sum over lines of its square), "stops",
+        "energy_sum" (J), "energy_max" (kJ), "height_max" (m), "speed_max" (m/s), and the counts
+        "energy", "height", "speed" in the bins of the run.
     rocks : ROCK_DTYPE, shape (n_lines * n_rocks,)
     passages : PASSAGE_DTYPE
     courses : tuple of float64 arrays, shape (n_events, 11)
@@ -90,7 +92,7 @@ class Simulated:
     """
 
     cells: IntArray
-    sums: CellSums
+    sums: dict[str, NDArray[np.generic]]
     rocks: NDArray[np.void]
     passages: NDArray[np.void]
     courses: tuple[FloatArray, ...]
@@ -117,17 +119,23 @@ def default_bins(
 def empty_sums(n_cells: int, bins: Bins) -> CellSums:
     """Sums for ``n_cells`` cells to which nothing has come yet."""
     return CellSums(
-        reach=np.zeros(n_cells, np.int64),
-        reach_square=np.zeros(n_cells, np.int64),
-        stops=np.zeros(n_cells, np.int64),
-        energy_sum=np.zeros(n_cells, np.int64),
-        energy_max=np.zeros(n_cells),
-        height_max=np.zeros(n_cells),
-        speed_max=np.zeros(n_cells),
+        tally=np.zeros((n_cells, 4), np.int64),
+        peak=np.zeros((n_cells, 4)),
         energy=np.zeros((n_cells, bins.energy.size - 1), np.uint32),
         height=np.zeros((n_cells, bins.height.size - 1), np.uint32),
         speed=np.zeros((n_cells, bins.speed.size - 1), np.uint32),
     )
+
+
+def _columns(sums: CellSums) -> dict[str, NDArray[np.generic]]:
+    """The sums under their names."""
+    return {
+        **{n: sums.tally[:, i] for i, n in enumerate(("reach", "reach_square", "energy_sum", "stops"))},
+        **{n: sums.peak[:, i] for i, n in enumerate(("energy_max", "height_max", "speed_max"))},
+        "energy": sums.energy,
+        "height": sums.height,
+        "speed": sums.speed,
+    }
 
 
 def _physics(settings: EngineSettings) -> rock_rules.Physics:
@@ -285,7 +293,7 @@ def simulate(
     )
     return Simulated(
         cells=cells,
-        sums=sums,
+        sums=_columns(sums),
         rocks=_rock_rows(rocks, lines.number, first_rock, rocks_per_line),
         passages=_passage_rows(passages[:filled]),
         courses=tuple(events[i, : event_counts[i]] for i in range(n)) if course_events else (),

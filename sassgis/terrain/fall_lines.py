@@ -41,9 +41,9 @@ _CLOSED_LOOP = int(LineEnd.CLOSED_LOOP)
 # All in cells or radians. On two alpine DEMs of 5 m, smoothed by 5 m, steps about three times as
 # fine move nine lines in ten by less than an eighth of a cell anywhere on their way; those that
 # move more pass a divide or a pit so closely that any change of the terrain would move them.
-_STEP = 0.5
+_STEP = 1.0
 _SHORTEST_STEP = 1.0 / 128.0
-_POINT_DISTANCE = 0.5
+_POINT_DISTANCE = 1.0
 _TURN_PER_STEP = 0.2
 _TURN_PER_POINT = 0.1
 _RATE_PER_STEP = 0.4
@@ -558,6 +558,6 @@ def _closes(line: FloatArray, size: int) -> bool:
         distance = _length(u - line[k, 0], v - line[k, 1])
         if distance < _LOOP_DISTANCE:
             return True
-        # Points lie up to half a cell apart, so skipping that many cannot pass the next candidate.
+        # Points lie at most _POINT_DISTANCE apart: skipping so many cannot pass the next candidate.
         k += max(1, int((distance - _LOOP_DISTANCE) / _POINT_DISTANCE) - 1)
     return False

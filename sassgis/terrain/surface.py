@@ -282,8 +282,9 @@ def slope_at(coefficients: FloatArray, u: float, v: float) -> tuple[float, float
     dr2 = -dr0 - dr1 - dr3
     gu, gv = 0.0, 0.0
     for k in range(4):
-        line = coefficients[row - 1 + k]
-        c0, c1, c2, c3 = line[col - 1], line[col], line[col + 1], line[col + 2]
+        m = row - 1 + k
+        c0, c1 = coefficients[m, col - 1], coefficients[m, col]
+        c2, c3 = coefficients[m, col + 1], coefficients[m, col + 2]
         wr = wr0 if k == 0 else wr1 if k == 1 else wr2 if k == 2 else wr3
         dr = dr0 if k == 0 else dr1 if k == 1 else dr2 if k == 2 else dr3
         gu += wr * (dt0 * c0 + dt1 * c1 + dt2 * c2 + dt3 * c3)

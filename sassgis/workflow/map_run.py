@@ -254,32 +254,36 @@ def _thinned(traces: TraceSet, run: MapRun) -> FallLines:
     """Coordinates for drawing, within a tenth of a cell of the traced ones."""
     counts = np.diff(traces.offset)
     some = counts >= 2
-    drop = np.zeros(len(traces))
-    parts_x, parts_y, sizes = [], [], []
-    for i in range(len(traces)):
-        own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
-        xy = np.column_stack([traces.x[own], traces.y[own]])
-        if some[i]:
-            line = shapely.simplify(
-                shapely.LineString(xy), _SIMPLIFIED * run.grid.cell_size, preserve_topology=False
-            )
-            xy = shapely.get_coordinates(line)
-            cells = run.grid.cell_of(xy[[0, -1], 0], xy[[0, -1], 1])
-            if (cells >= 0).all():
-                ends = run.grid.values.ravel()[cells]
-                drop[i] = ends[0] - ends[1]
-        parts_x.append(xy[:, 0])
-        parts_y.append(xy[:, 1])
-        sizes.append(len(xy))
+    index = np.repeat(np.arange(len(traces)), counts)
+    kept = some[index]
+    lines = shapely.simplify(
+        shapely.linestrings(traces.x[kept], traces.y[kept], indices=np.cumsum(some)[index[kept]] - 1),
+        _SIMPLIFIED * run.grid.cell_size,
+        preserve_topology=False,
+    )
+    xy, owner = shapely.get_coordinates(lines, return_index=True)
+    owner = np.flatnonzero(some)[owner]
+    # Lines of one point stay as they are.
+    single = ~kept
+    xy = np.concatenate([xy, np.column_stack([traces.x[single], traces.y[single]])])
+    owner = np.concatenate([owner, index[single]])
+    order = np.argsort(owner, kind="stable")
+    xy, owner = xy[order], owner[order]
+    offset = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=len(traces)))])
+    first, final = traces.offset[:-1], np.maximum(traces.offset[1:] - 1, 0)
+    heights = run.grid.values.ravel()
+    cells = [run.grid.cell_of(traces.x[k], traces.y[k]) for k in (first, final)]
+    known = (cells[0] >= 0) & (cells[1] >= 0)
+    drop = np.where(known, heights[cells[0]] - heights[cells[1]], 0.0)
     last = traces.s[np.maximum(traces.offset[1:] - 1, 0)]
     return FallLines(
-        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-        np.concatenate([np.empty(0), *parts_x]),
-        np.concatenate([np.empty(0), *parts_y]),
+        offset.astype(np.int64),
+        np.ascontiguousarray(xy[:, 0]),
+        np.ascontiguousarray(xy[:, 1]),
         traces.point,
         traces.fan,
         np.where(counts >= 1, last, 0.0),
-        drop,
+        np.nan_to_num(drop),
         traces.end,
     )
 
