@@ -1,0 +1,119 @@
+"""Write docs/configuration.md from the models that read the configuration.
+
+``python docs/make_reference.py`` rewrites the page.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import types
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from sassgis.io.config import SECTIONS
+
+PAGE = Path(__file__).parent / "configuration.md"
+
+_HEAD = """\
+<!-- Written by docs/make_reference.py from the models in sassgis/io/config.py. Do not edit. -->
+
+# Configuration
+
+One TOML file describes a run. `sassgis init` writes one with every key, `sassgis validate` reads it
+and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
+(`mps`), rad/s (`radps`), kg/m³ (`kgm3`), kJ (`kj`), degrees (`deg`). A *range* is `[low, high]`; a
+single number stands for two equal limits. Unknown keys are errors.
+
+A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
+needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else has a default.
+
+Paths, numbers of cores and what is written do not change the rocks. Everything in the sections
+terrain, release, spread, ground, blocks, stations, barriers, engine and run (but `jobs`) may.
+"""
+
+_INTRO = {
+    "project": "",
+    "terrain": "The DEM, and how fall lines are traced and flattened: [terrain.md](terrain.md).",
+    "release": "Where rocks start: [terrain.md](terrain.md#release-points).",
+    "spread": "A bundle of lines from each release point: [terrain.md](terrain.md#spread).",
+    "ground": "The kind of ground of each cell: [model.md](model.md#ground-classes).",
+    "blocks": "One section for each block scenario; one is needed. Each rock is drawn uniformly "
+    "between the limits.",
+    "stations": "Where passing rocks are recorded; a section for each. Placed by exactly one "
+    "of `line`, `file`, `chainage_m`.",
+    "barriers": "Walls and nets, placed as stations are. All stations and barriers differ in name.",
+    "engine": "How the model is read where the paper is silent: [model.md](model.md#readings).",
+    "profile": "A run along one profile (`sassgis profile`).",
+    "run": "",
+    "output": "What is written: [outputs.md](outputs.md).",
+}
+_LISTS = ("blocks", "stations", "barriers")
+
+
+def kind(annotation: Any) -> str:
+    """Words for the kind of value of a key."""
+    origin = get_origin(annotation)
+    if origin is Annotated:
+        return kind(get_args(annotation)[0])
+    if origin in (Union, types.UnionType):
+        return kind(next(a for a in get_args(annotation) if a is not type(None)))
+    if origin is Literal:
+        return " or ".join(f'`"{a}"`' for a in get_args(annotation))
+    if origin is tuple:
+        parts = get_args(annotation)
+        if len(parts) == 2 and parts[1] is not Ellipsis:
+            return "range"
+        return "list of points" if "tuple" in str(parts[0]) else "list of numbers"
+    if origin is dict:
+        return "table"
+    names = {str: "text", Path: "path", float: "number", int: "whole number", bool: "true or false"}
+    return names[annotation]
+
+
+def shown(value: Any) -> str:
+    """A default as it would be written in the file."""
+    if isinstance(value, tuple):
+        if len(set(value)) == 1:
+            return shown(value[0])
+        return "[" + ", ".join(shown(v) for v in value) + "]"
+    if isinstance(value, float) and value == math.pi:
+        return "3.14159..."
+    return json.dumps(value)
+
+
+def row(name: str, field: FieldInfo) -> str:
+    """One key as a row of its section's table."""
+    if field.is_required():
+        default = "*needed*"
+    elif field.default is None:
+        default = "–"
+    else:
+        default = f"`{shown(field.default)}`"
+    text = (field.description or "").replace("|", "\\|").rstrip(".")
+    text = text[:1].lower() + text[1:]
+    return f"| `{name}` | {kind(field.annotation)} | {default} | {text} |"
+
+
+def section(name: str, model: type[BaseModel]) -> str:
+    """One section of the page."""
+    brackets = f"[[{name}]]" if name in _LISTS else f"[{name}]"
+    lines = [f"## `{brackets}`", ""]
+    if _INTRO[name]:
+        lines += [_INTRO[name], ""]
+    lines += ["| key | kind | default | meaning |", "|---|---|---|---|"]
+    lines += [row(key, field) for key, field in model.model_fields.items()]
+    return "\n".join(lines)
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [_HEAD.rstrip(), *(section(name, model) for name, model in SECTIONS.items())]
+    return "\n\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,258 @@
+"""Do numerical tolerances, halved, move run-out and energy?
+
+``python docs/studies/convergence.py -o FOLDER [--rocks N]`` writes convergence.csv, .json and .png.
+
+Constants of the compiled code are changed before it is compiled, each set of them in a process and
+a cache of compiled code of its own. Every variant is followed twice: with the same draws as the
+base, which shows how many rocks take exactly the same course, and with other draws, for a
+comparison of two independent samples. To show what the comparison can see, settings that are meant
+to matter (the readings of docs/model.md) go through it as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+SEED, OTHER_SEED = 1986, 1987
+LINES = 8
+STATION_M = {"valley": 150.0, "bedrina": 118.0}
+#: Rocks that end this close to each other have had the same course (m).
+SAME_M = 1e-3
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One change: constants of sassgis.engine.rock by a factor, or settings by a value."""
+
+    name: str
+    kind: str
+    constants: dict[str, float] = field(default_factory=dict)
+    settings: dict[str, object] = field(default_factory=dict)
+
+
+#: Lengths and angles of sassgis.engine.rock that exist only because numbers are finite.
+NUMERICAL = ("_TOUCH", "_FOOT", "_STRAIGHT", "_FIRST_TURN")
+#: When a rock that trembles on one spot is at rest.
+AT_REST = ("_REST_SHARE", "_SAME_SPOT")
+
+
+def variants() -> list[Variant]:
+    """All variants; the base first."""
+    half = [Variant(f"{c} halved", "tolerance", {c: 0.5}) for c in NUMERICAL]
+    return [
+        Variant("base", "base"),
+        Variant(
+            "contact_tolerance_m halved", "tolerance", settings={"contact_tolerance_m": 0.5e-6}
+        ),
+        *half,
+        Variant("_REST_SHARE and _SAME_SPOT halved", "tolerance", dict.fromkeys(AT_REST, 0.5)),
+        Variant(
+            "all of these halved",
+            "tolerance",
+            dict.fromkeys((*NUMERICAL, *AT_REST), 0.5),
+            {"contact_tolerance_m": 0.5e-6},
+        ),
+        Variant("rolling_threshold 0.05", "reading", settings={"rolling_threshold": 0.05}),
+        Variant("rolling_threshold 0.2", "reading", settings={"rolling_threshold": 0.2}),
+        Variant("rolling ellipse", "reading", settings={"rolling": "ellipse"}),
+        Variant("end_sliding false", "reading", settings={"end_sliding": False}),
+        Variant("slope_variation off", "reading", settings={"slope_variation": "off"}),
+        Variant("eta_max_rule coulomb", "reading", settings={"eta_max_rule": "coulomb"}),
+    ]
+
+
+def work(
+    constants: dict[str, float], jobs: list[tuple[str, dict[str, object]]], rocks: int
+) -> None:
+    """Follow rocks with changed constants; runs in a process of its own."""
+    from sassgis.engine import rock
+
+    for name, factor in constants.items():
+        # Nothing is compiled before its first call, so the compiled code sees the new value.
+        setattr(rock, name, getattr(rock, name) * factor)
+    from slopes import follow, table_slope, valley_slopes
+
+    from sassgis.core.settings import EngineSettings
+
+    sets = {
+        "valley": (valley_slopes(LINES), -(-rocks // LINES)),
+        "bedrina": ([table_slope("bedrina", "config_before.toml")], rocks),
+    }
+    for target, settings in jobs:
+        out: dict[str, NDArray[np.float64]] = {}
+        for seed in (SEED, OTHER_SEED):
+            for name, (slopes, each) in sets.items():
+                runout, energy, most = [], [], []
+                for slope in slopes:
+                    table, passing, _ = follow(
+                        slope,
+                        slope.profile(0.25),
+                        each,
+                        seed,
+                        [STATION_M[name]],
+                        EngineSettings(**settings),  # type: ignore[arg-type]
+                    )
+                    runout.append(table["runout_m"])
+                    energy.append(passing[0])
+                    most.append(table["max_energy_kj"])
+                out[f"{name}-{seed}-runout"] = np.concatenate(runout)
+                out[f"{name}-{seed}-energy"] = np.concatenate(energy)
+                out[f"{name}-{seed}-most"] = np.concatenate(most)
+        np.savez(target, **out)
+
+
+def simulated(rocks: int) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """The rocks of every variant; variants with the same constants share a process."""
+    groups: dict[str, list[Variant]] = {}
+    for v in variants():
+        groups.setdefault(json.dumps(v.constants, sort_keys=True), []).append(v)
+    results = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for number, (constants, members) in enumerate(groups.items()):
+            targets = {v.name: f"{folder}/{number}-{k}.npz" for k, v in enumerate(members)}
+            task = {
+                "constants": json.loads(constants),
+                "jobs": [(targets[v.name], v.settings) for v in members],
+                "rocks": rocks,
+            }
+            environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+            environment["SASSGIS_CACHE_DIR"] = f"{folder}/cache-{number}"
+            subprocess.run(
+                [sys.executable, __file__, "--task", json.dumps(task)], check=True, env=environment
+            )
+            for name, path in targets.items():
+                results[name] = dict(np.load(path))
+            print("done:", ", ".join(targets), flush=True)
+    return results
+
+
+def compared(results: dict[str, dict[str, NDArray[np.float64]]]) -> list[dict[str, object]]:
+    """A row for each variant, slope and quantity."""
+    from scipy.stats import ks_2samp
+
+    base = results["base"]
+    rows: list[dict[str, object]] = []
+    for v in variants():
+        for slope in STATION_M:
+            runs = [results[v.name][f"{slope}-{s}-runout"] for s in (SEED, OTHER_SEED)]
+            same = np.abs(runs[0] - base[f"{slope}-{SEED}-runout"]) < SAME_M
+            for quantity in ("runout", "energy", "most"):
+                reference = base[f"{slope}-{SEED}-{quantity}"]
+                reference = reference[np.isfinite(reference)]
+                values = [results[v.name][f"{slope}-{s}-{quantity}"] for s in (SEED, OTHER_SEED)]
+                paired, fresh = (x[np.isfinite(x)] for x in values)
+                rows.append(
+                    {
+                        "variant": v.name,
+                        "kind": v.kind,
+                        "slope": slope,
+                        "quantity": {
+                            "runout": "run-out (m)",
+                            "energy": f"energy at {STATION_M[slope]:g} m (kJ)",
+                            "most": "largest energy (kJ)",
+                        }[quantity],
+                        "rocks": fresh.size,
+                        "median": float(np.median(fresh)),
+                        "q95": float(np.quantile(fresh, 0.95)),
+                        "same_rocks_percent": 100.0 * float(same.mean()),
+                        "D_same_draws": float(ks_2samp(reference, paired).statistic),
+                        "D_other_draws": float(ks_2samp(reference, fresh).statistic),
+                        "p_other_draws": float(ks_2samp(reference, fresh).pvalue),
+                    }
+                )
+    return rows
+
+
+def draw(rows: list[dict[str, object]], path: Path) -> None:
+    """Kolmogorov-Smirnov distances of all variants, beside what chance alone gives."""
+    from sassgis.io.figures import save
+    from sassgis.io.figures.style import BLUE, GREY, ORANGE, WIDTH_IN, new_figure, styled
+
+    @styled
+    def figure():  # type: ignore[no-untyped-def]
+        fig = new_figure(WIDTH_IN, 4.2)
+        axes = fig.subplots(1, 2, sharey=True)
+        names = list(dict.fromkeys(str(r["variant"]) for r in rows))
+        for ax, quantity in zip(axes, ("run-out", "largest energy"), strict=True):
+            for marker, slope in (("o", "valley"), ("D", "bedrina")):
+                some = [
+                    r for r in rows
+                    if r["slope"] == slope and str(r["quantity"]).startswith(quantity)
+                ]  # fmt: skip
+                ax.scatter(
+                    [r["D_other_draws"] for r in some],
+                    [names.index(str(r["variant"])) for r in some],
+                    marker=marker,
+                    s=22,
+                    color=[ORANGE if r["kind"] == "reading" else BLUE for r in some],
+                    label=slope,
+                )
+                # Critical value of the two-sample test at 5 % (Smirnov, 1948).
+                n = float(np.mean([float(r["rocks"]) for r in some]))  # type: ignore[arg-type]
+                ax.axvline(1.358 * np.sqrt(2.0 / n), color=GREY, lw=0.8, ls=":")
+            ax.set_title(quantity, loc="left", size=9)
+            ax.set_xlabel("Kolmogorov–Smirnov distance from the base")
+            ax.set_xlim(left=0.0)
+            ax.set_yticks(range(len(names)), names)
+            ax.invert_yaxis()
+        axes[0].invert_yaxis()
+        axes[1].legend(loc="lower right")
+        fig.supxlabel(
+            "blue: numerical, halved; orange: readings; dotted: what 5 % of pairs of equal samples "
+            "exceed", size=7, color=GREY, x=0.01, ha="left",
+        )  # fmt: skip
+        return fig
+
+    save(figure(), path)
+
+
+def main() -> None:
+    """Run the study, or one process of it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path)
+    parser.add_argument("--rocks", type=int, default=4000, help="rocks on each slope")
+    parser.add_argument("--task", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.task:
+        work(**json.loads(options.task))
+        return
+    if options.output is None:
+        parser.error("-o FOLDER is missing")
+    out: Path = options.output
+    out.mkdir(parents=True, exist_ok=True)
+    rows = compared(simulated(options.rocks))
+    with (out / "convergence.csv").open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+    numerical = [r for r in rows if r["kind"] == "tolerance"]
+    import sassgis
+
+    facts = {
+        "program": f"sassgis {sassgis.__version__}",
+        "rocks_on_each_slope": options.rocks,
+        "seeds": [SEED, OTHER_SEED],
+        "comparisons": len(numerical),
+        "smallest_p": min(float(r["p_other_draws"]) for r in numerical),  # type: ignore[arg-type]
+        "below_5_percent": sum(float(r["p_other_draws"]) < 0.05 for r in numerical),  # type: ignore[arg-type]
+        "largest_D_same_draws": max(float(r["D_same_draws"]) for r in numerical),  # type: ignore[arg-type]
+    }
+    (out / "convergence.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    draw(rows, out / "convergence.png")
+    print(json.dumps(facts))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,207 @@
+"""How far does the cutting of the slope into segments affect the result?
+
+The open question of Bozzolo and Pamini (1986).
+
+``python docs/studies/discretisation.py -o FOLDER [--rocks N]`` writes a figure per slope,
+summary.csv (pooled over the lines), lines.csv (line by line), splitting.csv and study.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import ks_2samp
+from slopes import Slope, follow, split, table_slope, valley_slopes
+
+import sassgis
+from sassgis.core.grid import FloatArray
+from sassgis.core.results import StopReason
+from sassgis.io.figures import convergence_figure, save
+
+TOLERANCES = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
+SEED = 1986
+LINES = 16
+STATIONS = {"valley": (60.0, 150.0, 250.0), "bedrina": (62.0, 118.0), "piota_negra": (70.0, 110.0)}
+RUNOUT_SHARES = (0.05, 0.5, 0.95)
+BOOTSTRAP = 400
+#: Rocks that end this close to each other have had the same course (m).
+SAME_M = 1e-3
+
+
+def quantities(
+    runout: FloatArray, energy: FloatArray, height: FloatArray, stations: tuple[float, ...]
+) -> dict[str, float]:
+    """What is followed over the tolerances; arrays of shape (..., n_rocks)."""
+    out = {f"run-out {100 * q:g} % (m)": float(np.quantile(runout, q)) for q in RUNOUT_SHARES}
+    for k, chainage in enumerate(stations):
+        e, h = energy[k], height[k]
+        come = np.isfinite(e)
+        some = bool(come.any())
+        out[f"come to {chainage:g} m (%)"] = 100.0 * float(come.mean())
+        out[f"E95 at {chainage:g} m (kJ)"] = float(np.quantile(e[come], 0.95)) if some else np.nan
+        out[f"height 95 % at {chainage:g} m (m)"] = (
+            float(np.quantile(h[come], 0.95)) if some else np.nan
+        )
+    return out
+
+
+def study(name: str, slopes: list[Slope], rocks: int, out: Path) -> tuple[list[dict], list[dict]]:
+    """Run one set of lines at every tolerance; rows pooled over the lines, and line by line."""
+    stations = STATIONS[name]
+    n = len(slopes)
+    pooled: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
+    per_line = []
+    segments = {}
+    for tolerance in TOLERANCES:
+        runout = np.empty((n, rocks))
+        energy = np.full((len(stations), n, rocks), np.nan)
+        height = np.full_like(energy, np.nan)
+        segment_length = []
+        for i, slope in enumerate(slopes):
+            flat = slope.profile(tolerance)
+            reached = [k for k, c in enumerate(stations) if c <= slope.length_m]
+            table, energy[reached, i], height[reached, i] = follow(
+                slope, flat, rocks, SEED, [stations[k] for k in reached]
+            )
+            runout[i] = table["runout_m"]
+            segment_length.append(slope.length_m / (flat.s.size - 1))
+            per_line.append(
+                {
+                    "slope": slope.name,
+                    "tolerance_m": tolerance,
+                    "segments": flat.s.size - 1,
+                    "left_profile_percent": 100.0
+                    * float((table["reason"] == StopReason.LEFT_PROFILE).mean()),
+                    **quantities(runout[i], energy[:, i], height[:, i], stations),
+                }
+            )
+        segments[tolerance] = float(np.mean(segment_length))
+        pooled[tolerance] = (runout, energy, height)
+        print(name, tolerance, f"{segments[tolerance]:.1f} m a segment", flush=True)
+
+    # The same draws of rocks for all tolerances, so that differences are between like and like.
+    rng = np.random.default_rng(SEED)
+    values = {t: quantities(*pooled[t], stations) for t in TOLERANCES}
+    names = list(values[TOLERANCES[0]])
+    drawn = {t: {q: np.empty(BOOTSTRAP) for q in names} for t in TOLERANCES}
+    rows_of_lines = np.arange(n)[:, None]
+    for b in range(BOOTSTRAP):
+        pick = rng.integers(0, rocks, (n, rocks))
+        for t in TOLERANCES:
+            r, e, h = pooled[t]
+            again = quantities(
+                r[rows_of_lines, pick],
+                e[:, rows_of_lines, pick],
+                h[:, rows_of_lines, pick],
+                stations,
+            )
+            for q in names:
+                drawn[t][q][b] = again[q]
+    summary = []
+    finest = TOLERANCES[0]
+    for q in names:
+        for t in TOLERANCES:
+            low, high = np.quantile(drawn[t][q], (0.025, 0.975))
+            gap = drawn[t][q] - drawn[finest][q]
+            gap_low, gap_high = np.quantile(gap, (0.025, 0.975))
+            summary.append(
+                {
+                    "slope": name,
+                    "quantity": q,
+                    "tolerance_m": t,
+                    "segment_length_m": segments[t],
+                    "value": values[t][q],
+                    "low_95": low,
+                    "high_95": high,
+                    "minus_finest": values[t][q] - values[finest][q],
+                    "minus_finest_low_95": gap_low,
+                    "minus_finest_high_95": gap_high,
+                }
+            )
+    shown = {}
+    for q in names:
+        if q.startswith("come"):
+            continue
+        rows = [r for r in summary if r["quantity"] == q]
+        shown[q] = tuple(np.array([r[k] for r in rows]) for k in ("value", "low_95", "high_95"))
+    title = f"{name}: {n} line{'s' if n > 1 else ''}, {n * rocks} rocks for each tolerance"
+    save(convergence_figure(np.array(TOLERANCES), shown, title=title), out / f"{name}.png")
+    return summary, per_line
+
+
+def splitting(slopes: list[Slope], rocks: int) -> list[dict]:
+    """Cut the segments of given polylines; the ground stays exactly where it is."""
+    rows = []
+    for slope in slopes:
+        flat = slope.profile(0.25)
+        whole, _, _ = follow(slope, flat, rocks, SEED)
+        other, _, _ = follow(slope, flat, rocks, SEED + 1)
+        for parts in (2, 8):
+            cut, _, _ = follow(slope, split(flat, parts), rocks, SEED)
+            same = np.abs(cut["runout_m"] - whole["runout_m"]) < SAME_M
+            fresh, _, _ = follow(slope, split(flat, parts), rocks, SEED + 1)
+            rows.append(
+                {
+                    "slope": slope.name,
+                    "parts": parts,
+                    "rocks": rocks,
+                    "same_rocks_percent": 100.0 * float(same.mean()),
+                    "D_same_seed": ks_2samp(whole["runout_m"], cut["runout_m"]).statistic,
+                    "p_other_seed": ks_2samp(whole["runout_m"], fresh["runout_m"]).pvalue,
+                    "p_other_seed_unsplit": ks_2samp(whole["runout_m"], other["runout_m"]).pvalue,
+                }
+            )
+    return rows
+
+
+def write(path: Path, rows: list[dict]) -> None:
+    """Write rows as CSV, numbers to six digits."""
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--rocks", type=int, default=2000, help="rocks on each line")
+    options = parser.parse_args()
+    out: Path = options.output
+    out.mkdir(parents=True, exist_ok=True)
+    sets = {
+        "valley": valley_slopes(LINES),
+        "bedrina": [table_slope("bedrina", "config_before.toml")],
+        "piota_negra": [table_slope("piota_negra", "config.toml")],
+    }
+    summary, lines = [], {}
+    for name, slopes in sets.items():
+        rows, per_line = study(name, slopes, options.rocks, out)
+        summary += rows
+        lines[name] = per_line
+    write(out / "summary.csv", summary)
+    for name, rows in lines.items():
+        write(out / f"lines_{name}.csv", rows)
+    cut = splitting(
+        [sets["bedrina"][0], sets["piota_negra"][0], sets["valley"][0], sets["valley"][LINES // 2]],
+        options.rocks,
+    )
+    write(out / "splitting.csv", cut)
+    facts = {
+        "program": f"sassgis {sassgis.__version__}",
+        "rocks_per_line": options.rocks,
+        "seed": SEED,
+        "lines": {name: len(slopes) for name, slopes in sets.items()},
+        "bootstrap_draws": BOOTSTRAP,
+    }
+    (out / "study.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

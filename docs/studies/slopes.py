@@ -1,0 +1,188 @@
+"""Slopes of the samples, as the studies run them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.blocks import BlockPopulation
+from sassgis.core.grid import FloatArray, Grid, IntArray
+from sassgis.core.ground import GroundTable
+from sassgis.core.profiles import ProfileSet, TraceSet
+from sassgis.core.results import Gate
+from sassgis.core.settings import EngineSettings
+from sassgis.engine.simulate import GateCrossings, simulate
+from sassgis.io.config import load_config
+from sassgis.io.ground import read_ground_table
+from sassgis.io.profile_csv import read_profile
+from sassgis.terrain.flatten import profiles
+from sassgis.terrain.release import take
+from sassgis.terrain.spread import trace_bundles
+from sassgis.terrain.stretch import take_lines, usable, with_lead_in
+from sassgis.workflow.inputs import read_map_run
+from sassgis.workflow.map_run import LEAD_IN_M, line_draw_keys, plan
+from sassgis.workflow.samples import sample_folder
+
+#: Side of the cells of the strip of terrain that stands for a profile from a table (m).
+STRIP_CELL_M = 0.25
+
+
+@dataclass(frozen=True)
+class Slope:
+    """One fall line that can be flattened with any tolerance.
+
+    Attributes
+    ----------
+    name : str
+    grid : Grid
+    ground : int32, shape of the grid
+    trace : TraceSet
+        A single line.
+    table : GroundTable
+    blocks : BlockPopulation
+    key : uint64, shape (1,)
+        Identity for the random draws.
+    start : (low, high)
+        Chainages between which rocks start (m).
+    """
+
+    name: str
+    grid: Grid
+    ground: NDArray[np.int32]
+    trace: TraceSet
+    table: GroundTable
+    blocks: BlockPopulation
+    key: NDArray[np.uint64]
+    start: tuple[float, float]
+
+    @property
+    def length_m(self) -> float:
+        """Plan length."""
+        return float(self.trace.s[-1])
+
+    def profile(self, tolerance_m: float) -> ProfileSet:
+        """The flattened line, without the ground behind its start."""
+        return profiles(self.grid, self.trace, self.ground, tolerance_m)
+
+
+def valley_slopes(n: int) -> list[Slope]:
+    """``n`` fall lines of the sample valley, spread evenly over its release points."""
+    run = read_map_run(load_config(sample_folder() / "valley" / "config.toml"))
+    planned = plan(run)
+    traces = trace_bundles(run.grid, planned.surface, planned.starts, run.fall_lines, run.spread)
+    good = np.flatnonzero(usable(traces, 100.0))
+    chosen = good[np.linspace(0, good.size - 1, n).round().astype(int)]
+    out = []
+    for i in chosen:
+        only = np.zeros(len(traces), bool)
+        only[i] = True
+        line = take_lines(traces, only)
+        point = int(line.point[0])
+        scenario = planned.scenarios[planned.starts.area[point]][0]
+        blocks = run.blocks[scenario]
+        own = take(planned.starts, np.array([point]))
+        line = TraceSet(
+            line.offset, line.x, line.y, line.s, np.zeros(1, np.int64), line.fan, line.end
+        )
+        out.append(
+            Slope(
+                f"valley, release point {point}",
+                run.grid,
+                run.ground,
+                line,
+                run.table,
+                blocks,
+                line_draw_keys(line, own.key, 1, blocks.name),
+                (0.0, min(2.0 * float(planned.moved[point]), float(line.s[-1]))),
+            )
+        )
+    return out
+
+
+def table_slope(name: str, config_name: str) -> Slope:
+    """A profile of the samples, laid on a narrow strip of fine terrain."""
+    config = load_config(sample_folder() / name / config_name)
+    settings = config.profile
+    assert settings is not None and settings.file is not None
+    table = read_ground_table(config.ground.classes)
+    given = read_profile(settings.file, table, config.ground.default)
+    cell = STRIP_CELL_M
+    centres = np.arange(given.s[0] + 0.5 * cell, given.s[-1], cell)
+    row = np.interp(centres, given.s, given.z)
+    classes = given.ground[np.searchsorted(given.s, centres, side="right") - 1]
+    grid = Grid(np.tile(row, (3, 1)), float(given.s[0]), 3.0 * cell, cell)
+    ends = np.array([centres[0], centres[-1]])
+    trace = TraceSet(
+        np.array([0, 2], np.int64),
+        ends,
+        np.full(2, 1.5 * cell),
+        ends - ends[0],
+        np.zeros(1, np.int64),
+        np.zeros(1),
+        np.zeros(1, np.uint8),
+    )
+    return Slope(
+        name,
+        grid,
+        np.tile(classes, (3, 1)).astype(np.int32),
+        trace,
+        table,
+        config.blocks[0],
+        np.zeros(1, np.uint64),
+        settings.start_m,
+    )
+
+
+def follow(
+    slope: Slope,
+    flat: ProfileSet,
+    rocks: int,
+    seed: int,
+    stations_m: Sequence[float] = (),
+    settings: EngineSettings | None = None,
+) -> tuple[NDArray[np.void], FloatArray, FloatArray]:
+    """Follow rocks down one profile.
+
+    Returns
+    -------
+    rocks : ROCK_DTYPE, shape (rocks,)
+    energy, height : float64, shape (n_stations, rocks)
+        Total energy (kJ) and passing height (m) of the first passage; NaN for rocks that do not
+        come to the station.
+    """
+    gates = [Gate(f"{c:g} m", "station") for c in stations_m]
+    result = simulate(
+        with_lead_in(flat, LEAD_IN_M),
+        slope.table,
+        slope.blocks,
+        settings or EngineSettings(),
+        seed=seed,
+        rocks_per_line=rocks,
+        line_keys=slope.key,
+        starts=np.array([slope.start]),
+        gates=GateCrossings.same_for_all(gates, list(stations_m), 1),
+    )
+    energy = np.full((len(gates), rocks), np.nan)
+    height = np.full((len(gates), rocks), np.nan)
+    rows = result.passages
+    where: tuple[IntArray, IntArray] = (rows["gate"].astype(int), rows["rock"].astype(int))
+    energy[where] = rows["energy_trans_kj"] + rows["energy_rot_kj"]
+    height[where] = rows["height_m"]
+    return result.rocks, energy, height
+
+
+def split(flat: ProfileSet, parts: int) -> ProfileSet:
+    """Every segment of a single profile cut into equal parts that lie on it."""
+    shares = np.arange(parts) / parts
+    s = np.append((flat.s[:-1, None] + np.diff(flat.s)[:, None] * shares).ravel(), flat.s[-1])
+    z = np.append((flat.z[:-1, None] + np.diff(flat.z)[:, None] * shares).ravel(), flat.z[-1])
+    ground = np.append(np.repeat(flat.ground[:-1], parts), flat.ground[-1]).astype(np.int32)
+    return ProfileSet(
+        np.array([0, s.size], np.int64), s, z, ground, flat.cell_offset, flat.cell_s, flat.cell
+    )
+
+
+__all__ = ["Slope", "follow", "split", "table_slope", "valley_slopes"]
