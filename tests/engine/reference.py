@@ -53,11 +53,11 @@ def first_contact(rock, g, sx, sz, until, dt=2e-5):
 
     Returns (t, segment); (inf, -1) if there is none before ``until``.
     """
-    x, z, vx, vz, theta, omega, a, b = rock
+    x, z, vx, vz, _theta, _omega, a, _b = rock
     best = until
     found = -1
     slab = 1e-3
-    n_slabs = int(math.ceil(until / slab))
+    n_slabs = math.ceil(until / slab)
     fastest = math.hypot(vx, abs(vz) + g * until)
     for j in range(sx.size - 1):
         seg = (sx[j], sz[j], sx[j + 1], sz[j + 1])
@@ -73,7 +73,7 @@ def first_contact(rock, g, sx, sz, until, dt=2e-5):
             share = min(max((cx * ex + cz * ez) / (ex * ex + ez * ez), 0.0), 1.0)
             if math.hypot(cx - share * ex, cz - share * ez) > a + slab * fastest:
                 continue
-            steps = int(math.ceil(slab / dt))
+            steps = math.ceil(slab / dt)
             done = False
             for i in range(steps + 1):
                 t = min(t0 + i * dt, until)

@@ -126,6 +126,51 @@ def test_no_contact_is_missed_beside_a_crest(seed):
     assert wrong == []
 
 
+@pytest.mark.parametrize("theta", [0.3, 0.8, 2.4])
+def test_a_rock_at_the_foot_of_a_riser_does_not_touch_the_top(theta):
+    # The top lies above the rock, on the far side of its line: no contact, though the line's gap
+    # is negative. A step of 4 m up, met at 5 m/s.
+    profile = (np.array([0.0, 30.0, 30.01, 60.0]), np.array([2.0, 2.0, 6.0, 6.0]))
+    rock = (28.5, 3.2, 5.0, 0.0, theta, 0.0, 0.6, 0.3)
+    t, _j, nx, _ = engine(rock, profile, 5.0)
+    t_ref, j_ref = first_contact(rock, G, *profile, 5.0)
+    assert t == pytest.approx(t_ref, abs=1e-6)
+    assert nx == pytest.approx(-1.0, abs=1e-3)
+    assert j_ref == 1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_first_contact_between_steps_and_walls(seed):
+    # Steps up and down of several metres, as under walls, quarries and buildings.
+    rng = np.random.default_rng(seed)
+    wrong = []
+    met = 0
+    for i in range(150):
+        run = rng.uniform(1.0, 6.0, 12)
+        s = np.concatenate([[0.0], np.cumsum(np.column_stack([run, rng.uniform(0.005, 0.1, 12)]))])
+        z = np.concatenate([[0.0], np.cumsum(np.column_stack(
+            [rng.normal(-0.3, 0.3, 12) * run, rng.uniform(-4.0, 4.0, 12)]
+        ))])  # fmt: skip
+        a = rng.uniform(0.3, 1.0)
+        b = a * rng.uniform(0.4, 1.0)
+        x = rng.uniform(s[4], s[-5])
+        near = np.abs(s - x) < a + 0.2
+        low = max(np.interp([x - a, x, x + a], s, z).max(), z[near].max() if near.any() else -99.0)
+        vx = rng.uniform(-12.0, 12.0)
+        rock = (
+            x, low + a + rng.uniform(0.01, 1.0), vx, rng.uniform(-5.0, 5.0),
+            rng.uniform(0.0, math.pi), rng.uniform(-20.0, 20.0), a, b,
+        )  # fmt: skip
+        until = min(2.0, ((s[-1] if vx > 0 else 0.0) - x) / vx)
+        t = engine(rock, (s, z), until)[0]
+        t_ref = first_contact(rock, G, s, z, until)[0]
+        met += np.isfinite(t_ref)
+        if not (abs(t - t_ref) <= 1e-6 or t == t_ref):
+            wrong.append((i, t, t_ref))
+    assert met > 80
+    assert wrong == []
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_ball_on_a_slope_in_closed_form(seed):
     # (C − V)·n = R: a quadratic in t.
@@ -229,7 +274,7 @@ def test_cutting_a_segment_moves_no_contact(pieces):
     # The same straight ground in one piece and in many: same time, same normal.
     rng = np.random.default_rng(6)
     for _ in range(200):
-        rock, (s, _), until = random_case(rng, 0.5)
+        rock, (_s, _), until = random_case(rng, 0.5)
         x, h, vx, vz, theta, omega, a, b = rock
         beta = rng.uniform(0.0, 1.0)
         ends = np.array([0.0, 30.0])

@@ -180,7 +180,7 @@ def test_coulomb_impact_stays_in_the_cone(seed):
     assert i * sw**2 + sx**2 + sy**2 <= (i * w0**2 + v @ v) * (1.0 + 1e-12)
 
 
-# --- through the whole simulation -------------------------------------------------------------------
+# --- through the whole simulation ---
 
 
 def test_sphere_falling_on_a_slope_met_flatter(lab):
@@ -194,6 +194,7 @@ def test_sphere_falling_on_a_slope_met_flatter(lab):
         ground,
         lab.sphere(0.5, drop_m=(100.0 / (2 * G),) * 2),
         start=[(20.0, 20.0)],
+        settings=lab.with_settings(contact_tolerance_m=1e-10),
         course_events=20,
     )
     course = out.courses[0]
@@ -327,7 +328,7 @@ def test_table_1_slope_variation_is_met_at_impacts(lab, degrees, eta_max, low, h
         lab.slope((300.0, degrees)),
         lab.ground(eta_max=eta_max, dp=(low, high)),
         dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)),
-        n=150,
+        n=600,
         start=[(5.0, 10.0)],
         course_events=120,
     )

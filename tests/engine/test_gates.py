@@ -1,0 +1,283 @@
+"""Stations, walls and nets against the course of events."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from sassgis.core.results import Gate, Outcome, StopReason
+from sassgis.engine.ellipse import inertia
+
+G = 9.81
+
+
+def crossings(lab, gates, at, n_lines=1):
+    return lab.GateCrossings.same_for_all(gates, at, n_lines)
+
+
+def at_chainage(course, x_gate, a, b, lab):
+    """State in which a course first comes to ``x_gate`` downhill, worked out from its events alone.
+
+    Returns (vx, vz, |omega|, z, phase) or None.
+    """
+    c = lab.COL
+    for i in range(course.shape[0] - 1):
+        row, after = course[i], course[i + 1]
+        x, vx = row[c["x_m"]], row[c["vx_mps"]]
+        phase = int(row[c["phase"]])
+        if phase == lab.IMPACT or vx <= 0.0:
+            continue
+        dt = after[c["t_s"]] - row[c["t_s"]]
+        if phase == lab.FLIGHT:
+            t = (x_gate - x) / vx
+            if 0.0 < t <= dt * (1 + 1e-12):
+                return (
+                    vx,
+                    row[c["vz_mps"]] - G * t,
+                    abs(row[c["omega_radps"]]),
+                    row[c["z_m"]] + row[c["vz_mps"]] * t - 0.5 * G * t * t,
+                    phase,
+                )
+        elif x < x_gate and dt > 0.0:
+            # v² is linear in the way; the way is known from speed at both ends of the stretch.
+            way = x_gate - x
+            v0 = math.hypot(vx, row[c["vz_mps"]]) / row[c["ux"]]
+            v1 = 2.0 * _stretch(row, after, lab) / dt - v0
+            length = _stretch(row, after, lab)
+            if way <= length * (1 + 1e-12):
+                v2 = v0**2 + (v1**2 - v0**2) * way / length
+                return (math.sqrt(max(v2, 0)) * row[c["ux"]] ** 2, None, None, None, phase)
+    return None
+
+
+def _stretch(row, after, lab):
+    c = lab.COL
+    return after[c["x_m"]] - row[c["x_m"]]
+
+
+@pytest.mark.parametrize("kind", ["smooth", "rough"])
+def test_station_values_are_those_of_the_parabola(lab, kind):
+    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
+    at = [62.0, 75.3, 90.0] if kind == "smooth" else [35.1, 47.3, 60.0]
+    gates = tuple(Gate(f"station {i}", "station") for i in range(3))
+    out = lab.run(
+        line, lab.ROCK, lab.MIXED, n=150, start=[(10.0, 30.0)], course_events=2000,
+        gates=crossings(lab, gates, at),
+    )  # fmt: skip
+    checked = 0
+    slope = np.diff(line[1]) / np.diff(line[0])
+    for p in out.passages:
+        rock = out.rocks[p["rock"]]
+        got = at_chainage(out.courses[p["rock"]], p["chainage_m"], rock["a_m"], rock["b_m"], lab)
+        assert p["outcome"] == Outcome.PASSED
+        assert p["chainage_m"] == at[p["gate"]]
+        assert p["mass_kg"] == rock["mass_kg"]
+        if got is None or got[4] != lab.FLIGHT:
+            continue
+        vx, vz, w, z, _ = got
+        size = 1.0 + math.hypot(vx, vz)
+        assert p["vx_mps"] == pytest.approx(vx, abs=1e-9 * size)
+        assert p["vz_mps"] == pytest.approx(vz, abs=1e-6 * size)
+        assert p["speed_mps"] == pytest.approx(math.hypot(vx, vz), abs=1e-6 * size)
+        assert p["rotation_hz"] == pytest.approx(w / (2 * math.pi), abs=1e-9)
+        i = inertia(rock["a_m"], rock["b_m"])
+        m = rock["mass_kg"]
+        assert p["energy_trans_kj"] == pytest.approx(0.5e-3 * m * (vx**2 + vz**2), rel=1e-5)
+        assert p["energy_rot_kj"] == pytest.approx(0.5e-3 * m * i * w * w, rel=1e-9, abs=1e-12)
+        # Vertical, ground to centre, less the resting height b / cos β of the ground at the gate.
+        j = int(np.searchsorted(line[0], p["chainage_m"], side="left")) - 1
+        ground = np.interp(p["chainage_m"], *line)
+        want = max(z - ground - rock["b_m"] * math.hypot(1.0, slope[j]), 0.0)
+        assert p["height_m"] == pytest.approx(want, abs=1e-6), (p["rock"], p["gate"])
+        checked += 1
+    assert checked > 60
+
+
+@pytest.mark.parametrize("kind", ["smooth", "rough"])
+@pytest.mark.parametrize("at", [80.0, 81.37, 60.0], ids=["vertex or not", "between", "vertex"])
+def test_every_rock_that_passes_is_registered_once(lab, kind, at):
+    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
+    gates = (Gate("wall of no height", "wall", 0.0), Gate("station", "station"))
+    out = lab.run(
+        line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(0.0, 2.0)), n=400,
+        start=[(10.0, 30.0)], gates=crossings(lab, gates, [at, at]),
+    )  # fmt: skip
+    beyond = set(out.rocks["rock"][out.rocks["furthest_m"] > at])
+    for gate in (0, 1):
+        seen = out.passages["rock"][out.passages["gate"] == gate]
+        assert np.unique(seen).size == seen.size
+        assert set(seen) == beyond
+    assert len(beyond) > 40
+
+
+def test_a_wall_of_no_height_stops_none(lab):
+    line = lab.valley()
+    plain = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 45.0)]).rocks
+    wall = lab.run(
+        line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 45.0)],
+        gates=crossings(lab, (Gate("none", "wall", 0.0), Gate("s", "station")), [90.0, 120.0]),
+    )  # fmt: skip
+    for name in plain.dtype.names:
+        assert np.array_equal(plain[name], wall.rocks[name]), name
+
+
+@pytest.mark.parametrize("kind", ["smooth", "rough"])
+@pytest.mark.parametrize("barrier", ["wall", "net"])
+@pytest.mark.parametrize("at", [80.0, 81.37, 60.0])
+def test_a_barrier_higher_than_any_bounce_stops_all(lab, kind, barrier, at):
+    line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
+    out = lab.run(
+        line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 30.0)],
+        gates=crossings(lab, (Gate("high", barrier, 500.0),), [at]),
+    )  # fmt: skip
+    free = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 30.0)]).rocks
+    arrives = set(free["rock"][free["furthest_m"] > at])
+    assert set(out.passages["rock"]) == arrives
+    assert out.passages.size == len(arrives)
+    if barrier == "wall":
+        assert (out.passages["outcome"] == Outcome.STOPPED).all()
+        stopped = np.isin(out.rocks["rock"], list(arrives))
+        assert (out.rocks["reason"][stopped] == StopReason.BARRIER).all()
+        assert (out.rocks["runout_m"][stopped] == at).all()
+        assert (out.rocks["furthest_m"] <= at).all()
+    else:
+        assert (out.passages["outcome"] == Outcome.HELD_BY_NET).all()
+
+
+def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there(lab):
+    line = lab.slope((80.0, 40.0), (60.0, 45.0), (100.0, 0.0))
+    out = lab.run(
+        line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)), n=100,
+        start=[(10.0, 30.0)], course_events=3000,
+        gates=crossings(lab, (Gate("net", "net", 50.0),), [90.0]),
+    )  # fmt: skip
+    c = lab.COL
+    held = out.passages["rock"][out.passages["outcome"] == Outcome.HELD_BY_NET]
+    assert held.size > 30
+    for rock in held:
+        course = out.courses[rock]
+        i = int(np.flatnonzero(course[:, c["x_m"]] == 90.0)[0])
+        assert course[i, c["vx_mps"]] == 0.0
+        assert course[i, c["vz_mps"]] == 0.0
+        assert course[i, c["omega_radps"]] == 0.0
+    # Steeper than friction below the net: it moves on.
+    on = out.rocks["furthest_m"][held]
+    assert (on > 90.5).mean() > 0.5
+
+
+@pytest.mark.parametrize("barrier", ["wall", "net"])
+def test_what_is_left_after_a_breakthrough(lab, barrier):
+    # A rock with more energy than the capacity goes through with what is left.
+    line = lab.valley()
+    limit = 60.0
+    gates = (Gate("fence", barrier, 100.0, limit), Gate("behind", "station"))
+    at = [85.0, 85.0 + 1e-7]
+    out = lab.run(
+        line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], gates=crossings(lab, gates, at),
+        course_events=2000,
+    )  # fmt: skip
+    p = out.passages
+    energy = p["energy_trans_kj"] + p["energy_rot_kj"]
+    first = p["gate"] == 0
+    through = p["outcome"] == Outcome.BROKE_THROUGH
+    assert through.sum() > 20
+    assert (energy[first & through] > limit).all()
+    rest = first & ~through
+    assert rest.sum() > 20
+    assert (energy[rest] <= limit).all()
+    behind = {r: e for r, e, g in zip(p["rock"], energy, p["gate"], strict=True) if g == 1}
+    for r, e in zip(p["rock"][first & through], energy[first & through], strict=True):
+        assert behind[r] == pytest.approx(e - limit, rel=1e-5, abs=1e-4)
+    if barrier == "wall":
+        assert set(behind) == set(p["rock"][through])
+
+
+@pytest.mark.parametrize("height", [0.3, 1.0, 3.0])
+def test_a_rock_goes_over_only_if_its_lowest_point_is_above_the_top(lab, height):
+    line = lab.valley()
+    at = 85.0
+    out = lab.run(
+        line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], course_events=2000,
+        gates=crossings(lab, (Gate("wall", "wall", height),), [at]),
+    )  # fmt: skip
+    c = lab.COL
+    top = np.interp(at, *line) + height
+    seen = {int(o): 0 for o in Outcome}
+    for p in out.passages:
+        rock = out.rocks[p["rock"]]
+        course = out.courses[p["rock"]]
+        for i in range(course.shape[0] - 1):
+            row = course[i]
+            if row[c["phase"]] == lab.FLIGHT and row[c["vx_mps"]] > 0:
+                t = (at - row[c["x_m"]]) / row[c["vx_mps"]]
+                dt = course[i + 1, c["t_s"]] - row[c["t_s"]]
+                if 0.0 < t <= dt * (1 + 1e-9) + 1e-12:
+                    z = row[c["z_m"]] + row[c["vz_mps"]] * t - 0.5 * G * t * t
+                    angle = row[c["theta_rad"]] - row[c["omega_radps"]] * t
+                    low = z - math.hypot(
+                        rock["a_m"] * math.sin(angle), rock["b_m"] * math.cos(angle)
+                    )
+                    if abs(low - top) > 1e-6:
+                        want = Outcome.OVERTOPPED if low > top else Outcome.STOPPED
+                        assert p["outcome"] == want
+                        seen[int(want)] += 1
+                    break
+    assert seen[Outcome.STOPPED] > 10
+    if height <= 1.0:
+        assert seen[Outcome.OVERTOPPED] > 10
+
+
+def test_no_rock_gets_past_a_full_wall_from_behind(lab):
+    # Rocks that run up the far side of a valley and come back meet the wall from behind.
+    line = lab.slope((60.0, 45.0), (10.0, 0.0), (60.0, -35.0))
+    ball = lab.sphere(0.5, drop_m=(2.0, 2.0), speed_mps=(5.0, 5.0))
+    ground = lab.ground(eta_max=0.95, mu_f=0.3, mu_0=0.1)
+    free = lab.run(line, ground, ball, n=100, start=[(5.0, 20.0)]).rocks
+    back = free["furthest_m"] - free["runout_m"]
+    assert (back > 3.0).sum() > 50
+    for barrier in ("wall", "net"):
+        at = 82.0
+        out = lab.run(
+            line, ground, ball, n=100, start=[(5.0, 20.0)],
+            gates=crossings(lab, (Gate("low", barrier, 2.0, 1.0),), [at]),
+        ).rocks  # fmt: skip
+        assert np.isfinite(out["runout_m"]).all()
+    # A wall that lets rocks through uphill because its capacity is small, and one that does not.
+    stop = lab.run(
+        line, ground, ball, n=100, start=[(5.0, 20.0)],
+        gates=crossings(lab, (Gate("w", "wall", 1e3),), [75.0]),
+    ).rocks  # fmt: skip
+    assert (stop["furthest_m"] <= 75.0).all()
+
+
+def test_rolling_and_sliding_rocks_are_registered_too(lab):
+    line = lab.slope(*[(2.0, 20.0)] * 40)
+    for blocks in (
+        lab.sphere(0.5, speed_mps=(20.0, 20.0), spin_radps=(40.0, 40.0)),
+        lab.ellipsoid(speed_mps=(20.0, 20.0)),
+    ):
+        gates = tuple(Gate(f"s{i}", "station") for i in range(3))
+        at = [20.0, 20.7, 22.0]
+        out = lab.run(
+            line, lab.ground(mu_0=0.5, eta_max=1.0), blocks, n=20, start=[(5.0, 7.0)],
+            gates=crossings(lab, gates, at),
+        )  # fmt: skip
+        assert out.passages.size == 60
+        mu = 0.5 if blocks.spin_radps[1] > 0 else 0.8
+        beta = math.radians(20.0)
+        pull = G * (math.sin(beta) - mu * math.cos(beta))
+        start = out.rocks["start_m"][out.passages["rock"]]
+        way = (out.passages["chainage_m"] - start) / math.cos(beta)
+        assert np.allclose(out.passages["speed_mps"], np.sqrt(400.0 + 2 * pull * way), rtol=1e-9)
+        assert (out.passages["height_m"] == 0.0).all()
+
+
+def test_same_gates_on_all_lines_are_sorted_by_chainage(lab):
+    gates = (Gate("far", "station"), Gate("near", "station"))
+    same = crossings(lab, gates, [50.0, 20.0], 2)
+    assert same.chainage.tolist() == [20.0, 50.0, 20.0, 50.0]
+    assert same.gate.tolist() == [1, 0, 1, 0]
+    assert same.offset.tolist() == [0, 2, 4]

@@ -1,0 +1,369 @@
+"""What must hold on any slope, for any rock and any setting."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from sassgis.core.blocks import BlockPopulation
+from sassgis.engine import rng as draws
+from sassgis.engine.ellipse import contact_frame, inertia
+
+G = 9.81
+QUICK = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True
+)
+
+
+@st.composite
+def worlds(draw, variation=True):
+    """A random profile, ground, population and settings, as plain numbers."""
+    shape = (
+        draw(st.integers(0, 2**32 - 1)),
+        draw(st.sampled_from([0.2, 0.5, 2.0, 10.0])),
+        draw(st.floats(5.0, 65.0)),
+        draw(st.sampled_from([0.0, 0.1, 0.3])),
+    )
+    low = draw(st.floats(0.0, 0.5))
+    high = draw(st.floats(low, 0.9))
+    a = draw(st.floats(0.15, 1.5))
+    return {
+        "shape": shape,
+        "ground": {
+            "eta_max": draw(st.floats(0.3, 1.0)),
+            "dp": (low, high) if variation else (0.0, 0.0),
+            "mu_f": draw(st.floats(0.3, 1.0)),
+            "mu_0": draw(st.floats(0.2, 0.7)),
+            "k": 0.2,
+            "d_star_m": draw(st.floats(0.0, 0.5)),
+        },
+        "axes": (a, a * draw(st.floats(0.3, 1.0)), a * 0.3),
+        "drop": draw(st.sampled_from([0.0, 0.5, 5.0])),
+        "speed": draw(st.sampled_from([0.0, 0.0, 8.0])),
+        "spin": draw(st.sampled_from([0.0, 0.0, -15.0, 15.0])),
+        "rule": draw(st.sampled_from(["scale", "scale", "coulomb"])),
+        "rolling": draw(st.sampled_from(["round", "ellipse"])),
+        "seed": draw(st.integers(0, 1000)),
+    }
+
+
+def line_of(w):
+    """A rough slope of 50 m and a foot of 30 m from (seed, step, angle, roughness)."""
+    seed, step, angle, amplitude = w["shape"]
+    s = np.arange(0.0, 80.0 + step, step)
+    noise = np.random.default_rng(seed).normal(0.0, 1.0, s.size) * amplitude * min(1.0, step / 0.5)
+    return s, 500.0 - np.tan(np.radians(angle)) * np.minimum(s, 50.0) + noise
+
+
+def play(lab, w, n=12, **changes):
+    a, b, c = w["axes"]
+    blocks = BlockPopulation(
+        axis_1_m=(a, a), axis_2_m=(b, b), axis_3_m=(c, c), drop_m=(0.0, w["drop"]),
+        speed_mps=(0.0, w["speed"]), spin_radps=tuple(sorted((0.0, w["spin"]))),
+    )  # fmt: skip
+    return lab.run(
+        line_of(w),
+        lab.ground(**w["ground"]),
+        blocks,
+        n=n,
+        seed=w["seed"],
+        start=[(3.0, 20.0)],
+        settings=lab.with_settings(
+            **{"eta_max_rule": w["rule"], "rolling": w["rolling"], **changes}
+        ),
+        course_events=4000,
+    )
+
+
+def energies(course, a, b, col):
+    """Kinetic energy and total mechanical energy per unit mass at each event."""
+    v2 = course[:, col["vx_mps"]] ** 2 + course[:, col["vz_mps"]] ** 2
+    kinetic = 0.5 * (v2 + inertia(a, b) * course[:, col["omega_radps"]] ** 2)
+    return kinetic, kinetic + G * course[:, col["z_m"]]
+
+
+@given(w=worlds())
+@QUICK
+def test_energy_laws_along_whole_courses(lab, w):
+    # η_max at every impact; energy kept in flight; total energy never rises.
+    out = play(lab, w)
+    c = lab.COL
+    eta_max = w["ground"]["eta_max"]
+    for rock, course in zip(out.rocks, out.courses, strict=True):
+        a, b = rock["a_m"], rock["b_m"]
+        assert np.isfinite(course).all()
+        phase = course[:, c["phase"]].astype(int)
+        kinetic, total = energies(course, a, b, c)
+        drop = kinetic + G * (course[:, c["z_m"]] - course[:, c["z_m"]].min())
+        last = phase.size - 1  # the row END carries no velocity
+        for i in range(last - 1):
+            scale = max(drop[i], 1.0)
+            if phase[i] == lab.IMPACT and phase[i + 1] == lab.FLIGHT:
+                assert kinetic[i + 1] <= eta_max * kinetic[i] * (1 + 1e-12)
+            if phase[i] == lab.IMPACT:
+                # Also into rolling or sliding, when the centre is lifted or let down.
+                assert total[i + 1] - total[i] <= -(1 - eta_max) * kinetic[i] + 1e-9 * scale
+            if phase[i] == lab.FLIGHT and phase[i + 1] == lab.IMPACT:
+                assert total[i + 1] == pytest.approx(total[i], abs=1e-9 * scale)
+                assert course[i + 1, c["omega_radps"]] == course[i, c["omega_radps"]]
+                assert course[i + 1, c["vx_mps"]] == course[i, c["vx_mps"]]
+                dt = course[i + 1, c["t_s"]] - course[i, c["t_s"]]
+                fall = course[i, c["vz_mps"]] - course[i + 1, c["vz_mps"]]
+                assert fall == pytest.approx(G * dt, abs=1e-8 * (1 + dt))
+            assert total[i + 1] <= total[i] + 1e-9 * scale, (i, phase[i], phase[i + 1])
+        assert (np.diff(course[:, c["t_s"]]) >= 0.0).all()
+
+
+@given(w=worlds())
+@QUICK
+def test_the_point_of_contact_rests_after_an_impact(lab, w):
+    # Equation (4): v_x = y ω, v_y = −x ω about the P that was met, with the rule "scale".
+    out = play(lab, {**w, "rule": "scale"})
+    c = lab.COL
+    for rock, course in zip(out.rocks, out.courses, strict=True):
+        phase = course[:, c["phase"]].astype(int)
+        for i in np.flatnonzero((phase[:-1] == lab.IMPACT) & (phase[1:] == lab.FLIGHT)):
+            met, leaves = course[i], course[i + 1]
+            ux, uz = met[c["ux"]], met[c["uz"]]
+            x, y, _ = contact_frame(
+                rock["a_m"], rock["b_m"], met[c["theta_rad"]] - math.atan2(uz, ux)
+            )
+            vt = leaves[c["vx_mps"]] * ux + leaves[c["vz_mps"]] * uz
+            vn = leaves[c["vz_mps"]] * ux - leaves[c["vx_mps"]] * uz
+            w1 = leaves[c["omega_radps"]]
+            size = 1.0 + math.hypot(vt, vn)
+            assert vt == pytest.approx(y * w1, abs=1e-9 * size)
+            assert vn == pytest.approx(-x * w1, abs=1e-9 * size)
+
+
+@given(w=worlds())
+@QUICK
+def test_the_centre_stays_above_the_ground(lab, w):
+    out = play(lab, w)
+    c = lab.COL
+    s, z = line_of(w)
+    for course in out.courses:
+        above = course[:, c["z_m"]] - np.interp(course[:, c["x_m"]], s, z)
+        inside = (course[:, c["x_m"]] >= s[0]) & (course[:, c["x_m"]] <= s[-1])
+        assert (above[inside] > 0.0).all()
+    assert (out.rocks["reason"] != 3).all()
+
+
+@given(w=worlds())
+@QUICK
+def test_a_round_rock_has_no_orientation(lab, w):
+    # a = b: trajectories do not depend on θ.
+    a = w["axes"][0]
+    outs = []
+    for angle in (0.0, 1.234):
+        blocks = BlockPopulation(
+            axis_1_m=(a, a), axis_2_m=(a, a), axis_3_m=(a, a), drop_m=(0.0, w["drop"]),
+            orientation_rad=(angle, angle),
+        )  # fmt: skip
+        outs.append(
+            lab.run(
+                line_of(w), lab.ground(**w["ground"]), blocks, n=6, seed=w["seed"],
+                start=[(3.0, 20.0)], course_events=4000,
+                settings=lab.with_settings(eta_max_rule=w["rule"], rolling=w["rolling"]),
+            )
+        )  # fmt: skip
+    for one, other in zip(outs[0].courses, outs[1].courses, strict=True):
+        # 1e-9 over the first contacts; later the path itself magnifies the rounding of the angle.
+        k = min(4, one.shape[0], other.shape[0])
+        assert np.allclose(one[:k, :6], other[:k, :6], rtol=1e-9, atol=1e-7)
+
+
+# --- mirror ---
+
+
+def mirrored(line):
+    s, z = line
+    return s[-1] - s[::-1], z[::-1].copy()
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("rule", ["scale", "coulomb"])
+@pytest.mark.parametrize("kind", ["smooth", "rough"])
+def test_a_slope_to_the_left_gives_mirrored_rocks(lab, seed, rule, kind):
+    # Orientation θ to the slope becomes π − θ; everything else is mirrored.
+    line = lab.rough(seed, step=0.5, amplitude=0.1, length=60.0) if kind == "rough" else (
+        lab.slope((40, 40), (20, 25), (60, 0))
+    )  # fmt: skip
+    rng = np.random.default_rng(seed)
+    theta = rng.uniform(0.0, math.pi)
+    start = 8.0 + rng.uniform(0.0, 6.0)
+    a = 0.6
+    c = lab.COL
+    courses = []
+    for way, own in ((1, line), (-1, mirrored(line))):
+        at = start if way > 0 else line[0][-1] - start
+        angle = theta if way > 0 else math.pi - theta
+        out = lab.run(
+            own, lab.ROCK, lab.ellipsoid(a, 0.4, 0.3, drop_m=(1.0, 1.0),
+            orientation_rad=(angle, angle)), start=[(at, at)], seed=seed, course_events=2000,
+            settings=lab.with_settings(eta_max_rule=rule),
+        )  # fmt: skip
+        courses.append(out.courses[0])
+    one, other = courses
+    k = min(10, one.shape[0], other.shape[0])
+    assert k >= 4
+    other = other.copy()
+    other[:, c["x_m"]] = line[0][-1] - other[:, c["x_m"]]
+    other[:, c["vx_mps"]] *= -1.0
+    other[:, c["omega_radps"]] *= -1.0
+    assert (one[:k, 0] == other[:k, 0]).all()
+    for name in ("t_s", "x_m", "z_m", "vx_mps", "vz_mps", "omega_radps"):
+        assert np.allclose(one[:k, c[name]], other[:k, c[name]], rtol=1e-6, atol=1e-6), name
+
+
+def test_mirrored_distributions_agree(lab):
+    line = lab.rough(9, step=0.5, amplitude=0.15)
+    out = lab.run(line, lab.ROCK, lab.MIXED, n=1500, start=[(10.0, 30.0)])
+    end = line[0][-1]
+    back = lab.run(
+        mirrored(line), lab.ROCK, lab.MIXED, n=1500, seed=2, start=[(end - 30.0, end - 10.0)]
+    )
+    assert stats.ks_2samp(out.rocks["runout_m"], end - back.rocks["runout_m"]).pvalue > 0.01
+    assert stats.ks_2samp(out.rocks["max_energy_kj"], back.rocks["max_energy_kj"]).pvalue > 0.01
+
+
+# --- the same rocks however the work is cut ---
+
+
+def same(one, other):
+    return all(np.array_equal(one[f], other[f]) for f in one.dtype.names)
+
+
+def test_same_seed_same_rocks_for_any_chunks_and_order(lab):
+    lines = [lab.rough(i, length=50.0, foot=20.0) for i in range(5)]
+    keys = np.array([11, 22, 33, 44, 55], np.uint64)
+    gates = lab.GateCrossings
+    everything = lab.run(
+        lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=8, seed=7, keys=keys, start=[(5.0, 20.0)]
+    ).rocks
+    again = lab.run(
+        lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=8, seed=7, keys=keys, start=[(5.0, 20.0)],
+        gates=gates.none(5),
+    ).rocks  # fmt: skip
+    assert same(everything, again)
+    for order in ([4, 2, 0, 1, 3], [1], [3, 0]):
+        part = lab.run(
+            lab.profile_set(*[lines[i] for i in order]), lab.ROCK, lab.MIXED, n=8, seed=7,
+            keys=keys[order], start=[(5.0, 20.0)], line_numbers=np.array(order),
+        ).rocks  # fmt: skip
+        for i in order:
+            assert same(part[part["line"] == i], everything[everything["line"] == i])
+    for first, n in ((0, 3), (3, 5)):
+        part = lab.run(
+            lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=n, seed=7, keys=keys,
+            start=[(5.0, 20.0)], first_rock=first,
+        ).rocks  # fmt: skip
+        keep = (everything["rock"] >= first) & (everything["rock"] < first + n)
+        assert same(part, everything[keep])
+
+
+def test_recording_courses_changes_nothing(lab):
+    line = lab.rough(2, length=60.0)
+    plain = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)]).rocks
+    noted = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)], course_events=50).rocks
+    assert same(plain, noted)
+
+
+def test_other_seeds_and_keys_give_other_rocks(lab):
+    line = lab.rough(2, length=60.0)
+    base = lab.run(line, lab.ROCK, lab.MIXED, n=20, seed=1).rocks
+    for more in ({"seed": 2}, {"keys": np.array([9], np.uint64)}, {"seed": 2**63 + 1}):
+        other = lab.run(line, lab.ROCK, lab.MIXED, n=20, **more).rocks
+        assert not (other["a_m"] == base["a_m"]).any()
+
+
+# --- draws ---
+
+
+def table_of_draws(n=3000, streams=10, events=3, seed=1, line=5):
+    out = np.empty((n, streams, events))
+    for i in range(n):
+        key = np.uint64(draws.rock_key(np.uint64(seed), np.uint64(line), i))
+        for s in range(streams):
+            for e in range(events):
+                out[i, s, e] = draws.uniform(key, s, e)
+    return out
+
+
+def test_draws_are_even_and_independent():
+    u = table_of_draws().reshape(3000, 30)
+    assert u.min() > 0.0
+    assert u.max() < 1.0
+    p = np.array([stats.kstest(u[:, k], "uniform").pvalue for k in range(30)])
+    # Even on every stream and event; the p-values themselves are even too.
+    assert p.min() > 1e-4
+    assert stats.kstest(p, "uniform").pvalue > 1e-3
+    # Between streams and events.
+    r = np.corrcoef(u.T)[np.triu_indices(30, 1)]
+    assert np.abs(r).max() < 5.0 / math.sqrt(3000)
+    assert abs(r.std() * math.sqrt(3000) - 1.0) < 0.15
+    # From rock to rock.
+    for k in range(30):
+        assert abs(np.corrcoef(u[:-1, k], u[1:, k])[0, 1]) < 5.0 / math.sqrt(3000)
+
+
+def test_draws_of_neighbouring_seeds_and_lines_are_independent():
+    base = table_of_draws(2000, 2, 1, seed=1, line=5).reshape(2000, 2)
+    for seed, line in ((2, 5), (1, 6), (0, 5), (5, 1)):
+        other = table_of_draws(2000, 2, 1, seed=seed, line=line).reshape(2000, 2)
+        for i in range(2):
+            for j in range(2):
+                assert abs(np.corrcoef(base[:, i], other[:, j])[0, 1]) < 4.5 / math.sqrt(2000)
+        assert not np.isin(base, other).any()
+
+
+def test_the_population_is_drawn_evenly_between_its_limits(lab):
+    blocks = BlockPopulation(
+        axis_1_m=(0.9, 1.2), axis_2_m=(0.6, 0.8), axis_3_m=(0.2, 0.5), density_kgm3=(2500, 2900)
+    )
+    r = lab.run(lab.slope((50, 20)), lab.ROCK, blocks, n=2000, start=[(5.0, 30.0)]).rocks
+    for name, low, high in (
+        ("a_m", 0.9, 1.2), ("b_m", 0.6, 0.8), ("c_m", 0.2, 0.5), ("density_kgm3", 2500, 2900),
+        ("start_m", 5.0, 30.0),
+    ):  # fmt: skip
+        assert stats.kstest(r[name], "uniform", (low, high - low)).pvalue > 1e-3, name
+    mass = 4.0 / 3.0 * math.pi * r["a_m"] * r["b_m"] * r["c_m"] * r["density_kgm3"]
+    assert np.allclose(r["mass_kg"], mass, rtol=1e-12)
+    mixed = lab.run(lab.slope((50, 20)), lab.ROCK, lab.MIXED, n=500).rocks
+    assert (mixed["a_m"] >= mixed["b_m"]).all()
+    assert (mixed["b_m"] >= mixed["c_m"]).all()
+
+
+# --- depth ---
+
+
+@pytest.mark.parametrize("kind", ["smooth", "rough 0.5 m", "rough 0.1 m"])
+def test_a_rock_is_never_deeper_than_its_flank(lab, kind):
+    # Only the flank of a turning rock reaches into the ground, by a − b at most: the centre keeps
+    # the shorter semi-axis from it.
+    from shapely import LineString, Point
+
+    line = {
+        "smooth": lab.valley(),
+        "rough 0.5 m": lab.rough(4),
+        "rough 0.1 m": lab.rough(5, step=0.1, amplitude=0.05),
+    }[kind]
+    out = lab.run(
+        line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(0.5, 3.0)), n=60,
+        start=[(5.0, 30.0)], course_events=2000,
+    )  # fmt: skip
+    c = lab.COL
+    way = LineString(np.column_stack(line))
+    deepest = 0.0
+    for rock, course in zip(out.rocks, out.courses, strict=True):
+        inside = (course[:, c["x_m"]] > line[0][0]) & (course[:, c["x_m"]] < line[0][-1])
+        for row in course[inside]:
+            gap = way.distance(Point(row[c["x_m"]], row[c["z_m"]])) - rock["b_m"]
+            deepest = min(deepest, gap)
+    assert deepest >= -1e-5
