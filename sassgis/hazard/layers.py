@@ -159,7 +159,8 @@ def map_layers(
         RasterLayer(
             "stops",
             "Rocks that stop",
-            "Number of rocks that come to rest, or are stopped by a barrier, in the cell.",
+            "Number of rocks that come to rest in the cell, are stopped by a barrier there, or "
+            "never start from it.",
             (
                 band(
                     "stops",

@@ -1,0 +1,196 @@
+"""Whole runs on real terrain in Tyrol: 5 m, a third of it nodata.
+
+The polygons were drawn for snow avalanches. Here they are no more than places from which to let
+rocks go: what is checked is that nothing gets lost between the files, not where rocks stop.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pytest
+import rasterio
+import shapely
+
+from sassgis.core.profiles import LineEnd
+from sassgis.core.results import StopReason
+from sassgis.workflow.run import RunResult, run
+from sassgis.workflow.vector_layers import LINE_END_TEXT
+
+pytestmark = pytest.mark.slow
+
+#: Terrain model, release polygons, distance between release points (m).
+PLACES = {
+    "kot": ("tirol_avaKot/avaKot.asc", "tirol_avaKot/REL/relKot.shp", 20.0),
+    "gar": ("tirol_avaGar/avaGar.asc", "tirol_avaGar/REL/relGar.shp", 30.0),
+    "mal": ("tirol_avaMalRegional/avaMal.tif", "tirol_avaMalRegional/REL/relMalRegional.shp", 60.0),
+}
+ROCKS = 5
+
+
+@dataclass(frozen=True)
+class Case:
+    result: RunResult
+    rocks: pd.DataFrame
+    lines: gpd.GeoDataFrame
+    footprint: gpd.GeoDataFrame
+    facts: dict[str, object]
+
+    def layer(self, name: str) -> gpd.GeoDataFrame:
+        return gpd.read_file(self.result.folder / "result.gpkg", layer=name)
+
+
+def config_text(folder: Path, dem: str, release: str, spacing: float, terrain: str = "") -> str:
+    return f"""
+[terrain]
+dem = {json.dumps(str(folder / dem))}
+crs = "EPSG:31287"
+{terrain}
+[release]
+file = {json.dumps(str(folder / release))}
+spacing_m = {spacing}
+rocks_per_point = {ROCKS}
+[ground]
+default = "debris"
+[[blocks]]
+name = "1 m3"
+axis_1_m = [0.65, 0.85]
+axis_2_m = [0.55, 0.70]
+axis_3_m = [0.45, 0.60]
+[output]
+rock_table = "csv"
+"""
+
+
+@pytest.fixture(scope="module", params=list(PLACES))
+def case(
+    request: pytest.FixtureRequest, shared_data: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Case:
+    dem, release, spacing = PLACES[request.param]
+    if not (shared_data / dem).is_file():
+        pytest.skip(f"{dem} is not in the folder of the field data")
+    folder = tmp_path_factory.mktemp(request.param)
+    config = folder / "config.toml"
+    config.write_text(config_text(shared_data, dem, release, spacing), encoding="utf-8")
+    result = run(config, folder / "result")
+    gpkg = result.folder / "result.gpkg"
+    return Case(
+        result,
+        pd.read_csv(result.folder / "tables" / "rocks.csv"),
+        gpd.read_file(gpkg, layer="fall_lines"),
+        gpd.read_file(gpkg, layer="footprint"),
+        json.loads((result.folder / "manifest.json").read_text(encoding="utf-8")),
+    )
+
+
+def test_the_system_is_that_of_the_configuration(case: Case) -> None:
+    with rasterio.open(case.result.folder / "maps" / "energy.tif") as source:
+        assert source.crs.to_epsg() == 31287
+    for name in ("release_areas", "release_points", "fall_lines", "stops", "footprint"):
+        assert case.layer(name).crs.to_epsg() == 31287, name
+
+
+def test_no_rock_is_lost_without_a_count(case: Case) -> None:
+    counts = case.facts["counts"]
+    assert isinstance(counts, dict)
+    released = ROCKS * counts["release_points"]
+    assert released > 0
+    assert counts["rocks"] + counts["rocks_not_followed"] == released
+    assert sum(counts[f"rocks_{r.name.lower()}"] for r in StopReason) == counts["rocks"]
+    assert len(case.rocks) == counts["rocks"] == len(case.layer("stops"))
+    assert int(case.layer("release_areas")["rocks"].sum()) == released
+    in_table = case.rocks["reason"].value_counts()
+    for reason in StopReason:
+        name = reason.name.lower()
+        assert in_table.get(name, 0) == counts[f"rocks_{name}"], name
+
+
+def test_every_stop_lies_on_known_ground_and_in_the_footprint(case: Case) -> None:
+    grid = case.result.run.grid
+    x, y = case.rocks["x_m"].to_numpy(), case.rocks["y_m"].to_numpy()
+    cells = grid.cell_of(x, y)
+    assert (cells >= 0).all()
+    assert np.isfinite(grid.values.ravel()[cells]).all()
+    whole = case.footprint.loc[case.footprint["level"] == 0.0].geometry.iloc[0]
+    # Rocks that never start come to no cell. The buffer is for points on the border of cells.
+    never = (case.rocks["reason"] == "never_started").to_numpy()
+    assert shapely.intersects_xy(whole.buffer(1e-3), x, y)[~never].all()
+    with rasterio.open(case.result.folder / "maps" / "stops.tif") as source:
+        counted = source.read(1, masked=True)
+    stopped = case.rocks["reason"].isin(["rest", "barrier"])
+    assert counted.sum() == (stopped | never).sum()
+
+
+def test_fall_lines_descend_and_say_where_they_end(case: Case) -> None:
+    assert (case.lines["drop_m"] > 0.0).all()
+    counts = case.facts["counts"]
+    assert isinstance(counts, dict)
+    ends = case.lines["ends_at"].value_counts()
+    for end, text in LINE_END_TEXT.items():
+        assert counts[f"lines_{end.name.lower()}"] == ends.get(text, 0), text
+    assert len(case.lines) == counts["release_points"]
+    # Lines that are said to run into nodata do end beside it.
+    grid = case.result.run.grid
+    unknown = gpd.GeoSeries(shapely.points(*grid.cell_centres(_unknown_cells(grid.values))))
+    for line, text in zip(case.lines.geometry, case.lines["ends_at"], strict=True):
+        end = shapely.Point(line.coords[-1])
+        if text == LINE_END_TEXT[LineEnd.NODATA]:
+            assert unknown.distance(end).min() < 2.0 * grid.cell_size
+
+
+def _unknown_cells(values: np.ndarray) -> np.ndarray:
+    """Cells without a height that touch one with a height."""
+    known = np.pad(np.isfinite(values), 1)
+    near = np.zeros_like(known)
+    for axis in (0, 1):
+        for step in (-1, 1):
+            near |= np.roll(known, step, axis)
+    return np.flatnonzero((near & ~known)[1:-1, 1:-1])
+
+
+def test_what_a_user_must_know_is_said(case: Case) -> None:
+    counts = case.facts["counts"]
+    assert isinstance(counts, dict)
+    said = " ".join(case.result.warnings)
+    for key, words in (
+        ("lines_nodata", "run into nodata"),
+        ("lines_left_dem", "reach the edge of the terrain model"),
+        ("rocks_never_started", "never started"),
+        ("rocks_left_profile", "lost from the map"),
+    ):
+        assert (words in said) == (counts[key] > 0), key
+        if counts[key]:
+            assert str(counts[key]) in said
+    page = html.unescape((case.result.folder / "report.html").read_text(encoding="utf-8"))
+    assert all(warning in page for warning in case.result.warnings)
+
+
+def test_rocks_stop_where_debris_can_hold_them(case: Case) -> None:
+    rest = case.rocks[case.rocks["reason"] == "rest"]
+    grid = case.result.run.grid
+    gy, gx = np.gradient(grid.values, grid.cell_size)
+    slope = np.degrees(np.arctan(np.hypot(gx, gy))).ravel()
+    at_stop = slope[grid.cell_of(rest["x_m"].to_numpy(), rest["y_m"].to_numpy())]
+    points = case.result.planned.points
+    at_start = slope[grid.cell_of(points.x, points.y)]
+    assert np.nanmedian(at_stop) < np.nanmedian(at_start)
+
+
+def test_terrain_without_a_system_needs_one(shared_data: Path, tmp_path: Path) -> None:
+    from sassgis.core.errors import InputError
+
+    dem, release, spacing = PLACES["kot"]
+    if not (shared_data / dem).is_file():
+        pytest.skip(f"{dem} is not in the folder of the field data")
+    config = tmp_path / "config.toml"
+    text = config_text(shared_data, dem, release, spacing).replace('crs = "EPSG:31287"', "")
+    config.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"avaKot\.asc"):
+        run(config, tmp_path / "result")
+    assert not (tmp_path / "result").exists()
