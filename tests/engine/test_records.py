@@ -55,8 +55,10 @@ def brute(lab, profiles, out, fine=2e-4):
                     np.full(inside.sum(), w2), high[inside],
                 )  # fmt: skip
             elif row[c["phase"]] in (lab.ROLLING, lab.SLIDING):
-                # Into another phase the centre is shifted: only stretches within one are followed.
-                if after[c["phase"]] != row[c["phase"]] or dt == 0.0:
+                # A stretch ends with the speed of the next event; what ends a profile or a rock
+                # at a barrier leaves no speed.
+                ends = after[c["phase"]] == lab.END
+                if dt == 0.0 or (ends and rock["reason"] != 0):
                     continue
                 v0, v1 = np.hypot(vx, vz), np.hypot(after[c["vx_mps"]], after[c["vz_mps"]])
                 share = np.linspace(0.0, 1.0, 2001)
