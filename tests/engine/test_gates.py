@@ -147,6 +147,18 @@ def test_a_barrier_higher_than_any_bounce_stops_all(lab, kind, barrier, at):
         assert (out.passages["outcome"] == Outcome.HELD_BY_NET).all()
 
 
+@pytest.mark.parametrize("at", [80.0, 60.0], ids=["border of cells", "border and vertex"])
+def test_rocks_stopped_on_a_cell_border_count_before_it(lab, at):
+    # Cells are 2 m: what a wall on the border stops has not come to the cell behind it.
+    out = lab.run(
+        lab.valley(), lab.ROCK, lab.MIXED, n=100, start=[(10.0, 30.0)],
+        gates=crossings(lab, (Gate("high", "wall", 500.0),), [at]),
+    )  # fmt: skip
+    assert (out.sums["stops"] <= out.sums["reach"]).all()
+    assert (out.sums["reach"][int(at / 2.0) :] == 0).all()
+    assert (out.sums["stops"][int(at / 2.0) :] == 0).all()
+
+
 def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there(lab):
     line = lab.slope((80.0, 40.0), (60.0, 45.0), (100.0, 0.0))
     out = lab.run(
