@@ -239,13 +239,17 @@ def run_lines(
         g0 = lines.gate_offset[i]
         g1 = lines.gate_offset[i + 1]
         gate = lines.gate[g0:g1]
-        gate_z = np.interp(lines.gate_x[g0:g1], sx, sz)
+        gate_z = np.empty(g1 - g0)
+        for k in range(g1 - g0):
+            gx = lines.gate_x[g0 + k]
+            j = min(max(np.searchsorted(sx, gx, side="right") - 1, 0), n - 1)
+            gate_z[k] = sz[j] + (gx - sx[j]) * tz[j] / tx[j]
         gates = Gates(
             lines.gate_x[g0:g1], gate_z, gate_table.kind[gate], gate_table.height[gate],
             gate_table.capacity[gate], gate,
         )  # fmt: skip
         seen = np.zeros(g1 - g0, np.bool_)
-        n_line = 0
+        n_line = np.int64(0)
         for r in range(n_rocks):
             rock = first_rock + r
             key = rng.rock_key(seed, lines.key[i], rock)

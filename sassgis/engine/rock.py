@@ -321,8 +321,9 @@ def follow(
     piece = 0
     while piece < pieces.cell.size - 1 and pieces.border[piece + 1] < x:
         piece += 1
-    n_passages = 0
-    n_touched = 0
+    # A literal 0 would make numba compile what it is passed to once for 0 and once for the rest.
+    n_passages = np.int64(0)
+    n_touched = np.int64(0)
     impacts = 0
     slope_draws = 0
     top_speed = 0.0
@@ -338,7 +339,7 @@ def follow(
     moved = False
 
     # Start: let fall; or, at rest or pushed without spin, slide; or roll.
-    skip_to = -1
+    skip_to = np.int64(-1)
     clear_from = 0.0
     way = 1
     if drop > 0.0:
@@ -422,7 +423,7 @@ def follow(
             if until > 0.0:
                 moved = True
             clear_from = 0.0
-            skip_to = -1
+            skip_to = np.int64(-1)
             if gate >= 0:
                 x = gates.x[gate]
                 gates_from = x

@@ -1,0 +1,159 @@
+"""Rate, memory and compilation time of sassgis on the benchmark slope, beside SAGA's random walk.
+
+    python benchmarks/run.py [--repeats 3] [--rough] [--json FILE]
+
+Each figure comes from a process of its own. The rate counts complete trajectories with all map
+statistics on, from release points to sums per cell, on one core, after compilation. Beside SAGA
+stand two ratios: of whole runs, and of the rocks and walks alone, without the set-up of either.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import saga
+import slope
+
+
+def simulate_once(folder: Path, repeats: int) -> dict[str, Any]:
+    """In this process: time runs on the slope, the first of them with compilation."""
+    from sassgis.io.config import load_config
+    from sassgis.workflow.inputs import read_map_run
+    from sassgis.workflow.map_run import chunks_of, plan, simulate_map
+
+    run = read_map_run(load_config(folder / "config.toml"))
+    began = time.perf_counter()
+    planned = plan(run)
+    few = chunks_of(planned)[:1]
+    import dataclasses
+
+    from sassgis.terrain.release import take
+
+    small = dataclasses.replace(
+        planned,
+        points=take(planned.points, few[0]),
+        starts=take(planned.starts, few[0]),
+        moved=planned.moved[few[0]],
+    )
+    simulate_map(run, small, jobs=1)
+    first = time.perf_counter() - began
+    wall, cpu, per_rock = [], [], []
+    rocks = 0
+    # One rock per line has the same set-up: terrain, fall lines, profiles. The difference is the
+    # time of the rocks alone, as saga.measure takes that of the walks alone.
+    one = dataclasses.replace(run, rocks_per_point=1)
+    for _ in range(repeats):
+        t, c = time.perf_counter(), time.process_time()
+        progress = simulate_map(run, plan(run), jobs=1)
+        wall.append(time.perf_counter() - t)
+        cpu.append(time.process_time() - c)
+        rocks = int(progress.reasons.sum())
+        t = time.perf_counter()
+        single = int(simulate_map(one, plan(one), jobs=1).reasons.sum())
+        per_rock.append((wall[-1] - (time.perf_counter() - t)) / (rocks - single))
+    return {
+        "rocks": rocks,
+        "first_s": first,
+        "s_per_further_rock": per_rock,
+        "wall_s": wall,
+        "cpu_s": cpu,
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    }
+
+
+def _child(folder: Path, repeats: int, cache: Path) -> dict[str, Any]:
+    done = subprocess.run(
+        [sys.executable, __file__, "--child", str(folder), "--repeats", str(repeats)],
+        env={**os.environ, "SASSGIS_CACHE_DIR": str(cache), "NUMBA_CACHE_DIR": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        sys.exit(f"the run failed:\n{done.stderr}")
+    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return result
+
+
+def measure(repeats: int, rough: bool) -> dict[str, Any]:
+    """All figures, in one run of this script."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "slope"
+        slope.write_slope(folder, rough=rough)
+        cache = Path(scratch) / "cache"
+        cold = _child(folder, 1, cache)
+        warm = _child(folder, repeats, cache)
+        other = saga.measure(folder, repeats=repeats)
+    rate = [warm["rocks"] / s for s in warm["cpu_s"]]
+    result: dict[str, Any] = {
+        "rocks": warm["rocks"],
+        "trajectories_per_s_and_core": statistics.median(rate),
+        "trajectories_per_s_range": [min(rate), max(rate)],
+        "trajectories_per_wall_s": statistics.median([warm["rocks"] / s for s in warm["wall_s"]]),
+        "further_trajectories_per_s": 1.0 / statistics.median(warm["s_per_further_rock"]),
+        "peak_mb": warm["peak_mb"],
+        "first_call_compiling_s": cold["first_s"],
+        "first_call_from_cache_s": warm["first_s"],
+        "saga": other,
+    }
+    if other.get("available"):
+        result["ratio_whole"] = result["trajectories_per_wall_s"] / (
+            other["walks"] / statistics.median(other["seconds"])
+        )
+        result["ratio_further"] = result["further_trajectories_per_s"] / other["walks_per_s"]
+    return result
+
+
+def main() -> None:
+    """Parse the arguments, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--rough", action="store_true", help="metre-scale roughness on the slope")
+    parser.add_argument("--json", type=Path, help="write the figures here as well")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.child:
+        print(json.dumps(simulate_once(given.child, given.repeats)))
+        return
+    result = measure(given.repeats, given.rough)
+    if given.json:
+        given.json.write_text(json.dumps(result, indent=2) + "\n")
+    print(f"slope: {'rough' if given.rough else 'plain'}, {result['rocks']} rocks")
+    low, high = result["trajectories_per_s_range"]
+    print(
+        f"sassgis: {result['trajectories_per_s_and_core']:,.0f} trajectories per second and core "
+        f"({low:,.0f} to {high:,.0f}), peak memory {result['peak_mb']:.0f} MB"
+    )
+    print(
+        f"first call: {result['first_call_compiling_s']:.1f} s compiling, "
+        f"{result['first_call_from_cache_s']:.1f} s from the cache"
+    )
+    if result["saga"].get("available"):
+        walks = result["saga"]["walks"] / statistics.median(result["saga"]["seconds"])
+        print(
+            f"SAGA {result['saga']['version']}: {walks:,.0f} walks per second, start to end; "
+            f"sassgis does {result['ratio_whole']:.1f} times as many"
+        )
+        print(
+            f"without set-up: {result['further_trajectories_per_s']:,.0f} trajectories and "
+            f"{result['saga']['walks_per_s']:,.0f} walks per second, "
+            f"{result['ratio_further']:.1f} times as many"
+        )
+    else:
+        print(result["saga"]["message"])
+
+
+if __name__ == "__main__":
+    main()
