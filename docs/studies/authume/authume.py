@@ -425,7 +425,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--data", type=Path, default=DEFAULT_DATA, help="folder of the field data")
     parser.add_argument("--rocks", type=int, default=200, help="rocks per release point")
-    parser.add_argument("--out", type=Path, default=HERE, help="for results.json and runout.png")
+    parser.add_argument(
+        "-o", "--out", type=Path, default=HERE, help="for results.json and runout.png"
+    )
     parser.add_argument("--work", type=Path, help="keep the runs and the map of the stops here")
     given = parser.parse_args(arguments)
     try:
