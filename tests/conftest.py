@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+from sassgis.workflow.samples import copy_sample
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -20,3 +24,24 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the field data folder ../shared/data is not beside the repository")
     return folder
+
+
+def with_settings(config: Path, **values: object) -> Path:
+    """Set keys that a configuration has already, each of which it has once."""
+    text = config.read_text()
+    for key, value in values.items():
+        text, found = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
+        assert found == 1, key
+    config.write_text(text)
+    return config
+
+
+@pytest.fixture(scope="session")
+def make_valley(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Copy the sample valley, with few release points and rocks; returns the configuration."""
+
+    def make(**values: object) -> Path:
+        config = copy_sample("valley", tmp_path_factory.mktemp("valley"))
+        return with_settings(config, **{"spacing_m": 12.0, "rocks_per_point": 6, **values})
+
+    return make

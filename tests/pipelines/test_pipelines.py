@@ -1,0 +1,262 @@
+"""Each pipeline from end to end on the samples."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pytest
+import rasterio
+import shapely
+
+from sassgis.core.errors import InputError
+from sassgis.io.config import load_config
+from sassgis.workflow.profile_run import profile_from_csv, simulate_profile
+from sassgis.workflow.run import run
+from sassgis.workflow.samples import copy_sample
+
+PIPELINES = Path(__file__).resolve().parents[2] / "pipelines"
+NAMES = sorted(p.stem for p in PIPELINES.glob("*.py"))
+
+
+def pipeline(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(f"pipeline_{name}", PIPELINES / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_is_short_says_what_it_answers_and_how_to_call_it(name: str) -> None:
+    text = (PIPELINES / f"{name}.py").read_text()
+    assert len(text.splitlines()) < 120
+    doc = ast.get_docstring(ast.parse(text))
+    assert doc is not None and doc.splitlines()[0].endswith("?")
+    assert f"python pipelines/{name}.py" in doc
+
+
+def test_the_package_imports_no_pipeline() -> None:
+    for path in (PIPELINES.parent / "sassgis").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            assert not any(n.split(".")[0] in ("pipelines", *NAMES) for n in names), path
+
+
+def test_an_error_is_one_line(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, PIPELINES / "hazard_zoning.py", "no.toml", "-o", tmp_path / "out"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith("Error: no.toml") and done.stderr.count("\n") == 1
+
+
+# --- hazard_zoning -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def zoned(make_valley: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("zoning") / "out"
+    pipeline("hazard_zoning").main([str(make_valley()), "-o", str(out), "--jobs", "1"])
+    return out
+
+
+def test_every_area_and_gate_has_a_row_that_agrees_with_the_map(zoned: Path) -> None:
+    table = pd.read_csv(zoned / "tables" / "areas.csv")
+    gates = pd.concat(
+        [gpd.read_file(zoned / "result.gpkg", layer=n) for n in ("stations", "barriers")]
+    ).set_index("name")
+    areas = gpd.read_file(zoned / "result.gpkg", layer="release_areas").set_index("name")
+    assert len(table) == len(areas) * len(gates)
+    assert table.groupby("gate")["arrive"].sum().to_dict() == gates["rocks"].to_dict()
+    assert gates["rocks"].sum() > 200
+    assert table.groupby("area")["rocks"].first().to_dict() == areas["rocks"].to_dict()
+    assert np.allclose(table["share"], table["arrive"] / table["rocks"])
+    assert (table["energy_kj_q95"].isna() == (table["arrive"] == 0)).all()
+
+
+def test_quantiles_of_an_area_are_those_of_its_rows(zoned: Path) -> None:
+    table = pd.read_csv(zoned / "tables" / "areas.csv").set_index(["area", "gate"])
+    rows = pd.read_csv(zoned / "tables" / "passages.csv")
+    own = rows[(rows["area"] == "Mitte") & (rows["gate"] == "upper talus")]
+    energy = np.sort(own["energy_trans_kj"] + own["energy_rot_kj"])
+    found = table.loc[("Mitte", "upper talus")]
+    assert found["arrive"] == energy.size > 20
+    assert found["energy_kj_q95"] == pytest.approx(np.quantile(energy, 0.95))
+    assert found["energy_kj_max"] == pytest.approx(energy[-1])
+    assert found["speed_mps_q95"] == pytest.approx(np.quantile(own["speed_mps"], 0.95))
+
+
+def test_energy_classes_are_those_of_the_raster(zoned: Path) -> None:
+    classes = pd.read_csv(zoned / "tables" / "energy_classes.csv")
+    with rasterio.open(zoned / "maps" / "energy.tif") as raster:
+        energy = raster.read(1, masked=True)
+        cell = raster.res[0]
+    known = energy.compressed()
+    expected = [(known < 30).sum(), ((known >= 30) & (known < 300)).sum(), (known >= 300).sum()]
+    assert classes["cells"].tolist() == expected and min(expected) > 0
+    assert classes["share"].sum() == pytest.approx(1.0)
+    assert classes["area_m2"].tolist() == pytest.approx([n * cell**2 for n in expected])
+
+
+# --- batch_release_zones -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def valley(make_valley: Callable[..., Path]) -> Path:
+    """Three good release areas in another order than the sample's, and two bad ones."""
+    config = make_valley()
+    file = config.parent / "release.gpkg"
+    frame = gpd.read_file(file)
+    own = {name: frame[frame["name"] == name] for name in frame["name"]}
+    bad = pd.concat([own["Nord"], own["Nord"]])
+    x, y = own["Nord"].geometry.iloc[0].centroid.coords[0]
+    bow = [(x, y), (x + 20, y + 20), (x + 20, y), (x, y + 20)]
+    bad["name"] = ["crossed", "far away"]
+    bad.geometry = [shapely.Polygon(bow), shapely.box(0.0, 0.0, 10.0, 10.0)]
+    pd.concat([own["Sued"], bad, own["Gully"], own["Mitte"]]).to_file(file, driver="GPKG")
+    return config
+
+
+@pytest.fixture(scope="module")
+def batch(valley: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("batch") / "out"
+    pipeline("batch_release_zones").main([str(valley), "-o", str(out), "--jobs", "1"])
+    return out
+
+
+def test_bad_areas_are_reported_and_skipped(batch: Path) -> None:
+    summary = pd.read_csv(batch / "summary.csv").set_index("area")
+    assert list(summary.index) == ["Sued", "crossed", "far away", "Gully", "Mitte"]
+    done = summary["status"] == "done"
+    assert list(summary.index[done]) == ["Sued", "Gully", "Mitte"]
+    assert "not valid" in summary.loc["crossed", "status"]
+    assert "outside the DEM" in summary.loc["far away", "status"]
+    assert {p.name for p in batch.iterdir()} == {"summary.csv", "sued", "gully", "mitte"}
+    assert (
+        summary[~done][["points", "rocks", "furthest_m", "reached", "seconds"]]
+        .isna()
+        .all(axis=None)
+    )
+
+
+def passages(folder: Path) -> np.ndarray:
+    with rasterio.open(folder / "maps" / "passages.tif") as raster:
+        counts: np.ndarray = raster.read(1, masked=True).filled(0).astype(np.int64)
+        return counts
+
+
+def test_joint_counts_are_the_sum_of_the_single_ones(
+    batch: Path, valley: Path, tmp_path: Path
+) -> None:
+    names = ["Mitte", "Sued", "Gully"]
+    joint = run(valley, tmp_path / "joint", areas=names, jobs=1)
+    single = [passages(batch / n.lower()) for n in names]
+    assert all(s.sum() > 1000 for s in single)
+    assert np.array_equal(passages(tmp_path / "joint"), sum(single))
+    summary = pd.read_csv(batch / "summary.csv").set_index("area").loc[names]
+    assert joint.rocks == summary["rocks"].sum()
+    assert joint.progress.furthest is not None
+    assert round(joint.progress.furthest[0], 2) == summary["furthest_m"].max()
+    reached = {g for text in summary["reached"].dropna() for g in text.split(";")}
+    gates = joint.progress.gates
+    assert reached == {g.name for i, g in enumerate(gates.gates) if gates.arrivals(i)}
+
+
+def test_the_order_of_areas_does_not_matter(batch: Path, valley: Path, tmp_path: Path) -> None:
+    other = Path(tmp_path / "turned")
+    other.mkdir()
+    for file in valley.parent.iterdir():
+        (other / file.name).write_bytes(file.read_bytes())
+    frame = gpd.read_file(valley.parent / "release.gpkg")
+    frame.iloc[::-1].to_file(other / "release.gpkg", driver="GPKG")
+    out = tmp_path / "out"
+    pipeline("batch_release_zones").main([str(other / valley.name), "-o", str(out)])
+    mine = pd.read_csv(out / "summary.csv").set_index("area").drop(columns="seconds")
+    theirs = pd.read_csv(batch / "summary.csv").set_index("area").drop(columns="seconds")
+    good = ["Sued", "Gully", "Mitte"]
+    assert mine.loc[good].equals(theirs.loc[good])
+    for name in ("sued", "gully", "mitte"):
+        maps = [json.loads((f / name / "manifest.json").read_text()) for f in (out, batch)]
+        digests = [
+            {f["path"]: f["sha256"] for f in m["files"] if f["path"].endswith(".tif")} for m in maps
+        ]
+        assert digests[0] == digests[1] and digests[0]
+
+
+def test_no_area_at_all_is_an_error(valley: Path, tmp_path: Path) -> None:
+    frame = gpd.read_file(valley.parent / "release.gpkg")
+    other = tmp_path / "other"
+    other.mkdir()
+    for file in valley.parent.iterdir():
+        (other / file.name).write_bytes(file.read_bytes())
+    frame[frame["name"] == "far away"].to_file(other / "release.gpkg", driver="GPKG")
+    with pytest.raises(InputError, match="no release area could be run"):
+        pipeline("batch_release_zones").main(
+            [str(other / "config.toml"), "-o", str(tmp_path / "o")]
+        )
+    assert "skipped" in (tmp_path / "o" / "summary.csv").read_text()
+
+
+# --- bedrina_1986 ------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bedrina(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("bedrina")
+    pipeline("bedrina_1986").main(["-o", str(out)])
+    return out
+
+
+def test_the_measures_keep_the_rocks_off_the_road(bedrina: Path) -> None:
+    hits = pd.read_csv(bedrina / "hits.csv").set_index("slope")
+    assert hits.loc["before", "rocks"] == hits.loc["after", "rocks"] == 100
+    assert hits.loc["before", "share"] >= 0.95
+    assert hits.loc["after", "share"] <= 0.05
+
+
+def test_shares_within_the_ranges_are_told_as_they_are(bedrina: Path, tmp_path: Path) -> None:
+    ranges = pd.read_csv(bedrina / "ranges.csv")
+    config = load_config(copy_sample("bedrina", tmp_path).parent / "config_before.toml")
+    result = simulate_profile(config, profile_from_csv(config))
+    names = [g.name for g, _ in result.profile.gates]
+    assert len(ranges) == 6
+    for row in ranges.itertuples():
+        values = result.passages[result.passages["gate"] == names.index(row.station)][row.quantity]
+        assert row.rocks == values.size == 100
+        assert row.share_within == np.mean((values >= row.low) & (values <= row.high))
+
+
+def test_most_rocks_lie_within_the_ranges_of_the_paper(bedrina: Path) -> None:
+    share = pd.read_csv(bedrina / "ranges.csv").set_index(["station", "quantity"])["share_within"]
+    for camera in ("camera 2", "camera 3"):
+        assert share[camera, "rotation_hz"] > 0.6
+        assert share[camera, "height_m"] > 0.9
+    # The sample slope is ours: at its lower camera about half of the rocks are faster than 15 m/s.
+    assert share["camera 2", "speed_mps"] > 0.6
+    assert share["camera 3", "speed_mps"] > 0.3
+
+
+def test_pictures_and_both_results_are_there(bedrina: Path) -> None:
+    assert {p.name for p in bedrina.iterdir()} == {
+        "before", "after", "hits.csv", "ranges.csv", "comparison.png", "camera_2.png",
+        "camera_3.png",
+    }  # fmt: skip
+    for name in ("before", "after"):
+        assert (bedrina / name / "report.html").is_file()
+    for name in ("comparison", "camera_2", "camera_3"):
+        assert (bedrina / f"{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
