@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.core.grid import FloatArray
+from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.results import Band, RasterLayer
 from sassgis.hazard.statistics import MapSums, Sample, quantiles, reach_probability
 
@@ -14,9 +14,9 @@ from sassgis.hazard.statistics import MapSums, Sample, quantiles, reach_probabil
 PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
 
 
-def _on_map(values: FloatArray, rows: FloatArray, shape: tuple[int, int]) -> np.ndarray:
+def _on_map(values: FloatArray, cells: IntArray, shape: tuple[int, int]) -> np.ndarray:
     out = np.full(shape[0] * shape[1], np.nan, np.float32)
-    out[rows.astype(np.int64)] = values.astype(np.float32)
+    out[cells] = values.astype(np.float32)
     return out.reshape(shape)
 
 
@@ -64,7 +64,7 @@ def map_layers(
         reach, sums.column("reach_square").astype(np.int64), sample
     )
     mean = sums.column("energy_sum").astype(np.float64) * 1e-3 / np.maximum(reach, 1)
-    width = f"Reference width {cell_size:g} m (one cell)."
+    width = f"Reference width {cell_size:.4g} m (one cell)."
     once = "Each rock counts once per cell, with the largest value that it has there."
 
     def quantile_bands(name: str, what: str, unit: str) -> list[Band]:
@@ -115,7 +115,14 @@ def map_layers(
             "passages",
             "Rocks passing",
             f"Number of rocks that come into the cell. {width}",
-            (band("passages", "Rocks that come into the cell", "rocks", where_reached(reach)),),
+            (
+                band(
+                    "passages",
+                    "Rocks that come into the cell",
+                    "rocks",
+                    where_reached(reach.astype(np.float64)),
+                ),
+            ),
             (0, 10, 100, 1000, 10000),
             "BuPu",
         ),
