@@ -1,0 +1,234 @@
+"""The documentation keeps up with the code."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+import sassgis
+from sassgis.core.settings import EngineSettings
+
+
+def load(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up.
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def examples(repository):
+    """Python blocks of docs/python.md that are marked, by name."""
+    text = (repository / "docs" / "python.md").read_text(encoding="utf-8")
+    found = re.findall(r"<!-- example: (\w+) -->\n```python\n(.*?)```", text, re.S)
+    return dict(found)
+
+
+def pages(repository):
+    yield repository / "README.md"
+    yield repository / "CONTRIBUTING.md"
+    yield from sorted((repository / "docs").rglob("*.md"))
+
+
+def anchors(path):
+    """Anchors of the headings of a page, as GitHub makes them."""
+    text = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.S)
+    heads = re.findall(r"^#+ (.*)$", text, re.M)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in heads}
+
+
+# --- public names --------------------------------------------------------------------------------
+
+
+def test_public_names_resolve():
+    for name in sassgis.__all__:
+        assert getattr(sassgis, name) is not None, name
+    assert sassgis.load_config.__module__ == "sassgis.io.config"
+    assert sassgis.run.__module__ == "sassgis.workflow.run"
+    assert set(sassgis._HOMES) == set(sassgis.__all__) - {"__version__"}
+
+
+def test_names_known_to_type_checkers_are_those_that_resolve(repository):
+    text = (repository / "sassgis" / "__init__.py").read_text(encoding="utf-8")
+    imports = re.findall(r"^    from ([\w.]+) import (.+)$", text, re.M)
+    homes = {name.strip(): home for home, names in imports for name in names.split(",")}
+    assert homes == sassgis._HOMES
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = sassgis.no_such_name
+
+
+def test_import_is_light():
+    code = "import sys, sassgis; dir(sassgis); print(sorted(sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    for heavy in ("numpy", "numba", "rasterio", "geopandas", "pydantic", "matplotlib"):
+        assert f"'{heavy}'" not in out.stdout
+
+
+def test_star_import_brings_the_public_names():
+    code = "from sassgis import *; print(load_config, EngineSettings(), StopReason.REST)"
+    subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+
+# --- pages ---------------------------------------------------------------------------------------
+
+
+def test_configuration_page_is_up_to_date(repository):
+    made = load(repository / "docs" / "make_reference.py").page()
+    committed = (repository / "docs" / "configuration.md").read_text(encoding="utf-8")
+    assert committed == made, "run: python docs/make_reference.py"
+
+
+def test_every_key_is_on_the_configuration_page(repository):
+    from sassgis.io.config import SECTIONS
+
+    text = (repository / "docs" / "configuration.md").read_text(encoding="utf-8")
+    for section, model in SECTIONS.items():
+        part = re.search(rf"^## `\[+{section}\]+`$(.*?)(?=^## |\Z)", text, re.S | re.M)
+        assert part, section
+        for key in model.model_fields:
+            assert f"| `{key}` |" in part.group(1), f"{section}.{key}"
+
+
+def test_model_page_tells_every_reading_with_its_default(repository):
+    text = (repository / "docs" / "model.md").read_text(encoding="utf-8")
+    numerical = {"gravity_mps2", "contact_tolerance_m", "max_events"}
+    for field in dataclasses.fields(EngineSettings):
+        if field.name not in numerical:
+            assert f"`{field.name} = {json.dumps(field.default)}`" in text, field.name
+
+
+def test_links_lead_somewhere(repository):
+    broken = []
+    for page in pages(repository):
+        text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
+        for target in re.findall(r"\]\(([^)\s]+)\)", text):
+            if re.match(r"https?:|mailto:", target):
+                continue
+            name, _, anchor = target.partition("#")
+            file = (page.parent / name).resolve() if name else page
+            if not file.exists() or (anchor and anchor not in anchors(file)):
+                broken.append(f"{page.relative_to(repository)}: {target}")
+    assert not broken
+
+
+@pytest.fixture(scope="module")
+def small_result(tmp_path_factory):
+    """A run of the sample valley with few rocks."""
+    from sassgis.workflow.samples import sample_folder
+
+    out = tmp_path_factory.mktemp("run") / "out"
+    config = sassgis.load_config(
+        sample_folder() / "valley" / "config.toml",
+        {"release.spacing_m": 40.0, "release.rocks_per_point": 2, "output.rock_table": "csv"},
+    )
+    return sassgis.run(config, out, jobs=1), out
+
+
+def test_pages_name_every_map(repository, small_result):
+    result, _ = small_result
+    maps = (repository / "docs" / "maps.md").read_text(encoding="utf-8")
+    readme = (repository / "README.md").read_text(encoding="utf-8")
+    for layer in result.layers:
+        bands = ", ".join(band.name for band in layer.bands)
+        assert f"| `{layer.stem}` | {bands} |" in maps
+        assert re.search(rf"\b{layer.stem}\b", readme)
+
+
+def test_readme_lists_everything_in_the_folder(repository, small_result):
+    _, out = small_result
+    readme = (repository / "README.md").read_text(encoding="utf-8")
+    listing = re.search(r"```\ndemo_out/\n(.*?)```", readme, re.S).group(1)
+    listed = {m.split("/")[0] for m in re.findall(r"^  (\S+)", listing, re.M)}
+    assert {p.name for p in out.iterdir() if not p.name.startswith(".")} == listed
+
+
+def test_output_page_names_every_layer(repository, small_result):
+    import pyogrio
+
+    _, out = small_result
+    text = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
+    for name, kind in pyogrio.list_layers(out / "result.gpkg"):
+        if kind is not None:
+            assert f"| `{name}` |" in text, name
+
+
+def test_output_page_tells_every_column(repository):
+    from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Outcome, StopReason
+
+    text = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
+    for name in (*ROCK_DTYPE.names, *PASSAGE_DTYPE.names):
+        assert f"`{name}`" in text, name
+    for member in (*StopReason, *Outcome):
+        assert f"`{member.name.lower()}`" in text, member
+
+
+def test_tables_of_the_studies_are_those_of_their_files(repository):
+    tables = load(repository / "docs" / "studies" / "tables.py")
+    seen = set()
+    for page in sorted((repository / "docs" / "studies").glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        assert tables.filled(text) == text, f"{page.name}: run python docs/studies/tables.py"
+        seen |= set(re.findall(r"<!-- table: (.+?) -->", text))
+    assert seen == set(tables.TABLES)
+
+
+def test_fig9_study(repository, tmp_path):
+    script = repository / "docs" / "studies" / "fig9.py"
+    subprocess.run([sys.executable, script, "-o", tmp_path], check=True, capture_output=True)
+    facts = json.loads((tmp_path / "fig9.json").read_text(encoding="utf-8"))
+    # The closed form is given to two decimals.
+    assert facts["largest_difference_percent"] <= 0.005
+    folder = script.with_suffix("")
+    assert (folder / "fig9.csv").read_text("utf-8") == (tmp_path / "fig9.csv").read_text("utf-8")
+    page = (script.parent / "fig9.md").read_text(encoding="utf-8")
+    assert f"{facts['largest_difference_percent']:g} percentage" in page
+
+
+def test_cutting_segments_leaves_the_ground(repository):
+    import numpy as np
+
+    slopes = load(repository / "docs" / "studies" / "slopes.py")
+    whole = slopes.table_slope("bedrina", "config_before.toml").profile(0.25)
+    cut = slopes.split(whole, 3)
+    assert cut.s.size == 3 * (whole.s.size - 1) + 1
+    assert np.allclose(np.interp(cut.s, whole.s, whole.z), cut.z, atol=1e-9)
+    middle = 0.5 * (cut.s[1:] + cut.s[:-1])
+    at = np.searchsorted(whole.s, middle) - 1
+    assert np.array_equal(cut.ground[:-1], whole.ground[at])
+
+
+def test_slope_of_a_table_keeps_its_heights(repository):
+    import numpy as np
+
+    slopes = load(repository / "docs" / "studies" / "slopes.py")
+    folder = repository / "sample_dem" / "bedrina"
+    given = np.genfromtxt(folder / "profile.csv", delimiter=",", names=True, usecols=(0, 1))
+    flat = slopes.table_slope("bedrina", "config_before.toml").profile(0.05)
+    shift = 0.5 * slopes.STRIP_CELL_M
+    gap = np.interp(flat.s + shift, given["s_m"], given["z_m"]) - flat.z
+    # Corners are cut off within one cell of the strip.
+    assert np.abs(gap).max() < 0.15
+
+
+# --- examples ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["profile", "engine"])
+def test_examples_run(repository, tmp_path, name):
+    code = examples(repository)[name]
+    out = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert out.returncode == 0, out.stderr
+    share = re.search(r"(\d+) of (\d+) rocks", out.stdout)
+    assert share and 0 < int(share[1]) <= int(share[2])
