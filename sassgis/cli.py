@@ -34,7 +34,7 @@ class _Progress:
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
         self._began: tuple[float, int] | None = None
-        self._told = 0.0
+        self._told = time.monotonic()
         self._open = False
 
     def say(self, text: str) -> None:
@@ -232,6 +232,9 @@ def main(arguments: list[str] | None = None) -> None:
     except MemoryError:
         _fail("not enough memory; fewer release points or larger cells need less", 1, debug)
     except Exception as error:
+        # Compiled code that Ctrl-C strikes turns it into a SystemError.
+        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
+            _fail("stopped by the user", Interrupted.exit_code, debug)
         _fail(
             f"unexpected {type(error).__name__}: {' '.join(str(error).split())} "
             "(a fault of sassgis; run again with --debug and report what it says)",

@@ -257,7 +257,9 @@ def _thinned(traces: TraceSet, run: MapRun) -> FallLines:
     index = np.repeat(np.arange(len(traces)), counts)
     kept = some[index]
     lines = shapely.simplify(
-        shapely.linestrings(traces.x[kept], traces.y[kept], indices=np.cumsum(some)[index[kept]] - 1),
+        shapely.linestrings(
+            traces.x[kept], traces.y[kept], indices=np.cumsum(some)[index[kept]] - 1
+        ),
         _SIMPLIFIED * run.grid.cell_size,
         preserve_topology=False,
     )
@@ -471,11 +473,11 @@ def chunks_of(planned: Plan, size: int = CHUNK_POINTS) -> list[IntArray]:
 def _in_order(
     work: Callable[[IntArray], _Outcome], chunks: list[IntArray], jobs: int
 ) -> Generator[_Outcome, None, None]:
-    """Results of ``work`` in the order of the chunks, a few of them under way at a time."""
-    if jobs == 1:
-        for chunk in chunks:
-            yield work(chunk)
-        return
+    """Results of ``work`` in the order of the chunks, a few of them under way at a time.
+
+    Never in the calling thread: Ctrl-C would strike within compiled code, which turns it into a
+    SystemError.
+    """
     with ThreadPoolExecutor(jobs) as pool:
         waiting: deque[Future[_Outcome]] = deque()
         todo = iter(chunks)

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.core.errors import Interrupted
+from sassgis.core.errors import InputError, Interrupted
 from sassgis.core.grid import Grid
 from sassgis.core.profiles import LineEnd
 from sassgis.core.results import Band, RasterLayer, StopReason
-from sassgis.engine.kernel import Bins
+from sassgis.engine.simulate import Bins
 from sassgis.hazard.layers import map_layers
 from sassgis.io.config import Config, load_config, resolved, settings_hash
 from sassgis.io.dem import crs_name
@@ -342,6 +342,15 @@ def _simulate(
             f"stopped by the user after {int(progress.reasons.sum())} rocks; what was computed is "
             f"kept in {checkpoint.folder}: the same command goes on from there"
         ) from None
+    if not progress.reasons.sum():
+        # An empty map would read as "no hazard".
+        raise InputError(
+            "no rock could be followed",
+            file=config.release.file,
+            field="release.file",
+            found=f"{progress.lost} rocks, on fall lines that all end where they begin",
+            expected="release areas on slopes, on known terrain and not at its edge",
+        )
     # Whatever happens while the result is written, the simulation is not lost.
     checkpoint.save(progress)
     return progress

@@ -11,11 +11,9 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pytest
-import shapely
 
 from sassgis.core.results import StopReason
 from sassgis.io.config import load_config
-from sassgis.io.dem import read_dem
 from sassgis.io.manifest import file_digest
 from sassgis.workflow.run import run
 
@@ -172,20 +170,3 @@ def test_stop_points_max_is_a_maximum(make_valley, tmp_path) -> None:
     with sqlite3.connect(tmp_path / "out" / "result.gpkg") as base:
         notes = base.execute("select description from gpkg_contents where table_name='stops'")
         assert f"{len(stops)} of {result.rocks} rocks" in notes.fetchone()[0]
-
-
-def test_without_any_rock_on_the_map_the_result_is_written_all_the_same(
-    make_valley, tmp_path
-) -> None:
-    """A release point in the last cell of the terrain model: its fall line ends where it begins."""
-    config = make_valley()
-    grid_file = config.parent / "release.gpkg"
-    frame = gpd.read_file(grid_file).iloc[:1]
-    _, south, east, north = read_dem(config.parent / "dem.tif").bounds
-    frame.geometry = [shapely.Point(east - 0.5, 0.5 * (south + north))]
-    frame.to_file(grid_file, driver="GPKG")
-    result = run(config, tmp_path / "out", jobs=1)
-    counts = json.loads((tmp_path / "out" / "manifest.json").read_text())["counts"]
-    assert counts["rocks"] + counts["rocks_not_followed"] == 6
-    if counts["rocks_not_followed"]:
-        assert any("not followed" in w for w in result.warnings)

@@ -60,7 +60,9 @@ def firsts(config, out: Path, **options) -> list[int]:
 def test_it_goes_on_and_gives_the_same_bytes(small, interrupted: Path) -> None:
     seen = firsts(load_config(small.config, TABLES), interrupted, jobs=2)
     assert seen[0] == 5
-    mine, theirs = ((f / "manifest.json").read_bytes() for f in (interrupted, small.folder))
+    whole = interrupted.with_name("whole")
+    assert firsts(load_config(small.config, TABLES), whole, jobs=1)[0] == 1
+    mine, theirs = ((f / "manifest.json").read_bytes() for f in (interrupted, whole))
     assert mine == theirs
     assert not partial_folder(interrupted).exists()
     assert not (interrupted / "checkpoint").exists()

@@ -1,0 +1,209 @@
+"""Bad input: one clear line that names file and field, no traceback, nothing half written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pytest
+import shapely
+from rasterio.transform import from_origin
+from small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights, release_box
+
+OWN = "own,{},0.1,0.2,0.5,0.4,1,0.1,me,false"
+CLASSES = "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,source,verified\n"
+
+
+def holes(value: float, inside: bool) -> Callable[[Slope], None]:
+    def spoil(slope: Slope) -> None:
+        values = heights()
+        if inside:
+            values[10:25, :12] = value
+        else:
+            values[:] = value
+        slope.write_dem(values)
+
+    return spoil
+
+
+def config(**changes: str) -> Callable[[Slope], None]:
+    return lambda slope: slope.write_config(**changes)
+
+
+def dem(values: np.ndarray | None = None, **options: object) -> Callable[[Slope], None]:
+    return lambda slope: slope.write_dem(heights() if values is None else values, **options)
+
+
+def release(*shapes: object) -> Callable[[Slope], None]:
+    return lambda slope: slope.write_release(*shapes)
+
+
+def classes(row: str) -> Callable[[Slope], None]:
+    def spoil(slope: Slope) -> None:
+        (slope.folder / "classes.csv").write_text(CLASSES + row + "\n")
+        slope.write_config(ground__classes='"classes.csv"', ground__default='"own"')
+
+    return spoil
+
+
+def removed(name: str) -> Callable[[Slope], None]:
+    return lambda slope: (slope.folder / name).unlink()
+
+
+def no_features(slope: Slope) -> None:
+    frame = gpd.read_file(slope.folder / "release.gpkg").iloc[:0]
+    (slope.folder / "release.gpkg").unlink()
+    frame.to_file(slope.folder / "release.gpkg", driver="GPKG", geometry_type="Polygon")
+
+
+def unknown_key(slope: Slope) -> None:
+    slope.config.write_text(slope.config.read_text() + "\n[spread]\nlines_per_pont = 3\n")
+
+
+BOW = shapely.Polygon(
+    [
+        (WEST + 10, NORTH - 50),
+        (WEST + 20, NORTH - 60),
+        (WEST + 20, NORTH - 50),
+        (WEST + 10, NORTH - 60),
+    ]
+)
+DEGREES = from_origin(8.7, 46.5, 2e-5, 2e-5)
+FEET = 'PROJCS["f",GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],PARAMETER["latitude_of_origin",0],PARAMETER["central_meridian",9],PARAMETER["scale_factor",0.9996],PARAMETER["false_easting",1640416.6667],PARAMETER["false_northing",0],UNIT["US survey foot",0.304800609601219]]'  # noqa: E501
+
+#: Name: what spoils the slope, the file (or key) that the line must name, words that it must hold.
+BAD = {
+    "geographic CRS": (dem(crs="EPSG:4326", transform=DEGREES), "dem.tif", ["degrees"]),
+    "metres tagged as degrees": (dem(crs="EPSG:4326"), "dem.tif", ["degrees", "wrong"]),
+    "CRS in feet": (dem(crs=FEET), "dem.tif", ["foot|feet", "met"]),
+    "no CRS": (dem(crs=None), "dem.tif", ["terrain.crs", "coordinate system"]),
+    "unknown height unit": (dem(unit="furlong"), "dem.tif", ["furlong"]),
+    "nodata under the release": (holes(np.nan, True), "release.gpkg", ["area a", "nodata"]),
+    "nothing but NaN": (holes(np.nan, False), "dem.tif", ["no height|nodata|no known"]),
+    "infinite cells": (holes(np.inf, True), "dem.tif", ["inf"]),
+    "1 x 1 DEM": (dem(np.array([[1500.0]])), "dem.tif", ["1 rows x 1 columns", "3 x 3"]),
+    "release outside": (
+        release(release_box(col=500.0)), "release.gpkg", ["area a", "outside the DEM", "2700000"]
+    ),
+    "release empty": (no_features, "release.gpkg", ["empty"]),
+    "release crosses itself": (release(BOW), "release.gpkg", ["area a", "Self-intersection"]),
+    "unknown ground": (
+        config(ground__default='"debri"'), "config.toml", ["ground.default", "debri"]
+    ),
+    "eta above 1": (classes(OWN.format(1.2)), "classes.csv", ["eta_max", "1.2"]),
+    "eta negative": (classes(OWN.format(-0.1)), "classes.csv", ["eta_max", "-0.1"]),
+    "class without a column": (classes("own,0.5"), "classes.csv", ["own|row|line"]),
+    "axes reversed": (config(blocks__axis_1_m="[0.9, 0.5]"), "config.toml", ["axis_1_m", "0.9"]),
+    "axes zero": (config(blocks__axis_2_m="0.0"), "config.toml", ["axis_2_m", "above 0"]),
+    "no number": (
+        config(release__spacing_m='"five"'), "config.toml", ["release.spacing_m", "five"]
+    ),
+    "NaN as a setting": (config(terrain__smoothing_m="nan"), "config.toml", ["smoothing_m"]),
+    "unknown key": (unknown_key, "config.toml", ["lines_per_pont", "lines_per_point"]),
+    "broken TOML": (
+        lambda s: s.config.write_text("[terrain\n"), "config.toml", ["TOML", "line 1"]
+    ),
+    "no configuration": (removed("config.toml"), "config.toml", ["not found"]),
+    "no DEM": (removed("dem.tif"), "dem.tif", ["terrain.dem", "not found"]),
+    "no release": (removed("release.gpkg"), "release.gpkg", ["release.file", "not found"]),
+    "DEM is text": (
+        lambda s: (s.folder / "dem.tif").write_text("heights"), "dem.tif", ["raster"]
+    ),
+    "no name field": (config(release__name_field='"nam"'), "release.gpkg", ["nam", "name"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_one_line_and_no_result(slope: Slope, call, name: str) -> None:
+    spoil, file, words = BAD[name]
+    spoil(slope)
+    out = slope.folder / "result"
+    code, printed, err = call("run", slope.config, "-o", out)
+    assert code == 2
+    lines = [line for line in err.splitlines() if not line.endswith("...")]
+    assert len(lines) == 1 and lines[0].startswith("Error: "), err
+    assert file in lines[0]
+    for word in words:
+        assert re.search(word, lines[0], re.IGNORECASE), (word, lines[0])
+    assert "Traceback" not in err and printed == ""
+    assert not out.exists() and not list(slope.folder.glob("*.partial"))
+    # The check beforehand says the same.
+    code, _, checked = call("validate", slope.config)
+    assert (code, checked.splitlines()[-1]) == (2, lines[0])
+
+
+@pytest.mark.parametrize("name", ["no DEM", "axes reversed"])
+def test_debug_shows_the_traceback(slope: Slope, call, name: str) -> None:
+    BAD[name][0](slope)
+    for arguments in (("--debug", "validate", slope.config), ("validate", slope.config, "--debug")):
+        code, _, err = call(*arguments)
+        assert code == 2 and "Traceback (most recent call last)" in err
+        assert err.splitlines()[-1].startswith("Error: ")
+
+
+def test_a_flat_release_area_draws_a_warning_and_gives_an_honest_result(slope: Slope, call) -> None:
+    slope.write_release(release_box(col=60.0))
+    code, out, _ = call("validate", slope.config)
+    assert code == 0 and "WARNING" in out and "area a" in out and "0.0 degrees" in out
+    code, _, err = call("run", slope.config, "-o", slope.folder / "result")
+    assert code == 0
+    assert "degrees" in err and ("never started" in err or "not followed" in err)
+
+
+def test_no_map_is_made_where_no_rock_can_be_followed(slope: Slope, call) -> None:
+    slope.write_dem(np.full((ROWS, COLS), 500.0))
+    code, _, err = call("run", slope.config, "-o", slope.folder / "result")
+    assert code == 2
+    line = err.splitlines()[-1]
+    assert line.startswith("Error: ") and "release.gpkg" in line
+    assert "no rock could be followed" in line and "rocks, on fall lines" in line
+    assert not list(slope.folder.glob("result*"))
+
+
+def test_some_nodata_under_the_release_is_told(slope: Slope, call) -> None:
+    values = heights()
+    values[16:18, 3:6] = np.nan
+    slope.write_dem(values)
+    code, out, _ = call("validate", slope.config)
+    assert code == 0 and "nodata" in out.split("WARNING")[1]
+
+
+def test_a_result_that_is_there_is_not_replaced(slope: Slope, call) -> None:
+    out = slope.folder / "mine"
+    out.mkdir()
+    (out / "letter.txt").write_text("dear")
+    for more in ((), ("--overwrite",)):
+        code, _, err = call("run", slope.config, "-o", out, *more)
+        assert code == 3 and err.startswith("Error: ") and str(out) in err
+    assert [p.name for p in out.iterdir()] == ["letter.txt"]
+
+
+def test_init_does_not_replace_a_file(tmp_path: Path, call) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("mine")
+    code, _, err = call("init", file)
+    assert code == 3 and err.startswith(f"Error: {file}: exists")
+    assert file.read_text() == "mine"
+    code, _, err = call("init", tmp_path / "no" / "folder.toml")
+    assert code == 3 and err.startswith("Error: ") and err.count("\n") == 1
+
+
+def test_usage_errors_are_one_line_too(slope: Slope, call) -> None:
+    for arguments in (
+        ("run", slope.config), ("rn",), ("run", slope.config, "-o", "x", "--jobs", "-1"),
+        ("run", slope.config, "-o", "x", "--seed", "a"),
+        ("profile", slope.config, "-o", "x", "--csv", "a", "--point", "1", "2"),
+    ):  # fmt: skip
+        code, _, err = call(*arguments)
+        assert code == 2 and err.startswith("Error: ") and err.count("\n") == 1
+    code, _, err = call("run", slope.config, "-o", slope.folder / "x", "--area", "area b")
+    assert code == 2 and "area b" in err and "area a" in err
+
+
+def test_cells_are_two_metres(slope: Slope, call) -> None:
+    code, out, _ = call("validate", slope.config)
+    assert code == 0
+    assert f"{ROWS} rows x {COLS} columns of {CELL:g} m" in out

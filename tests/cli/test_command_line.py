@@ -1,0 +1,180 @@
+"""The command line from end to end, in processes of its own where that matters."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import resource
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from small_slope import SASSGIS, Slope, release_box
+
+import sassgis
+from sassgis.core.results import StopReason
+
+
+def test_help_is_quick_because_it_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\n"
+        "from sassgis.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit as stop:\n    assert not stop.code\n"
+        "heavy = {'numpy', 'numba', 'pandas', 'rasterio', 'shapely', 'matplotlib', 'pydantic'}\n"
+        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+    for command in ("init", "validate", "run", "profile", "demo"):
+        assert re.search(rf"^  {command} ", done.stdout, re.MULTILINE)
+
+
+def test_from_the_template_to_a_result(slope: Slope, call) -> None:
+    config = slope.folder / "sassgis.toml"
+    code, out, _ = call("init", config)
+    assert code == 0 and "sassgis validate" in out
+    text = config.read_text().replace("rocks_per_point = 50", "rocks_per_point = 3")
+    config.write_text(text)
+    code, out, err = call("validate", config)
+    assert code == 0, err
+    assert "release area   area 1" in out and "UNVERIFIED" not in out.split("ground")[0]
+    code, out, err = call("run", config, "-o", slope.folder / "result", "--jobs", "1")
+    assert code == 0, err
+    manifest = json.loads((slope.folder / "result" / "manifest.json").read_text())
+    rocks = manifest["counts"]["rocks"]
+    assert rocks > 0 and f"{rocks} rocks in" in out
+    assert sum(manifest["counts"][f"rocks_{r.name.lower()}"] for r in StopReason) == rocks
+
+
+def test_seed_and_area_are_passed_on(slope: Slope, call) -> None:
+    slope.write_release(release_box(), release_box(row=30.0))
+    arguments = ("--jobs", "1", "--seed", "77", "--area", "area b")
+    code, _, err = call("run", slope.config, "-o", slope.folder / "result", *arguments)
+    assert code == 0, err
+    manifest = json.loads((slope.folder / "result" / "manifest.json").read_text())
+    assert manifest["seed"] == 77 and manifest["counts"]["release_areas"] == 1
+    assert manifest["settings"]["areas"] == ["area b"]
+
+
+def long_run(slope: Slope) -> None:
+    """Enough chunks and rocks to be interrupted in the middle."""
+    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="1000")
+
+
+def digests(folder: Path) -> dict[str, str]:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    return {f["path"]: f["sha256"] for f in manifest["files"]}
+
+
+def started(command: list[str], **options: object) -> tuple[int, subprocess.Popen[bytes]]:
+    """Start a command on a terminal of its own; gives its end of the terminal."""
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        command, stderr=slave, stdout=subprocess.DEVNULL, start_new_session=True, **options
+    )
+    os.close(slave)
+    return master, process
+
+
+def read_until(master: int, what: bytes, seconds: float) -> bytes:
+    seen = b""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not (what and re.search(what, seen)):
+        if select.select([master], [], [], 0.2)[0]:
+            try:
+                seen += os.read(master, 65536)
+            except OSError:
+                break
+    return seen
+
+
+def test_ctrl_c_keeps_the_state_and_the_next_run_ends_as_if_nothing_had_been(
+    slope: Slope, call
+) -> None:
+    long_run(slope)
+    command = [*SASSGIS, "run", str(slope.config), "-o", str(slope.folder / "result")]
+    master, process = started(command)
+    try:
+        seen = read_until(master, rb"\[#+-+\] +\d+ %, [1-9]\d* rocks, about [\d:]+ left", 300)
+        process.send_signal(signal.SIGINT)
+        seen += read_until(master, b"", 60)
+        assert process.wait(60) == 130, seen.decode()
+    finally:
+        process.kill()
+        os.close(master)
+    text = seen.decode().replace("\r\n", "\n")
+    # On a terminal a bar with the time left.
+    assert "\r" in text and re.search(r"\[#+-+\] +\d+ %, \d+ rocks, about [\d:]+ left", text)
+    errors = [line for line in text.splitlines() if line.startswith("Error: ")]
+    assert len(errors) == 1 and "the same command goes on from there" in errors[0]
+    assert "Traceback" not in text
+    assert not (slope.folder / "result").exists()
+    assert (slope.folder / "result.partial" / "checkpoint" / "state.npz").is_file()
+
+    code, _, err = call("run", slope.config, "-o", slope.folder / "result")
+    assert code == 0 and re.search(r"Going on after \d+ chunks", err)
+    # Not on a terminal: lines only.
+    assert "\r" not in err
+    code, _, _ = call("run", slope.config, "-o", slope.folder / "whole")
+    assert code == 0
+    assert digests(slope.folder / "result") == digests(slope.folder / "whole")
+    assert not (slope.folder / "result.partial").exists()
+
+
+def test_a_full_disk_keeps_the_state_and_the_next_run_does_not_simulate_again(
+    slope: Slope, call
+) -> None:
+    """The largest file of the result is the GeoPackage: a limit below it lets the state through."""
+    slope.write_config(release__rocks_per_point="2")
+    code, _, _ = call("run", slope.config, "-o", slope.folder / "whole")
+    assert code == 0
+    limit = (slope.folder / "whole" / "result.gpkg").stat().st_size // 2
+
+    def little_room() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    out = slope.folder / "result"
+    done = subprocess.run(
+        [*SASSGIS, "run", str(slope.config), "-o", str(out)],
+        capture_output=True, text=True, check=False, preexec_fn=little_room,
+    )  # fmt: skip
+    assert done.returncode == 3, done.stderr
+    errors = [line for line in done.stderr.splitlines() if not line.endswith("...")]
+    assert len(errors) == 1 and errors[0].startswith("Error: ")
+    assert "result" in errors[0] and "cannot be written" in errors[0]
+    assert not out.exists()
+    left = {p.name for p in (slope.folder / "result.partial").iterdir()}
+    assert left == {"checkpoint", ".sassgis-partial"}
+    with np.load(slope.folder / "result.partial" / "checkpoint" / "state.npz") as state:
+        chunks = int(state["chunks"])
+
+    code, _, err = call("run", slope.config, "-o", out)
+    assert code == 0 and f"Going on after {chunks} chunks" in err
+    assert digests(out) == digests(slope.folder / "whole")
+
+
+def test_ctrl_c_before_anything_is_computed_is_one_line(slope: Slope) -> None:
+    process = subprocess.Popen(
+        [*SASSGIS, "run", str(slope.config), "-o", str(slope.folder / "result")],
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    assert process.stderr is not None
+    first = process.stderr.readline()
+    assert first == "Reading the inputs ...\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    lines = [line for line in err.splitlines() if line.strip() and not line.endswith("...")]
+    assert len(lines) == 1 and lines[0].startswith("Error: stopped by the user")
+    assert not (slope.folder / "result").exists()
+
+
+def test_version(call) -> None:
+    code, out, _ = call("--version")
+    assert code == 0 and sassgis.__version__ in out
