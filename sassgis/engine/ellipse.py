@@ -8,13 +8,13 @@ from sassgis.core.jit import kernel
 
 
 @kernel
-def inertia(a, b):
+def inertia(a: float, b: float) -> float:
     """Moment of inertia per unit mass about the axis normal to the plane (m²): (a² + b²)/5."""
     return 0.2 * (a * a + b * b)
 
 
 @kernel
-def contact_frame(a, b, theta):
+def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float]:
     """Centre as seen from the point of contact, in local axes.
 
     Parameters
@@ -36,7 +36,7 @@ def contact_frame(a, b, theta):
 
 
 @kernel
-def frame_of(a, b, s, c):
+def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, float]:
     """As contact_frame, from the sine and cosine of the angle."""
     y = math.sqrt(a * a * s * s + b * b * c * c)
     x = (a * a - b * b) * s * c / y
@@ -45,7 +45,7 @@ def frame_of(a, b, s, c):
 
 
 @kernel
-def mean_radius(a, b):
+def mean_radius(a: float, b: float) -> float:
     """Perimeter over 2π (m), by Ramanujan's second formula (1914); exact for a circle."""
     h = ((a - b) / (a + b)) ** 2
     return 0.5 * (a + b) * (1.0 + 3.0 * h / (10.0 + math.sqrt(4.0 - 3.0 * h)))

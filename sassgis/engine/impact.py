@@ -10,7 +10,7 @@ SCALE, COULOMB = 0, 1
 
 
 @kernel
-def energy_kept(x, y, inertia, vx, vy, omega):
+def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega: float) -> float:
     """η_min: share of the kinetic energy kept when P becomes the centre of rotation.
 
     Equation (6). 1 for a rock that does not move.
@@ -23,7 +23,9 @@ def energy_kept(x, y, inertia, vx, vy, omega):
 
 
 @kernel
-def turn_about_contact(x, y, inertia, vx, vy, omega):
+def turn_about_contact(
+    x: float, y: float, inertia: float, vx: float, vy: float, omega: float
+) -> tuple[float, float, float]:
     """Spin and velocity after an impact that keeps the angular momentum about P.
 
     Equations (3) to (5). Returns (v_x, v_y, ω).
@@ -33,7 +35,9 @@ def turn_about_contact(x, y, inertia, vx, vy, omega):
 
 
 @kernel
-def slip_at_contact(x, y, inertia, vx, vy, omega, mu):
+def slip_at_contact(
+    x: float, y: float, inertia: float, vx: float, vy: float, omega: float, mu: float
+) -> tuple[float, float, float]:
     """Impact without rebound of P in which friction holds the contact only up to μ.
 
     Where the impulse that brings P to rest lies outside the friction cone, P slides on and the
@@ -57,7 +61,17 @@ def slip_at_contact(x, y, inertia, vx, vy, omega, mu):
 
 
 @kernel
-def impact(x, y, inertia, vx, vy, omega, eta_max, rule, mu):
+def impact(
+    x: float,
+    y: float,
+    inertia: float,
+    vx: float,
+    vy: float,
+    omega: float,
+    eta_max: float,
+    rule: int,
+    mu: float,
+) -> tuple[float, float, float]:
     """Velocity and spin after an impact, with the energy kept limited to η_max.
 
     Parameters
@@ -93,7 +107,16 @@ def impact(x, y, inertia, vx, vy, omega, eta_max, rule, mu):
 
 
 @kernel
-def normal_force(x, y, curvature, inertia, omega, cos_slope, sin_slope, gravity):
+def normal_force(
+    x: float,
+    y: float,
+    curvature: float,
+    inertia: float,
+    omega: float,
+    cos_slope: float,
+    sin_slope: float,
+    gravity: float,
+) -> float:
     """Normal force per unit mass on an ellipse that turns about P without slip (m/s²).
 
     From the Lagrangian of the rolling ellipse: with K = ω²(I + x² + y²)/2 and gravity along both

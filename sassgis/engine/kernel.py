@@ -8,11 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.jit import kernel
 from sassgis.engine import rng
 from sassgis.engine.recording import CellWork, Pieces
-from sassgis.engine.rock import Block, Course, Gates, Profile, follow
+from sassgis.engine.rock import BARRIER, Block, Course, Gates, Physics, Profile, follow
 
+# A vertex nearer than this to the line between its neighbours is none (m).
+_STRAIGHT_M = 1e-9
 #: Columns of a rock's row; the fields of core.results.ROCK_DTYPE after "line" and "rock".
 ROCK_COLUMNS = 15
 #: Columns of a passage's row: line, rock, then those of rock._passage.
@@ -68,7 +71,7 @@ class CellSums(NamedTuple):
 
 
 @kernel
-def draw_block(limits, key):
+def draw_block(limits: FloatArray, key: np.uint64) -> tuple[Block, float]:
     """Draw one rock between limits (core.blocks.BlockPopulation.array).
 
     The three semi-axes are drawn and sorted; the two longer ones lie in the plane of motion, so that
@@ -87,7 +90,7 @@ def draw_block(limits, key):
 
 
 @kernel
-def _hunt(edges, value, near):
+def _hunt(edges: FloatArray, value: float, near: int) -> int:
     """The bin that holds a value, looking from one near it; the end bins take what lies beyond."""
     n = edges.size - 1
     i = near
@@ -99,7 +102,16 @@ def _hunt(edges, value, near):
 
 
 @kernel
-def _flush(work, n_touched, sums, bins, mass, line_hits, line_touched, n_line):
+def _flush(
+    work: CellWork,
+    n_touched: int,
+    sums: CellSums,
+    bins: Bins,
+    mass: float,
+    line_hits: IntArray,
+    line_touched: IntArray,
+    n_line: int,
+) -> int:
     """Add one rock's cells to the sums; returns the number of cells that its line has touched."""
     ie = 0
     ih = 0
@@ -129,7 +141,14 @@ def _flush(work, n_touched, sums, bins, mass, line_hits, line_touched, n_line):
 
 
 @kernel
-def _cut(cell_s, cell, s, pieces_border, pieces_cell, pieces_segment):
+def _cut(
+    cell_s: FloatArray,
+    cell: IntArray,
+    s: FloatArray,
+    pieces_border: FloatArray,
+    pieces_cell: IntArray,
+    pieces_segment: IntArray,
+) -> int:
     """Cut cell stretches at the vertices; returns the number of pieces."""
     i = 0
     j = 0
@@ -160,10 +179,42 @@ def _cut(cell_s, cell, s, pieces_border, pieces_cell, pieces_segment):
 
 
 @kernel
+def _without_straight_vertices(
+    s: FloatArray, z: FloatArray, ground: NDArray[np.int32]
+) -> tuple[FloatArray, FloatArray, NDArray[np.int32]]:
+    """The profile without vertices at which neither direction nor ground changes.
+
+    Such a vertex is none: however a straight slope is cut, the same rocks come down it.
+    """
+    n = s.size
+    keep = np.empty(n, np.int64)
+    keep[0] = 0
+    count = 1
+    for i in range(1, n - 1):
+        k = keep[count - 1]
+        # The run since the last vertex that was kept stays straight up to the next one.
+        dx = s[i + 1] - s[k]
+        dz = z[i + 1] - z[k]
+        size = math.sqrt(dx * dx + dz * dz)
+        straight = ground[i] == ground[k]
+        for m in range(k + 1, i + 1):
+            off = abs((s[m] - s[k]) * dz - (z[m] - z[k]) * dx) / size
+            if off > _STRAIGHT_M:
+                straight = False
+                break
+        if not straight:
+            keep[count] = i
+            count += 1
+    keep[count] = n - 1
+    kept = keep[: count + 1]
+    return s[kept], z[kept], ground[kept]
+
+
+@kernel
 def run_lines(
-    lines, ground_table, limits, physics, gate_table, bins, seed, first_rock, n_rocks, sums, rocks,
-    passages, events, event_counts,
-):  # fmt: skip
+    lines: Lines, ground_table: FloatArray, limits: FloatArray, physics: Physics, gate_table: GateTable, bins: Bins, seed: int | np.uint64, first_rock: int, n_rocks: int, sums: CellSums, rocks: FloatArray,
+    passages: FloatArray, events: FloatArray, event_counts: IntArray,
+) -> int:  # fmt: skip
     """Follow ``n_rocks`` rocks on each line.
 
     Parameters
@@ -214,9 +265,10 @@ def run_lines(
     for i in range(n_lines):
         v0 = lines.offset[i]
         v1 = lines.offset[i + 1]
-        n = v1 - v0 - 1
-        sx = lines.s[v0:v1]
-        sz = lines.z[v0:v1]
+        sx, sz, ground = _without_straight_vertices(
+            lines.s[v0:v1], lines.z[v0:v1], lines.ground[v0:v1]
+        )
+        n = sx.size - 1
         tx = np.empty(n)
         tz = np.empty(n)
         length = np.empty(n)
@@ -228,7 +280,7 @@ def run_lines(
             tx[j] = dx / length[j]
             tz[j] = dz / length[j]
             angle[j] = math.atan2(dz, dx)
-        profile = Profile(sx, sz, tx, tz, length, angle, lines.ground[v0:v1])
+        profile = Profile(sx, sz, tx, tz, length, angle, ground)
         c0 = lines.cell_offset[i]
         c1 = lines.cell_offset[i + 1]
         n_pieces = _cut(
@@ -249,7 +301,7 @@ def run_lines(
             gate_table.capacity[gate], gate,
         )  # fmt: skip
         seen = np.zeros(g1 - g0, np.bool_)
-        n_line = np.int64(0)
+        n_line = int(np.int64(0))
         for r in range(n_rocks):
             rock = first_rock + r
             key = rng.rock_key(seed, lines.key[i], rock)
@@ -276,7 +328,10 @@ def run_lines(
             n_passages += n_new
             last = -1
             if x >= sx[0] and x <= sx[n]:
-                k = np.searchsorted(pieces.border, x, side="right") - 1
+                # A rock that a wall holds lies in front of it, also on the border of a cell.
+                k = int(np.searchsorted(pieces.border, x, side="right")) - 1
+                if reason == BARRIER and k > 0 and pieces.border[k] >= x > start:
+                    k -= 1
                 last = pieces.cell[min(max(k, 0), n_pieces - 1)]
             n_line = _flush(
                 work, n_touched, sums, bins, block.mass, line_hits, line_touched, n_line

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core.grid import FloatArray
 from sassgis.core.jit import kernel
 
 
@@ -36,7 +37,9 @@ class CellWork(NamedTuple):
 
 
 @kernel
-def _raise(work, n_touched, cell, energy, height, speed2):
+def _raise(
+    work: CellWork, n_touched: int, cell: int, energy: float, height: float, speed2: float
+) -> int:
     """Raise the maxima of a cell; returns the new number of cells touched."""
     peak = work.peak
     if peak[cell, 0] < 0.0:
@@ -53,8 +56,23 @@ def _raise(work, n_touched, cell, energy, height, speed2):
 
 @kernel
 def record_flight(
-    pieces, work, n_touched, piece, x, z, vx, vz, spin_energy, gravity, until, rest, sx, sz, tx, tz
-):
+    pieces: Pieces,
+    work: CellWork,
+    n_touched: int,
+    piece: int,
+    x: float,
+    z: float,
+    vx: float,
+    vz: float,
+    spin_energy: float,
+    gravity: float,
+    until: float,
+    rest: float,
+    sx: FloatArray,
+    sz: FloatArray,
+    tx: FloatArray,
+    tz: FloatArray,
+) -> tuple[int, int, float]:
     """Record the cells under a flight.
 
     Parameters
@@ -136,7 +154,19 @@ def record_flight(
 
 
 @kernel
-def record_ground(pieces, work, n_touched, piece, x, x_end, v2, dv2, spin, dspin, chord):
+def record_ground(
+    pieces: Pieces,
+    work: CellWork,
+    n_touched: int,
+    piece: int,
+    x: float,
+    x_end: float,
+    v2: float,
+    dv2: float,
+    spin: float,
+    dspin: float,
+    chord: float,
+) -> tuple[int, int]:
     """Record the cells under a stretch of rolling or sliding.
 
     Parameters

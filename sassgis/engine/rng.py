@@ -7,7 +7,9 @@ threads or order, and one stream never shifts another.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from sassgis.core.grid import IntArray
 from sassgis.core.jit import kernel
 
 # Streams: what a draw is for. An effect that needs draws takes streams of its own.
@@ -15,7 +17,7 @@ AXIS_1, AXIS_2, AXIS_3, DENSITY, SPEED, SPIN, DROP, ORIENTATION, START, SLOPE = 
 
 
 @kernel
-def mix(z):
+def mix(z: int | np.uint64) -> np.uint64:
     """Scramble 64 bits (the finaliser of SplitMix64; Steele, Lea and Flood 2014)."""
     z = np.uint64(z)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -24,7 +26,7 @@ def mix(z):
 
 
 @kernel
-def rock_key(seed, line_key, rock):
+def rock_key(seed: int | np.uint64, line_key: np.uint64, rock: int) -> np.uint64:
     """Key of one rock from the seed of the run, the key of its line and its number on it."""
     key = mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
     key = mix(key ^ np.uint64(line_key))
@@ -32,7 +34,7 @@ def rock_key(seed, line_key, rock):
 
 
 @kernel
-def uniform(key, stream, event):
+def uniform(key: np.uint64, stream: int, event: int) -> float:
     """A number in the open interval (0, 1), with 52 random bits."""
     word = mix(key + np.uint64(stream + 1) * np.uint64(0xD1B54A32D192ED03))
     word = mix(word + np.uint64(event + 1) * np.uint64(0x9E3779B97F4A7C15))
@@ -40,12 +42,14 @@ def uniform(key, stream, event):
 
 
 @kernel
-def between(key, stream, event, low, high):
+def between(key: np.uint64, stream: int, event: int, low: float, high: float) -> float:
     """A number between two limits, which may coincide."""
     return low + (high - low) * uniform(key, stream, event)
 
 
-def combined(keys, word):
+def combined(
+    keys: NDArray[np.uint64], word: int | np.uint64 | IntArray | NDArray[np.uint64]
+) -> NDArray[np.uint64]:
     """Keys of things that are told apart by a further number, by the same scrambling.
 
     Parameters
@@ -63,4 +67,5 @@ def combined(keys, word):
         ) * np.uint64(0x9E3779B97F4A7C15)
         z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
         z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
+    out: NDArray[np.uint64] = z ^ (z >> np.uint64(31))
+    return out

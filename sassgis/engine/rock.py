@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core.grid import FloatArray
 from sassgis.core.jit import kernel
 from sassgis.engine import rng
 from sassgis.engine.contact import next_contact, resting_height
 from sassgis.engine.ellipse import frame_of, inertia, mean_radius
 from sassgis.engine.impact import impact, normal_force, turn_about_contact
-from sassgis.engine.recording import record_flight, record_ground
-from sassgis.engine.rolling import rolling_spin, rolling_stretch
+from sassgis.engine.recording import CellWork, Pieces, record_flight, record_ground
+from sassgis.engine.rolling import rolling_stretch
 
 # Phases, as they are written to the course of a rock.
 FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4
@@ -35,7 +36,7 @@ _FOOT = 1e-5
 # Turns below this angle between two segments are no vertex (rad).
 _STRAIGHT = 1e-9
 # A flight that begins in contact without a normal speed is looked at again after this turn (rad).
-_FIRST_TURN = 0.02
+_FIRST_TURN = 1e-4
 # A rock that bounces on one spot with less energy than this share of g r is at rest.
 _REST_SHARE = 1e-3
 _SAME_SPOT = 1e-3
@@ -94,13 +95,26 @@ class Course(NamedTuple):
     """
 
     rows: NDArray[np.float64]
-    count: NDArray[np.int64]
+    filled: NDArray[np.int64]  # (1,) number of rows written
 
 
 @kernel
-def _note(course, phase, t, x, z, vx, vz, theta, omega, segment, ux, uz):
+def _note(
+    course: Course,
+    phase: int,
+    t: float,
+    x: float,
+    z: float,
+    vx: float,
+    vz: float,
+    theta: float,
+    omega: float,
+    segment: int,
+    ux: float,
+    uz: float,
+) -> None:
     """Write one event of the course."""
-    i = course.count[0]
+    i = course.filled[0]
     if i < course.rows.shape[0]:
         row = course.rows[i]
         row[0] = phase
@@ -114,11 +128,24 @@ def _note(course, phase, t, x, z, vx, vz, theta, omega, segment, ux, uz):
         row[8] = segment
         row[9] = ux
         row[10] = uz
-        course.count[0] = i + 1
+        course.filled[0] = i + 1
 
 
 @kernel
-def _passage(passages, n_passages, gates, i, outcome, x, vx, vz, omega, height, inertia_, mass):
+def _passage(
+    passages: FloatArray,
+    n_passages: int,
+    gates: Gates,
+    i: int,
+    outcome: int,
+    x: float,
+    vx: float,
+    vz: float,
+    omega: float,
+    height: float,
+    inertia_: float,
+    mass: float,
+) -> int:
     """Write what a rock does at a gate; returns the new number of rows."""
     row = passages[n_passages]
     row[0] = gates.gate[i]
@@ -136,7 +163,7 @@ def _passage(passages, n_passages, gates, i, outcome, x, vx, vz, omega, height, 
 
 
 @kernel
-def _met(gates, i, energy):
+def _met(gates: Gates, i: int, energy: float) -> tuple[int, float]:
     """What a rock that meets barrier i does, and the share of its speed that is left."""
     if energy > gates.capacity[i]:
         return BROKE_THROUGH, math.sqrt(1.0 - gates.capacity[i] / energy)
@@ -147,9 +174,9 @@ def _met(gates, i, energy):
 
 @kernel
 def _gates_in_flight(
-    gates, seen, passages, n_passages, profile, near, before, x, z, vx, vz, theta, omega, gravity,
-    until, block, inertia_,
-):  # fmt: skip
+    gates: Gates, seen: NDArray[np.bool_], passages: FloatArray, n_passages: int, profile: Profile, near: int, before: float, x: float, z: float, vx: float, vz: float, theta: float, omega: float, gravity: float,
+    until: float, block: Block, inertia_: float,
+) -> tuple[int, float, int, float, int]:  # fmt: skip
     """Stations and barriers that a flight comes to, from chainage ``before`` on.
 
     Returns
@@ -181,7 +208,7 @@ def _gates_in_flight(
             angle = theta - omega * t
             down = math.sqrt((block.a * math.sin(angle)) ** 2 + (block.b * math.cos(angle)) ** 2)
             outcome = OVERTOPPED
-            if cz - down < gates.z[i] + gates.height[i]:
+            if gates.height[i] > 0.0 and cz - down < gates.z[i] + gates.height[i]:
                 energy = 0.5 * block.mass * (vx * vx + wz * wz + inertia_ * omega * omega)
                 outcome, left = _met(gates, i, energy)
         if forward and not seen[i]:
@@ -201,9 +228,9 @@ def _gates_in_flight(
 
 @kernel
 def _gates_on_ground(
-    gates, seen, passages, n_passages, before, x, x_end, v2, dv2, spin2, dspin2, ux, uz, way,
-    block, inertia_,
-):  # fmt: skip
+    gates: Gates, seen: NDArray[np.bool_], passages: FloatArray, n_passages: int, before: float, x: float, x_end: float, v2: float, dv2: float, spin2: float, dspin2: float, ux: float, uz: float, way: int,
+    block: Block, inertia_: float,
+) -> tuple[int, float, int, float, int]:  # fmt: skip
     """Stations and barriers that a rolling or sliding rock comes to, from chainage ``before`` on.
 
     ``v2`` and ``spin2`` are squares at the start, ``dv2`` and ``dspin2`` their changes up to
@@ -241,7 +268,7 @@ def _gates_on_ground(
 
 
 @kernel
-def _segment_at(profile, x, near):
+def _segment_at(profile: Profile, x: float, near: int) -> int:
     """The segment under chainage x."""
     j = near
     n = profile.tx.size
@@ -253,7 +280,7 @@ def _segment_at(profile, x, near):
 
 
 @kernel
-def _foot_segment(profile, j, x, z, way):
+def _foot_segment(profile: Profile, j: int, x: float, z: float, way: int) -> int:
     """The segment along which a rock that touches segment j moves on in direction ``way``."""
     n = profile.tx.size
     while True:
@@ -263,11 +290,25 @@ def _foot_segment(profile, j, x, z, way):
         elif way < 0 and u <= _FOOT and j > 0:
             j -= 1
         else:
+            break
+    # Where only the kind of ground changes, the foot decides also behind.
+    while True:
+        u = (x - profile.sx[j]) * profile.tx[j] + (z - profile.sz[j]) * profile.tz[j]
+        if way > 0 and u < 0.0 and j > 0 and abs(_turn(profile, j, -1)) < _STRAIGHT:
+            j -= 1
+        elif (
+            way < 0
+            and u > profile.length[j]
+            and j < n - 1
+            and abs(_turn(profile, j, 1)) < _STRAIGHT
+        ):
+            j += 1
+        else:
             return j
 
 
 @kernel
-def _turn(profile, j, way):
+def _turn(profile: Profile, j: int, way: int) -> float:
     """Sine of the turn from segment j to the next in direction ``way``; above 0: convex."""
     k = j + way
     cross = profile.tx[j] * profile.tz[k] - profile.tz[j] * profile.tx[k]
@@ -276,9 +317,9 @@ def _turn(profile, j, way):
 
 @kernel
 def follow(
-    block, profile, ground_table, physics, gates, seen, passages, pieces, work, course, start_x,
-    speed, spin, drop, orientation,
-):  # fmt: skip
+    block: Block, profile: Profile, ground_table: FloatArray, physics: Physics, gates: Gates, seen: NDArray[np.bool_], passages: FloatArray, pieces: Pieces, work: CellWork, course: Course, start_x: float,
+    speed: float, spin: float, drop: float, orientation: float,
+) -> tuple[int, float, float, float, float, int, float, float, float, int, int]:  # fmt: skip
     """Follow one rock from its release to its end.
 
     Returns
@@ -313,7 +354,7 @@ def follow(
     seg = _segment_at(profile, start_x, 0)
     theta = orientation + profile.angle[seg]
     x = start_x
-    z = resting_height(x, theta, a, b, sx, sz, tx, tz) + drop
+    z = resting_height(x, theta, a, b, sx, sz, tx, tz, seg) + drop
     vx = speed * tx[seg]
     vz = speed * tz[seg]
     omega = spin
@@ -322,8 +363,8 @@ def follow(
     while piece < pieces.cell.size - 1 and pieces.border[piece + 1] < x:
         piece += 1
     # A literal 0 would make numba compile what it is passed to once for 0 and once for the rest.
-    n_passages = np.int64(0)
-    n_touched = np.int64(0)
+    n_passages = int(np.int64(0))
+    n_touched = int(np.int64(0))
     impacts = 0
     slope_draws = 0
     top_speed = 0.0
@@ -332,14 +373,14 @@ def follow(
     furthest = x
     gates_from = x
     reason = STEP_LIMIT
-    held_at = -1.0
+    held_at = np.inf
     spot_x = -np.inf
     spot_z = -np.inf
     crowded = 0
     moved = False
 
     # Start: let fall; or, at rest or pushed without spin, slide; or roll.
-    skip_to = np.int64(-1)
+    skip_to = int(np.int64(-1))
     clear_from = 0.0
     way = 1
     if drop > 0.0:
@@ -354,6 +395,7 @@ def follow(
                 phase = SLIDING
             elif steep > mu_roll:
                 phase = ROLLING
+                z = resting_height(x, 0.0, roll_radius, roll_radius, sx, sz, tx, tz, seg)
             else:
                 phase = END
                 reason = NEVER_STARTED
@@ -423,7 +465,7 @@ def follow(
             if until > 0.0:
                 moved = True
             clear_from = 0.0
-            skip_to = np.int64(-1)
+            skip_to = int(np.int64(-1))
             if gate >= 0:
                 x = gates.x[gate]
                 gates_from = x
@@ -432,6 +474,8 @@ def follow(
                 omega *= left
                 seg = _segment_at(profile, x, seg)
                 if outcome == STOPPED:
+                    # It drops to the foot of the wall.
+                    z = min(z, gates.z[gate] + b)
                     reason = BARRIER
                     phase = END
                 elif outcome == HELD_BY_NET:
@@ -465,7 +509,10 @@ def follow(
                 crowded = 0
                 spot_x = x
                 spot_z = z
-            soft = vn <= 0.0 and vn * vn < 2.0 * g * nz * physics.rolling_threshold * radius
+            # A start with spin has a normal speed of rounding only, of either sign.
+            soft = (
+                vn <= 1e-9 * abs(vt) and vn * vn < 2.0 * g * nz * physics.rolling_threshold * radius
+            )
             if soft:
                 wt, wn, omega = turn_about_contact(lever, support, inert, vt, vn, omega)
             else:
@@ -502,20 +549,47 @@ def follow(
             # lifts its centre to where a rolling rock has it; else it ends by sliding.
             vx = wt * ux + wn * nx
             vz = wt * uz + wn * nz
-            way = 1 if (omega > 0.0 or (omega == 0.0 and wt >= 0.0)) else -1
+            way = 1 if (wt > 0.0 or (wt == 0.0 and omega >= 0.0)) else -1
             energy = 0.5 * (wt * wt + wn * wn + inert * omega * omega)
             seg = _foot_segment(profile, seg, x, z, way)
-            offset = (z - sz[seg]) * tx[seg] - (x - sx[seg]) * tz[seg]
-            lifted = energy - g * tx[seg] * (roll_radius - offset)
+            u = (x - sx[seg]) * tx[seg] + (z - sz[seg]) * tz[seg]
+            u = min(max(u, 0.0), profile.length[seg])
+            foot_x = sx[seg] + u * tx[seg]
+            foot_z = sz[seg] + u * tz[seg]
+            # Let down where nothing else is in the way of the rolling rock.
+            roll_x = foot_x - roll_radius * tz[seg]
+            roll_z = max(
+                foot_z + roll_radius * tx[seg],
+                resting_height(roll_x, 0.0, roll_radius, roll_radius, sx, sz, tx, tz, seg),
+            )
+            lifted = energy + g * (z - roll_z)
             if lifted > 0.0:
                 v = math.sqrt(2.0 * lifted / roll_share)
                 omega = way * v / roll_radius
-                x += (roll_radius - offset) * -tz[seg]
-                z += (roll_radius - offset) * tx[seg]
+                x = roll_x
+                z = roll_z
                 phase = ROLLING
             else:
-                v = abs(wt)
+                # It slides as it lies, if it can: a rock that would have to rise first, and
+                # has not the energy, is wedged.
+                _, support, _ = frame_of(
+                    a, b, st * tx[seg] - ct * tz[seg], ct * tx[seg] + st * tz[seg]
+                )
+                slide_x = foot_x - support * tz[seg]
+                slide_z = max(
+                    foot_z + support * tx[seg],
+                    resting_height(slide_x, theta, a, b, sx, sz, tx, tz, seg),
+                )
+                drop_to = z - slide_z
+                left_over = 0.5 * wt * wt + g * min(drop_to, 0.0)
+                row = ground_table[profile.ground[seg]]
+                if left_over <= 0.0 and (drop_to < -1e-9 or abs(tz[seg]) <= row[3] * tx[seg]):
+                    reason = BARRIER if abs(x - held_at) < a else REST
+                    break
+                v = math.sqrt(max(2.0 * left_over, 0.0))
                 omega = 0.0
+                x = slide_x
+                z = slide_z
                 phase = SLIDING
             continue
 
@@ -642,15 +716,17 @@ def follow(
             continue
         if what == 3:
             # The normal force on the turning ellipse ends; its centre is where it then stands.
-            spin = rolling_spin(a, b, inert, roll_radius, v, lift, g, ux)
             theta = 0.5 * math.pi + way * lift + profile.angle[seg]
             lever, support, _ = frame_of(a, b, math.cos(lift), -way * math.sin(lift))
+            # Also where the spin lags behind the speed no energy is made.
+            energy = 0.5 * (v * v + inert * omega * omega) - g * ux * (support - roll_radius)
+            spin = math.sqrt(2.0 * max(energy, 0.0) / (inert + lever * lever + support * support))
             omega = way * spin
             x += (support - roll_radius) * -uz
             z += (support - roll_radius) * ux
             vx = support * omega * ux + lever * omega * uz
             vz = support * omega * uz - lever * omega * ux
-            clear_from = _FIRST_TURN / spin
+            clear_from = _FIRST_TURN / max(spin, 1e-3)
             phase = FLIGHT
             continue
         if what == 0:

@@ -17,7 +17,9 @@ _BISECTIONS = 40
 
 
 @kernel
-def lift_off_speed(a, b, inertia, roll_radius, gravity, cos_slope):
+def lift_off_speed(
+    a: float, b: float, inertia: float, roll_radius: float, gravity: float, cos_slope: float
+) -> float:
     """Rolling speed above which an ellipse leaves the ground before it stands upright (m/s).
 
     Upright, the normal force is g cos β − ω² (a² − b²)/a. The spin there follows from the rolling
@@ -29,7 +31,16 @@ def lift_off_speed(a, b, inertia, roll_radius, gravity, cos_slope):
 
 
 @kernel
-def rolling_spin(a, b, inertia, roll_radius, v, angle, gravity, cos_slope):
+def rolling_spin(
+    a: float,
+    b: float,
+    inertia: float,
+    roll_radius: float,
+    v: float,
+    angle: float,
+    gravity: float,
+    cos_slope: float,
+) -> float:
     """Spin of the rolling ellipse ``angle`` before it stands upright (rad/s).
 
     Its kinetic energy is that of steady rolling at the mean radius with speed v, less what has
@@ -43,8 +54,17 @@ def rolling_spin(a, b, inertia, roll_radius, v, angle, gravity, cos_slope):
 
 @kernel
 def lift_off_angle(
-    a, b, inertia, roll_radius, v, pull, first, gravity, cos_slope, down
-):
+    a: float,
+    b: float,
+    inertia: float,
+    roll_radius: float,
+    v: float,
+    pull: float,
+    first: float,
+    gravity: float,
+    cos_slope: float,
+    down: float,
+) -> float:
     """How long before it stands upright a rolling ellipse leaves the ground (rad).
 
     Parameters
@@ -62,7 +82,7 @@ def lift_off_angle(
         The largest angle before the upright at which the normal force ends, 0 if only there.
     """
 
-    def force(angle):
+    def force(angle: float) -> float:
         here = math.sqrt(max(v * v + 2.0 * pull * (first - roll_radius * angle), 0.0))
         spin = rolling_spin(a, b, inertia, roll_radius, here, angle, gravity, cos_slope)
         x, y, curvature = frame_of(a, b, math.cos(angle), -math.sin(angle))
@@ -90,9 +110,9 @@ def lift_off_angle(
 
 @kernel
 def rolling_stretch(
-    a, b, inertia, roll_radius, theta, way, v, pull, gravity, cos_slope, down, length, what,
-    as_ellipse, end_sliding,
-):  # fmt: skip
+    a: float, b: float, inertia: float, roll_radius: float, theta: float, way: int, v: float, pull: float, gravity: float, cos_slope: float, down: float, length: float, what: int,
+    as_ellipse: bool, end_sliding: bool,
+) -> tuple[float, int, float]:  # fmt: skip
     """Distance that a rock rolls until the segment ends, it stops, slides or lifts off.
 
     Parameters

@@ -130,7 +130,10 @@ def empty_sums(n_cells: int, bins: Bins) -> CellSums:
 def _columns(sums: CellSums) -> dict[str, NDArray[np.generic]]:
     """The sums under their names."""
     return {
-        **{n: sums.tally[:, i] for i, n in enumerate(("reach", "reach_square", "energy_sum", "stops"))},
+        **{
+            n: sums.tally[:, i]
+            for i, n in enumerate(("reach", "reach_square", "energy_sum", "stops"))
+        },
         **{n: sums.peak[:, i] for i, n in enumerate(("energy_max", "height_max", "speed_max"))},
         "energy": sums.energy,
         "height": sums.height,
