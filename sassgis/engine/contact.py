@@ -449,8 +449,9 @@ def next_contact(
     near : int
         A segment near the centre, to start looking from.
     skip_to : int
-        Segments that cannot be met, with the vertices behind them: up to and including ``skip_to``
-        for a rock that moves to the right, from it on for one that moves to the left; -1 for none.
+        Segments that the rock has just left, with the vertices behind them: up to and including
+        ``skip_to`` if it moves to the right, from it on if it moves to the left; -1 for none. They
+        can stop only its round core, of radius b.
 
     Returns
     -------
@@ -476,16 +477,12 @@ def next_contact(
             j -= 1
         while j < n - 1 and sx[j + 1] < edge:
             j += 1
-        if skip_to >= 0 and j <= skip_to:
-            j = skip_to + 1
     else:
         edge = x + vx * start + a
         while j < n - 1 and sx[j + 1] < edge:
             j += 1
         while j > 0 and sx[j] > edge:
             j -= 1
-        if skip_to >= 0 and j >= skip_to:
-            j = skip_to - 1
     # Contacts closer in time than this are at the same time.
     surface = abs(vx) + abs(vz) + abs(omega) * a
     same = (2.0 * tolerance + 1e-9 * a) / surface if surface > 0.0 else 0.0
@@ -493,6 +490,8 @@ def next_contact(
     core = b - 2.0 * tolerance
     fresh = True
     while 0 <= j < n:
+        # Of what the rock has just left, only its core can be stopped.
+        left = skip_to >= 0 and (j <= skip_to if step > 0 else j >= skip_to)
         first = start
         last = best + same
         if still:
@@ -528,10 +527,13 @@ def next_contact(
                     first = np.inf
             if first <= last:
                 length = (sx[j + 1] - sx[j]) * tx[j] + (sz[j + 1] - sz[j]) * tz[j]
-                t, deep = contact_with_segment(
-                    x, z, vx, vz, theta, omega, a, b, gravity, first, last, tolerance,
-                    sx[j], sz[j], tx[j], tz[j], length,
-                )  # fmt: skip
+                t = np.inf
+                deep = False
+                if not left:
+                    t, deep = contact_with_segment(
+                        x, z, vx, vz, theta, omega, a, b, gravity, first, last, tolerance,
+                        sx[j], sz[j], tx[j], tz[j], length,
+                    )  # fmt: skip
                 if t < np.inf:
                     # Of contacts at the same time, that from outside is the one.
                     speed = 0.0 if deep else -(rate - 2.0 * fall * t)
@@ -543,7 +545,7 @@ def next_contact(
                         best_speed = speed
                 # Its vertices; the one behind has been looked at with the segment before.
                 for k in range(j, j + 2):
-                    if k == 0 or k == n or (not fresh and k == (j if step > 0 else j + 1)):
+                    if left or k == 0 or k == n or (not fresh and k == (j if step > 0 else j + 1)):
                         continue
                     if tx[k - 1] * tz[k] - tz[k - 1] * tx[k] >= -1e-12:
                         continue
@@ -586,7 +588,7 @@ def next_contact(
                         best_nx = cnx
                         best_nz = cnz
                         best_speed = -(vx * cnx + (vz - gravity * t) * cnz)
-        fresh = False
+        fresh = fresh and left
         j += step
     if found < 0:
         return np.inf, -1, 0.0, 0.0

@@ -460,6 +460,8 @@ def follow(
             vz = wz
             theta -= omega * until
             t += until
+            if gate >= 0:
+                x = gates.x[gate]
             gates_from = x
             furthest = max(furthest, x)
             if until > 0.0:
@@ -467,8 +469,6 @@ def follow(
             clear_from = 0.0
             skip_to = int(np.int64(-1))
             if gate >= 0:
-                x = gates.x[gate]
-                gates_from = x
                 vx *= left
                 vz *= left
                 omega *= left
@@ -680,6 +680,8 @@ def follow(
             t += 2.0 * way_len / (v + new_v)
         x += way * ux * way_len
         z += way * uz * way_len
+        if gate >= 0:
+            x = gates.x[gate]
         gates_from = x
         furthest = max(furthest, x)
         if way_len > 0.0:
@@ -691,8 +693,6 @@ def follow(
         vx = way * v * ux
         vz = way * v * uz
         if gate >= 0:
-            x = gates.x[gate]
-            gates_from = x
             v *= left
             omega *= left
             if outcome == STOPPED:
