@@ -73,7 +73,7 @@ class BlockPopulation:
             )
 
     def array(self) -> FloatArray:
-        """Limits as the kernel reads them: float64, shape (8, 2), in the order of the attributes."""
+        """Limits as the kernel reads them: float64, shape (8, 2), ordered as the attributes."""
         return np.array(
             [
                 self.axis_1_m,

@@ -24,7 +24,7 @@ class GroundClass:
     mu_f : float
         Sliding friction (equation 1).
     mu_0, k, d_star_m : float
-        Rolling friction μ_r = μ_0 + k d*/d (equation 2); d* is the diameter of the ground's blocks (m).
+        Rolling friction μ_r = μ_0 + k d*/d (equation 2); d*: diameter of the ground's blocks (m).
     source : str
         Where the values come from.
     verified : bool

@@ -45,6 +45,6 @@ def kernel(function: F) -> F:
 
     if not os.environ.get("NUMBA_CACHE_DIR"):
         os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
-        numba.config.reload_config()
-    compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+        numba.config.reload_config()  # type: ignore[no-untyped-call]
+    compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy")(function)  # type: ignore[assignment]
     return compiled

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from sassgis.core.grid import FloatArray
@@ -31,7 +33,7 @@ def trajectory(
         return np.empty(0), np.empty(0)
     s_parts: list[FloatArray] = []
     z_parts: list[FloatArray] = []
-    for here, after in zip(course[:-1], course[1:], strict=True):
+    for here, after in pairwise(course):
         duration = after[1] - here[1]
         if int(here[0]) == FLIGHT and duration > 0.0:
             t = np.linspace(0.0, duration, max(int(np.ceil(duration / step_s)), 1), endpoint=False)

@@ -12,7 +12,7 @@ from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.jit import kernel
 from sassgis.engine import rng
 from sassgis.engine.recording import CellWork, Pieces
-from sassgis.engine.rock import BARRIER, Block, Course, Gates, Physics, Profile, follow
+from sassgis.engine.rock import BARRIER, REST, Block, Course, Gates, Physics, Profile, follow
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9
@@ -23,7 +23,7 @@ PASSAGE_COLUMNS = 13
 
 
 class Lines(NamedTuple):
-    """Profiles of a chunk, ragged as in core.profiles.ProfileSet; ``cell`` counts the chunk's cells."""
+    """Profiles of a chunk, as in core.profiles.ProfileSet; ``cell`` counts the chunk's cells."""
 
     offset: NDArray[np.int64]
     s: NDArray[np.float64]
@@ -74,8 +74,8 @@ class CellSums(NamedTuple):
 def draw_block(limits: FloatArray, key: np.uint64) -> tuple[Block, float]:
     """Draw one rock between limits (core.blocks.BlockPopulation.array).
 
-    The three semi-axes are drawn and sorted; the two longer ones lie in the plane of motion, so that
-    the spin is about the shortest, and the third sets the mass.
+    The three semi-axes are drawn and sorted; the two longer ones lie in the plane of motion, so
+    that the spin is about the shortest, and the third sets the mass.
     """
     p = rng.between(key, rng.AXIS_1, 0, limits[0, 0], limits[0, 1])
     q = rng.between(key, rng.AXIS_2, 0, limits[1, 0], limits[1, 1])
@@ -212,9 +212,21 @@ def _without_straight_vertices(
 
 @kernel
 def run_lines(
-    lines: Lines, ground_table: FloatArray, limits: FloatArray, physics: Physics, gate_table: GateTable, bins: Bins, seed: int | np.uint64, first_rock: int, n_rocks: int, sums: CellSums, rocks: FloatArray,
-    passages: FloatArray, events: FloatArray, event_counts: IntArray,
-) -> int:  # fmt: skip
+    lines: Lines,
+    ground_table: FloatArray,
+    limits: FloatArray,
+    physics: Physics,
+    gate_table: GateTable,
+    bins: Bins,
+    seed: int | np.uint64,
+    first_rock: int,
+    n_rocks: int,
+    sums: CellSums,
+    rocks: FloatArray,
+    passages: FloatArray,
+    events: FloatArray,
+    event_counts: IntArray,
+) -> int:
     """Follow ``n_rocks`` rocks on each line.
 
     Parameters
@@ -336,7 +348,7 @@ def run_lines(
             n_line = _flush(
                 work, n_touched, sums, bins, block.mass, line_hits, line_touched, n_line
             )
-            if last >= 0 and reason != 2 and reason != 3:
+            if last >= 0 and reason in (REST, BARRIER):
                 sums.tally[last, 3] += 1
             row = rocks[row_number]
             row[0] = reason

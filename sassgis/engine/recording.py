@@ -1,8 +1,8 @@
 """What a moving rock leaves behind: cells it passes, stations, the course of its events.
 
 The cells under a profile come as stretches ("pieces") that are also cut at the profile's vertices,
-so that the ground is straight in each. Within a piece of a flight the speed is greatest at an end and
-the height above ground is a concave parabola, so all maxima are exact.
+so that the ground is straight in each. Within a piece of a flight the speed is greatest at an end
+and the height above ground is a concave parabola, so all maxima are exact.
 """
 
 from __future__ import annotations

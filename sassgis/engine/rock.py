@@ -174,9 +174,24 @@ def _met(gates: Gates, i: int, energy: float) -> tuple[int, float]:
 
 @kernel
 def _gates_in_flight(
-    gates: Gates, seen: NDArray[np.bool_], passages: FloatArray, n_passages: int, profile: Profile, near: int, before: float, x: float, z: float, vx: float, vz: float, theta: float, omega: float, gravity: float,
-    until: float, block: Block, inertia_: float,
-) -> tuple[int, float, int, float, int]:  # fmt: skip
+    gates: Gates,
+    seen: NDArray[np.bool_],
+    passages: FloatArray,
+    n_passages: int,
+    profile: Profile,
+    near: int,
+    before: float,
+    x: float,
+    z: float,
+    vx: float,
+    vz: float,
+    theta: float,
+    omega: float,
+    gravity: float,
+    until: float,
+    block: Block,
+    inertia_: float,
+) -> tuple[int, float, int, float, int]:
     """Stations and barriers that a flight comes to, from chainage ``before`` on.
 
     Returns
@@ -228,9 +243,23 @@ def _gates_in_flight(
 
 @kernel
 def _gates_on_ground(
-    gates: Gates, seen: NDArray[np.bool_], passages: FloatArray, n_passages: int, before: float, x: float, x_end: float, v2: float, dv2: float, spin2: float, dspin2: float, ux: float, uz: float, way: int,
-    block: Block, inertia_: float,
-) -> tuple[int, float, int, float, int]:  # fmt: skip
+    gates: Gates,
+    seen: NDArray[np.bool_],
+    passages: FloatArray,
+    n_passages: int,
+    before: float,
+    x: float,
+    x_end: float,
+    v2: float,
+    dv2: float,
+    spin2: float,
+    dspin2: float,
+    ux: float,
+    uz: float,
+    way: int,
+    block: Block,
+    inertia_: float,
+) -> tuple[int, float, int, float, int]:
     """Stations and barriers that a rolling or sliding rock comes to, from chainage ``before`` on.
 
     ``v2`` and ``spin2`` are squares at the start, ``dv2`` and ``dspin2`` their changes up to
@@ -312,14 +341,27 @@ def _turn(profile: Profile, j: int, way: int) -> float:
     """Sine of the turn from segment j to the next in direction ``way``; above 0: convex."""
     k = j + way
     cross = profile.tx[j] * profile.tz[k] - profile.tz[j] * profile.tx[k]
-    return -way * cross
+    return float(-way * cross)
 
 
 @kernel
 def follow(
-    block: Block, profile: Profile, ground_table: FloatArray, physics: Physics, gates: Gates, seen: NDArray[np.bool_], passages: FloatArray, pieces: Pieces, work: CellWork, course: Course, start_x: float,
-    speed: float, spin: float, drop: float, orientation: float,
-) -> tuple[int, float, float, float, float, int, float, float, float, int, int]:  # fmt: skip
+    block: Block,
+    profile: Profile,
+    ground_table: FloatArray,
+    physics: Physics,
+    gates: Gates,
+    seen: NDArray[np.bool_],
+    passages: FloatArray,
+    pieces: Pieces,
+    work: CellWork,
+    course: Course,
+    start_x: float,
+    speed: float,
+    spin: float,
+    drop: float,
+    orientation: float,
+) -> tuple[int, float, float, float, float, int, float, float, float, int, int]:
     """Follow one rock from its release to its end.
 
     Returns

@@ -110,9 +110,22 @@ def lift_off_angle(
 
 @kernel
 def rolling_stretch(
-    a: float, b: float, inertia: float, roll_radius: float, theta: float, way: int, v: float, pull: float, gravity: float, cos_slope: float, down: float, length: float, what: int,
-    as_ellipse: bool, end_sliding: bool,
-) -> tuple[float, int, float]:  # fmt: skip
+    a: float,
+    b: float,
+    inertia: float,
+    roll_radius: float,
+    theta: float,
+    way: int,
+    v: float,
+    pull: float,
+    gravity: float,
+    cos_slope: float,
+    down: float,
+    length: float,
+    what: int,
+    as_ellipse: bool,
+    end_sliding: bool,
+) -> tuple[float, int, float]:
     """Distance that a rock rolls until the segment ends, it stops, slides or lifts off.
 
     Parameters

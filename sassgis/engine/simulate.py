@@ -20,11 +20,13 @@ from sassgis.engine import rock as rock_rules
 from sassgis.engine.kernel import (
     PASSAGE_COLUMNS,
     ROCK_COLUMNS,
-    Bins,
     CellSums,
     GateTable,
     Lines,
     run_lines,
+)
+from sassgis.engine.kernel import (
+    Bins as Bins,
 )
 
 #: Columns of a course of events.

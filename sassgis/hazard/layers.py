@@ -166,8 +166,8 @@ def map_layers(
         RasterLayer(
             "stops",
             "Rocks that stop",
-            "Number of rocks that come to rest in the cell, are stopped by a barrier there, or "
-            "never start from it.",
+            "Number of rocks that come to rest in the cell or are stopped by a barrier there. "
+            "Rocks that never started are not among them.",
             (
                 band(
                     "stops",

@@ -1,14 +1,15 @@
 """Sums per cell of the map, and what is read from them.
 
-Every rock enters a cell's statistics once, with the largest energy, passing height and speed that it
-had there. All sums are whole numbers, so that the result does not depend on the order of adding, and
-memory grows with the cells that are reached, not with the number of rocks.
+Every rock enters a cell's statistics once, with the largest energy, passing height and speed that
+it had there. All sums are whole numbers, so that the result does not depend on the order of adding,
+and memory grows with the cells that are reached, not with the number of rocks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,20 +32,20 @@ class MapSums:
 
     def __init__(self, n_cells: int) -> None:
         self._row = np.full(n_cells, -1, np.int32)
-        self._cells = np.empty(0, np.int64)
+        self._cells: IntArray = np.empty(0, np.int64)
         self._used = 0
-        self._sums: dict[str, NDArray[np.generic]] = {}
+        self._sums: dict[str, NDArray[Any]] = {}
 
     @property
     def cells(self) -> IntArray:
         """Flat indices of the cells with sums, in the order in which they came."""
         return self._cells[: self._used]
 
-    def column(self, name: str) -> NDArray[np.generic]:
+    def column(self, name: str) -> NDArray[Any]:
         """One of the sums, rows as ``cells``."""
         return self._sums[name][: self._used]
 
-    def add(self, cells: IntArray, sums: Mapping[str, NDArray[np.generic]]) -> None:
+    def add(self, cells: IntArray, sums: Mapping[str, NDArray[Any]]) -> None:
         """Join the sums of some cells, each of which is named once.
 
         Parameters
@@ -53,15 +54,15 @@ class MapSums:
         sums : mapping
             Arrays with one row per cell, by name as in the kernel's CellSums.
         """
-        came = sums["reach"] + sums["stops"] > 0  # type: ignore[operator]
+        came = (np.asarray(sums["reach"], np.int64) + np.asarray(sums["stops"], np.int64)) > 0
         cells = cells[came]
         rows = self._rows_of(cells, sums)
         for name in _ADDED:
-            self._sums[name][rows] += sums[name][came]  # type: ignore[operator]
+            self._sums[name][rows] += sums[name][came]
         for name in _RAISED:
-            self._sums[name][rows] = np.maximum(self._sums[name][rows], sums[name][came])  # type: ignore[call-overload]
+            self._sums[name][rows] = np.maximum(self._sums[name][rows], sums[name][came])
 
-    def _rows_of(self, cells: IntArray, like: Mapping[str, NDArray[np.generic]]) -> IntArray:
+    def _rows_of(self, cells: IntArray, like: Mapping[str, NDArray[Any]]) -> IntArray:
         """Rows of the cells, made where there were none."""
         fresh = cells[self._row[cells] < 0]
         end = self._used + fresh.size
@@ -79,12 +80,12 @@ class MapSums:
         rows: IntArray = self._row[cells].astype(np.int64)
         return rows
 
-    def state(self) -> dict[str, NDArray[np.generic]]:
+    def state(self) -> dict[str, NDArray[Any]]:
         """Everything that is needed to go on later, as plain arrays."""
         return {"cells": self.cells, **{n: self.column(n) for n in self._sums}}
 
     @classmethod
-    def from_state(cls, n_cells: int, state: Mapping[str, NDArray[np.generic]]) -> MapSums:
+    def from_state(cls, n_cells: int, state: Mapping[str, NDArray[Any]]) -> MapSums:
         """The sums that ``state`` gave."""
         sums = cls(n_cells)
         if len(state) > 1:
@@ -95,7 +96,7 @@ class MapSums:
         return sums
 
 
-def _enlarged(array: NDArray[np.generic], room: int) -> NDArray[np.generic]:
+def _enlarged(array: NDArray[Any], room: int) -> NDArray[Any]:
     out = np.zeros((room, *array.shape[1:]), array.dtype)
     out[: array.shape[0]] = array
     return out
@@ -184,9 +185,9 @@ def reach_probability(
     """Share of all rocks that come to each cell, and its sampling standard error.
 
     With k_l of n rocks of line l in the cell and N rocks in all, P = Σ k_l / N. Release points on a
-    lattice are fixed, so only the rocks of each line are a sample (stratified sampling; Cochran 1977,
-    section 5.3): Var P = Σ k_l (n − k_l)/(n − 1) / N². Points drawn at random make the line the unit
-    (cluster sampling; ibid., section 9A.2): Var P = L/(L − 1) · (Σ k_l² − (Σ k_l)²/L) / N².
+    lattice are fixed, so only the rocks of each line are a sample (stratified sampling; Cochran
+    1977, section 5.3): Var P = Σ k_l (n − k_l)/(n − 1) / N². Points drawn at random make the line
+    the unit (cluster sampling; ibid., section 9A.2): Var P = L/(L − 1) · (Σ k_l² − (Σ k_l)²/L) / N².
 
     Parameters
     ----------
@@ -197,7 +198,7 @@ def reach_probability(
     Returns
     -------
     probability, standard_error : float64, shape (n,)
-        The error is NaN where the sample cannot tell it: one rock per line, or a single random line.
+        The error is NaN where the sample cannot tell it: one rock per line, or one random line.
     """
     k = reach.astype(np.float64)
     k2 = reach_square.astype(np.float64)

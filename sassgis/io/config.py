@@ -155,22 +155,22 @@ class TerrainSettings(_Section):
         min_length=1,
         description="name of the height system where the DEM states none",
     )
-    smoothing_m: Annotated[Num, _between(0, 1000)] = Field(
+    smoothing_m: Annotated[Num, _between(0, 200)] = Field(
         default=5.0,
         description="scale of the terrain that steers fall lines: Gaussian standard deviation (m)",
     )
     segment_tolerance_m: Annotated[Num, _between(0, 100)] = Field(
         default=0.25, description="largest vertical gap between terrain and segments (m)"
     )
-    energy_line_angle_deg: Annotated[Num, _between(0, 90, above=True, below=True)] = Field(
+    energy_line_angle_deg: Annotated[Num, _between(0, 60)] = Field(
         default=20.0,
         description="lines end where they sink below this angle seen from the start (degrees)",
     )
     max_line_length_m: Annotated[Num, _between(0, 100_000, above=True)] = Field(
         default=5000.0, description="longest fall line, in plan (m)"
     )
-    flat_slope_deg: Annotated[Num, _between(0, 45)] = Field(
-        default=3.0, description="slope below which the terrain no longer steers a line (degrees)"
+    flat_slope_deg: Annotated[Num, _between(0, 30)] = Field(
+        default=8.0, description="slope below which a line tends to keep its heading (degrees)"
     )
 
 
@@ -210,7 +210,7 @@ class SpreadSettings(_Section):
     )
     width_percent: Annotated[Num, _between(0, 100)] = Field(
         default=0.0,
-        description="sideways deviation of the outermost line, in percent of its length",
+        description="width of the bundle, both sides together, in percent of the length",
     )
 
     @model_validator(mode="after")
@@ -379,9 +379,6 @@ class RunSettings(_Section):
 class OutputSettings(_Section):
     """``[output]``."""
 
-    ref_width_m: Annotated[Num, _between(0, 10_000, above=True)] | None = Field(
-        default=None, description="width for the reach probability (m); default: the cell size"
-    )
     stop_points_max: Annotated[Int, _between(0, 100_000_000)] = Field(
         default=100_000, description="most stop points written to the map"
     )

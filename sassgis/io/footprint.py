@@ -45,9 +45,7 @@ def footprints(
                 mask.astype(np.uint8), mask=mask, transform=transform, connectivity=4
             )
         ]
-        outline = shapely.MultiPolygon(
-            [p for part in parts for p in (part.geoms if hasattr(part, "geoms") else [part])]
-        )
+        outline = shapely.MultiPolygon(list(shapely.get_parts(parts)))
         rows.append({"level": float(level), "area_m2": outline.area, "geometry": outline})
     return gpd.GeoDataFrame(
         {

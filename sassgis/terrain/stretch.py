@@ -9,7 +9,6 @@ from sassgis.core.grid import FloatArray
 from sassgis.core.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.surface import Surface, evaluate
 
-
 #: Fall lines shorter than this are not followed (m).
 SHORTEST_LINE_M = 1.0
 
@@ -104,8 +103,8 @@ def take_profiles(profiles: ProfileSet, which: NDArray[np.bool_]) -> ProfileSet:
 def with_lead_in(profiles: ProfileSet, length_m: float) -> ProfileSet:
     """Let the ground go on behind the start at the slope of the first segment.
 
-    A rock that rebounds uphill from the first metres would otherwise be lost from the profile. Ground
-    that rises down the line is continued level. No cell of the map belongs to the lead-in.
+    A rock that rebounds uphill from the first metres would otherwise be lost from the profile.
+    Ground that rises down the line is continued level. No cell of the map belongs to the lead-in.
 
     Parameters
     ----------

@@ -314,22 +314,22 @@ def map_report(
     spread = (
         "none: fall lines only; between lines that diverge the map has gaps"
         if run.spread.lines_per_point == 1
-        else f"{run.spread.lines_per_point} lines per release point, outermost deviating by "
-        f"{run.spread.width_percent / 2:g} % of the length to either side"
+        else f"{run.spread.lines_per_point} lines per release point, spread evenly over a width of "
+        f"{run.spread.width_percent:g} % of their length"
     )
     return ReportContext(
         title=config.project.name,
         subtitle="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986)",
         what_was_run=(
             ("Terrain", f"{config.dem_path.name}, {run.grid.shape[1]} × {run.grid.shape[0]} cells "
-             f"of {run.grid.cell_size:g} m"),
+             f"of {run.grid.cell_size:.4g} m"),
             ("Coordinate system", str(facts["crs"])),
             ("Heights", str(facts["vertical_datum"])),
             ("Release areas", ", ".join(a.name for a in run.areas)),
             ("Release points", len(planned.points)),
             ("Rocks", total),
             ("Lateral spread", spread),
-            ("Reference width of the reach probability", f"{run.grid.cell_size:g} m (one cell)"),
+            ("Reference width of the reach probability", f"{run.grid.cell_size:.4g} m (one cell)"),
             ("Smoothing of the terrain for fall lines", f"{run.fall_lines.smoothing_m:g} m"),
             ("Segments within", f"{run.segment_tolerance_m:g} m of the terrain, vertically"),
         ),

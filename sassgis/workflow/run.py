@@ -201,7 +201,7 @@ def _write_qgis(
         ],
         extent=_extent(layers, grid),
         abstract="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). "
-        f"Reach probabilities refer to a width of {grid.cell_size:g} m.",
+        f"Reach probabilities refer to a width of {grid.cell_size:.4g} m.",
     )
 
 

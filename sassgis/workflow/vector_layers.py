@@ -330,7 +330,7 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
     return VectorLayer(
         "footprint",
         "Footprint",
-        f"Cells that rocks reach. Reference width {run.grid.cell_size:g} m (one cell).",
+        f"Cells that rocks reach. Reference width {run.grid.cell_size:.4g} m (one cell).",
         frame,
         {
             "label": FieldInfo("what"),

@@ -61,13 +61,9 @@ def test_reach_times_rocks_is_passages(small) -> None:
 def test_no_more_rocks_stop_in_a_cell_than_come_to_it(small) -> None:
     stops = np.nan_to_num(small.band("stops", "stops"))
     passages = np.nan_to_num(small.band("passages", "passages"))
-    ended = ("rest", "barrier", "never_started")
     rocks = pd.read_csv(small.folder / "tables" / "rocks.csv")
-    # A rock that never starts ends where it is without coming into a cell.
-    never = (rocks["reason"] == "never_started").sum()
-    assert np.clip(stops - passages, 0, None).sum() <= never < 10
-    assert 0 < stops.sum() <= rocks["reason"].isin(ended).sum()
-    assert stops.sum() >= rocks["reason"].isin(ended[:2]).sum()
+    assert (stops <= passages).all()
+    assert stops.sum() == rocks["reason"].isin(("rest", "barrier")).sum() > 0
 
 
 @pytest.mark.parametrize("stem", ["energy", "passing_height", "speed"])
