@@ -187,7 +187,8 @@ def reach_probability(
     With k_l of n rocks of line l in the cell and N rocks in all, P = Σ k_l / N. Release points on a
     lattice are fixed, so only the rocks of each line are a sample (stratified sampling; Cochran
     1977, section 5.3): Var P = Σ k_l (n − k_l)/(n − 1) / N². Points drawn at random make the line
-    the unit (cluster sampling; ibid., section 9A.2): Var P = L/(L − 1) · (Σ k_l² − (Σ k_l)²/L) / N².
+    the unit (cluster sampling; ibid., section 9A.2):
+    Var P = L/(L − 1) · (Σ k_l² − (Σ k_l)²/L) / N².
 
     Parameters
     ----------
