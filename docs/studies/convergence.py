@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -34,7 +35,7 @@ SAME_M = 1e-3
 
 @dataclass(frozen=True)
 class Variant:
-    """One change: constants of sassgis.engine.rock by a factor, or settings by a value."""
+    """One change: constants of sassgis.engine by a factor, or settings by a value."""
 
     name: str
     kind: str
@@ -42,26 +43,38 @@ class Variant:
     settings: dict[str, object] = field(default_factory=dict)
 
 
-#: Lengths and angles of sassgis.engine.rock that exist only because numbers are finite.
-NUMERICAL = ("_TOUCH", "_FOOT", "_STRAIGHT", "_FIRST_TURN")
-#: When a rock that trembles on one spot is at rest.
-AT_REST = ("_REST_SHARE", "_SAME_SPOT")
+#: Constants of sassgis.engine that exist only because numbers are finite, halved one after another.
+NUMERICAL = (
+    ("rock._TOUCH",),
+    ("rock._FOOT",),
+    ("rock._STRAIGHT", "kernel._STRAIGHT_M"),
+    ("rock._FIRST_TURN",),
+    ("contact._DEEP", "contact._TINY", "contact._WAIT"),
+    # When a rock that trembles on one spot is at rest.
+    ("rock._REST_SHARE", "rock._SAME_SPOT"),
+)
 
 
 def variants() -> list[Variant]:
     """All variants; the base first."""
-    half = [Variant(f"{c} halved", "tolerance", {c: 0.5}) for c in NUMERICAL]
+    half = [
+        Variant(
+            " and ".join(", ".join(c.split(".")[1] for c in some).rsplit(", ", 1)) + " halved",
+            "tolerance",
+            dict.fromkeys(some, 0.5),
+        )
+        for some in NUMERICAL
+    ]
     return [
         Variant("base", "base"),
         Variant(
             "contact_tolerance_m halved", "tolerance", settings={"contact_tolerance_m": 0.5e-6}
         ),
         *half,
-        Variant("_REST_SHARE and _SAME_SPOT halved", "tolerance", dict.fromkeys(AT_REST, 0.5)),
         Variant(
             "all of these halved",
             "tolerance",
-            dict.fromkeys((*NUMERICAL, *AT_REST), 0.5),
+            {c: 0.5 for some in NUMERICAL for c in some},
             {"contact_tolerance_m": 0.5e-6},
         ),
         Variant("rolling_threshold 0.05", "reading", settings={"rolling_threshold": 0.05}),
@@ -77,11 +90,11 @@ def work(
     constants: dict[str, float], jobs: list[tuple[str, dict[str, object]]], rocks: int
 ) -> None:
     """Follow rocks with changed constants; runs in a process of its own."""
-    from sassgis.engine import rock
-
     for name, factor in constants.items():
         # Nothing is compiled before its first call, so the compiled code sees the new value.
-        setattr(rock, name, getattr(rock, name) * factor)
+        file, constant = name.split(".")
+        module = import_module(f"sassgis.engine.{file}")
+        setattr(module, constant, getattr(module, constant) * factor)
     from slopes import follow, table_slope, valley_slopes
 
     from sassgis.core.settings import EngineSettings
@@ -130,8 +143,8 @@ def simulated(rocks: int) -> dict[str, dict[str, NDArray[np.float64]]]:
             environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
             cache = Path(folder) / f"cache-{number}"
             if number:
-                # Only rock.py holds the constants, and only kernel.py contains it.
-                changed = shutil.ignore_patterns("rock.*", "kernel.*")
+                # These hold the constants, or contain what does.
+                changed = shutil.ignore_patterns("contact.*", "rock.*", "kernel.*")
                 shutil.copytree(Path(folder) / "cache-0", cache, ignore=changed)
             environment["SASSGIS_CACHE_DIR"] = str(cache)
             subprocess.run(
