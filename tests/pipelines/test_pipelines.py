@@ -248,7 +248,7 @@ def test_most_rocks_lie_within_the_ranges_of_the_paper(bedrina: Path) -> None:
         assert share[camera, "height_m"] > 0.9
     # The sample slope is ours: at its lower camera about half of the rocks are faster than 15 m/s.
     assert share["camera 2", "speed_mps"] > 0.6
-    assert share["camera 3", "speed_mps"] > 0.3
+    assert share["camera 3", "speed_mps"] > 0.5
 
 
 def test_pictures_and_both_results_are_there(bedrina: Path) -> None:
