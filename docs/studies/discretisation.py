@@ -21,6 +21,8 @@ import sassgis
 from sassgis.core.grid import FloatArray
 from sassgis.core.results import StopReason
 from sassgis.io.figures import convergence_figure, save
+from sassgis.terrain.stretch import with_lead_in
+from sassgis.workflow.map_run import LEAD_IN_M
 
 TOLERANCES = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 SEED = 1986
@@ -28,8 +30,6 @@ LINES = 16
 STATIONS = {"valley": (60.0, 150.0, 250.0), "bedrina": (62.0, 118.0), "piota_negra": (70.0, 110.0)}
 RUNOUT_SHARES = (0.25, 0.5, 0.95)
 BOOTSTRAP = 400
-#: Rocks that end this close to each other have had the same course (m).
-SAME_M = 1e-3
 
 
 def quantities(
@@ -145,14 +145,15 @@ def splitting(slopes: list[Slope], rocks: int) -> list[dict]:
     """Cut the segments of given polylines; the ground stays exactly where it is."""
     rows = []
     for slope in slopes:
-        flat = slope.profile(0.25)
-        whole, _, _ = follow(slope, flat, rocks, SEED)
-        other, _, _ = follow(slope, flat, rocks, SEED + 1)
+        # With the ground behind the start: added to a cut profile, it would lie a rounding off.
+        flat = with_lead_in(slope.profile(0.25), LEAD_IN_M)
+        whole, _, _ = follow(slope, flat, rocks, SEED, lead_in=False)
+        other, _, _ = follow(slope, flat, rocks, SEED + 1, lead_in=False)
         for parts in (2, 8):
-            cut, _, _ = follow(slope, split(flat, parts), rocks, SEED)
+            cut, _, _ = follow(slope, split(flat, parts), rocks, SEED, lead_in=False)
             gap = cut["runout_m"] - whole["runout_m"]
-            same = np.abs(gap) < SAME_M
-            fresh, _, _ = follow(slope, split(flat, parts), rocks, SEED + 1)
+            same = gap == 0.0
+            fresh, _, _ = follow(slope, split(flat, parts), rocks, SEED + 1, lead_in=False)
             rows.append(
                 {
                     "slope": slope.name,

@@ -143,8 +143,10 @@ def follow(
     seed: int,
     stations_m: Sequence[float] = (),
     settings: EngineSettings | None = None,
+    *,
+    lead_in: bool = True,
 ) -> tuple[NDArray[np.void], FloatArray, FloatArray]:
-    """Follow rocks down one profile.
+    """Follow rocks down one profile, with ground added behind its start unless it has it.
 
     Returns
     -------
@@ -155,7 +157,7 @@ def follow(
     """
     gates = [Gate(f"{c:g} m", "station") for c in stations_m]
     result = simulate(
-        with_lead_in(flat, LEAD_IN_M),
+        with_lead_in(flat, LEAD_IN_M) if lead_in else flat,
         slope.table,
         slope.blocks,
         settings or EngineSettings(),
