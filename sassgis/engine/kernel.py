@@ -12,7 +12,8 @@ from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.jit import kernel
 from sassgis.engine import rng
 from sassgis.engine.recording import CellWork, Pieces
-from sassgis.engine.rock import BARRIER, REST, Block, Course, Gates, Physics, Profile, follow
+from sassgis.engine.rock import BARRIER, REST, follow
+from sassgis.engine.state import Block, Course, Gates, Physics, Profile
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,21 +12,17 @@ from sassgis.core.jit import kernel
 from sassgis.engine import rng
 from sassgis.engine.contact import next_contact, resting_height
 from sassgis.engine.ellipse import frame_of, inertia, mean_radius
+from sassgis.engine.gates import HELD_BY_NET, PASSED, STOPPED, gates_in_flight, gates_on_ground
 from sassgis.engine.impact import impact, normal_force, turn_about_contact
 from sassgis.engine.recording import CellWork, Pieces, record_flight, record_ground
 from sassgis.engine.rolling import rolling_stretch
+from sassgis.engine.state import Block, Course, Gates, Physics, Profile
 
 # Phases, as they are written to the course of a rock.
 FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4
 
 # Why a rock ends; the same numbers as core.results.StopReason.
 REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED = 0, 1, 2, 3, 4
-
-# What became of it at a gate; the same numbers as core.results.Outcome.
-PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
-
-# Kinds of gate.
-STATION, WALL, NET = 0, 1, 2
 
 # Gap at which a rock that moves along the ground touches ground ahead of it (m).
 _TOUCH = 1e-11
@@ -40,62 +35,6 @@ _FIRST_TURN = 1e-4
 # A rock that bounces on one spot with less energy than this share of g r is at rest.
 _REST_SHARE = 1e-3
 _SAME_SPOT = 1e-3
-
-
-class Physics(NamedTuple):
-    """EngineSettings as the kernel reads them."""
-
-    gravity: float
-    eta_rule: int
-    slope_variation: bool
-    rolling_threshold: float
-    as_ellipse: bool
-    end_sliding: bool
-    tolerance: float
-    max_events: int
-
-
-class Profile(NamedTuple):
-    """One profile with its segments' unit tangents and lengths."""
-
-    sx: NDArray[np.float64]
-    sz: NDArray[np.float64]
-    tx: NDArray[np.float64]
-    tz: NDArray[np.float64]
-    length: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    ground: NDArray[np.int32]
-
-
-class Gates(NamedTuple):
-    """Stations and barriers on one profile, by rising chainage."""
-
-    x: NDArray[np.float64]
-    z: NDArray[np.float64]
-    kind: NDArray[np.int64]
-    height: NDArray[np.float64]
-    capacity: NDArray[np.float64]  # J
-    gate: NDArray[np.int64]  # number of the gate in the run
-
-
-class Block(NamedTuple):
-    """One rock."""
-
-    a: float
-    b: float
-    c: float
-    mass: float
-    key: np.uint64
-
-
-class Course(NamedTuple):
-    """Room for the events of a rock; none are kept where it has no rows.
-
-    Columns: phase, t, x, z, vx, vz, theta, omega, segment, ux, uz (direction of the ground, or 0).
-    """
-
-    rows: NDArray[np.float64]
-    filled: NDArray[np.int64]  # (1,) number of rows written
 
 
 @kernel
@@ -129,171 +68,6 @@ def _note(
         row[9] = ux
         row[10] = uz
         course.filled[0] = i + 1
-
-
-@kernel
-def _passage(
-    passages: FloatArray,
-    n_passages: int,
-    gates: Gates,
-    i: int,
-    outcome: int,
-    x: float,
-    vx: float,
-    vz: float,
-    omega: float,
-    height: float,
-    inertia_: float,
-    mass: float,
-) -> int:
-    """Write what a rock does at a gate; returns the new number of rows."""
-    row = passages[n_passages]
-    row[0] = gates.gate[i]
-    row[1] = outcome
-    row[2] = x
-    row[3] = math.sqrt(vx * vx + vz * vz)
-    row[4] = vx
-    row[5] = vz
-    row[6] = abs(omega) / (2.0 * math.pi)
-    row[7] = height
-    row[8] = 0.5e-3 * mass * (vx * vx + vz * vz)
-    row[9] = 0.5e-3 * mass * inertia_ * omega * omega
-    row[10] = mass
-    return n_passages + 1
-
-
-@kernel
-def _met(gates: Gates, i: int, energy: float) -> tuple[int, float]:
-    """What a rock that meets barrier i does, and the share of its speed that is left."""
-    if energy > gates.capacity[i]:
-        return BROKE_THROUGH, math.sqrt(1.0 - gates.capacity[i] / energy)
-    if gates.kind[i] == NET:
-        return HELD_BY_NET, 0.0
-    return STOPPED, 0.0
-
-
-@kernel
-def _gates_in_flight(
-    gates: Gates,
-    seen: NDArray[np.bool_],
-    passages: FloatArray,
-    n_passages: int,
-    profile: Profile,
-    near: int,
-    before: float,
-    x: float,
-    z: float,
-    vx: float,
-    vz: float,
-    theta: float,
-    omega: float,
-    gravity: float,
-    until: float,
-    block: Block,
-    inertia_: float,
-) -> tuple[int, float, int, float, int]:
-    """Stations and barriers that a flight comes to, from chainage ``before`` on.
-
-    Returns
-    -------
-    n_passages : int
-    t : float
-        When the flight is ended by a barrier (s); infinite if it is not.
-    outcome : int
-    left : float
-        Share of the speed that is left.
-    gate : int
-    """
-    n = gates.x.size
-    x_end = x + vx * until
-    forward = vx > 0.0
-    if vx == 0.0:
-        return n_passages, np.inf, PASSED, 1.0, -1
-    for k in range(n):
-        i = k if forward else n - 1 - k
-        gx = gates.x[i]
-        if not (before < gx <= x_end if forward else x_end <= gx < before):
-            continue
-        t = max((gx - x) / vx, 0.0)
-        wz = vz - gravity * t
-        cz = z + (vz - 0.5 * gravity * t) * t
-        outcome = PASSED
-        left = 1.0
-        if gates.kind[i] != STATION:
-            angle = theta - omega * t
-            down = math.sqrt((block.a * math.sin(angle)) ** 2 + (block.b * math.cos(angle)) ** 2)
-            outcome = OVERTOPPED
-            if gates.height[i] > 0.0 and cz - down < gates.z[i] + gates.height[i]:
-                energy = 0.5 * block.mass * (vx * vx + wz * wz + inertia_ * omega * omega)
-                outcome, left = _met(gates, i, energy)
-        if forward and not seen[i]:
-            seen[i] = True
-            j = near
-            while j < profile.tx.size - 1 and profile.sx[j + 1] < gx:
-                j += 1
-            height = max(cz - gates.z[i] - block.b / profile.tx[j], 0.0)
-            n_passages = _passage(
-                passages, n_passages, gates, i, outcome, gx, vx, wz, omega, height, inertia_,
-                block.mass,
-            )  # fmt: skip
-        if outcome not in (PASSED, OVERTOPPED):
-            return n_passages, t, outcome, left, i
-    return n_passages, np.inf, PASSED, 1.0, -1
-
-
-@kernel
-def _gates_on_ground(
-    gates: Gates,
-    seen: NDArray[np.bool_],
-    passages: FloatArray,
-    n_passages: int,
-    before: float,
-    x: float,
-    x_end: float,
-    v2: float,
-    dv2: float,
-    spin2: float,
-    dspin2: float,
-    ux: float,
-    uz: float,
-    way: int,
-    block: Block,
-    inertia_: float,
-) -> tuple[int, float, int, float, int]:
-    """Stations and barriers that a rolling or sliding rock comes to, from chainage ``before`` on.
-
-    ``v2`` and ``spin2`` are squares at the start, ``dv2`` and ``dspin2`` their changes up to
-    ``x_end``. Returns (n_passages, share of the stretch done, outcome, left, gate).
-    """
-    n = gates.x.size
-    forward = way > 0
-    chord = abs(x_end - x)
-    for k in range(n):
-        i = k if forward else n - 1 - k
-        gx = gates.x[i]
-        if not (before < gx <= x_end if forward else x_end <= gx < before):
-            continue
-        share = 0.0
-        if chord > 0.0:
-            share = min(max((gx - x) / (x_end - x), 0.0), 1.0)
-        speed2 = max(v2 + dv2 * share, 0.0)
-        turn2 = max(spin2 + dspin2 * share, 0.0)
-        outcome = PASSED
-        left = 1.0
-        if gates.kind[i] != STATION:
-            outcome = OVERTOPPED
-            if gates.height[i] > 0.0:
-                outcome, left = _met(gates, i, 0.5 * block.mass * (speed2 + inertia_ * turn2))
-        if forward and not seen[i]:
-            seen[i] = True
-            speed = math.sqrt(speed2)
-            n_passages = _passage(
-                passages, n_passages, gates, i, outcome, gx, speed * ux, speed * uz,
-                math.sqrt(turn2), 0.0, inertia_, block.mass,
-            )  # fmt: skip
-        if outcome not in (PASSED, OVERTOPPED):
-            return n_passages, share, outcome, left, i
-    return n_passages, 1.0, PASSED, 1.0, -1
 
 
 @kernel
@@ -481,7 +255,7 @@ def follow(
                 until = max(limit, 0.0)
             gate = -1
             if guarded:
-                n_passages, t_gate, outcome, left, gate = _gates_in_flight(
+                n_passages, t_gate, outcome, left, gate = gates_in_flight(
                     gates, seen, passages, n_passages, profile, seg, gates_from, x, z, vx, vz,
                     theta, omega, g, until, block, inert,
                 )  # fmt: skip
@@ -700,7 +474,7 @@ def follow(
             dspin2 = min(target - spin2, 2.0 * mu * g * ux * way_len / inert)
         gate = -1
         if guarded:
-            n_passages, share, outcome, left, gate = _gates_on_ground(
+            n_passages, share, outcome, left, gate = gates_on_ground(
                 gates, seen, passages, n_passages, gates_from, x, end_x, v2, dv2, spin2, dspin2,
                 way * ux, way * uz, way, block, inert,
             )  # fmt: skip

@@ -15,8 +15,8 @@ from sassgis.core.ground import GroundTable
 from sassgis.core.profiles import ProfileSet
 from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate
 from sassgis.core.settings import EngineSettings
+from sassgis.engine import gates as gate_rules
 from sassgis.engine import impact as impact_rules
-from sassgis.engine import rock as rock_rules
 from sassgis.engine.kernel import (
     PASSAGE_COLUMNS,
     ROCK_COLUMNS,
@@ -28,6 +28,7 @@ from sassgis.engine.kernel import (
 from sassgis.engine.kernel import (
     Bins as Bins,
 )
+from sassgis.engine.state import Physics
 
 #: Columns of a course of events.
 COURSE_COLUMNS = (
@@ -143,8 +144,8 @@ def _columns(sums: CellSums) -> dict[str, NDArray[np.generic]]:
     }
 
 
-def _physics(settings: EngineSettings) -> rock_rules.Physics:
-    return rock_rules.Physics(
+def _physics(settings: EngineSettings) -> Physics:
+    return Physics(
         gravity=float(settings.gravity_mps2),
         eta_rule={"scale": impact_rules.SCALE, "coulomb": impact_rules.COULOMB}[
             settings.eta_max_rule
@@ -268,7 +269,7 @@ def simulate(
         gate_x=gates.chainage,
         gate=gates.gate,
     )
-    kinds = {"station": rock_rules.STATION, "wall": rock_rules.WALL, "net": rock_rules.NET}
+    kinds = {"station": gate_rules.STATION, "wall": gate_rules.WALL, "net": gate_rules.NET}
     gate_table = GateTable(
         np.array([kinds[g.kind] for g in gates.gates], np.int64),
         np.array([g.height_m for g in gates.gates], np.float64),
