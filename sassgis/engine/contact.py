@@ -578,13 +578,15 @@ def next_contact(
                 to_t = min(last, best)
                 at_end = d0 + (rate - fall * to_t) * to_t if to_t < np.inf else -1.0
                 if at_end < core or d0 + (rate - fall * first) * first < core:
-                    t, cnx, cnz, _ = _core_contact(
+                    t, cnx, cnz, met = _core_contact(
                         x, z, vx, vz, core, gravity, first, to_t, tolerance, sx, sz, tx, tz, j,
                         length,
                     )  # fmt: skip
                     if t < best or (found < 0 and t <= best):
                         best = t
                         found = j
+                        if met >= 0:
+                            found = met if step > 0 else met - 1
                         best_nx = cnx
                         best_nz = cnz
                         best_speed = -(vx * cnx + (vz - gravity * t) * cnz)

@@ -14,8 +14,8 @@ from sassgis.engine.state import Block, Gates, Profile
 # What became of it at a gate; the same numbers as core.results.Outcome.
 PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
 
-# Kinds of gate.
-STATION, WALL, NET = 0, 1, 2
+# Kinds of gate: none of a barrier, one that stops for good, one that only takes the speed.
+STATION, STOPS, LETS_GO = 0, 1, 2
 
 
 @kernel
@@ -54,7 +54,7 @@ def _met(gates: Gates, i: int, energy: float) -> tuple[int, float]:
     """What a rock that meets barrier i does, and the share of its speed that is left."""
     if energy > gates.capacity[i]:
         return BROKE_THROUGH, math.sqrt(1.0 - gates.capacity[i] / energy)
-    if gates.kind[i] == NET:
+    if gates.kind[i] == LETS_GO:
         return HELD_BY_NET, 0.0
     return STOPPED, 0.0
 

@@ -27,7 +27,7 @@ class Pieces(NamedTuple):
 class CellWork(NamedTuple):
     """Maxima of one rock in each cell of a chunk.
 
-    What is touched together lies together: one row is one line of the processor's cache.
+    What is touched together lies together, so that the processor fetches it at once.
     """
 
     # (n, 4): energy per unit mass (J/kg), -1 where the rock has not been; height (m); speed squared

@@ -319,7 +319,7 @@ def follow(
             if abs(x - spot_x) + abs(z - spot_z) < _SAME_SPOT * radius:
                 crowded += 1
                 if crowded > 20 and energy < _REST_SHARE * g * radius:
-                    reason = REST
+                    reason = BARRIER if abs(x - held_at) < a else REST
                     break
             else:
                 crowded = 0

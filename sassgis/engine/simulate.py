@@ -159,6 +159,13 @@ def _physics(settings: EngineSettings) -> Physics:
     )
 
 
+def _gate_rule(gate: Gate) -> int:
+    """How the kernel treats a gate."""
+    if gate.kind == "station":
+        return gate_rules.STATION
+    return gate_rules.LETS_GO if gate.lets_go else gate_rules.STOPS
+
+
 def _check(profiles: ProfileSet, table: GroundTable) -> None:
     """Raise InputError for profiles that the kernel cannot take."""
     for i in range(len(profiles)):
@@ -269,9 +276,8 @@ def simulate(
         gate_x=gates.chainage,
         gate=gates.gate,
     )
-    kinds = {"station": gate_rules.STATION, "wall": gate_rules.WALL, "net": gate_rules.NET}
     gate_table = GateTable(
-        np.array([kinds[g.kind] for g in gates.gates], np.int64),
+        np.array([_gate_rule(g) for g in gates.gates], np.int64),
         np.array([g.height_m for g in gates.gates], np.float64),
         1e3 * np.array([g.capacity_kj for g in gates.gates], np.float64),
     )

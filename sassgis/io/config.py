@@ -347,10 +347,15 @@ class BarrierSettings(StationSettings):
         description="energy that it takes (kJ); without it every rock that meets it is stopped",
     )
 
+    lets_go: Flag = Field(
+        default=False,
+        description="whether rocks that it takes move on from zero speed, as nets may let them",
+    )
+
     def gate(self, name: str) -> Gate:
         """Return this barrier under the name of one of its features."""
         capacity = math.inf if self.capacity_kj is None else self.capacity_kj
-        return Gate(name, self.kind, self.height_m, capacity)
+        return Gate(name, self.kind, self.height_m, capacity, self.lets_go)
 
 
 class ProfileSettings(_Section):

@@ -21,8 +21,8 @@ from sassgis.io.config import Config
 from sassgis.io.report import Cell, ReportContext, ReportFigure, ReportTable
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.release import take
-from sassgis.terrain.spread import SpreadSettings, trace_bundles
-from sassgis.terrain.stretch import SHORTEST_LINE_M, usable, with_lead_in
+from sassgis.terrain.spread import trace_bundles
+from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, usable, with_lead_in
 from sassgis.workflow.checkpoint import joined_lines
 from sassgis.workflow.map_run import (
     LEAD_IN_M,
@@ -57,18 +57,21 @@ def _drawn_lines(progress: Progress) -> TraceSet:
     )
 
 
-def furthest_line(run: MapRun, progress: Progress) -> tuple[int, int] | None:
-    """Release point and block scenario of the rock that came furthest."""
+def furthest_line(progress: Progress) -> tuple[int, int] | None:
+    """Line and block scenario of the rock that came furthest."""
     if progress.furthest is None:
         return None
     _, line, scenario, _ = progress.furthest
-    return line // run.spread.lines_per_point, scenario
+    return line, scenario
 
 
-def one_profile_figure(run: MapRun, planned: Plan, point: int, scenario: int) -> Figure:
-    """The profile of one fall line with the paths of its rocks."""
+def one_profile_figure(run: MapRun, planned: Plan, line: int, scenario: int) -> Figure:
+    """The profile of one line with the paths of its rocks."""
+    point, member = divmod(line, run.spread.lines_per_point)
     starts = take(planned.starts, np.array([point]))
-    traces = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, SpreadSettings())
+    bundle = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, run.spread)
+    chosen = np.arange(len(bundle)) == member
+    traces = take_lines(bundle, chosen)
     flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
     if not usable(traces, SHORTEST_LINE_M).all():
         raise InputError("this fall line is too short for a profile")
@@ -76,7 +79,7 @@ def one_profile_figure(run: MapRun, planned: Plan, point: int, scenario: int) ->
     blocks = run.blocks[scenario]
     crossings = gate_crossings(run, traces)
     s, z = flat.vertices(0)
-    keys = line_draw_keys(traces, starts.key, 1, blocks.name)
+    keys = line_draw_keys(bundle, starts.key, run.spread.lines_per_point, blocks.name)[chosen]
     result = simulate(
         ahead, run.table, blocks, run.engine, seed=run.seed,
         rocks_per_line=min(_PATHS, run.rocks_per_line), line_keys=keys,
@@ -162,7 +165,7 @@ def gate_tables(gates: GateSums) -> list[ReportTable]:
                 "Walls and nets",
                 (
                     ("barrier", ""), ("kind", ""), ("rocks that come", ""), ("hits", ""),
-                    ("stopped", ""), ("held by net", ""), ("over the top", ""),
+                    ("stopped", ""), ("taken, then move on", ""), ("over the top", ""),
                     ("break through", ""), ("energy, 95 %", "kJ"), ("energy, 99 %", "kJ"),
                     ("height, 95 %", "m"), ("height, 99 %", "m"),
                 ),
@@ -237,7 +240,7 @@ def map_report(
             )  # fmt: skip
             png = _save(folder, f"map_{stem}", figure)
             pictures.append(ReportFigure(layer.title, layer.note, png))
-        chosen = furthest_line(run, progress)
+        chosen = furthest_line(progress)
         if chosen is not None:
             figure = one_profile_figure(run, planned, *chosen)
             pictures.append(
@@ -286,7 +289,7 @@ def map_report(
     ground = ReportTable(
         "Ground classes",
         (("class", ""), ("η max", ""), ("Δp/p", ""), ("μ_f", ""), ("μ_0", ""), ("k", ""),
-         ("d*", "m"), ("from the paper", ""), ("source", "")),
+         ("d*", "m"), ("η max, Δp from the paper", ""), ("source", "")),
         tuple(
             (c.name, c.eta_max, f"{c.dp_min:g} to {c.dp_max:g}", c.mu_f, c.mu_0, c.k, c.d_star_m,
              "yes" if c.verified else "no", c.source)
@@ -314,8 +317,8 @@ def map_report(
     spread = (
         "none: fall lines only; between lines that diverge the map has gaps"
         if run.spread.lines_per_point == 1
-        else f"{run.spread.lines_per_point} lines per release point, spread evenly over a width of "
-        f"{run.spread.width_percent:g} % of their length"
+        else f"{run.spread.lines_per_point} lines per release point, heading evenly over a width "
+        f"of {run.spread.width_percent:g} % of their length; gullies hold them together"
     )
     return ReportContext(
         title=config.project.name,

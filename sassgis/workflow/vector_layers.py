@@ -216,7 +216,7 @@ _STATISTICS = {
 }
 _OUTCOME_TEXT = {
     Outcome.STOPPED: "rocks stopped",
-    Outcome.HELD_BY_NET: "rocks brought to rest by the net",
+    Outcome.HELD_BY_NET: "rocks taken that then move on",
     Outcome.OVERTOPPED: "rocks over the top",
     Outcome.BROKE_THROUGH: "rocks that break through",
 }

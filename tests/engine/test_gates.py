@@ -131,7 +131,7 @@ def test_a_barrier_higher_than_any_bounce_stops_all(lab, kind, barrier, at):
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     out = lab.run(
         line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 30.0)],
-        gates=crossings(lab, (Gate("high", barrier, 500.0),), [at]),
+        gates=crossings(lab, (Gate("high", barrier, 500.0, lets_go=barrier == "net"),), [at]),
     )  # fmt: skip
     free = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 30.0)]).rocks
     arrives = set(free["rock"][free["furthest_m"] > at])
@@ -164,7 +164,7 @@ def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there(lab):
     out = lab.run(
         line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)), n=100,
         start=[(10.0, 30.0)], course_events=3000,
-        gates=crossings(lab, (Gate("net", "net", 50.0),), [90.0]),
+        gates=crossings(lab, (Gate("net", "net", 50.0, lets_go=True),), [90.0]),
     )  # fmt: skip
     c = lab.COL
     held = out.passages["rock"][out.passages["outcome"] == Outcome.HELD_BY_NET]
@@ -185,7 +185,7 @@ def test_what_is_left_after_a_breakthrough(lab, barrier):
     # A rock with more energy than the capacity goes through with what is left.
     line = lab.valley()
     limit = 60.0
-    gates = (Gate("fence", barrier, 100.0, limit), Gate("behind", "station"))
+    gates = (Gate("fence", barrier, 100.0, limit, barrier == "net"), Gate("behind", "station"))
     at = [85.0, 85.0 + 1e-7]
     out = lab.run(
         line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], gates=crossings(lab, gates, at),
