@@ -15,7 +15,15 @@ from sassgis.engine.ellipse import frame_of, inertia, mean_radius
 from sassgis.engine.gates import HELD_BY_NET, PASSED, STOPPED, gates_in_flight, gates_on_ground
 from sassgis.engine.impact import impact, normal_force, turn_about_contact
 from sassgis.engine.recording import CellWork, Pieces, record_flight, record_ground
-from sassgis.engine.rolling import rolling_stretch
+from sassgis.engine.rolling import (
+    GROUND_AHEAD,
+    LIFT_OFF,
+    PROFILE_END,
+    SEGMENT_END,
+    STOP,
+    TO_SLIDING,
+    rolling_stretch,
+)
 from sassgis.engine.state import Block, Course, Gates, Physics, Profile
 
 # Phases, as they are written to the course of a rock.
@@ -428,11 +436,11 @@ def follow(
         u = (x - sx[seg]) * ux + (z - sz[seg]) * uz
         to_end = profile.length[seg] - u if way > 0 else u
         to_end = max(to_end, 0.0)
-        what = 0  # 0 end of segment, 1 stop, 2 to sliding, 3 lift-off
+        what = SEGMENT_END
         way_len = to_end
         if pull < 0.0 and -v * v / (2.0 * pull) <= way_len:
             way_len = -v * v / (2.0 * pull)
-            what = 1
+            what = STOP
         if noting:
             _note(
                 course, phase, t, x, z, v * way * ux, v * way * uz, theta, omega, seg, way * ux,
@@ -456,15 +464,15 @@ def follow(
         )  # fmt: skip
         if hit >= 0:
             way_len = ahead
-            what = 4
+            what = GROUND_AHEAD
         end_x = x + way * ux * way_len
         if end_x > sx[n] or end_x < sx[0]:
             way_len = min(max(((sx[n] if way > 0 else sx[0]) - x) / (way * ux), 0.0), way_len)
             end_x = x + way * ux * way_len
-            what = 5
+            what = PROFILE_END
         v2 = v * v
         dv2 = 2.0 * pull * way_len
-        if what == 1:
+        if what == STOP:
             dv2 = -v2
         spin2 = omega * omega
         dspin2 = 0.0
@@ -517,20 +525,20 @@ def follow(
             elif outcome == HELD_BY_NET:
                 held_at = x
             continue
-        if what == 5:
+        if what == PROFILE_END:
             reason = LEFT_PROFILE
             break
-        if what == 4:
+        if what == GROUND_AHEAD:
             seg = hit
             nx = hit_nx
             nz = hit_nz
             phase = IMPACT
             continue
-        if what == 2:
+        if what == TO_SLIDING:
             omega = 0.0
             phase = SLIDING
             continue
-        if what == 3:
+        if what == LIFT_OFF:
             # The normal force on the turning ellipse ends; its centre is where it then stands.
             theta = 0.5 * math.pi + way * lift + profile.angle[seg]
             lever, support, _ = frame_of(a, b, math.cos(lift), -way * math.sin(lift))
@@ -545,7 +553,7 @@ def follow(
             clear_from = _FIRST_TURN / max(spin, 1e-3)
             phase = FLIGHT
             continue
-        if what == 0:
+        if what == SEGMENT_END:
             k = seg + way
             if k < 0 or k >= n:
                 reason = LEFT_PROFILE

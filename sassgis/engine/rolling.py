@@ -8,8 +8,8 @@ from sassgis.core.jit import kernel
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import normal_force
 
-# What ends a stretch; 0 (end of the segment) and 1 (stop) come from the caller.
-TO_SLIDING, LIFT_OFF = 2, 3
+# What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here.
+SEGMENT_END, STOP, TO_SLIDING, LIFT_OFF, GROUND_AHEAD, PROFILE_END = range(6)
 
 _WIDEST = 1.5
 _SCANS = 24
