@@ -125,6 +125,16 @@ class Band:
 
 
 @dataclass(frozen=True, slots=True)
+class RasterClass:
+    """What a whole number on a map of classes means; ``hatched`` asks for lines in the colour."""
+
+    value: int
+    label: str
+    colour: str
+    hatched: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class RasterLayer:
     """A map to be written as one file.
 
@@ -142,6 +152,8 @@ class RasterLayer:
         Class limits for the legend, ascending; empty: a continuous ramp over the data's range.
     ramp : str
         Name of a matplotlib colour map.
+    classes : tuple of RasterClass
+        For a map of classes: the values of the first band are theirs; ``breaks`` is empty.
     """
 
     stem: str
@@ -150,3 +162,4 @@ class RasterLayer:
     bands: tuple[Band, ...]
     breaks: tuple[float, ...]
     ramp: str
+    classes: tuple[RasterClass, ...] = ()
