@@ -107,7 +107,7 @@ def release_names(release: ReleaseSettings) -> tuple[str, ...]:
     """
     file = _release_file(release)
     frame = _open_layer(file, release.layer, "release", {"name_field": release.name_field})
-    return tuple(_names(_without_shapes(frame), release.name_field, "area", file, "release"))
+    return tuple(feature_names(_without_shapes(frame), release.name_field, "area", file, "release"))
 
 
 def _release_file(release: ReleaseSettings) -> Path:
@@ -156,7 +156,7 @@ def read_release(
     name_field, scenario_field = release.name_field, release.scenario_field
 
     def named(features: Sequence[Feature]) -> list[str]:
-        return _names(features, name_field, "area", file, "release")
+        return feature_names(features, name_field, "area", file, "release")
 
     def chosen(features: Sequence[Feature]) -> list[Feature]:
         names = named(features)
@@ -189,10 +189,16 @@ def read_release(
     return areas
 
 
-def _names(
+def feature_names(
     features: Sequence[Feature], field: str | None, stem: str, file: Path, section: str
 ) -> list[str]:
-    """Names of the features: identities, so no two are the same."""
+    """Names of the features: identities, so no two are the same.
+
+    Raises
+    ------
+    InputError
+        If a feature has no name or two have the same.
+    """
     if field is None:
         return [f"{stem} {f.number}" for f in features]
     seen: dict[str, Feature] = {}
@@ -356,7 +362,7 @@ def _gates_of(
                 expected="at least two points that differ",
             )
         feature = Feature(1, {}, line, "line")
-        _check_on_map(feature, grid, config_file, f"{key}.line", item.name)
+        check_on_map(feature, grid, config_file, f"{key}.line", item.name)
         return [(_gate(item, item.name), _vertices(line))]
     if item.file is None:
         raise ConfigError(
@@ -378,7 +384,7 @@ def _gates_of(
     if item.name_field is None and len(features) == 1:
         names = [item.name]
     else:
-        names = _names(features, item.name_field, item.name, item.file, key)
+        names = feature_names(features, item.name_field, item.name, item.file, key)
     gates = []
     for feature, name in zip(features, names, strict=True):
         label = feature.label(item.name_field)
@@ -393,7 +399,7 @@ def _gates_of(
                 found=f"{len(line.geoms)} parts",
                 expected="one line without gaps; make each part a feature of its own",
             )
-        _check_on_map(feature, grid, item.file, key, label)
+        check_on_map(feature, grid, item.file, key, label)
         gates.append((_gate(item, name), _vertices(line)))
     return gates
 
@@ -408,7 +414,8 @@ def _vertices(line: Any) -> FloatArray:
     return np.ascontiguousarray(points[keep], dtype=np.float64)
 
 
-def _check_on_map(feature: Feature, grid: Grid, file: Path, key: str, label: str) -> None:
+def check_on_map(feature: Feature, grid: Grid, file: Path, key: str, label: str) -> None:
+    """Raise InputError if a feature lies outside the DEM; warn if a part of it does."""
     if not feature.geometry.intersects(shapely.box(*grid.bounds)):
         raise _outside(file, key, label, feature.geometry.bounds, grid)
     inside = share_inside(feature, grid)
