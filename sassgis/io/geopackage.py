@@ -15,7 +15,9 @@ import pyogrio
 import shapely
 
 from sassgis.core.errors import OutputError
-from sassgis.io.qgis.styles import FieldInfo, VectorStyle, qml, vector_style_elements
+from sassgis.io.qgis.markup import qml
+from sassgis.io.qgis.styles import FieldInfo, VectorStyle
+from sassgis.io.qgis.vector_style import vector_style_elements
 from sassgis.io.staging import writing
 
 __all__ = ["FieldInfo", "VectorLayer", "write_geopackage"]

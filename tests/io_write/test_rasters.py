@@ -12,7 +12,7 @@ import rasterio
 
 from sassgis.core.errors import OutputError
 from sassgis.core.grid import Grid
-from sassgis.core.results import Band, RasterLayer
+from sassgis.core.results import Band, RasterClass, RasterLayer
 from sassgis.io.rasters import NODATA, write_raster
 
 
@@ -116,3 +116,93 @@ def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
     (tmp_path / "maps").write_text("in the way")
     with pytest.raises(OutputError, match=r"a\.tif: cannot be written"):
         write_raster(layer_of(np.zeros((2, 2))), flat((2, 2)), tmp_path / "maps")
+
+
+# --- maps of classes ---------------------------------------------------------------------------
+
+LEVELS = (
+    RasterClass(1, "residuo", "#ffdd00", hatched=True),
+    RasterClass(2, "basso", "#ffdd00"),
+    RasterClass(3, "elevato", "#e60000"),
+)
+
+
+def classes_of(values: np.ndarray, *more: Band, classes: tuple = LEVELS) -> RasterLayer:
+    band = Band("level", "Level", "", values.astype(np.float32))
+    return RasterLayer("a", "Level", "", (band, *more), (), "", classes)
+
+
+def test_classes_are_bytes_that_keep_zero_and_nothing_apart(tmp_path: Path) -> None:
+    values = np.array([[0.0, 1.0, 2.0], [3.0, np.nan, 3.0]])
+    with rasterio.open(write_raster(classes_of(values), flat((2, 3)), tmp_path)) as data:
+        assert (data.dtypes, data.nodata) == (("uint8",), 255)
+        np.testing.assert_array_equal(data.read(1), [[0, 1, 2], [3, 255, 3]])
+        assert data.tags(1)["CLASSES"] == "1 = residuo; 2 = basso; 3 = elevato"
+        colours = data.colormap(1)
+        assert data.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+    # A hatch cannot be drawn on cells: half colour, half white.
+    assert [colours[value][:3] for value in (0, 1, 2, 3)] == [
+        (255, 255, 255),
+        (255, 238, 128),
+        (255, 221, 0),
+        (230, 0, 0),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "nodata"),
+    [
+        (254, "uint8", 255),
+        (255, "int16", -32768),
+        (-1, "int16", -32768),
+        (32768, "int32", -(2**31)),
+    ],
+)
+def test_the_type_holds_every_class(tmp_path: Path, number: int, kind: str, nodata: int) -> None:
+    layer = classes_of(
+        np.array([[number, np.nan]]), classes=(RasterClass(number, "it", "#123456"),)
+    )
+    with rasterio.open(write_raster(layer, flat((1, 2)), tmp_path)) as data:
+        assert (data.dtypes, data.nodata) == ((kind,), nodata)
+        assert data.read(1).tolist() == [[number, nodata]]
+
+
+def test_fractions_beside_classes_are_not_rounded(tmp_path: Path) -> None:
+    share = Band("share", "Share", "1", np.array([[0.25, np.nan]], np.float32))
+    layer = classes_of(np.array([[1.0, np.nan]]), share)
+    with rasterio.open(write_raster(layer, flat((1, 2)), tmp_path)) as data:
+        assert (data.dtypes, data.nodata) == (("float32", "float32"), NODATA)
+        assert data.read()[:, 0, 0].tolist() == [1.0, 0.25]
+
+
+def test_whole_numbers_beside_classes(tmp_path: Path) -> None:
+    rocks = Band("rocks", "Rocks", "", np.array([[300.0, np.nan]], np.float32))
+    layer = classes_of(np.array([[1.0, np.nan]]), rocks)
+    with rasterio.open(write_raster(layer, flat((1, 2)), tmp_path)) as data:
+        assert data.dtypes == ("int16", "int16")
+        assert data.read(2).tolist() == [[300, -32768]]
+
+
+def test_overviews_of_classes_are_classes(tmp_path: Path) -> None:
+    values = np.full((700, 700), np.nan)
+    values[:, 100:104] = 1.0
+    values[:, 200] = 3.0
+    path = write_raster(classes_of(values), flat((700, 700)), tmp_path)
+    with rasterio.open(path, overview_level=1) as data:
+        assert set(np.unique(data.read(1))) == {1, 3, 255}
+
+
+def test_a_number_that_is_no_class_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"\[4\.0\], which are no classes"):
+        write_raster(classes_of(np.array([[4.0, 1.0]])), flat((1, 2)), tmp_path)
+
+
+def test_the_style_of_classes_lists_the_most_severe_first(tmp_path: Path) -> None:
+    path = write_raster(classes_of(np.array([[1.0, 2.0]])), flat((1, 2)), tmp_path)
+    root = ET.fromstring(path.with_suffix(".qml").read_text(encoding="utf-8"))
+    entries = [(e.get("value"), e.get("color"), e.get("label")) for e in root.iter("paletteEntry")]
+    assert entries == [
+        ("3", "#e60000", "elevato"),
+        ("2", "#ffdd00", "basso"),
+        ("1", "#ffee80", "residuo (pale)"),
+    ]

@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sassgis.core.results import Band, RasterLayer
+from sassgis.io.qgis.markup import qml
+from sassgis.io.qgis.raster_style import raster_style_elements
 from sassgis.io.qgis.styles import (
     STOP_STYLE,
     FieldInfo,
@@ -21,10 +23,8 @@ from sassgis.io.qgis.styles import (
     class_colours,
     class_labels,
     class_limits,
-    qml,
-    raster_style_elements,
-    vector_renderer,
 )
+from sassgis.io.qgis.vector_style import vector_renderer
 
 breaks_lists = st.lists(
     st.floats(0, 1e6, allow_subnormal=False).map(lambda v: float(np.float32(round(v, 3)))),

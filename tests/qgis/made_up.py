@@ -11,8 +11,16 @@ import rasterio
 from shapely.geometry import LineString, Point, box
 
 from sassgis.core.grid import Grid
+from sassgis.core.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
 from sassgis.core.results import Band, RasterLayer
 from sassgis.io.geopackage import FieldInfo, VectorLayer, write_geopackage
+from sassgis.io.qgis.hazard_styles import (
+    hazard_level_style,
+    intensity_style,
+    level_change_style,
+    level_classes,
+    undecided_style,
+)
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.qgis.styles import (
     BARRIER_STYLE,
@@ -44,6 +52,29 @@ def grid(crs: str | None = None) -> Grid:
     if crs is None:
         crs = rasterio.CRS.from_epsg(2056).to_wkt()
     return Grid(heights, WEST, NORTH, CELL, crs, "LN02")
+
+
+def preset() -> HazardPreset:
+    source = Provenance("nowhere", False)
+    return HazardPreset(
+        name="made-up",
+        title="Made up",
+        intensities=(
+            IntensityClass("low", "low", 0.0, "#fee08b", source),
+            IntensityClass("mean", "mean", 30.0, "#f46d43", source),
+            IntensityClass("high", "high", 300.0, "#a50026", source),
+        ),
+        return_periods=(30.0, 100.0, 300.0),
+        return_period_provenance=source,
+        levels=(
+            HazardLevel("residual_hazard", "residuo", "#ffe000", True, source),
+            HazardLevel("slight", "basso", "#ffe000", False, source),
+            HazardLevel("mean", "medio", "#2b6cff", False, source),
+            HazardLevel("substantial", "elevato", "#e60000", False, source),
+        ),
+        matrix=((2, 2, 1, 0), (3, 2, 2, 0), (3, 3, 3, 0)),
+        matrix_provenance=((source,) * 4,) * 3,
+    )
 
 
 def raster_layers(dem: Grid) -> dict[str, RasterLayer]:
@@ -89,6 +120,15 @@ def raster_layers(dem: Grid) -> dict[str, RasterLayer]:
             (1.0, 2.0, 5.0),
             "Blues",
         ),
+        "level": RasterLayer(
+            "level",
+            "Hazard level on cells",
+            "Worst level; reference width 3 m",
+            (band("level", "Hazard level", "", levels_of_cells()),),
+            (),
+            "",
+            level_classes(preset().levels),
+        ),
         "terrain": RasterLayer(
             "terrain",
             "Terrain (relief)",
@@ -97,6 +137,64 @@ def raster_layers(dem: Grid) -> dict[str, RasterLayer]:
             (),
             HILLSHADE,
         ),
+    }
+
+
+#: Bands down the slope (first and last row), from severe to slight.
+LEVEL_ROWS = {"substantial": (40, 120), "mean": (120, 220), "slight": (220, 300)}
+RESIDUAL_ROWS = (300, 360)
+
+
+def levels_of_cells() -> np.ndarray:
+    codes = [level.code for level in preset().levels]
+    level = np.zeros((ROWS, COLS))
+    for code, (first, last) in {**LEVEL_ROWS, "residual_hazard": RESIDUAL_ROWS}.items():
+        level[first:last, 180:320] = codes.index(code) + 1
+    level[:, :10] = np.nan
+    return level
+
+
+def zone_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
+    rows = {**LEVEL_ROWS, "residual_hazard": RESIDUAL_ROWS}
+    boxes = [
+        box(WEST + 180 * CELL, NORTH - last * CELL, WEST + 320 * CELL, NORTH - first * CELL)
+        for first, last in rows.values()
+    ]
+
+    def layer(
+        name: str, title: str, style: VectorStyle, areas: list, **columns: list
+    ) -> VectorLayer:
+        frame = gpd.GeoDataFrame(columns, geometry=areas, crs=crs)
+        return VectorLayer(name, title, "", frame, {}, style=style)
+
+    levels = preset().levels
+    middle = [area.buffer(-40) for area in boxes]
+    return {
+        layer.name: layer
+        for layer in (
+            layer("undecided", "Level not settled", undecided_style(), [boxes[1].buffer(-60)]),
+            layer(
+                "zones",
+                "Hazard level",
+                hazard_level_style("hazard_level", levels),
+                boxes,
+                hazard_level=list(rows),
+            ),
+            layer(
+                "intensity",
+                "Intensity, 100 years",
+                intensity_style("intensity_class", preset().intensities),
+                middle[:3],
+                intensity_class=["high", "mean", "low"],
+            ),
+            layer(
+                "change",
+                "Change of level by the barriers",
+                level_change_style("change"),
+                middle[:3],
+                change=["lower", "same", "higher"],
+            ),
+        )
     }
 
 
@@ -204,10 +302,14 @@ def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
 def make(folder: Path, *, local: bool = False) -> Made:
     dem = grid("" if local else None)
     maps = raster_layers(dem)
-    vectors = vector_layers(None if local else "EPSG:2056")
+    crs = None if local else "EPSG:2056"
+    vectors = vector_layers(crs)
+    zones = zone_layers(crs)
     rasters = {stem: write_raster(layer, dem, folder / "maps") for stem, layer in maps.items()}
     geopackage = write_geopackage(
-        folder / "result.gpkg", list(vectors.values()), {"seed": 1, "ref_width_m": 3.0}
+        folder / "result.gpkg",
+        [*vectors.values(), *zones.values()],
+        {"seed": 1, "ref_width_m": 3.0},
     )
     project = write_project(
         folder / "project.qgz",
@@ -219,11 +321,16 @@ def make(folder: Path, *, local: bool = False) -> Made:
                 tuple(LayerEntry(layer, "result.gpkg") for layer in vectors.values()),
             ),
             LayerGroup(
+                "Hazard",
+                tuple(LayerEntry(layer, "result.gpkg", visible=False) for layer in zones.values()),
+            ),
+            LayerGroup(
                 "Maps",
                 (
                     LayerEntry(maps["energy"], "maps/energy.tif"),
                     LayerEntry(maps["reach"], "maps/reach.tif", visible=False),
                     LayerEntry(maps["height"], "maps/height.tif", visible=False),
+                    LayerEntry(maps["level"], "maps/level.tif", visible=False),
                 ),
                 exclusive=True,
             ),

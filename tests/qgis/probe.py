@@ -53,6 +53,11 @@ def describe_renderer(layer):
                 [entry.min, entry.max, entry.percentTransparent]
                 for entry in renderer.rasterTransparency().transparentSingleValuePixelList()
             ]
+        elif facts["type"] == "paletted":
+            facts["items"] = [
+                {"value": entry.value, "colour": entry.color.name(), "label": entry.label}
+                for entry in renderer.classes()
+            ]
     elif facts["type"] == "categorizedSymbol":
         facts["column"] = renderer.classAttribute()
         facts["classes"] = [

@@ -11,8 +11,10 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import made_up
+import numpy as np
 import pytest
 
+from sassgis.io.qgis.hazard_styles import ZONE_OPACITY
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.qgis.styles import RASTER_OPACITY
 
@@ -69,6 +71,13 @@ PLACES = {
 }
 
 
+#: Middle of each band of levels, clear of the stripes' edges.
+LEVEL_PLACES = {
+    code: at(300 * made_up.CELL, (first + last) / 2 * made_up.CELL)
+    for code, (first, last) in made_up.LEVEL_ROWS.items()
+}
+
+
 @pytest.fixture(scope="session")
 def seen(qgis: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     made = tmp_path_factory.mktemp("made")
@@ -77,9 +86,9 @@ def seen(qgis: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]
     folder = tmp_path_factory.mktemp("moved") / "my result ü"
     shutil.move(made, folder)
     more = [word for place in PLACES.values() for word in ("--at", place)]
-    for source in ("maps/energy.tif", "maps/terrain.tif"):
+    for source in ("maps/energy.tif", "maps/terrain.tif", "maps/level.tif"):
         more += ["--alone", str(folder / source)]
-    for name in made_up.vector_layers():
+    for name in [*made_up.vector_layers(), *made_up.zone_layers()]:
         more += ["--alone", f"{folder / 'result.gpkg'}|layername={name}"]
     report = probe(folder / "project.qgz", folder / "map.png", *more)
     report["files"] = sorted(file.name for file in folder.rglob("*"))
@@ -101,7 +110,7 @@ def test_the_project_opens_whole(seen: dict[str, Any]) -> None:
     assert (seen["crs"], seen["crs_valid"]) == ("EPSG:2056", True)
     assert seen["absolute_paths"] is False
     assert tuple(seen["extent"]) == made_up.EXTENT
-    assert len(seen["layers"]) == 12
+    assert len(seen["layers"]) == 17
     assert all(entry["valid"] for entry in seen["layers"])
     assert {entry["crs"] for entry in seen["layers"]} == {"EPSG:2056"}
 
@@ -115,15 +124,17 @@ def test_looking_leaves_no_files_behind(seen: dict[str, Any]) -> None:
 def test_the_legend_is_grouped(seen: dict[str, Any]) -> None:
     assert [group["group"] for group in seen["tree"]] == [
         "Fall lines and stops",
+        "Hazard",
         "Maps",
         "Terrain",
     ]
-    maps = seen["tree"][1]
+    maps = seen["tree"][2]
     assert maps["exclusive"] is True
     assert maps["layers"] == [
         {"layer": "Energy, 95 % (kJ)", "visible": True},
         {"layer": "Reach probability (1)", "visible": False},
         {"layer": "Passing height, 95 % (m)", "visible": False},
+        {"layer": "Hazard level on cells", "visible": False},
     ]
     titles = [entry.title for entry in made_up.vector_layers().values()]
     assert [entry["layer"] for entry in seen["tree"][0]["layers"]] == titles
@@ -170,12 +181,74 @@ def test_vectors_are_styled(seen: dict[str, Any]) -> None:
 @pytest.mark.qgis
 def test_layers_opened_by_themselves_bring_the_same_style(seen: dict[str, Any]) -> None:
     in_project = {Path(entry["source"]).name: entry for entry in seen["layers"]}
-    assert len(seen["alone"]) == 2 + len(made_up.vector_layers())
+    assert len(seen["alone"]) == 3 + len(made_up.vector_layers()) + len(made_up.zone_layers())
     for entry in seen["alone"]:
         twin = in_project[Path(entry["source"]).name]
         assert entry["valid"]
         for key in ("renderer", "aliases", "labels", "bands", "crs"):
             assert entry.get(key) == twin.get(key)
+
+
+@pytest.mark.qgis
+def test_classes_have_their_names_and_colours(seen: dict[str, Any]) -> None:
+    level = layer(seen, "Hazard level on cells")
+    assert level["renderer"]["type"] == "paletted"
+    assert level["renderer"]["items"] == [
+        {"value": 4, "colour": "#e60000", "label": "elevato"},
+        {"value": 3, "colour": "#2b6cff", "label": "medio"},
+        {"value": 2, "colour": "#ffe000", "label": "basso"},
+        {"value": 1, "colour": "#fff080", "label": "residuo (pale)"},
+    ]
+    zones = layer(seen, "Hazard level")["renderer"]
+    assert (zones["type"], zones["column"]) == ("categorizedSymbol", "hazard_level")
+    assert [(c["value"], c["label"], c["colour"]) for c in zones["classes"][:3]] == [
+        ("substantial", "elevato", "#e60000"),
+        ("mean", "medio", "#2b6cff"),
+        ("slight", "basso", "#ffe000"),
+    ]
+    assert [c["value"] for c in zones["classes"]][3:] == ["residual_hazard"]
+    labels = [c["label"] for c in layer(seen, "Intensity, 100 years")["renderer"]["classes"]]
+    assert labels == ["high (≥ 300 kJ)", "mean (30 – 300 kJ)", "low (< 30 kJ)"]
+    change = layer(seen, "Change of level by the barriers")["renderer"]["classes"]
+    assert [c["value"] for c in change] == ["higher", "same", "lower"]
+    undecided = layer(seen, "Level not settled")["renderer"]
+    assert undecided["symbol_layers"] == ["LinePatternFill", "SimpleFill"]
+
+
+@pytest.fixture(scope="session")
+def slope(qgis: None, tmp_path_factory: pytest.TempPathFactory) -> made_up.Made:
+    return made_up.make(tmp_path_factory.mktemp("slope"))
+
+
+@pytest.mark.qgis
+@pytest.mark.parametrize(
+    ("name", "opacity"), [("Hazard level", ZONE_OPACITY), ("Hazard level on cells", RASTER_OPACITY)]
+)
+def test_levels_are_drawn_in_their_colours(
+    slope: made_up.Made, tmp_path: Path, name: str, opacity: float
+) -> None:
+    places = [word for place in LEVEL_PLACES.values() for word in ("--at", place)]
+    unreached = at(350 * made_up.CELL, 200 * made_up.CELL)
+    report = probe(slope.project, tmp_path / "map.png", "--only", name, *places, "--at", unreached)
+    assert not report["render_errors"]
+    levels = {level.code: level.colour for level in made_up.preset().levels}
+    for code, place in LEVEL_PLACES.items():
+        # Over white, as nothing else is drawn.
+        wanted = [round(255 - opacity * (255 - part)) for part in bytes.fromhex(levels[code][1:])]
+        assert close(tuple(bytes.fromhex(report["at"][place][1:])), tuple(wanted), 3), code
+    assert report["at"][unreached] == "#ffffff"
+
+
+@pytest.mark.qgis
+def test_residual_is_striped_on_white(slope: made_up.Made, tmp_path: Path) -> None:
+    row = sum(made_up.RESIDUAL_ROWS) / 2
+    places = [at((200 + step) * made_up.CELL, row * made_up.CELL) for step in range(100)]
+    words = [word for place in places for word in ("--at", place)]
+    report = probe(slope.project, tmp_path / "map.png", "--only", "Hazard level", *words)
+    blue = np.array([bytes.fromhex(report["at"][place][1:])[2] for place in places])
+    stripe = 255 * (1 - ZONE_OPACITY)
+    assert blue.min() < stripe + 20 and blue.max() > 250
+    assert 0.2 < (blue < 180).mean() < 0.7
 
 
 def close(colour: tuple[int, ...], other: tuple[int, ...], tolerance: float) -> bool:

@@ -18,12 +18,9 @@ from pyproj import CRS
 
 from sassgis.core.results import RasterLayer
 from sassgis.io.geopackage import VectorLayer
-from sassgis.io.qgis.styles import (
-    QGIS_VERSION,
-    document,
-    raster_style_elements,
-    vector_style_elements,
-)
+from sassgis.io.qgis.markup import QGIS_VERSION, document
+from sassgis.io.qgis.raster_style import raster_style_elements
+from sassgis.io.qgis.vector_style import vector_style_elements
 from sassgis.io.staging import writing
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
