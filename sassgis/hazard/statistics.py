@@ -179,16 +179,53 @@ class Sample:
     random_points: bool
 
 
+def count_variance(
+    count: IntArray, square: IntArray, rocks_per_line: int, strata: int, random_points: bool
+) -> FloatArray:
+    """Sampling variance of the number of rocks that come to a place.
+
+    With k_l of the n rocks of line l in the place and K = Σ k_l: release points on a lattice are
+    fixed, so only the rocks of each line are a sample (stratified sampling; Cochran 1977, section
+    5.3): Var K = Σ k_l (n − k_l)/(n − 1). Points drawn at random make the line the unit (cluster
+    sampling; ibid., section 9A.2): Var K = L/(L − 1) · (Σ k_l² − K²/L).
+
+    Parameters
+    ----------
+    count, square : int64
+        Σ k_l and Σ k_l², of one shape.
+    rocks_per_line : int
+        n.
+    strata : int
+        Number of lines, L.
+    random_points : bool
+
+    Returns
+    -------
+    float64
+        In the shape of ``count``; NaN where the sample cannot tell it: one rock per line, or one
+        random line.
+    """
+    k = count.astype(np.float64)
+    k2 = square.astype(np.float64)
+    n = rocks_per_line
+    if random_points:
+        if strata < 2:
+            return np.full(k.shape, np.nan)
+        variance = strata / (strata - 1.0) * (k2 - k * k / strata)
+    elif n < 2:
+        return np.full(k.shape, np.nan)
+    else:
+        variance = (n * k - k2) / (n - 1.0)
+    return np.maximum(variance, 0.0)
+
+
 def reach_probability(
     reach: IntArray, reach_square: IntArray, sample: Sample
 ) -> tuple[FloatArray, FloatArray]:
     """Share of all rocks that come to each cell, and its sampling standard error.
 
-    With k_l of n rocks of line l in the cell and N rocks in all, P = Σ k_l / N. Release points on a
-    lattice are fixed, so only the rocks of each line are a sample (stratified sampling; Cochran
-    1977, section 5.3): Var P = Σ k_l (n − k_l)/(n − 1) / N². Points drawn at random make the line
-    the unit (cluster sampling; ibid., section 9A.2):
-    Var P = L/(L − 1) · (Σ k_l² − (Σ k_l)²/L) / N².
+    With k_l of n rocks of line l in the cell and N rocks in all, P = Σ k_l / N; the error is the
+    root of ``count_variance`` over N.
 
     Parameters
     ----------
@@ -201,16 +238,7 @@ def reach_probability(
     probability, standard_error : float64, shape (n,)
         The error is NaN where the sample cannot tell it: one rock per line, or one random line.
     """
-    k = reach.astype(np.float64)
-    k2 = reach_square.astype(np.float64)
-    n = sample.rocks_per_line
-    if sample.random_points:
-        if sample.lines < 2:
-            variance = np.full(k.shape, np.nan)
-        else:
-            variance = sample.lines / (sample.lines - 1.0) * (k2 - k * k / sample.lines)
-    elif n < 2:
-        variance = np.full(k.shape, np.nan)
-    else:
-        variance = (n * k - k2) / (n - 1.0)
-    return k / sample.rocks, np.sqrt(np.maximum(variance, 0.0)) / sample.rocks
+    variance = count_variance(
+        reach, reach_square, sample.rocks_per_line, sample.lines, sample.random_points
+    )
+    return reach.astype(np.float64) / sample.rocks, np.sqrt(variance) / sample.rocks
