@@ -31,6 +31,12 @@ class BlockPopulation:
         Height above the resting position from which the rock is let go.
     orientation_rad : (low, high)
         Angle of the major axis to the slope.
+    volume_m3 : (low, high), optional
+        Limits of the volume (m³). Where they are given, the axes are relative: they set the shape,
+        the volume the size.
+    volume_exponent : float, optional
+        b of the power law N(V > v) ~ v^-b from which volumes are drawn between their limits;
+        without it all volumes between them are equally likely.
     """
 
     name: str = "block"
@@ -42,10 +48,15 @@ class BlockPopulation:
     spin_radps: Range = (0.0, 0.0)
     drop_m: Range = (0.0, 0.0)
     orientation_rad: Range = (0.0, float(np.pi))
+    volume_m3: Range | None = None
+    volume_exponent: float | None = None
 
     def __post_init__(self) -> None:
-        positive = ("axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3")
-        for field in (*positive, "speed_mps", "spin_radps", "drop_m", "orientation_rad"):
+        positive: tuple[str, ...] = ("axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3")
+        others: tuple[str, ...] = ("speed_mps", "spin_radps", "drop_m", "orientation_rad")
+        if self.volume_m3 is not None:
+            positive = (*positive, "volume_m3")
+        for field in (*positive, *others):
             low, high = getattr(self, field)
             if not (np.isfinite(low) and np.isfinite(high)):
                 raise InputError(
@@ -71,9 +82,20 @@ class BlockPopulation:
                 field="drop_m" if self.drop_m[0] < 0.0 else "speed_mps",
                 expected="zero or more",
             )
+        if self.volume_exponent is not None and self.volume_m3 is None:
+            raise InputError(
+                f"blocks {self.name!r}: has no volumes to go with",
+                field="volume_exponent",
+                found=self.volume_exponent,
+                expected="volume_m3 as well",
+            )
 
     def array(self) -> FloatArray:
-        """Limits as the kernel reads them: float64, shape (8, 2), ordered as the attributes."""
+        """Limits as the kernel reads them: float64, shape (10, 2), ordered as the attributes.
+
+        No volume stands as zeros, no exponent as NaN.
+        """
+        exponent = np.nan if self.volume_exponent is None else self.volume_exponent
         return np.array(
             [
                 self.axis_1_m,
@@ -84,6 +106,8 @@ class BlockPopulation:
                 self.spin_radps,
                 self.drop_m,
                 self.orientation_rad,
+                self.volume_m3 or (0.0, 0.0),
+                (exponent, exponent),
             ],
             dtype=np.float64,
         )
@@ -91,5 +115,12 @@ class BlockPopulation:
     @property
     def largest_mass_kg(self) -> float:
         """Mass of the heaviest rock that can be drawn (kg)."""
+        return self.largest_volume_m3 * self.density_kgm3[1]
+
+    @property
+    def largest_volume_m3(self) -> float:
+        """Volume of the largest rock that can be drawn (m³)."""
+        if self.volume_m3 is not None:
+            return self.volume_m3[1]
         axes = self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
-        return 4.0 / 3.0 * np.pi * axes * self.density_kgm3[1]
+        return 4.0 / 3.0 * float(np.pi) * axes

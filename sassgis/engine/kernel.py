@@ -55,6 +55,21 @@ class Bins(NamedTuple):
     energy: NDArray[np.float64]  # kJ
     height: NDArray[np.float64]  # m
     speed: NDArray[np.float64]  # m/s
+    threshold: NDArray[np.float64]  # kJ, ascending from 0: energies whose exceedance is counted
+
+
+class Objects(NamedTuple):
+    """Objects that cover cells of the chunk, cell by cell; an object is told by its number."""
+
+    offset: NDArray[np.int64]  # (n_cells + 1,)
+    number: NDArray[np.int64]
+
+
+class Exceedance(NamedTuple):
+    """Rocks that came to each place (cell or object) with at least the energy of a threshold."""
+
+    count: NDArray[np.int64]  # (n, thresholds)
+    square: NDArray[np.int64]  # sum over lines of the square of the line's number of rocks
 
 
 class CellSums(NamedTuple):
@@ -63,12 +78,34 @@ class CellSums(NamedTuple):
     Whole numbers, so that the order of adding does not matter.
     """
 
-    # (n, 4): rocks that came; sum over lines of the square of that number; energy (J); stops
-    tally: NDArray[np.int64]
-    peak: NDArray[np.float64]  # (n, 4): largest energy (kJ), height (m), speed (m/s); unused
+    tally: NDArray[np.int64]  # (n, 2): energy (J); stops
+    peak: NDArray[np.float64]  # (n, 3): largest energy (kJ), height (m), speed (m/s)
     energy: NDArray[np.uint32]  # (n, bins)
     height: NDArray[np.uint32]
     speed: NDArray[np.uint32]
+
+
+class LineTally(NamedTuple):
+    """Rocks of one line by place and highest threshold that they reach; cleared after each line."""
+
+    hits: NDArray[np.uint32]  # (n, thresholds)
+    came: NDArray[np.bool_]
+    touched: NDArray[np.int64]  # places in the order in which they were first reached
+
+
+@kernel
+def _draw_volume(key: np.uint64, low: float, high: float, exponent: float) -> float:
+    """Draw a volume: N(V > v) falls as v^-exponent between the limits; NaN: all equally likely."""
+    u = rng.uniform(key, rng.VOLUME, 0)
+    if high <= low:
+        return low
+    if math.isnan(exponent):
+        return low + (high - low) * u
+    span = math.log(high / low)
+    # The share of the law's mass below v is expm1(-b log(v/low)) / expm1(-b span).
+    if abs(exponent) * span < 1e-9:
+        return low * math.exp(u * span)
+    return low * math.exp(-math.log1p(u * math.expm1(-exponent * span)) / exponent)
 
 
 @kernel
@@ -76,11 +113,18 @@ def draw_block(limits: FloatArray, key: np.uint64) -> tuple[Block, float]:
     """Draw one rock between limits (core.blocks.BlockPopulation.array).
 
     The three semi-axes are drawn and sorted; the two longer ones lie in the plane of motion, so
-    that the spin is about the shortest, and the third sets the mass.
+    that the spin is about the shortest, and the third sets the mass. Where the volume is drawn as
+    well, the axes give the shape only.
     """
     p = rng.between(key, rng.AXIS_1, 0, limits[0, 0], limits[0, 1])
     q = rng.between(key, rng.AXIS_2, 0, limits[1, 0], limits[1, 1])
     r = rng.between(key, rng.AXIS_3, 0, limits[2, 0], limits[2, 1])
+    if limits[8, 1] > 0.0:
+        volume = _draw_volume(key, limits[8, 0], limits[8, 1], limits[9, 0])
+        scale = (volume / (4.0 / 3.0 * math.pi * p * q * r)) ** (1.0 / 3.0)
+        p *= scale
+        q *= scale
+        r *= scale
     a = max(p, q, r)
     c = min(p, q, r)
     b = p + q + r - a - c
@@ -103,20 +147,91 @@ def _hunt(edges: FloatArray, value: float, near: int) -> int:
 
 
 @kernel
+def _tally(tally: LineTally, n_line: int, place: int, level: int) -> int:
+    """Count a rock of the line at a place; returns the number of places that the line touched."""
+    if not tally.came[place]:
+        tally.came[place] = True
+        tally.touched[n_line] = place
+        n_line += 1
+    tally.hits[place, level] += np.uint32(1)
+    return n_line
+
+
+@kernel
+def _close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
+    """Add a line's rocks to the sums and clear its tally."""
+    last = tally.hits.shape[1] - 1
+    for k in range(n_line):
+        place = tally.touched[k]
+        rocks = np.int64(0)
+        for i in range(last, -1, -1):
+            rocks += np.int64(tally.hits[place, i])
+            tally.hits[place, i] = np.uint32(0)
+            sums.count[place, i] += rocks
+            sums.square[place, i] += rocks * rocks
+        tally.came[place] = False
+
+
+@kernel
+def _at_objects(
+    work: CellWork,
+    n_touched: int,
+    mass: float,
+    threshold: FloatArray,
+    objects: Objects,
+    peak: FloatArray,
+    met: IntArray,
+    tally: LineTally,
+    n_line: int,
+) -> int:
+    """Count one rock at the objects whose cells it touched, with its largest energy there.
+
+    ``peak`` is -1 for all objects before and after; ``met`` is working space.
+    """
+    n_met = 0
+    for k in range(n_touched):
+        cell = work.touched[k]
+        for m in range(objects.offset[cell], objects.offset[cell + 1]):
+            number = objects.number[m]
+            if peak[number] < 0.0:
+                met[n_met] = number
+                n_met += 1
+            peak[number] = max(peak[number], work.peak[cell, 0])
+    near = 0
+    for k in range(n_met):
+        number = met[k]
+        near = _level(threshold, 1e-3 * (peak[number] * mass), near)
+        n_line = _tally(tally, n_line, number, near)
+        peak[number] = -1.0
+    return n_line
+
+
+@kernel
+def _level(threshold: FloatArray, value: float, near: int) -> int:
+    """The highest threshold that a value reaches, looking from one near it."""
+    i = near
+    while i < threshold.size - 1 and value >= threshold[i + 1]:
+        i += 1
+    while i > 0 and value < threshold[i]:
+        i -= 1
+    return i
+
+
+@kernel
 def _flush(
     work: CellWork,
     n_touched: int,
     sums: CellSums,
     bins: Bins,
     mass: float,
-    line_hits: IntArray,
-    line_touched: IntArray,
+    tally: LineTally,
     n_line: int,
 ) -> int:
     """Add one rock's cells to the sums; returns the number of cells that its line has touched."""
     ie = 0
     ih = 0
     iv = 0
+    level = 0
     for k in range(n_touched):
         cell = work.touched[k]
         joule = work.peak[cell, 0] * mass
@@ -126,17 +241,15 @@ def _flush(
         ie = _hunt(bins.energy, kj, ie)
         ih = _hunt(bins.height, height, ih)
         iv = _hunt(bins.speed, speed, iv)
+        level = _level(bins.threshold, kj, level)
         sums.energy[cell, ie] += np.uint32(1)
         sums.height[cell, ih] += np.uint32(1)
         sums.speed[cell, iv] += np.uint32(1)
-        sums.tally[cell, 2] += np.int64(joule + 0.5)
+        sums.tally[cell, 0] += np.int64(joule + 0.5)
         sums.peak[cell, 0] = max(sums.peak[cell, 0], kj)
         sums.peak[cell, 1] = max(sums.peak[cell, 1], height)
         sums.peak[cell, 2] = max(sums.peak[cell, 2], speed)
-        if line_hits[cell] == 0:
-            line_touched[n_line] = cell
-            n_line += 1
-        line_hits[cell] += 1
+        n_line = _tally(tally, n_line, cell, level)
         work.peak[cell, 0] = -1.0
     return n_line
 
@@ -223,6 +336,9 @@ def run_lines(
     first_rock: int,
     n_rocks: int,
     sums: CellSums,
+    reach: Exceedance,
+    objects: Objects,
+    object_reach: Exceedance,
     rocks: FloatArray,
     passages: FloatArray,
     events: FloatArray,
@@ -235,7 +351,7 @@ def run_lines(
     lines : Lines
     ground_table : float64, shape (n_classes, 7)
         core.ground.GroundTable.array.
-    limits : float64, shape (8, 2)
+    limits : float64, shape (10, 2)
         core.blocks.BlockPopulation.array.
     physics : Physics
     gate_table : GateTable
@@ -243,8 +359,11 @@ def run_lines(
     seed : uint64
     first_rock, n_rocks : int
         Numbers of the rocks on each line.
-    sums : CellSums
-        Added to.
+    sums, reach : CellSums, Exceedance
+        Of the cells; added to.
+    objects : Objects
+    object_reach : Exceedance
+        Of the objects; added to.
     rocks : float64, shape (n_lines * n_rocks, ROCK_COLUMNS)
         Filled.
     passages : float64, shape (enough, PASSAGE_COLUMNS)
@@ -261,8 +380,20 @@ def run_lines(
     n_lines = lines.number.size
     n_cells = sums.tally.shape[0]
     work = CellWork(np.full((n_cells, 4), -1.0), np.zeros(n_cells, np.int64))
-    line_hits = np.zeros(n_cells, np.int64)
-    line_touched = np.zeros(n_cells, np.int64)
+    n_levels = bins.threshold.size
+    tally = LineTally(
+        np.zeros((n_cells, n_levels), np.uint32),
+        np.zeros(n_cells, np.bool_),
+        np.zeros(n_cells, np.int64),
+    )
+    n_objects = object_reach.count.shape[0]
+    object_tally = LineTally(
+        np.zeros((n_objects, n_levels), np.uint32),
+        np.zeros(n_objects, np.bool_),
+        np.zeros(n_objects, np.int64),
+    )
+    object_peak = np.full(n_objects, -1.0)
+    object_met = np.zeros(n_objects, np.int64)
     most = 1
     for i in range(n_lines):
         size = (
@@ -315,6 +446,7 @@ def run_lines(
         )  # fmt: skip
         seen = np.zeros(g1 - g0, np.bool_)
         n_line = int(np.int64(0))
+        n_line_objects = int(np.int64(0))
         for r in range(n_rocks):
             rock = first_rock + r
             key = rng.rock_key(seed, lines.key[i], rock)
@@ -346,11 +478,14 @@ def run_lines(
                 if reason == BARRIER and k > 0 and pieces.border[k] >= x > start:
                     k -= 1
                 last = pieces.cell[min(max(k, 0), n_pieces - 1)]
-            n_line = _flush(
-                work, n_touched, sums, bins, block.mass, line_hits, line_touched, n_line
-            )
+            if n_objects:
+                n_line_objects = _at_objects(
+                    work, n_touched, block.mass, bins.threshold, objects, object_peak, object_met,
+                    object_tally, n_line_objects,
+                )  # fmt: skip
+            n_line = _flush(work, n_touched, sums, bins, block.mass, tally, n_line)
             if last >= 0 and reason in (REST, BARRIER):
-                sums.tally[last, 3] += 1
+                sums.tally[last, 1] += 1
             row = rocks[row_number]
             row[0] = reason
             row[1] = start
@@ -368,10 +503,6 @@ def run_lines(
             row[13] = top_height
             row[14] = 1e-3 * top_energy * block.mass
             row_number += 1
-        for k in range(n_line):
-            cell = line_touched[k]
-            hits = line_hits[cell]
-            sums.tally[cell, 0] += hits
-            sums.tally[cell, 1] += hits * hits
-            line_hits[cell] = 0
+        _close_line(tally, n_line, reach)
+        _close_line(object_tally, n_line_objects, object_reach)
     return n_passages

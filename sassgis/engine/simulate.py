@@ -21,8 +21,10 @@ from sassgis.engine.kernel import (
     PASSAGE_COLUMNS,
     ROCK_COLUMNS,
     CellSums,
+    Exceedance,
     GateTable,
     Lines,
+    Objects,
     run_lines,
 )
 from sassgis.engine.kernel import (
@@ -77,6 +79,37 @@ class GateCrossings:
 
 
 @dataclass(frozen=True, slots=True)
+class ObjectCells:
+    """The cells of exposed objects.
+
+    Attributes
+    ----------
+    n_objects : int
+    cell : int64, shape (n,)
+        Flat indices of cells, ascending.
+    number : int64, shape (n,)
+        The object that covers the cell; a cell may belong to several.
+    """
+
+    n_objects: int
+    cell: IntArray
+    number: IntArray
+
+    @classmethod
+    def none(cls) -> ObjectCells:
+        """No object."""
+        return cls(0, np.empty(0, np.int64), np.empty(0, np.int64))
+
+    def under(self, cells: IntArray) -> Objects:
+        """The objects on each of some cells (flat indices, ascending)."""
+        first = np.searchsorted(self.cell, cells, side="left")
+        size = np.searchsorted(self.cell, cells, side="right") - first
+        offset = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
+        take = np.repeat(first - offset[:-1], size) + np.arange(offset[-1])
+        return Objects(offset, np.asarray(self.number, np.int64)[take])
+
+
+@dataclass(frozen=True, slots=True)
 class Simulated:
     """What the rocks of some lines left.
 
@@ -85,9 +118,12 @@ class Simulated:
     cells : int64, shape (n_cells,)
         Flat indices of the grid cells under the lines, ascending.
     sums : dict of str to array with a row for each of ``cells``
-        "reach" (rocks that came), "reach_square" (sum over lines of its square), "stops",
-        "energy_sum" (J), "energy_max" (kJ), "height_max" (m), "speed_max" (m/s), and the counts
-        "energy", "height", "speed" in the bins of the run.
+        "reach" (rocks that came), "reach_square" (sum over lines of its square), "exceed" and
+        "exceed_square" (the same of the rocks that reach each threshold), "stops", "energy_sum"
+        (J), "energy_max" (kJ), "height_max" (m), "speed_max" (m/s), and the counts "energy",
+        "height", "speed" in the bins of the run.
+    objects : dict
+        "exceed" and "exceed_square" with a row for each object.
     rocks : ROCK_DTYPE, shape (n_lines * n_rocks,)
     passages : PASSAGE_DTYPE
     courses : tuple of float64 arrays, shape (n_events, 11)
@@ -96,18 +132,23 @@ class Simulated:
 
     cells: IntArray
     sums: dict[str, NDArray[np.generic]]
+    objects: dict[str, IntArray]
     rocks: NDArray[np.void]
     passages: NDArray[np.void]
     courses: tuple[FloatArray, ...]
 
 
 def default_bins(
-    largest_energy_kj: float = 1e6, largest_height_m: float = 100.0, largest_speed_mps: float = 80.0
+    largest_energy_kj: float = 1e6,
+    largest_height_m: float = 100.0,
+    largest_speed_mps: float = 80.0,
+    thresholds_kj: Sequence[float] = (),
 ) -> Bins:
-    """Edges of the histograms that the map's quantiles come from.
+    """Edges of the histograms that the map's quantiles come from, and energies of hazard curves.
 
     Energy: 20 bins a decade, 30 and 300 kJ among the edges, from 0.03 kJ. Height: 0.1 m up to 2 m,
-    then steps of 6 %. Speed: 0.5 m/s up to 20 m/s, then 1 m/s.
+    then steps of 6 %. Speed: 0.5 m/s up to 20 m/s, then 1 m/s. Hazard curves: 0, four energies a
+    decade from 0.95 kJ with 30 and 300 kJ among them, and the thresholds given.
     """
     top = max(int(np.ceil(20.0 * np.log10(max(largest_energy_kj, 1.0) / 30.0))), 20)
     energy = np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-60, top + 1) / 20.0)])
@@ -116,27 +157,38 @@ def default_bins(
     speed = np.concatenate(
         [np.arange(0.0, 20.0, 0.5), np.arange(20.0, max(largest_speed_mps, 22.0) + 1.0, 1.0)]
     )
-    return Bins(energy, height, speed)
+    regular = 30.0 * 10.0 ** (np.arange(-6, top // 5 + 1) / 4.0)
+    regular[[6, 10]] = 30.0, 300.0
+    given = np.array([t for t in thresholds_kj if not np.isclose(t, regular, rtol=1e-9).any()])
+    threshold = np.unique(np.concatenate([[0.0], regular, given]))
+    return Bins(energy, height, speed, threshold)
 
 
 def empty_sums(n_cells: int, bins: Bins) -> CellSums:
     """Sums for ``n_cells`` cells to which nothing has come yet."""
     return CellSums(
-        tally=np.zeros((n_cells, 4), np.int64),
-        peak=np.zeros((n_cells, 4)),
+        tally=np.zeros((n_cells, 2), np.int64),
+        peak=np.zeros((n_cells, 3)),
         energy=np.zeros((n_cells, bins.energy.size - 1), np.uint32),
         height=np.zeros((n_cells, bins.height.size - 1), np.uint32),
         speed=np.zeros((n_cells, bins.speed.size - 1), np.uint32),
     )
 
 
-def _columns(sums: CellSums) -> dict[str, NDArray[np.generic]]:
+def no_exceedance(n: int, bins: Bins) -> Exceedance:
+    """Counts for ``n`` cells or objects to which nothing has come yet."""
+    return Exceedance(*(np.zeros((n, bins.threshold.size), np.int64) for _ in range(2)))
+
+
+def _columns(sums: CellSums, reach: Exceedance) -> dict[str, NDArray[np.generic]]:
     """The sums under their names."""
     return {
-        **{
-            n: sums.tally[:, i]
-            for i, n in enumerate(("reach", "reach_square", "energy_sum", "stops"))
-        },
+        "reach": reach.count[:, 0],
+        "reach_square": reach.square[:, 0],
+        "exceed": reach.count,
+        "exceed_square": reach.square,
+        "energy_sum": sums.tally[:, 0],
+        "stops": sums.tally[:, 1],
         **{n: sums.peak[:, i] for i, n in enumerate(("energy_max", "height_max", "speed_max"))},
         "energy": sums.energy,
         "height": sums.height,
@@ -197,6 +249,7 @@ def simulate(
     line_keys: NDArray[np.uint64],
     starts: FloatArray,
     gates: GateCrossings | None = None,
+    objects: ObjectCells | None = None,
     line_numbers: IntArray | None = None,
     first_rock: int = 0,
     bins: Bins | None = None,
@@ -220,12 +273,15 @@ def simulate(
     starts : float64, shape (n_lines, 2)
         Limits of the starting chainage (m).
     gates : GateCrossings, optional
+    objects : ObjectCells, optional
+        At each of which every rock counts once, with its largest energy in the object's cells.
     line_numbers : int64, shape (n_lines,), optional
         Number of each line in the run; default 0, 1, 2, ...
     first_rock : int
         Number of the first rock on each line.
     bins : Bins, optional
-        Edges of the histograms per cell; default ``default_bins()``.
+        Edges of the histograms per cell, thresholds of the hazard curves; default
+        ``default_bins()``.
     course_events : int
         Events to keep of each rock's course.
 
@@ -244,6 +300,8 @@ def simulate(
         bins = default_bins()
     if gates is None:
         gates = GateCrossings.none(n_lines)
+    if objects is None:
+        objects = ObjectCells.none()
     if line_numbers is None:
         line_numbers = np.arange(n_lines, dtype=np.int64)
     starts = np.asarray(starts, np.float64).reshape(n_lines, 2)
@@ -282,6 +340,8 @@ def simulate(
         1e3 * np.array([g.capacity_kj for g in gates.gates], np.float64),
     )
     sums = empty_sums(cells.size, bins)
+    reach = no_exceedance(cells.size, bins)
+    object_reach = no_exceedance(objects.n_objects, bins)
     n = n_lines * rocks_per_line
     rocks = np.zeros((n, ROCK_COLUMNS))
     passages = np.zeros((max(gates.chainage.size * rocks_per_line, 1), PASSAGE_COLUMNS))
@@ -298,6 +358,9 @@ def simulate(
         first_rock,
         rocks_per_line,
         sums,
+        reach,
+        objects.under(cells),
+        object_reach,
         rocks,
         passages,
         events,
@@ -305,7 +368,8 @@ def simulate(
     )
     return Simulated(
         cells=cells,
-        sums=_columns(sums),
+        sums=_columns(sums, reach),
+        objects={"exceed": object_reach.count, "exceed_square": object_reach.square},
         rocks=_rock_rows(rocks, lines.number, first_rock, rocks_per_line),
         passages=_passage_rows(passages[:filled]),
         courses=tuple(events[i, : event_counts[i]] for i in range(n)) if course_events else (),
