@@ -72,6 +72,9 @@ def hazard_curves(
     Sums are made over the scenarios of each area first, and then over the areas in the order in
     which they first appear. So the rate of two areas is exactly the sum of the rates of each alone.
 
+    The rate of one rock is the largest of the scenarios of those areas from which any rock came:
+    none of a few rocks of a frequent scenario says little against it where a rare one arrives.
+
     Parameters
     ----------
     sources : sequence of Source
@@ -89,11 +92,12 @@ def hazard_curves(
         raise ValueError("the first energy of the curves is 0 kJ")
     if np.any(np.diff(energies) <= 0.0):
         raise ValueError("energies of the curves do not rise")
+    largest = {s.area: max(t.rate_per_rock for t in sources if t.area == s.area) for s in sources}
     areas: dict[str, list[HazardCurves]] = {}
     for source, own in zip(sources, counts, strict=True):
         if own.count.shape != (own.places.size, energies.size):
             raise ValueError(f"counts of {source.label} do not fit the energies")
-        per_rock = np.where(own.count[:, 0] > 0, source.rate_per_rock, 0.0)
+        per_rock = np.where(own.count[:, 0] > 0, largest[source.area], 0.0)
         areas.setdefault(source.area, []).append(
             HazardCurves(
                 own.places,
@@ -283,10 +287,13 @@ def _interval(
 def _gamma_quantile(
     tail: float, mean: FloatArray, variance: FloatArray, inverse: np.ufunc
 ) -> FloatArray:
-    """Quantile of the gamma distribution with a mean and variance; the mean where that is 0."""
+    """Quantile of the gamma distribution with a mean and variance; the mean where that is 0.
+
+    Spreads below a hundred millionth of the mean count as 0.
+    """
     out = np.array(np.broadcast_to(mean, np.broadcast_shapes(mean.shape, variance.shape)))
     spread = np.broadcast_to(variance, out.shape)
-    some = (out > 0.0) & (spread > 0.0)
+    some = (out > 0.0) & (spread > 1e-16 * out**2)
     scale = spread[some] / out[some]
     out[some] = inverse(out[some] / scale, tail) * scale
     return out
