@@ -5,9 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hazard_samples import curves_of, drawn_counts
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up import curves_of, drawn_counts
 from scipy import stats
 
 from sassgis.core.hazard import Source, SourceCounts

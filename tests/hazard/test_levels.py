@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts, swiss
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts, swiss
 
 from sassgis.core.hazard import HazardCurves, Source
 from sassgis.hazard.curves import hazard_curves, meets
