@@ -36,16 +36,16 @@ def simulate_once(folder: Path, repeats: int) -> dict[str, Any]:
     run = read_map_run(load_config(folder / "config.toml"))
     began = time.perf_counter()
     planned = plan(run)
-    few = chunks_of(planned)[:1]
+    few = chunks_of(planned)[0].points
     import dataclasses
 
     from sassgis.terrain.release import take
 
     small = dataclasses.replace(
         planned,
-        points=take(planned.points, few[0]),
-        starts=take(planned.starts, few[0]),
-        moved=planned.moved[few[0]],
+        points=take(planned.points, few),
+        starts=take(planned.starts, few),
+        moved=planned.moved[few],
     )
     simulate_map(run, small, jobs=1)
     first = time.perf_counter() - began

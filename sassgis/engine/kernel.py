@@ -68,7 +68,7 @@ class Objects(NamedTuple):
 class Exceedance(NamedTuple):
     """Rocks that came to each place (cell or object) with at least the energy of a threshold."""
 
-    count: NDArray[np.int64]  # (n, thresholds)
+    rocks: NDArray[np.int64]  # (n, thresholds)
     square: NDArray[np.int64]  # sum over lines of the square of the line's number of rocks
 
 
@@ -167,7 +167,7 @@ def _close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
         for i in range(last, -1, -1):
             rocks += np.int64(tally.hits[place, i])
             tally.hits[place, i] = np.uint32(0)
-            sums.count[place, i] += rocks
+            sums.rocks[place, i] += rocks
             sums.square[place, i] += rocks * rocks
         tally.came[place] = False
 
@@ -386,7 +386,7 @@ def run_lines(
         np.zeros(n_cells, np.bool_),
         np.zeros(n_cells, np.int64),
     )
-    n_objects = object_reach.count.shape[0]
+    n_objects = object_reach.rocks.shape[0]
     object_tally = LineTally(
         np.zeros((n_objects, n_levels), np.uint32),
         np.zeros(n_objects, np.bool_),

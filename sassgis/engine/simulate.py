@@ -183,9 +183,9 @@ def no_exceedance(n: int, bins: Bins) -> Exceedance:
 def _columns(sums: CellSums, reach: Exceedance) -> dict[str, NDArray[np.generic]]:
     """The sums under their names."""
     return {
-        "reach": reach.count[:, 0],
+        "reach": reach.rocks[:, 0],
         "reach_square": reach.square[:, 0],
-        "exceed": reach.count,
+        "exceed": reach.rocks,
         "exceed_square": reach.square,
         "energy_sum": sums.tally[:, 0],
         "stops": sums.tally[:, 1],
@@ -369,7 +369,7 @@ def simulate(
     return Simulated(
         cells=cells,
         sums=_columns(sums, reach),
-        objects={"exceed": object_reach.count, "exceed_square": object_reach.square},
+        objects={"exceed": object_reach.rocks, "exceed_square": object_reach.square},
         rocks=_rock_rows(rocks, lines.number, first_rock, rocks_per_line),
         passages=_passage_rows(passages[:filled]),
         courses=tuple(events[i, : event_counts[i]] for i in range(n)) if course_events else (),

@@ -8,6 +8,7 @@ and inputs; with any other it is ignored.
 from __future__ import annotations
 
 import os
+import re
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.gates import GateSums
+from sassgis.hazard.source_sums import SourceSums
 from sassgis.hazard.statistics import MapSums
 from sassgis.io.staging import CHECKPOINT_STEM, writing
-from sassgis.workflow.map_run import FallLines, MapRun, Progress, Rows, joined_rows
+from sassgis.workflow.map_run import (
+    FallLines,
+    MapRun,
+    Progress,
+    Rows,
+    SourceTally,
+    joined_rows,
+)
 
 _LINE_FIELDS = ("offset", "x", "y", "point", "fan", "length_m", "drop_m", "end")
 _ROW_FIELDS = ("rocks", "rock_scenario", "x", "y", "passages", "passage_scenario")
@@ -82,6 +91,7 @@ class Checkpoint:
         if state["furthest_m"].size:
             line, scenario, rock = state["furthest_rock"].tolist()
             progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
+        progress.sources = _sources(state, run)
         lines = _group(state, "lines")
         progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
         rows = _group(state, "stops")
@@ -119,6 +129,12 @@ class Checkpoint:
             }
             state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
             state |= {f"gates.{k}": v for k, v in progress.gates.state().items()}
+            for (area, scenario), tally in progress.sources.items():
+                name = f"source.{area}.{scenario}"
+                state[f"{name}.rocks"] = np.array(tally.rocks)
+                state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
+                state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
+                state |= {f"{name}.gates.{k}": v for k, v in tally.gates.state().items()}
             lines = joined_lines(progress.lines)
             state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
             stops = joined_rows(progress.stops)
@@ -137,6 +153,21 @@ def read_rows(part: Path) -> Rows:
     """Rows of one file of a checkpoint."""
     with np.load(part, allow_pickle=False) as stored:
         return Rows(*(stored[f] for f in _ROW_FIELDS))
+
+
+def _sources(state: dict[str, Any], run: MapRun) -> dict[tuple[int, int], SourceTally]:
+    """Tallies of the sources, in the order in which they were saved."""
+    names = [k.removesuffix(".rocks") for k in state if re.fullmatch(r"source\.\d+\.\d+\.rocks", k)]
+    sources = {}
+    for name in names:
+        _, area, scenario = name.split(".")
+        sources[int(area), int(scenario)] = SourceTally(
+            SourceSums.from_state(_group(state, f"{name}.cells")),
+            SourceSums.from_state(_group(state, f"{name}.objects")),
+            GateSums.from_state(tuple(g for g, _ in run.gates), _group(state, f"{name}.gates")),
+            int(state[f"{name}.rocks"]),
+        )
+    return sources
 
 
 def _group(state: dict[str, Any], name: str) -> dict[str, Any]:

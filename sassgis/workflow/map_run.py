@@ -26,8 +26,16 @@ from sassgis.core.profiles import LineEnd, ReleasePoints, TraceSet
 from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate, StopReason
 from sassgis.core.settings import EngineSettings
 from sassgis.engine import rng
-from sassgis.engine.simulate import GateCrossings, Simulated, default_bins, simulate
+from sassgis.engine.simulate import (
+    Bins,
+    GateCrossings,
+    ObjectCells,
+    Simulated,
+    default_bins,
+    simulate,
+)
 from sassgis.hazard.gates import GateSums
+from sassgis.hazard.source_sums import SourceSums
 from sassgis.hazard.statistics import MapSums, Sample
 from sassgis.io.vectors import ReleaseArea
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface
@@ -74,8 +82,13 @@ class MapRun:
     rocks_per_point, seed : int
     stop_points_max : int
         Most stop points to keep one by one.
-    keep_rows : bool
-        Whether to hand on the row of every rock and passage.
+    rounds : int
+        How often ``rocks_per_point`` rocks are let go; the rocks of the first rounds stay the same
+        when there are more.
+    thresholds_kj : tuple of float
+        Energies that hazard curves must have a value for.
+    objects : ObjectCells
+        Exposed objects at which rocks are counted.
     """
 
     grid: Grid
@@ -93,7 +106,9 @@ class MapRun:
     rocks_per_point: int
     seed: int
     stop_points_max: int = 100_000
-    keep_rows: bool = False
+    rounds: int = 1
+    thresholds_kj: tuple[float, ...] = ()
+    objects: ObjectCells = field(default_factory=ObjectCells.none)
 
     @property
     def rocks_per_line(self) -> int:
@@ -126,7 +141,7 @@ class Plan:
 
     def rocks_of_point(self, run: MapRun) -> IntArray:
         """Rocks that are released at each point, shape (n,)."""
-        per_line = run.rocks_per_line * run.spread.lines_per_point
+        per_line = run.rounds * run.rocks_per_line * run.spread.lines_per_point
         counts = np.array([len(s) for s in self.scenarios], np.int64)
         rocks: IntArray = counts[self.points.area] * per_line
         return rocks
@@ -209,10 +224,19 @@ class FallLines:
 
 
 @dataclass(frozen=True, slots=True)
-class _Outcome:
-    """What one chunk gave."""
+class Chunk:
+    """Release points of one area, worked on together in one round."""
 
-    sums: list[Simulated]
+    points: IntArray
+    round: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What one chunk gave: of each block scenario, by its position in ``blocks``."""
+
+    area: int
+    sums: dict[int, Simulated]
     rows: Rows
     lines: FallLines
     lost: int
@@ -290,8 +314,9 @@ def _thinned(traces: TraceSet, run: MapRun) -> FallLines:
     )
 
 
-def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome:
-    """One chunk: the release points ``which``."""
+def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> _Outcome:
+    """One chunk."""
+    which = chunk.points
     m = run.spread.lines_per_point
     starts = take(planned.starts, which)
     traces = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, run.spread)
@@ -299,21 +324,20 @@ def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome
     good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
     drawn = _thinned(traces, run)
     number = which[traces.point] * m + np.arange(len(traces)) % m
-    areas = starts.area[traces.point]
+    area = int(starts.area[0])
     moved = planned.moved[which][traces.point]
-    per_point = planned.rocks_of_point(run)[which][traces.point] // m
-    lost = int(per_point[~good].sum())
+    scenarios = planned.scenarios[area]
+    lost = int((~good).sum()) * run.rocks_per_line * len(scenarios)
 
-    sums: list[Simulated] = []
+    sums: dict[int, Simulated] = {}
     parts: list[Rows] = []
-    for k, blocks in enumerate(run.blocks):
-        wanted = good & np.array([k in planned.scenarios[a] for a in areas], bool)
-        if not wanted.any():
-            continue
-        lines = take_lines(traces, wanted)
-        ahead = with_lead_in(take_profiles(flat, wanted), LEAD_IN_M)
-        last = ahead.s[ahead.offset[1:] - 1]
-        start = np.column_stack([np.zeros(len(lines)), np.minimum(2.0 * moved[wanted], last)])
+    lines = take_lines(traces, good)
+    ahead = with_lead_in(take_profiles(flat, good), LEAD_IN_M)
+    last = ahead.s[ahead.offset[1:] - 1]
+    start = np.column_stack([np.zeros(len(lines)), np.minimum(2.0 * moved[good], last)])
+    crossed = gate_crossings(run, lines)
+    for k in scenarios if len(lines) else ():
+        blocks = run.blocks[k]
         result = simulate(
             ahead,
             run.table,
@@ -321,11 +345,13 @@ def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome
             run.engine,
             seed=run.seed,
             rocks_per_line=run.rocks_per_line,
-            line_keys=line_draw_keys(traces, starts.key, m, blocks.name)[wanted],
+            line_keys=line_draw_keys(traces, starts.key, m, blocks.name)[good],
             starts=start,
-            gates=gate_crossings(run, lines),
-            line_numbers=number[wanted],
-            bins=bins,  # type: ignore[arg-type]
+            gates=crossed,
+            objects=run.objects,
+            line_numbers=number[good],
+            first_rock=chunk.round * run.rocks_per_line,
+            bins=bins,
         )
         local = np.repeat(np.arange(len(lines), dtype=np.int64), run.rocks_per_line)
         x, y = chainage_to_xy(
@@ -333,7 +359,7 @@ def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome
             local,
             np.clip(result.rocks["runout_m"], 0.0, np.repeat(last, run.rocks_per_line)),
         )
-        sums.append(result)
+        sums[k] = result
         parts.append(
             Rows(
                 result.rocks, np.full(result.rocks.size, k, np.int64), x, y,
@@ -344,7 +370,41 @@ def _work(run: MapRun, planned: Plan, which: IntArray, bins: object) -> _Outcome
         drawn.offset, drawn.x, drawn.y, which[traces.point], drawn.fan, drawn.length_m,
         drawn.drop_m, drawn.end,
     )  # fmt: skip
-    return _Outcome(sums, joined_rows(parts), drawn, lost)
+    return _Outcome(area, sums, joined_rows(parts), drawn, lost)
+
+
+@dataclass
+class SourceTally:
+    """What has been added up of one source: a block scenario of a release area.
+
+    Attributes
+    ----------
+    cells, objects : SourceSums
+        Places are flat indices of cells and numbers of objects.
+    gates : GateSums
+    rocks : int
+        Rocks followed.
+    """
+
+    cells: SourceSums
+    objects: SourceSums
+    gates: GateSums
+    rocks: int = 0
+
+    @classmethod
+    def fresh(cls, run: MapRun) -> SourceTally:
+        """Nothing added yet."""
+        n = bins_of(run).threshold.size
+        return cls(SourceSums(n), SourceSums(n), GateSums(tuple(g for g, _ in run.gates)))
+
+    def add(self, result: Simulated) -> None:
+        """Add the rocks of a chunk."""
+        exceed = (result.sums[n].astype(np.int64) for n in ("exceed", "exceed_square"))
+        self.cells.add(result.cells, *exceed)
+        numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
+        self.objects.add(numbers, result.objects["exceed"], result.objects["exceed_square"])
+        self.gates.add(result.passages)
+        self.rocks += result.rocks.size
 
 
 @dataclass
@@ -368,6 +428,8 @@ class Progress:
         The rocks whose stop is kept one by one; kept_stops joins them.
     furthest : (run-out, line, scenario, rock) or None
         The rock with the longest run-out of all (m).
+    sources : dict of (area, scenario) to SourceTally
+        By position in ``areas`` and ``blocks``.
     """
 
     chunks: int
@@ -379,6 +441,7 @@ class Progress:
     lines: list[FallLines] = field(default_factory=list)
     stops: list[Rows] = field(default_factory=list)
     furthest: tuple[float, int, int, int] | None = None
+    sources: dict[tuple[int, int], SourceTally] = field(default_factory=dict)
 
     @classmethod
     def fresh(cls, run: MapRun) -> Progress:
@@ -440,10 +503,14 @@ def _furthest(rows: Rows) -> tuple[float, int, int, int]:
     return float(reach[i]), int(line[i]), int(scenario[i]), int(rock[i])
 
 
-def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float) -> None:
-    for result in outcome.sums:
+def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float, first: bool) -> None:
+    for scenario, result in outcome.sums.items():
         progress.sums.add(result.cells, result.sums)
         progress.gates.add(result.passages)
+        source = (outcome.area, scenario)
+        if source not in progress.sources:
+            progress.sources[source] = SourceTally.fresh(run)
+        progress.sources[source].add(result)
     reasons = outcome.rows.rocks["reason"]
     progress.reasons += np.bincount(reasons, minlength=len(StopReason))
     progress.lost += outcome.lost
@@ -457,21 +524,25 @@ def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float) -> No
         longest = _furthest(outcome.rows)
         if progress.furthest is None or longest[0] > progress.furthest[0]:
             progress.furthest = longest
-    progress.lines.append(outcome.lines)
+    if first:
+        progress.lines.append(outcome.lines)
     progress.stops.append(_kept(outcome.rows, run.seed, share))
     progress.chunks += 1
 
 
-def chunks_of(planned: Plan, size: int = CHUNK_POINTS) -> list[IntArray]:
-    """The release points of each chunk."""
-    return [
-        np.arange(i, min(i + size, len(planned.points)), dtype=np.int64)
-        for i in range(0, len(planned.points), size)
-    ]
+def chunks_of(planned: Plan, size: int = CHUNK_POINTS, rounds: int = 1) -> list[Chunk]:
+    """The chunks of a plan, round by round; a chunk holds points of one release area only."""
+    chunks = []
+    area = planned.points.area
+    starts = np.flatnonzero(np.diff(area, prepend=-1)) if area.size else np.empty(0, np.int64)
+    for begin, end in zip(starts, [*starts[1:], area.size], strict=True):
+        for i in range(begin, end, size):
+            chunks.append(np.arange(i, min(i + size, end), dtype=np.int64))
+    return [Chunk(points, r) for r in range(rounds) for points in chunks]
 
 
 def _in_order(
-    work: Callable[[IntArray], _Outcome], chunks: list[IntArray], jobs: int
+    work: Callable[[Chunk], _Outcome], chunks: list[Chunk], jobs: int
 ) -> Generator[_Outcome, None, None]:
     """Results of ``work`` in the order of the chunks, a few of them under way at a time.
 
@@ -493,7 +564,7 @@ def _in_order(
                 future.cancel()
 
 
-def bins_of(run: MapRun) -> object:
+def bins_of(run: MapRun) -> Bins:
     """Histogram bins wide enough for what can happen on this terrain."""
     relief = float(np.nanmax(run.grid.values) - np.nanmin(run.grid.values))
     g = run.engine.gravity_mps2
@@ -502,7 +573,9 @@ def bins_of(run: MapRun) -> object:
     mass = max(b.largest_mass_kg for b in run.blocks)
     energy = 1e-3 * mass * (g * drop + 0.5 * speed * speed)
     fastest = float(np.sqrt(2.0 * g * drop + speed * speed))
-    return default_bins(2.0 * energy, min(drop, 300.0), min(fastest, 150.0))
+    return default_bins(
+        2.0 * energy, min(drop, 300.0), min(fastest, 150.0), tuple(run.thresholds_kj)
+    )
 
 
 def simulate_map(
@@ -524,7 +597,8 @@ def simulate_map(
     jobs : int
         Threads.
     resume : Progress, optional
-        Of an earlier, interrupted call with the same run and chunk size; grows further.
+        Of an earlier call with the same run and chunk size, interrupted or with fewer rounds; grows
+        further.
     on_chunk : callable, optional
         Called after each chunk with the progress, the number of chunks in all and the chunk's rows.
         Ctrl-C waits until it returns, so that the progress is whole at any time.
@@ -537,17 +611,17 @@ def simulate_map(
     """
     progress = resume if resume is not None else Progress.fresh(run)
     bins = bins_of(run)
-    chunks = chunks_of(planned, chunk_points)
-    total = int(planned.rocks_of_point(run).sum())
+    chunks = chunks_of(planned, chunk_points, run.rounds)
+    total = int(planned.rocks_of_point(run).sum()) // run.rounds
     share = run.stop_points_max / total if total else 1.0
 
-    def work(which: IntArray) -> _Outcome:
-        return _work(run, planned, which, bins)
+    def work(chunk: Chunk) -> _Outcome:
+        return _work(run, planned, chunk, bins)
 
     with closing(_in_order(work, chunks[progress.chunks :], jobs)) as outcomes:
         for outcome in outcomes:
             with held_back():
-                _add(progress, outcome, run, share)
+                _add(progress, outcome, run, share, chunks[progress.chunks].round == 0)
                 if on_chunk is not None:
                     on_chunk(progress, len(chunks), outcome.rows)
     return progress

@@ -16,7 +16,6 @@ from sassgis.core.errors import InputError, Interrupted
 from sassgis.core.grid import Grid
 from sassgis.core.profiles import LineEnd
 from sassgis.core.results import Band, RasterLayer, StopReason
-from sassgis.engine.simulate import Bins
 from sassgis.hazard.layers import map_layers
 from sassgis.io.config import Config, load_config, resolved, settings_hash
 from sassgis.io.dem import crs_name
@@ -378,7 +377,6 @@ def _write_result(
     tell: Callable[[str], None],
 ) -> tuple[RasterLayer, ...]:
     bins = bins_of(job)
-    assert isinstance(bins, Bins)
     sample = sample_of(job, planned, progress)
     layers = map_layers(
         progress.sums,

@@ -135,10 +135,10 @@ def test_ctrl_c_waits_until_a_chunk_is_added(job, planned, monkeypatch) -> None:
     """Asked for in the middle of adding, it comes after: sums, stops and count go together."""
     add = map_run._add
 
-    def interrupted_add(progress, outcome, run, share) -> None:
+    def interrupted_add(progress, *rest) -> None:
         if progress.chunks == 1:
             signal.raise_signal(signal.SIGINT)
-        add(progress, outcome, run, share)
+        add(progress, *rest)
 
     held = map_run.Progress.fresh(job)
     with monkeypatch.context() as patched:

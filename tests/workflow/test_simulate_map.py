@@ -37,6 +37,11 @@ def state(progress: Progress) -> dict[str, np.ndarray]:
     out |= {"reasons": progress.reasons, "runout": progress.runout}
     out |= {"rocks": stops.rocks[order], "x": stops.x[order], "y": stops.y[order]}
     out["furthest"] = np.array(progress.furthest)
+    for source, tally in sorted(progress.sources.items()):
+        out[f"source {source} rocks"] = np.array(tally.rocks)
+        for part in ("cells", "objects", "gates"):
+            values = getattr(tally, part).state()
+            out |= {f"source {source} {part} {k}": v for k, v in values.items()}
     return out
 
 
@@ -63,8 +68,11 @@ def test_sums_are_the_same_bits_for_any_jobs_and_chunks(
 def test_chunks_hold_every_point_once(planned) -> None:
     for size in (1, 7, 32, 1000):
         chunks = chunks_of(planned, size)
-        assert np.array_equal(np.concatenate(chunks), np.arange(len(planned.points)))
-        assert max(c.size for c in chunks) <= size
+        assert np.array_equal(
+            np.concatenate([c.points for c in chunks]), np.arange(len(planned.points))
+        )
+        assert max(c.points.size for c in chunks) <= size
+        assert all(np.unique(planned.points.area[c.points]).size == 1 for c in chunks)
 
 
 def test_another_seed_gives_other_rocks(job, planned, whole) -> None:

@@ -1,0 +1,79 @@
+"""Growing counts of one source: how many rocks came to each place, by energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.grid import IntArray
+from sassgis.core.hazard import SourceCounts
+
+# So many parts wait before they are joined: joining costs as much as all places reached so far.
+_WAITING = 32
+
+
+class SourceSums:
+    """Counts that grow chunk by chunk; memory grows with the places that are reached.
+
+    All numbers are whole, so that the order of adding does not matter.
+
+    Parameters
+    ----------
+    n_energies : int
+    """
+
+    def __init__(self, n_energies: int) -> None:
+        self.n_energies = n_energies
+        self._parts: list[SourceCounts] = []
+
+    def add(self, places: IntArray, count: IntArray, square: IntArray) -> None:
+        """Join counts of some places, each of which is named once.
+
+        Parameters
+        ----------
+        places : int64, shape (n,)
+        count, square : int64, shape (n, n_energies)
+            As in SourceCounts.
+        """
+        came = count[:, 0] > 0
+        if came.any():
+            self._parts.append(SourceCounts(places[came], count[came], square[came]))
+        if len(self._parts) > _WAITING:
+            self._parts = [joined(self._parts, self.n_energies)]
+
+    def counts(self) -> SourceCounts:
+        """All that was added."""
+        self._parts = [joined(self._parts, self.n_energies)]
+        return self._parts[0]
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that is needed to go on later, as plain arrays."""
+        counts = self.counts()
+        return {"places": counts.places, "count": counts.count, "square": counts.square}
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, NDArray[Any]]) -> SourceSums:
+        """The counts that ``state`` gave."""
+        sums = cls(int(state["count"].shape[1]))
+        sums.add(*(np.asarray(state[n], np.int64) for n in ("places", "count", "square")))
+        return sums
+
+
+def joined(parts: list[SourceCounts], n_energies: int) -> SourceCounts:
+    """Counts of several parts of one sample as one; squares add, as no line is in two parts."""
+    if len(parts) == 1:
+        return parts[0]
+    if not parts:
+        return SourceCounts.none(n_energies)
+    places = np.concatenate([p.places for p in parts])
+    order = np.argsort(places, kind="stable")
+    places = places[order]
+    first = np.flatnonzero(np.concatenate([[True], places[1:] != places[:-1]]))
+    sums = (
+        np.add.reduceat(np.concatenate([getattr(p, n) for p in parts])[order], first, axis=0)
+        for n in ("count", "square")
+    )
+    return SourceCounts(places[first], *sums)
