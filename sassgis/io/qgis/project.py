@@ -18,6 +18,7 @@ from pyproj import CRS
 
 from sassgis.core.results import RasterLayer
 from sassgis.io.geopackage import VectorLayer
+from sassgis.io.qgis.layout import PrintLayout, ShownLayer, layout_element
 from sassgis.io.qgis.markup import QGIS_VERSION, document
 from sassgis.io.qgis.raster_style import raster_style_elements
 from sassgis.io.qgis.vector_style import vector_style_elements
@@ -64,21 +65,29 @@ class LayerEntry:
 
 @dataclass(frozen=True, slots=True)
 class LayerGroup:
-    """A group of the legend; the first layer is drawn on top.
+    """A group of the legend; what comes first in it is drawn on top.
 
     Attributes
     ----------
     name : str
-    layers : tuple of LayerEntry
+    layers : tuple of LayerEntry or LayerGroup
     exclusive : bool
         Whether showing one layer hides the others of the group (for maps that cover each other).
     expanded : bool
     """
 
     name: str
-    layers: tuple[LayerEntry, ...]
+    layers: tuple[LayerEntry | LayerGroup, ...]
     exclusive: bool = False
     expanded: bool = True
+
+    @property
+    def entries(self) -> list[LayerEntry]:
+        """All layers of the group and of the groups in it, the top first."""
+        out: list[LayerEntry] = []
+        for member in self.layers:
+            out += member.entries if isinstance(member, LayerGroup) else [member]
+        return out
 
 
 def write_project(
@@ -89,6 +98,7 @@ def write_project(
     groups: Sequence[LayerGroup],
     extent: tuple[float, float, float, float],
     abstract: str = "",
+    layouts: Sequence[PrintLayout] = (),
 ) -> Path:
     """Write a QGIS project.
 
@@ -106,6 +116,8 @@ def write_project(
         What is shown at first (m).
     abstract : str
         In the properties of the project.
+    layouts : sequence of PrintLayout
+        Map sheets; each is also a map theme, with which the window shows the same layers.
 
     Returns
     -------
@@ -116,12 +128,22 @@ def write_project(
     OutputError
         If the disk is full or not writable.
     ValueError
-        If two layers have the same key.
+        If two layers have the same key, two layouts the same name, or a layout shows a layer that
+        is not there.
     """
-    keys = [entry.key for group in groups for entry in group.layers]
+    entries = [entry for group in groups for entry in group.entries]
+    keys = [entry.key for entry in entries]
     if len(set(keys)) != len(keys):
         raise ValueError(f"layers of a project need one name each: {keys}")
-    text = document(_project(title, crs, groups, extent, abstract))
+    if len({layout.name for layout in layouts}) != len(layouts):
+        raise ValueError("layouts of a project need one name each")
+    root = _project(title, crs, groups, extent, abstract)
+    root.append(_themes(entries, layouts))
+    sheets = ET.SubElement(root, "Layouts")
+    shown = {e.key: ShownLayer(e.key, e.datasource, e.content) for e in entries}
+    for layout in layouts:
+        sheets.append(layout_element(layout, shown, _crs_name(crs)))
+    text = document(root)
     packed = BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
         entry = zipfile.ZipInfo(f"{path.stem}.qgs", date_time=_ZIP_TIME)
@@ -147,7 +169,7 @@ def _project(
     reference = _spatial_reference(crs)
     ET.SubElement(root, "projectCrs").append(copy.deepcopy(reference))
     root.append(_layer_tree(groups))
-    entries = [entry for group in groups for entry in group.layers]
+    entries = [entry for group in groups for entry in group.entries]
     root.append(_canvas(extent, reference))
     order = ET.SubElement(root, "layerorder")
     for entry in entries:
@@ -170,6 +192,31 @@ def _project(
 def _horizontal(crs: CRS) -> CRS:
     """The part of a compound system that tells east and north; QGIS 3.22 knows no other."""
     return crs.sub_crs_list[0] if crs.is_compound else crs
+
+
+def _crs_name(crs: str) -> str:
+    """Name and code of the system in plan, as a reader knows it; empty for local coordinates."""
+    if not crs:
+        return ""
+    system = _horizontal(CRS.from_user_input(crs))
+    authority = system.to_authority(min_confidence=100)
+    return f"{system.name} ({':'.join(authority)})" if authority else str(system.name)
+
+
+def _themes(entries: Sequence[LayerEntry], layouts: Sequence[PrintLayout]) -> ET.Element:
+    themes = ET.Element("visibility-presets")
+    for layout in layouts:
+        theme = ET.SubElement(
+            themes, "visibility-preset", {"name": layout.name, "has-expanded-info": "1"}
+        )
+        for entry in entries:
+            if entry.key in layout.layers:
+                ET.SubElement(
+                    theme, "layer", id=entry.key, visible="1", expanded="1", style="default"
+                )
+        ET.SubElement(theme, "checked-group-nodes")
+        ET.SubElement(theme, "expanded-group-nodes")
+    return themes
 
 
 def _spatial_reference(crs: str) -> ET.Element:
@@ -222,35 +269,48 @@ def _layer_tree(groups: Sequence[LayerGroup]) -> ET.Element:
     tree = ET.Element("layer-tree-group")
     ET.SubElement(tree, "customproperties")
     for group in groups:
-        attributes = {
-            "name": group.name,
-            "checked": "Qt::Checked",
-            "expanded": "1" if group.expanded else "0",
-        }
-        if group.exclusive:
-            shown = [place for place, entry in enumerate(group.layers) if entry.visible]
-            attributes["mutually-exclusive"] = "1"
-            attributes["mutually-exclusive-child"] = str(shown[0] if shown else -1)
-        branch = ET.SubElement(tree, "layer-tree-group", attributes)
-        ET.SubElement(branch, "customproperties")
-        for entry in group.layers:
-            leaf = ET.SubElement(
-                branch,
-                "layer-tree-layer",
-                {
-                    "id": entry.key,
-                    "name": entry.content.title,
-                    "source": entry.datasource,
-                    "providerKey": "gdal" if isinstance(entry.content, RasterLayer) else "ogr",
-                    "checked": _checked(entry.visible),
-                    # Legends of hidden layers would push the shown ones out of sight.
-                    "expanded": "1" if entry.visible else "0",
-                    "legend_exp": "",
-                },
-            )
-            ET.SubElement(leaf, "customproperties")
+        tree.append(_branch(group))
     ET.SubElement(tree, "custom-order", enabled="0")
     return tree
+
+
+def _branch(group: LayerGroup) -> ET.Element:
+    attributes = {
+        "name": group.name,
+        "checked": "Qt::Checked",
+        "expanded": "1" if group.expanded else "0",
+    }
+    if group.exclusive:
+        shown = [
+            place
+            for place, member in enumerate(group.layers)
+            if isinstance(member, LayerEntry) and member.visible
+        ]
+        attributes["mutually-exclusive"] = "1"
+        attributes["mutually-exclusive-child"] = str(shown[0] if shown else -1)
+    branch = ET.Element("layer-tree-group", attributes)
+    ET.SubElement(branch, "customproperties")
+    for member in group.layers:
+        branch.append(_branch(member) if isinstance(member, LayerGroup) else _leaf(member))
+    return branch
+
+
+def _leaf(entry: LayerEntry) -> ET.Element:
+    leaf = ET.Element(
+        "layer-tree-layer",
+        {
+            "id": entry.key,
+            "name": entry.content.title,
+            "source": entry.datasource,
+            "providerKey": "gdal" if isinstance(entry.content, RasterLayer) else "ogr",
+            "checked": _checked(entry.visible),
+            # Legends of hidden layers would push the shown ones out of sight.
+            "expanded": "1" if entry.visible else "0",
+            "legend_exp": "",
+        },
+    )
+    ET.SubElement(leaf, "customproperties")
+    return leaf
 
 
 def _map_layer(entry: LayerEntry, reference: ET.Element) -> ET.Element:

@@ -20,7 +20,8 @@ def _symbol_layer(symbol: ET.Element, kind: str, items: Mapping[str, str]) -> ET
     return layer
 
 
-def _symbol_element(symbol: Symbol, name: str) -> ET.Element:
+def symbol_element(symbol: Symbol, name: str) -> ET.Element:
+    """The ``symbol`` element of a drawn sign."""
     element = ET.Element(
         "symbol", type=symbol.kind, name=name, alpha="1", clip_to_extent="1", force_rhr="0"
     )
@@ -132,7 +133,7 @@ def vector_renderer(style: VectorStyle) -> ET.Element:
     common = {"forceraster": "0", "enableorderby": "0", "symbollevels": "0"}
     if style.method == "simple":
         renderer = ET.Element("renderer-v2", {"type": "singleSymbol", **common})
-        ET.SubElement(renderer, "symbols").append(_symbol_element(style.symbol, "0"))
+        ET.SubElement(renderer, "symbols").append(symbol_element(style.symbol, "0"))
         return renderer
     if style.method == "categories":
         renderer = ET.Element(
@@ -176,9 +177,9 @@ def vector_renderer(style: VectorStyle) -> ET.Element:
             )
     symbols = ET.SubElement(renderer, "symbols")
     for place, entry in enumerate(style.classes):
-        symbols.append(_symbol_element(entry.symbol, str(place)))
+        symbols.append(symbol_element(entry.symbol, str(place)))
     source = ET.SubElement(renderer, "source-symbol")
-    source.append(_symbol_element(style.symbol, "0"))
+    source.append(symbol_element(style.symbol, "0"))
     return renderer
 
 
