@@ -1,0 +1,763 @@
+"""Outlines of a raster of classes as one planar graph, smoothed without lowering any cell.
+
+All boundaries are held once, as edges between corners of cells, and are smoothed by moving vertices
+onto neighbouring vertices. Vertices therefore stay on corners of cells, every test is made with
+whole numbers, and neighbouring zones share their boundary exactly: there is nothing to snap and
+nothing that could open a gap. Several maps (return periods) share one graph, so that they are
+nested exactly where their rasters are.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.grid import IntArray
+from sassgis.core.jit import kernel
+
+#: Closest that a smoothed edge comes to another vertex (cells). It keeps strips between two
+#: boundaries from becoming threads, and is far above the rounding of coordinates.
+CLEARANCE = 0.25
+_MAX_DEGREE = 4
+#: A whole number (or truth value) in compiled code, of numpy's types or Python's.
+Whole: TypeAlias = Any
+
+
+@dataclass(frozen=True, slots=True)
+class Rings:
+    """Closed rings of labelled regions, on corners of cells.
+
+    Attributes
+    ----------
+    col, row : int64, shape (n_vertices,)
+        Corner number: (0, 0) is the outer corner of the first cell. The closing vertex is repeated.
+    start : int64, shape (n_rings + 1,)
+        First vertex of each ring.
+    label : int64, shape (n_rings,)
+        Region that the ring bounds.
+    double_area : int64, shape (n_rings,)
+        Twice the area in cells; above 0 for outer rings, below 0 for holes.
+    """
+
+    col: IntArray
+    row: IntArray
+    start: IntArray
+    label: IntArray
+    double_area: IntArray
+
+
+@kernel
+def components(codes: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """Label regions of equal code that hang together over sides of cells.
+
+    Parameters
+    ----------
+    codes : int64, shape (n_rows, n_cols)
+
+    Returns
+    -------
+    labels : int64, shape (n_rows, n_cols)
+        From 0, in the order in which rows first meet the regions.
+    n : int
+        Number of regions.
+    """
+    n_rows, n_cols = codes.shape
+    parent = np.arange(n_rows * n_cols)
+    flat = codes.ravel()
+    for i in range(n_rows):
+        for j in range(n_cols):
+            k = i * n_cols + j
+            for step in range(2):
+                if step == 0:
+                    if j == 0:
+                        continue
+                    other = k - 1
+                else:
+                    if i == 0:
+                        continue
+                    other = k - n_cols
+                if flat[other] != flat[k]:
+                    continue
+                a = k
+                while parent[a] != a:
+                    parent[a] = parent[parent[a]]
+                    a = parent[a]
+                b = other
+                while parent[b] != b:
+                    parent[b] = parent[parent[b]]
+                    b = parent[b]
+                if a < b:
+                    parent[b] = a
+                else:
+                    parent[a] = b
+    labels = np.empty(n_rows * n_cols, np.int64)
+    n = 0
+    for k in range(n_rows * n_cols):
+        a = k
+        while parent[a] != a:
+            a = parent[a]
+        # The root of a region is its smallest index, so that it has its label already.
+        if a == k:
+            labels[k] = n
+            n += 1
+        else:
+            labels[k] = labels[a]
+    return labels.reshape(n_rows, n_cols), n
+
+
+@kernel
+def _graph(
+    faces: IntArray,
+) -> tuple[IntArray, IntArray, IntArray, IntArray, IntArray]:
+    """Boundary edges of the faces, one per side of a cell; `faces` has an outer frame of one face.
+
+    Returns corner numbers (x, y) of the vertices with y upward, the vertex at each corner (-1:
+    none), and the ends and the faces left and right of each edge.
+    """
+    n_rows, n_cols = faces.shape
+    n_edges = 0
+    for i in range(1, n_rows):
+        for j in range(n_cols):
+            if faces[i - 1, j] != faces[i, j]:
+                n_edges += 1
+    for i in range(n_rows):
+        for j in range(1, n_cols):
+            if faces[i, j - 1] != faces[i, j]:
+                n_edges += 1
+    at = np.full((n_rows + 1, n_cols + 1), -1, np.int64)
+    n_vertices = 0
+    for i in range(1, n_rows):
+        for j in range(1, n_cols):
+            a = faces[i - 1, j - 1]
+            if faces[i - 1, j] != a or faces[i, j - 1] != a or faces[i, j] != a:
+                at[i, j] = n_vertices
+                n_vertices += 1
+    x = np.empty(n_vertices, np.int64)
+    y = np.empty(n_vertices, np.int64)
+    for i in range(1, n_rows):
+        for j in range(1, n_cols):
+            if at[i, j] >= 0:
+                x[at[i, j]] = j
+                y[at[i, j]] = -i
+    ends = np.empty((n_edges, 2), np.int64)
+    sides = np.empty((n_edges, 2), np.int64)
+    e = 0
+    for i in range(1, n_rows):
+        for j in range(n_cols):
+            if faces[i - 1, j] != faces[i, j]:
+                ends[e, 0] = at[i, j]
+                ends[e, 1] = at[i, j + 1]
+                sides[e, 0] = faces[i - 1, j]
+                sides[e, 1] = faces[i, j]
+                e += 1
+    for i in range(n_rows):
+        for j in range(1, n_cols):
+            if faces[i, j - 1] != faces[i, j]:
+                ends[e, 0] = at[i, j]
+                ends[e, 1] = at[i + 1, j]
+                sides[e, 0] = faces[i, j]
+                sides[e, 1] = faces[i, j - 1]
+                e += 1
+    return x, y, at, ends, sides
+
+
+@kernel
+def _incidence(
+    ends: IntArray,
+    n_vertices: Whole,
+) -> tuple[IntArray, IntArray]:
+    """Edges at each vertex (-1: none) and their number."""
+    edges_at = np.full((n_vertices, _MAX_DEGREE), -1, np.int64)
+    degree = np.zeros(n_vertices, np.int64)
+    for e in range(ends.shape[0]):
+        for s in range(2):
+            v = ends[e, s]
+            edges_at[v, degree[v]] = e
+            degree[v] += 1
+    return edges_at, degree
+
+
+@kernel
+def _other(
+    ends: IntArray,
+    e: Whole,
+    v: Whole,
+) -> Whole:
+    return ends[e, 1] if ends[e, 0] == v else ends[e, 0]
+
+
+@kernel
+def _left_from(
+    ends: IntArray,
+    sides: IntArray,
+    e: Whole,
+    v: Whole,
+) -> Whole:
+    """Face on the left of the edge when it is walked away from v."""
+    return sides[e, 0] if ends[e, 0] == v else sides[e, 1]
+
+
+@kernel
+def _right_from(
+    ends: IntArray,
+    sides: IntArray,
+    e: Whole,
+    v: Whole,
+) -> Whole:
+    return sides[e, 1] if ends[e, 0] == v else sides[e, 0]
+
+
+@kernel
+def _is_nowhere_lower(
+    classes: IntArray,
+    winner: Whole,
+    loser: Whole,
+) -> bool:
+    for t in range(classes.shape[1]):  # noqa: SIM110 - numba knows no all()
+        if classes[winner, t] < classes[loser, t]:
+            return False
+    return True
+
+
+@kernel
+def _swept(
+    p: Whole,
+    e: Whole,
+    x: IntArray,
+    y: IntArray,
+    ends: IntArray,
+    sides: IntArray,
+    edges_at: IntArray,
+    degree: IntArray,
+    classes: IntArray,
+) -> Whole:
+    """Twice the area that changes hands when vertex p moves along edge e onto its other end.
+
+    -1 if the move would lower any place, or change which regions are neighbours.
+    """
+    q = _other(ends, e, p)
+    if degree[p] != 2 and degree[q] != 2:
+        return -1  # the only edge between two regions must stay
+    ex = x[q] - x[p]
+    ey = y[q] - y[p]
+    area: Whole = 0
+    on_left = 0
+    on_right = 0
+    for s in range(degree[p]):
+        f = edges_at[p, s]
+        if f == e:
+            continue
+        r = _other(ends, f, p)
+        if r == q:
+            return -1
+        for s2 in range(degree[q]):
+            if _other(ends, edges_at[q, s2], q) == r:
+                return -1  # a triangular region would collapse
+        cross = ex * (y[r] - y[p]) - ey * (x[r] - x[p])
+        if cross == 0:
+            continue
+        if cross > 0:
+            on_left += 1
+            loser = _left_from(ends, sides, e, p)
+            winner = _left_from(ends, sides, f, p)
+        else:
+            on_right += 1
+            loser = _right_from(ends, sides, e, p)
+            winner = _right_from(ends, sides, f, p)
+        # With two edges on one side, more than one region would sweep over another.
+        if on_left > 1 or on_right > 1:
+            return -1
+        if not _is_nowhere_lower(classes, winner, loser):
+            return -1
+        area += abs(cross)
+    return area
+
+
+@kernel
+def _is_free(
+    p: Whole,
+    q: Whole,
+    r: Whole,
+    x: IntArray,
+    y: IntArray,
+    at: IntArray,
+) -> bool:
+    """Whether no vertex but its corners is in the triangle p, q, r, or close to its side q-r."""
+    px, py, qx, qy, rx, ry = x[p], y[p], x[q], y[q], x[r], y[r]
+    cross = (qx - px) * (ry - py) - (qy - py) * (rx - px)
+    turn = 1 if cross > 0 else -1
+    dx = rx - qx
+    dy = ry - qy
+    length2 = dx * dx + dy * dy
+    near2 = CLEARANCE * CLEARANCE
+    n_rows, n_cols = at.shape
+    xs = (px, qx, rx, px)
+    ys = (py, qy, ry, py)
+    for yy in range(min(py, qy, ry) - 1, max(py, qy, ry) + 2):
+        row = -yy
+        if row < 0 or row >= n_rows:
+            continue
+        # Columns of the triangle between yy - 1 and yy + 1.
+        low: Any = np.inf
+        high: Any = -np.inf
+        for k in range(3):
+            ax, ay, bx, by = xs[k], ys[k], xs[k + 1], ys[k + 1]
+            if max(ay, by) < yy - 1 or min(ay, by) > yy + 1:
+                continue
+            if ay == by:
+                low = min(low, min(ax, bx))
+                high = max(high, max(ax, bx))
+                continue
+            for bound in (yy - 1, yy + 1):
+                t: Any = min(max((bound - ay) / (by - ay), 0.0), 1.0)
+                at_bound = ax + t * (bx - ax)
+                low = min(low, at_bound)
+                high = max(high, at_bound)
+        if low > high:
+            continue
+        for xx in range(max(int(np.floor(low)) - 1, 0), min(int(np.ceil(high)) + 2, n_cols)):
+            v = at[row, xx]
+            if v < 0 or v in (p, q, r):
+                continue
+            a = turn * ((qx - px) * (yy - py) - (qy - py) * (xx - px))
+            b = turn * ((rx - qx) * (yy - qy) - (ry - qy) * (xx - qx))
+            c = turn * ((px - rx) * (yy - ry) - (py - ry) * (xx - rx))
+            if cross != 0 and a >= 0 and b >= 0 and c >= 0:
+                return False
+            along = (xx - qx) * dx + (yy - qy) * dy
+            if 0 < along < length2 and b * b < near2 * length2:
+                return False
+    return True
+
+
+@kernel
+def _is_within(
+    vx: Whole,
+    vy: Whole,
+    q: Whole,
+    r: Whole,
+    x: IntArray,
+    y: IntArray,
+    tolerance2: float,
+) -> Whole:
+    """Whether a point is no farther from the segment q-r than the tolerance."""
+    dx = x[r] - x[q]
+    dy = y[r] - y[q]
+    ax = vx - x[q]
+    ay = vy - y[q]
+    length2 = dx * dx + dy * dy
+    along = ax * dx + ay * dy
+    if along <= 0:
+        return ax * ax + ay * ay <= tolerance2
+    if along >= length2:
+        return (vx - x[r]) ** 2 + (vy - y[r]) ** 2 <= tolerance2
+    cross = float(ax * dy - ay * dx)
+    return cross * cross <= tolerance2 * length2
+
+
+@kernel
+def _chain_is_within(
+    first: Whole,
+    chain_v: IntArray,
+    chain_next: IntArray,
+    q: Whole,
+    r: Whole,
+    x: IntArray,
+    y: IntArray,
+    tolerance2: float,
+) -> bool:
+    k = first
+    while k >= 0:
+        v = chain_v[k]
+        if not _is_within(x[v], y[v], q, r, x, y, tolerance2):
+            return False
+        k = chain_next[k]
+    return True
+
+
+@kernel
+def _merge_onto(
+    p: Whole,
+    e: Whole,
+    ends: IntArray,
+    edges_at: IntArray,
+    degree: IntArray,
+    at: IntArray,
+    x: IntArray,
+    y: IntArray,
+) -> Whole:
+    """Move vertex p along edge e onto its other end, which takes over the edges of p."""
+    q = _other(ends, e, p)
+    k = 0
+    for s in range(degree[q]):
+        if edges_at[q, s] != e:
+            edges_at[q, k] = edges_at[q, s]
+            k += 1
+    for s in range(degree[p]):
+        f = edges_at[p, s]
+        if f == e:
+            continue
+        if ends[f, 0] == p:
+            ends[f, 0] = q
+        else:
+            ends[f, 1] = q
+        edges_at[q, k] = f
+        k += 1
+    degree[q] = k
+    degree[p] = 0
+    at[-y[p], x[p]] = -1
+    ends[e, 0] = -1
+    ends[e, 1] = -1
+    return q
+
+
+@kernel
+def _push_moves(
+    heap: list[tuple[Whole, Whole, Whole, Whole]],
+    p: Whole,
+    x: IntArray,
+    y: IntArray,
+    ends: IntArray,
+    sides: IntArray,
+    edges_at: IntArray,
+    degree: IntArray,
+    classes: IntArray,
+    version: IntArray,
+) -> None:
+    version[p] += 1
+    n = 1 if degree[p] == 2 else degree[p]  # onto either end of two edges: the same outline
+    for s in range(n):
+        e = edges_at[p, s]
+        area = _swept(p, e, x, y, ends, sides, edges_at, degree, classes)
+        if area >= 0:
+            heapq.heappush(heap, (area, p, e, version[p]))
+
+
+@kernel
+def _smooth(
+    x: IntArray,
+    y: IntArray,
+    at: IntArray,
+    ends: IntArray,
+    sides: IntArray,
+    edges_at: IntArray,
+    degree: IntArray,
+    classes: IntArray,
+    region: IntArray,
+    room: IntArray,
+    tolerance: float,
+) -> None:
+    """Move vertices until no further move is allowed, the smallest swept area first.
+
+    `region[face, t]` is the zone of a face on map t, `room[zone]` what it may yet lose (twice the
+    area, cells). Changes the graph in place.
+    """
+    n = x.size
+    # A hair above, so that a notch of exactly the tolerance is filled.
+    tolerance2 = tolerance * tolerance * (1.0 + 1e-9)
+    # Vertices on straight runs first: nothing is swept, nothing can be in the way.
+    for i in range(n):
+        if degree[i] == 2:
+            a = _other(ends, edges_at[i, 0], i)
+            b = _other(ends, edges_at[i, 1], i)
+            if (x[a] - x[i]) * (y[b] - y[i]) == (y[a] - y[i]) * (x[b] - x[i]):
+                _merge_onto(i, edges_at[i, 0], ends, edges_at, degree, at, x, y)
+    # Vertices that each edge has replaced, as linked lists: the outline as it was.
+    first = np.full(ends.shape[0], -1, np.int64)
+    chain_v = np.empty(4 * n + 16, np.int64)
+    chain_next = np.empty(4 * n + 16, np.int64)
+    n_chain: Whole = 0
+    version = np.zeros(n, np.int64)
+    near = np.empty(2 * _MAX_DEGREE + 2, np.int64)
+    moved = True
+    while moved:
+        moved = False
+        heap = [(np.int64(0), np.int64(0), np.int64(0), np.int64(0))]
+        heap.pop()
+        for i in range(n):
+            if degree[i] >= 2:
+                _push_moves(heap, i, x, y, ends, sides, edges_at, degree, classes, version)
+        while len(heap) > 0:
+            _, p, e, v = heapq.heappop(heap)
+            if version[p] != v or degree[p] == 0:
+                continue
+            if _swept(p, e, x, y, ends, sides, edges_at, degree, classes) < 0:
+                continue
+            q = _other(ends, e, p)
+            allowed = True
+            for s in range(degree[p]):
+                f = edges_at[p, s]
+                if f == e:
+                    continue
+                r = _other(ends, f, p)
+                if not (
+                    _is_within(x[p], y[p], q, r, x, y, tolerance2)
+                    and _chain_is_within(first[e], chain_v, chain_next, q, r, x, y, tolerance2)
+                    and _chain_is_within(first[f], chain_v, chain_next, q, r, x, y, tolerance2)
+                    and _is_free(p, q, r, x, y, at)
+                ):
+                    allowed = False
+                    break
+            if not allowed:
+                continue
+            # Every edge that takes over vertices needs its own list of them.
+            n_own = 1
+            k = first[e]
+            while k >= 0:
+                n_own += 1
+                k = chain_next[k]
+            if n_chain + n_own * (degree[p] - 1) > chain_v.size:
+                grown_v = np.empty(2 * (chain_v.size + n_own * _MAX_DEGREE), np.int64)
+                grown_v[:n_chain] = chain_v[:n_chain]
+                chain_v = grown_v
+                grown_next = np.empty(chain_v.size, np.int64)
+                grown_next[:n_chain] = chain_next[:n_chain]
+                chain_next = grown_next
+            ex = x[q] - x[p]
+            ey = y[q] - y[p]
+            # Book the areas, and take it all back if a zone has no room left.
+            for back in range(2):
+                enough = True
+                for s in range(degree[p]):
+                    f = edges_at[p, s]
+                    if f == e:
+                        continue
+                    r = _other(ends, f, p)
+                    cross = ex * (y[r] - y[p]) - ey * (x[r] - x[p])
+                    if cross == 0:
+                        continue
+                    if cross > 0:
+                        loser = _left_from(ends, sides, e, p)
+                        winner = _left_from(ends, sides, f, p)
+                    else:
+                        loser = _right_from(ends, sides, e, p)
+                        winner = _right_from(ends, sides, f, p)
+                    area = abs(cross)
+                    for t in range(region.shape[1]):
+                        if region[loser, t] != region[winner, t]:
+                            sign = 1 if back == 0 else -1
+                            room[region[loser, t]] -= sign * area
+                            room[region[winner, t]] += sign * area
+                            if room[region[loser, t]] < 0:
+                                enough = False
+                if back == 0 and enough:
+                    break
+                if back == 0:
+                    allowed = False
+            if not allowed:
+                continue
+            last_taken = False
+            for s in range(degree[p]):
+                f = edges_at[p, s]
+                if f == e:
+                    continue
+                if degree[p] == 2:
+                    # The only heir: takes the list as it is.
+                    tail = first[e]
+                    if tail >= 0:
+                        while chain_next[tail] >= 0:
+                            tail = chain_next[tail]
+                        chain_next[tail] = first[f]
+                        first[f] = first[e]
+                    last_taken = True
+                else:
+                    k = first[e]
+                    while k >= 0:
+                        chain_v[n_chain] = chain_v[k]
+                        chain_next[n_chain] = first[f]
+                        first[f] = n_chain
+                        n_chain += 1
+                        k = chain_next[k]
+                chain_v[n_chain] = p
+                chain_next[n_chain] = first[f]
+                first[f] = n_chain
+                n_chain += 1
+            if last_taken:
+                first[e] = -1
+            moved = True
+            q = _merge_onto(p, e, ends, edges_at, degree, at, x, y)
+            n_near = 1
+            near[0] = q
+            for s in range(degree[q]):
+                near[n_near] = _other(ends, edges_at[q, s], q)
+                n_near += 1
+            for k in range(n_near):
+                _push_moves(heap, near[k], x, y, ends, sides, edges_at, degree, classes, version)
+
+
+@kernel
+def _trace(
+    x: IntArray,
+    y: IntArray,
+    ends: IntArray,
+    label: IntArray,
+    wanted: NDArray[np.bool_],
+) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Rings of all wanted labels; `label[e]` are those left and right of the edges.
+
+    At a corner where parts of one region meet, the ring walks on around the region outside:
+    outer rings and holes may touch there, but no ring meets itself.
+    """
+    n = x.size
+    edges_at, degree = _incidence(ends, n)
+    n_edges = ends.shape[0]
+    done = np.zeros((n_edges, 2), np.bool_)
+    n_half = 0
+    for e in range(n_edges):
+        for s in range(2):
+            if wanted[label[e, s]]:
+                n_half += 1
+    out = np.empty(2 * n_half, np.int64)
+    start = np.empty(n_half + 1, np.int64)
+    ring_label = np.empty(n_half, np.int64)
+    area = np.empty(n_half, np.int64)
+    n_out = 0
+    n_rings = 0
+    for e0 in range(n_edges):
+        for s0 in range(2):
+            # Side 0: walked from end 0 to end 1, with label[e, 0] on the left.
+            own = label[e0, s0]
+            if done[e0, s0] or not wanted[own]:
+                continue
+            start[n_rings] = n_out
+            ring_label[n_rings] = own
+            twice = np.int64(0)
+            e = e0
+            s = s0
+            while not done[e, s]:
+                done[e, s] = True
+                u = ends[e, s]
+                v = ends[e, 1 - s]
+                out[n_out] = u
+                n_out += 1
+                twice += x[u] * y[v] - x[v] * y[u]
+                back = np.arctan2(float(y[u] - y[v]), float(x[u] - x[v]))
+                best = np.inf
+                next_e = -1
+                next_s = 0
+                for k in range(degree[v]):
+                    f = edges_at[v, k]
+                    side = 0 if ends[f, 0] == v else 1
+                    if label[f, side] != own or f == e:
+                        continue
+                    w = ends[f, 1 - side]
+                    turn = np.arctan2(float(y[w] - y[v]), float(x[w] - x[v])) - back
+                    if turn <= 0.0:
+                        turn += 2.0 * np.pi
+                    if turn < best:
+                        best = turn
+                        next_e = f
+                        next_s = side
+                e = next_e
+                s = next_s
+            out[n_out] = out[start[n_rings]]
+            n_out += 1
+            area[n_rings] = twice
+            n_rings += 1
+    start[n_rings] = n_out
+    return out[:n_out], start[: n_rings + 1], ring_label[:n_rings], area[:n_rings]
+
+
+@dataclass(frozen=True, slots=True)
+class Regions:
+    """Connected regions of one map of classes.
+
+    Attributes
+    ----------
+    of_cell : int64, shape (n_rows, n_cols)
+    klass : int64, shape (n_regions,)
+    cells : int64, shape (n_regions,)
+        Number of cells.
+    """
+
+    of_cell: IntArray
+    klass: IntArray
+    cells: IntArray
+
+
+def regions(classes: IntArray) -> Regions:
+    """Regions of equal class that hang together over sides of cells.
+
+    Parameters
+    ----------
+    classes : int64, shape (n_rows, n_cols)
+
+    Returns
+    -------
+    Regions
+    """
+    labels, n = components(np.ascontiguousarray(classes, np.int64))
+    klass = np.zeros(n, np.int64)
+    klass[labels.ravel()] = classes.ravel()
+    return Regions(labels, klass, np.bincount(labels.ravel(), minlength=n).astype(np.int64))
+
+
+def smoothed_rings(
+    maps: list[IntArray], smallest_cells: int, tolerance_cells: float
+) -> list[tuple[Rings, IntArray]]:
+    """Rings of all zones (class 1 and above) of maps that share one smoothed set of boundaries.
+
+    A move of a boundary is allowed where it raises every map or leaves it: a corner is cut only on
+    the side of the lower class. Where one map falls across a boundary and another rises, the
+    boundary stays as it is.
+
+    Parameters
+    ----------
+    maps : list of int64, shape (n_rows, n_cols)
+        Classes, from 0.
+    smallest_cells : int
+        Area that no region of at least this size falls below (cells); nor does a region lose more
+        than half its area.
+    tolerance_cells : float
+        Largest distance of the outline of the cells from the smoothed one (cells).
+
+    Returns
+    -------
+    list of (Rings, int64 of shape (n_labels,))
+        For each map its rings and the class of each label.
+    """
+    padded = [np.pad(np.asarray(m, np.int64), 1) for m in maps]
+    code = np.zeros(padded[0].shape, np.int64)
+    for m in padded:
+        # A fresh numbering after each map, so that many maps do not overflow the code.
+        code = np.unique(code * (int(m.max()) + 1) + m, return_inverse=True)[1].reshape(m.shape)
+    faces, n_faces = components(code)
+    flat = faces.ravel()
+    classes = np.zeros((n_faces, len(maps)), np.int64)
+    zone = np.zeros((n_faces, len(maps)), np.int64)
+    klass: list[IntArray] = []
+    room: list[IntArray] = []
+    n_zones = 0
+    for t, m in enumerate(padded):
+        part = regions(m)
+        classes[flat, t] = m.ravel()
+        zone[flat, t] = part.of_cell.ravel() + n_zones
+        n_zones += part.cells.size
+        klass.append(part.klass)
+        room.append(2 * part.cells - np.maximum(2 * smallest_cells, part.cells))
+    free = np.maximum(np.concatenate(room), 0)
+
+    x, y, at, ends, sides = _graph(faces)
+    edges_at, degree = _incidence(ends, x.size)
+    _smooth(x, y, at, ends, sides, edges_at, degree, classes, zone, free, float(tolerance_cells))
+
+    alive = ends[:, 0] >= 0
+    ends = ends[alive]
+    sides = sides[alive]
+    out: list[tuple[Rings, IntArray]] = []
+    offset = 0
+    for t, of_label in enumerate(klass):
+        label = zone[:, t][sides] - offset
+        offset += of_label.size
+        differs = label[:, 0] != label[:, 1]
+        vertices, start, ring_label, area = _trace(
+            x, y, np.ascontiguousarray(ends[differs]), label[differs], of_label > 0
+        )
+        # The frame of one cell goes: corner (0, 0) is that of the first cell of the map.
+        rings = Rings(x[vertices] - 1, -y[vertices] - 1, start, ring_label, area)
+        out.append((rings, of_label))
+    return out
