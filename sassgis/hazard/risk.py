@@ -1,0 +1,495 @@
+"""Risk of exposed objects: hits per year by intensity, losses, deaths, and what each source adds.
+
+Everything is linear in the hits: with h the yearly hits of an object by intensity class i and
+source s, every quantity is q = Σ_s Σ_i h[s, i] · c[s, i], where c is what one hit of the class by a
+block of the source costs. The object risk and the risk to persons follow the usual product of
+frequency, presence, vulnerability and value (Fell, Ho, Lacasse and Leroi, 2005, A framework for
+landslide risk assessment and management; in Switzerland PLANAT and EconoMe), the vehicles on a road
+Hungr, Evans and Hazzard (1999, Canadian Geotechnical Journal 36: 224-238), with the width of the
+block added to the length of the vehicle. The formulas are from general knowledge and were not
+compared with these publications line by line.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sassgis.core.exposure import VEHICLE, ExposedObject, Vulnerability
+from sassgis.core.grid import FloatArray
+from sassgis.core.hazard import HazardCurves, Source, SourceCounts
+from sassgis.hazard.curves import at_energies, hazard_curves
+
+#: What is told of each object, all per year; see RiskTable.
+QUANTITIES = (
+    "hits",
+    "property_loss",
+    "vehicle_loss",
+    "loss",
+    "vehicles_hit",
+    "deaths",
+    "individual_risk",
+)
+#: Those that can be added up over objects: the individual risks of different people cannot.
+ADDITIVE = tuple(q for q in QUANTITIES if q != "individual_risk")
+
+_HOURS_PER_DAY = 24.0
+_METRES_PER_KM = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class RiskTable:
+    """Risk of each object from each source.
+
+    Attributes
+    ----------
+    objects : tuple of ExposedObject
+    sources : tuple of Source
+    intensities : tuple of str
+        Codes of the intensity classes, from weak to strong.
+    hits : float64, shape (n_sources, n_objects, n_intensities)
+        Rocks per year whose largest energy on the object is of the class.
+    hits_variance : float64, same shape
+        Upper bound of their sampling variance (1/year²).
+    values : mapping of str to float64, shape (n_sources, n_objects)
+        The QUANTITIES: ``hits`` (1/year), ``property_loss`` of the object itself,
+        ``vehicle_loss`` and their sum ``loss`` (currency/year), ``vehicles_hit`` (1/year),
+        ``deaths`` (1/year, the collective risk) and ``individual_risk`` (1/year, of one person of
+        those there, or of the one road user of the traffic).
+    variances : mapping of str to float64, shape (n_sources, n_objects)
+        Upper bound of the sampling variance of each.
+    """
+
+    objects: tuple[ExposedObject, ...]
+    sources: tuple[Source, ...]
+    intensities: tuple[str, ...]
+    hits: FloatArray
+    hits_variance: FloatArray
+    values: Mapping[str, FloatArray]
+    variances: Mapping[str, FloatArray]
+
+    def of_object(self, quantity: str) -> FloatArray:
+        """Sum over the sources, shape (n_objects,); correctly rounded, whatever their order."""
+        return _sums(self.values[quantity].T)
+
+    def standard_error(self, quantity: str) -> FloatArray:
+        """Upper bound of the standard error of :meth:`of_object`; sources are independent."""
+        error: FloatArray = np.sqrt(_sums(self.variances[quantity].T))
+        return error
+
+    @property
+    def one_rock(self) -> FloatArray:
+        """Hits per year for which one simulated rock stands, shape (n_objects,).
+
+        The largest of the sources that reach the object; 0 where none does.
+        """
+        rates = np.array([s.rate_per_rock for s in self.sources])[:, None]
+        reached = np.where(self.values["hits"] > 0.0, rates, 0.0)
+        return np.asarray(reached.max(axis=0, initial=0.0), np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class RiskTotal:
+    """Risk summed over several objects or over one source.
+
+    Attributes
+    ----------
+    scope : {"whole", "kind", "source", "all"}
+        "whole": a road or line of which the objects are stretches.
+    name : str
+    objects : int
+        How many are summed.
+    values : mapping of str to float
+        The ADDITIVE quantities; each is the correctly rounded sum of the objects' values.
+    standard_error : mapping of str to float
+        Upper bound: as if each source's rocks hit all objects or none.
+    standard_error_apart : mapping of str to float
+        Upper bound if no rock hits two of the objects.
+    individual_risk : float
+        The largest of one person (1/year). Who drives along a road passes all its stretches: there
+        it is the sum. NaN for a source.
+    """
+
+    scope: str
+    name: str
+    objects: int
+    values: Mapping[str, float]
+    standard_error: Mapping[str, float]
+    standard_error_apart: Mapping[str, float]
+    individual_risk: float
+
+
+def _sums(rows: FloatArray) -> FloatArray:
+    """Correctly rounded sum of each row."""
+    return np.array([math.fsum(row) for row in rows.tolist()], np.float64)
+
+
+# ---------------------------------------------------------------------------------------------
+# One formula each
+
+
+def vehicles_in_strip(
+    vehicles_per_day: ArrayLike,
+    speed_kmh: ArrayLike,
+    vehicle_length_m: ArrayLike,
+    block_width_m: ArrayLike,
+) -> FloatArray:
+    """Expected number of vehicles that a block crossing the road meets.
+
+    n = Q / (24 h/day) · (L + w) / (1000 m/km · v): vehicles per hour times the hours for which one
+    of them has a part of itself in a strip as wide as the block. The block is taken to cross in no
+    time, and what drives into it after it has come to rest is not counted.
+
+    Parameters
+    ----------
+    vehicles_per_day : array_like
+        Q, both directions (1/day).
+    speed_kmh : array_like
+        v (km/h), above 0.
+    vehicle_length_m : array_like
+        L (m).
+    block_width_m : array_like
+        w (m).
+
+    Returns
+    -------
+    float64
+        Mean number; it may exceed 1.
+    """
+    length = np.asarray(vehicle_length_m, np.float64) + np.asarray(block_width_m, np.float64)
+    hours = length / (_METRES_PER_KM * np.asarray(speed_kmh, np.float64))
+    met: FloatArray = np.asarray(vehicles_per_day, np.float64) / _HOURS_PER_DAY * hours
+    return met
+
+
+def class_hits(rate: FloatArray) -> FloatArray:
+    """Hits per year of each class: h_i = λ(E >= e_i) − λ(E >= e_{i+1}); the last class is open.
+
+    Parameters
+    ----------
+    rate : float64, shape (..., n_intensities)
+        λ at the lower limits of the classes (1/year).
+    """
+    hits: FloatArray = rate - np.concatenate([rate[..., 1:], np.zeros_like(rate[..., :1])], axis=-1)
+    return hits
+
+
+def weighted_variance(
+    cost: FloatArray, rate: FloatArray, variance: FloatArray, source: Source
+) -> FloatArray:
+    """Upper bound of the sampling variance of Σ_i h_i c_i for one source.
+
+    The classes' counts are nested (a rock of a strong class is among those of the weak ones), so
+    that their errors hang together, while the sample keeps the squares of each count only and not
+    their products. With w_i = c_i − c_{i−1} the quantity is Σ_i w_i λ_i.
+
+    *Release points on a lattice* (strata of n rocks). The variance of a stratum is n times the
+    variance of what one rock costs, n/(n−1) (Σ y² − (Σ y)²/n), and for costs y >= 0 no more than
+    Σ y²: in all f/N Σ_i h_i c_i², as for independent rare hits. Also Cov(λ_i, λ_j) = Σ k_j (n −
+    k_i)/(n−1) lies between 0 and Var λ_j for the stronger class j (k_j <= k_i), which bounds
+    Σ_i Σ_j w_i w_j Cov(λ_i, λ_j). The smaller of the two is given.
+
+    *Release points at random* (the line is the unit). Standard errors add up at most: σ <= Σ_i
+    |w_i| σ(λ_i) and σ <= Σ_i c_i σ(h_i), with Var h_i <= Var λ_i − Var λ_{i+1} + 2 λ_{i+1} h_i /
+    (L − 1) from k_i² >= (k_i − k_{i+1})² + k_{i+1}². The smaller of the two is given.
+
+    Parameters
+    ----------
+    cost : float64, shape (n, n_intensities)
+        c_i: what one hit costs; 0 or more.
+    rate, variance : float64, shape (n, n_intensities)
+        λ(E >= e_i) of this source (1/year) and its sampling variance (1/year²).
+    source : Source
+
+    Returns
+    -------
+    float64, shape (n,)
+        NaN where the sample cannot tell: random points with a single line.
+    """
+    hits = class_hits(rate)
+    step = np.diff(cost, axis=-1, prepend=0.0)
+    error = np.sqrt(variance)
+    n = rate.shape[-1]
+    if source.random_points:
+        lines = source.rocks // max(source.rocks_per_line, 1)
+        after = np.concatenate([rate[..., 1:], np.zeros_like(rate[..., :1])], axis=-1)
+        products = 2.0 * after * hits / max(lines - 1, 1)
+        own = np.maximum(class_hits(variance) + products, 0.0)
+        nested = np.einsum("...i,...i->...", np.abs(step), error)
+        apart = np.einsum("...i,...i->...", cost, np.sqrt(own))
+        return np.asarray(np.minimum(nested, apart) ** 2, np.float64)
+    rare = source.rate_per_rock * np.einsum("...i,...i->...", hits, cost**2)
+    nested = np.einsum("...i,...i->...", step**2, variance)
+    for i in range(n):
+        for j in range(i + 1, n):
+            together = np.minimum(variance[..., j], error[..., i] * error[..., j])
+            nested = nested + 2.0 * np.maximum(step[..., i] * step[..., j], 0.0) * together
+    # Lines of one rock tell no variance; the bound by the number of hits holds all the same.
+    return np.asarray(np.fmin(rare, nested), np.float64)
+
+
+def hit_costs(
+    objects: Sequence[ExposedObject], vulnerability: Vulnerability, block_width_m: float
+) -> dict[str, FloatArray]:
+    """What one hit of each intensity costs each object.
+
+    Parameters
+    ----------
+    objects
+        The objects.
+    vulnerability
+        Must have rows for them.
+    block_width_m
+        Width w of the block that hits (m).
+
+    Returns
+    -------
+    dict of str to float64, shape (n_objects, n_intensities)
+        By QUANTITIES. With vulnerability v, lethality l, stake S (value, or value per metre times
+        the length destroyed), n vehicles in the strip:
+        ``hits`` 1 · ``property_loss`` v S · ``vehicle_loss`` n v_vehicle value_vehicle ·
+        ``vehicles_hit`` n · ``deaths`` persons · presence · l + n · persons_per_vehicle · l_vehicle
+        · ``individual_risk`` presence · l, on roads n_one l_vehicle with the trips of one user in
+        place of the traffic.
+    """
+    shape = (len(objects), len(vulnerability.intensities))
+    costs = {q: np.zeros(shape) for q in QUANTITIES}
+    costs["hits"][:] = 1.0
+    numbers = {
+        kind: np.array([[r.vulnerability, r.lethality] for r in vulnerability.of(kind)]).T
+        for kind in vulnerability.kinds
+    }
+    for k, thing in enumerate(objects):
+        lost, lethal = numbers[thing.kind]
+        costs["property_loss"][k] = lost * thing.stake(block_width_m)
+        costs["deaths"][k] = thing.persons * thing.presence * lethal
+        costs["individual_risk"][k] = thing.presence * lethal
+        traffic = thing.traffic
+        if traffic is None:
+            continue
+        lost, lethal = numbers[VEHICLE]
+        met, one = vehicles_in_strip(
+            [traffic.vehicles_per_day, traffic.trips_per_day],
+            traffic.speed_kmh,
+            traffic.vehicle_length_m,
+            block_width_m,
+        )
+        costs["vehicles_hit"][k] = met
+        costs["vehicle_loss"][k] = met * traffic.vehicle_value * lost
+        costs["deaths"][k] = met * traffic.persons_per_vehicle * lethal
+        costs["individual_risk"][k] = one * lethal
+    costs["loss"] = costs["property_loss"] + costs["vehicle_loss"]
+    return costs
+
+
+# ---------------------------------------------------------------------------------------------
+# The table
+
+
+def assess_risk(
+    objects: Sequence[ExposedObject],
+    sources: Sequence[Source],
+    counts: Sequence[SourceCounts],
+    energies_kj: ArrayLike,
+    limits_kj: Sequence[float],
+    vulnerability: Vulnerability,
+) -> RiskTable:
+    """Risk of each object from each source.
+
+    Parameters
+    ----------
+    objects
+        The places of the counts are their numbers.
+    sources, counts
+        One each per source.
+    energies_kj : array_like, shape (n_energies,)
+        Energies of the columns of the counts, ascending from 0 (kJ).
+    limits_kj
+        Lower limits of the intensity classes (kJ), all of them among the energies.
+    vulnerability
+        Its intensities are the classes.
+
+    Returns
+    -------
+    RiskTable
+
+    Raises
+    ------
+    InputError
+        If the vulnerability table has no rows for a kind of object.
+    ValueError
+        If a limit is none of the energies, or the counts name no object.
+    """
+    vulnerability.check_covers(objects)
+    if len(limits_kj) != len(vulnerability.intensities):
+        raise ValueError("the classes of intensity are not those of the vulnerability table")
+    shape = (len(sources), len(objects), len(limits_kj))
+    rate, variance = np.zeros(shape), np.zeros(shape)
+    for s, (source, own) in enumerate(zip(sources, counts, strict=True)):
+        curves = at_energies(hazard_curves([source], [own], energies_kj), limits_kj)
+        _place(curves, rate[s], variance[s])
+    hits = class_hits(rate)
+    hits_variance = np.zeros(shape)
+    values = {q: np.zeros(shape[:2]) for q in QUANTITIES}
+    variances = {q: np.zeros(shape[:2]) for q in QUANTITIES}
+    for s, source in enumerate(sources):
+        for i, one in enumerate(np.eye(shape[2])):
+            cost = np.broadcast_to(one, shape[1:])
+            hits_variance[s, :, i] = weighted_variance(cost, rate[s], variance[s], source)
+        for q, cost in hit_costs(objects, vulnerability, source.block_width_m).items():
+            values[q][s] = _sums(hits[s] * cost)
+            variances[q][s] = weighted_variance(cost, rate[s], variance[s], source)
+    return RiskTable(
+        tuple(objects),
+        tuple(sources),
+        vulnerability.intensities,
+        hits,
+        hits_variance,
+        values,
+        variances,
+    )
+
+
+def _place(curves: HazardCurves, rate: FloatArray, variance: FloatArray) -> None:
+    """Put the curves of the objects that are reached into rows by object."""
+    if curves.places.size and not 0 <= curves.places.min() <= curves.places.max() < len(rate):
+        raise ValueError("counts of a place that is no object")
+    rate[curves.places] = curves.rate
+    variance[curves.places] = curves.variance
+
+
+# ---------------------------------------------------------------------------------------------
+# Sums
+
+
+def risk_totals(table: RiskTable) -> list[RiskTotal]:
+    """Sums by road or line, by kind, by source, and over all.
+
+    Parameters
+    ----------
+    table : RiskTable
+
+    Returns
+    -------
+    list of RiskTotal
+        Each value is the correctly rounded sum (``math.fsum``) of the values of its objects, as
+        ``RiskTable.of_object`` gives them; for a source, of what it adds to each object.
+    """
+    groups: dict[tuple[str, str], list[int]] = {}
+    for i, thing in enumerate(table.objects):
+        if thing.parent:
+            groups.setdefault(("whole", thing.parent), []).append(i)
+    for i, thing in enumerate(table.objects):
+        groups.setdefault(("kind", thing.kind), []).append(i)
+    totals = [_total(table, scope, name, own) for (scope, name), own in groups.items()]
+    everything = list(range(len(table.objects)))
+    for s, source in enumerate(table.sources):
+        totals.append(_total(table, "source", source.label, everything, s))
+    totals.append(_total(table, "all", "all objects", everything))
+    return totals
+
+
+def _total(
+    table: RiskTable, scope: str, name: str, own: list[int], source: int | None = None
+) -> RiskTotal:
+    chosen = slice(None) if source is None else slice(source, source + 1)
+    values, most, apart = {}, {}, {}
+    for q in ADDITIVE:
+        rows = table.of_object(q) if source is None else table.values[q][source]
+        values[q] = math.fsum(rows[own].tolist())
+        variance = table.variances[q][chosen][:, own]
+        most[q] = math.sqrt(math.fsum((np.sqrt(variance).sum(axis=1) ** 2).tolist()))
+        apart[q] = math.sqrt(math.fsum(variance.ravel().tolist()))
+    individual = math.nan if source is not None else _largest_individual(table, own)
+    return RiskTotal(scope, name, len(own), values, most, apart, individual)
+
+
+def _largest_individual(table: RiskTable, own: Iterable[int]) -> float:
+    risks = table.of_object("individual_risk")
+    wholes: dict[str, list[float]] = {}
+    for i in own:
+        wholes.setdefault(table.objects[i].whole, []).append(float(risks[i]))
+    return max((math.fsum(parts) for parts in wholes.values()), default=math.nan)
+
+
+# ---------------------------------------------------------------------------------------------
+# Rows of tables
+
+
+def _share(part: float, whole: float) -> float:
+    """Part over whole; NaN where there is no whole."""
+    return float(part / whole) if whole else math.nan
+
+
+def object_rows(table: RiskTable) -> list[dict[str, object]]:
+    """A row per object: what it is, hits by intensity, every quantity with its standard error."""
+    sums = {q: table.of_object(q) for q in QUANTITIES}
+    errors = {q: table.standard_error(q) for q in QUANTITIES}
+    one_rock = table.one_rock
+    rows: list[dict[str, object]] = []
+    for k, thing in enumerate(table.objects):
+        row: dict[str, object] = {
+            "name": thing.name,
+            "kind": thing.kind,
+            "part_of": thing.parent,
+            "length_m": thing.length_m,
+        }
+        for i, code in enumerate(table.intensities):
+            row[f"hits_{code}_per_year"] = math.fsum(table.hits[:, k, i].tolist())
+            row[f"hits_{code}_per_year_se"] = math.sqrt(
+                math.fsum(table.hits_variance[:, k, i].tolist())
+            )
+        for q in QUANTITIES:
+            row[f"{q}_per_year"] = float(sums[q][k])
+            row[f"{q}_per_year_se"] = float(errors[q][k])
+        row["hits_of_one_rock_per_year"] = float(one_rock[k])
+        rows.append(row)
+    return rows
+
+
+def source_rows(table: RiskTable) -> list[dict[str, object]]:
+    """A row per object and source that hits it: what the source adds, and its share of the loss."""
+    loss, deaths = table.of_object("loss"), table.of_object("deaths")
+    rows: list[dict[str, object]] = []
+    for k, thing in enumerate(table.objects):
+        for s, source in enumerate(table.sources):
+            if not table.values["hits"][s, k]:
+                continue
+            row: dict[str, object] = {
+                "name": thing.name,
+                "kind": thing.kind,
+                "part_of": thing.parent,
+                "area": source.area,
+                "scenario": source.scenario,
+            }
+            for i, code in enumerate(table.intensities):
+                row[f"hits_{code}_per_year"] = float(table.hits[s, k, i])
+            for q in QUANTITIES:
+                row[f"{q}_per_year"] = float(table.values[q][s, k])
+                row[f"{q}_per_year_se"] = math.sqrt(table.variances[q][s, k])
+            row["share_of_loss"] = _share(table.values["loss"][s, k], loss[k])
+            row["share_of_deaths"] = _share(table.values["deaths"][s, k], deaths[k])
+            rows.append(row)
+    return rows
+
+
+def total_rows(table: RiskTable) -> list[dict[str, object]]:
+    """A row per sum of :func:`risk_totals`."""
+    rows = []
+    for total in risk_totals(table):
+        row: dict[str, object] = {
+            "scope": total.scope,
+            "name": total.name,
+            "objects": total.objects,
+        }
+        for q in ADDITIVE:
+            row[f"{q}_per_year"] = total.values[q]
+            row[f"{q}_per_year_se"] = total.standard_error[q]
+            row[f"{q}_per_year_se_apart"] = total.standard_error_apart[q]
+        row["individual_risk_largest_per_year"] = total.individual_risk
+        rows.append(row)
+    return rows
