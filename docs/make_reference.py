@@ -42,16 +42,22 @@ _INTRO = {
     "spread": "A bundle of lines from each release point: [terrain.md](terrain.md#spread).",
     "ground": "The kind of ground of each cell: [model.md](model.md#ground-classes).",
     "blocks": "One section for each block scenario; one is needed. Each rock is drawn uniformly "
-    "between the limits.",
+    "between the limits. Its size is given by three semi-axes or by a volume. Zones need its onset "
+    "frequency: [hazard.md](hazard.md).",
     "stations": "Where passing rocks are recorded; a section for each. Placed by exactly one "
     "of `line`, `file`, `chainage_m`.",
     "barriers": "Walls and nets, placed as stations are. All stations and barriers differ in name.",
     "engine": "How the model is read where the paper is silent: [model.md](model.md#readings).",
     "profile": "A run along one profile (`sassgis profile`).",
+    "hazard": "Intensities and hazard levels (`sassgis zone`): [hazard.md](hazard.md).",
+    "zones": "From cells to polygons: [zones.md](zones.md).",
+    "risk": "What hits do to exposed objects: [risk.md](risk.md).",
+    "objects": "Exposed objects, a section for each layer: [risk.md](risk.md). Each number is one "
+    "for all features, or an attribute of each (`..._field`).",
     "run": "",
     "output": "What is written: [outputs.md](outputs.md).",
 }
-_LISTS = ("blocks", "stations", "barriers")
+_LISTS = ("blocks", "stations", "barriers", "objects")
 
 
 def kind(annotation: Any) -> str:
@@ -67,6 +73,8 @@ def kind(annotation: Any) -> str:
         parts = get_args(annotation)
         if len(parts) == 2 and parts[1] is not Ellipsis:
             return "range"
+        if len(parts) == 3:
+            return "three ranges"
         return "list of points" if "tuple" in str(parts[0]) else "list of numbers"
     if origin is dict:
         return "table"

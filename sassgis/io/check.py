@@ -15,10 +15,11 @@ import shapely
 from sassgis.core.grid import Grid
 from sassgis.core.ground import GroundTable
 from sassgis.core.results import Gate
-from sassgis.io.config import Config, ReleaseSettings, profile_gates
+from sassgis.io.config import Config, profile_gates
 from sassgis.io.dem import crs_name, read_dem
 from sassgis.io.ground import built_in_table, default_class, ground_raster, read_ground_table
 from sassgis.io.profile_csv import check_on_profile, read_profile
+from sassgis.io.sections import ReleaseSettings
 from sassgis.io.vectors import ReleaseArea, read_gates, read_release
 
 

@@ -8,9 +8,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import hashlib
-import itertools
 import json
-import math
 import re
 import textwrap
 import tomllib
@@ -18,394 +16,43 @@ from collections.abc import Iterable, Mapping
 from importlib import resources
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Any, get_type_hints
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
-    BeforeValidator,
-    ConfigDict,
     Field,
-    PrivateAttr,
     ValidationError,
-    ValidationInfo,
     create_model,
-    model_validator,
 )
-from pydantic_core import PydanticCustomError
 
 from sassgis.core.blocks import BlockPopulation
 from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.results import Gate
 from sassgis.core.settings import EngineSettings
-
-# ---------------------------------------------------------------------------------------------
-# Kinds of value
-
-
-def _refuse(problem: str, expected: str, *, key: str = "", found: object = None) -> Exception:
-    """An error that pydantic carries to the place where it is told in one line."""
-    context: dict[str, Any] = {"problem": problem, "expected": expected, "key": key}
-    if found is not None:
-        context["found"] = str(found)
-    return PydanticCustomError("sassgis", "{problem}", context)
-
-
-def _pair(value: object) -> object:
-    """A single number stands for two equal limits."""
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return (value, value)
-    if not isinstance(value, (list, tuple)) or len(value) != 2:
-        raise _refuse("is not a range", "a number, or two numbers [low, high]")
-    return tuple(value)
-
-
-def _ascending(value: tuple[float, float]) -> tuple[float, float]:
-    if value[0] > value[1]:
-        raise _refuse("limits are reversed", "[low, high] with the lower number first")
-    return value
-
-
-def _between(
-    low: float, high: float = math.inf, *, above: bool = False, below: bool = False
-) -> AfterValidator:
-    """Limits for a number or both ends of a range; ``above`` and ``below`` leave the ends out."""
-    text = f"above {low:g}" if above else f"{low:g} or more"
-    if math.isfinite(high):
-        text = f"{text} and below {high:g}" if below else f"{text} and at most {high:g}"
-
-    def check(value: Any) -> Any:
-        for number in value if isinstance(value, tuple) else (value,):
-            if (
-                number < low
-                or number > high
-                or (above and number == low)
-                or (below and number == high)
-            ):
-                kind = "numbers" if isinstance(value, tuple) else "a number"
-                raise _refuse("is out of range", f"{kind} {text}")
-        return value
-
-    return AfterValidator(check)
-
-
-def _clean_name(value: str) -> str:
-    name = value.strip()
-    if not name or re.search(r"[,;\r\n\t]", name):
-        raise _refuse("cannot be used as a name", "a text without comma, semicolon or line break")
-    return name
-
-
-def _anchor(value: Path, info: ValidationInfo) -> Path:
-    """Paths are relative to the configuration file."""
-    if str(value) in ("", "."):
-        raise _refuse("is empty", "the path of a file", found="''")
-    base = (info.context or {}).get("base", Path())
-    return Path(base, value.expanduser())
-
-
-Num = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Int = Annotated[int, Field(strict=True)]
-Flag = Annotated[bool, Field(strict=True)]
-Span = Annotated[tuple[Num, Num], BeforeValidator(_pair), AfterValidator(_ascending)]
-Name = Annotated[str, AfterValidator(_clean_name)]
-FileName = Annotated[Path, AfterValidator(_anchor)]
-TableFormat = Literal["none", "csv", "parquet"]
-
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    _config_file: Path | None = PrivateAttr(default=None)
-
-    def model_post_init(self, context: Any) -> None:
-        """Remember the file, for messages of those who are given the section alone."""
-        self._config_file = (context or {}).get("file")
-
-    @property
-    def config_file(self) -> Path | None:
-        """The configuration file; None for a section that was made in code."""
-        return self._config_file
-
-
-# ---------------------------------------------------------------------------------------------
-# Sections
-
-
-class ProjectSettings(_Section):
-    """``[project]``."""
-
-    name: str = Field(
-        default="rockfall", min_length=1, description="title on maps and in the report"
-    )
-
-
-class TerrainSettings(_Section):
-    """``[terrain]``: the DEM and how fall lines are traced and flattened."""
-
-    dem: FileName | None = Field(
-        default=None, description="terrain model: any raster that GDAL reads"
-    )
-    crs: str | None = Field(
-        default=None,
-        min_length=1,
-        description="coordinate system where the DEM states none, e.g. EPSG:2056, or 'local'",
-    )
-    vertical_datum: str | None = Field(
-        default=None,
-        min_length=1,
-        description="name of the height system where the DEM states none",
-    )
-    smoothing_m: Annotated[Num, _between(0, 200)] = Field(
-        default=5.0,
-        description="scale of the terrain that steers fall lines: Gaussian standard deviation (m)",
-    )
-    segment_tolerance_m: Annotated[Num, _between(0, 100)] = Field(
-        default=0.25, description="largest vertical gap between terrain and segments (m)"
-    )
-    energy_line_angle_deg: Annotated[Num, _between(0, 60)] = Field(
-        default=20.0,
-        description="lines end where they sink below this angle seen from the start (degrees)",
-    )
-    max_line_length_m: Annotated[Num, _between(0, 100_000, above=True)] = Field(
-        default=5000.0, description="longest fall line, in plan (m)"
-    )
-    flat_slope_deg: Annotated[Num, _between(0, 30)] = Field(
-        default=8.0, description="slope below which a line tends to keep its heading (degrees)"
-    )
-
-
-class ReleaseSettings(_Section):
-    """``[release]``: where rocks start."""
-
-    file: FileName | None = Field(default=None, description="polygons, lines or points of release")
-    layer: str | None = Field(
-        default=None, min_length=1, description="layer, where the file has several"
-    )
-    name_field: str | None = Field(
-        default=None,
-        min_length=1,
-        description="attribute with the names of the areas; else area 1, area 2, ...",
-    )
-    scenario_field: str | None = Field(
-        default=None,
-        min_length=1,
-        description="attribute naming the block scenarios of an area: a;b for several; empty: all",
-    )
-    spacing_m: Annotated[Num, _between(0, 10_000, above=True)] = Field(
-        default=5.0, description="distance between release points (m)"
-    )
-    placement: Literal["grid", "random"] = Field(
-        default="grid", description="how points are laid out"
-    )
-    rocks_per_point: Annotated[Int, _between(1, 1_000_000)] = Field(
-        default=50, description="rocks let go at each release point"
-    )
-
-
-class SpreadSettings(_Section):
-    """``[spread]``: a bundle of lines from each release point."""
-
-    lines_per_point: Annotated[Int, _between(1, 1001)] = Field(
-        default=1, description="lines traced from each release point"
-    )
-    width_percent: Annotated[Num, _between(0, 100)] = Field(
-        default=0.0,
-        description="width of the bundle, both sides together, in percent of the length",
-    )
-
-    @model_validator(mode="after")
-    def _has_width(self) -> SpreadSettings:
-        if self.lines_per_point > 1 and self.width_percent == 0.0:
-            raise _refuse(
-                "would trace the same line several times",
-                "a width above 0 where lines_per_point is above 1",
-                key="width_percent",
-                found=self.width_percent,
-            )
-        return self
-
-
-def _codes(value: object) -> object:
-    """TOML keys are text; raster codes are whole numbers."""
-    if not isinstance(value, Mapping):
-        raise _refuse("is not a table of codes", 'codes and class names, as in {1 = "rock"}')
-    try:
-        return {int(str(code)): name for code, name in value.items()}
-    except ValueError:
-        raise _refuse(
-            "has a code that is no whole number", 'codes and class names, as in {1 = "rock"}'
-        ) from None
-
-
-class GroundSettings(_Section):
-    """``[ground]``: the kind of ground, cell by cell."""
-
-    default: Name = Field(default="debris", description="class where nothing else is said")
-    file: FileName | None = Field(
-        default=None, description="polygons or a raster of ground classes"
-    )
-    layer: str | None = Field(
-        default=None, min_length=1, description="layer, where the file has several"
-    )
-    class_field: str = Field(
-        default="class", min_length=1, description="attribute with the class names"
-    )
-    classes: FileName | None = Field(
-        default=None,
-        description="own class table (CSV or TOML), added to the built-in one or overriding it",
-    )
-    raster_classes: Annotated[dict[int, Name], BeforeValidator(_codes)] | None = Field(
-        default=None, description="class of each code, where the file is a raster"
-    )
-
-    @model_validator(mode="after")
-    def _fits_file(self) -> GroundSettings:
-        for key in ("layer", "raster_classes"):
-            if getattr(self, key) is not None and self.file is None:
-                raise _refuse("has no file to go with", "ground.file as well", key=key)
-        return self
-
-
-class BlockSettings(_Section):
-    """``[[blocks]]``: one block scenario; every range may also be a single number."""
-
-    name: Name = Field(description="name of the scenario")
-    axis_1_m: Annotated[Span, _between(0, 10, above=True)] = Field(
-        description="first SEMI-axis, half the length of the block (m)"
-    )
-    axis_2_m: Annotated[Span, _between(0, 10, above=True)] = Field(
-        description="second SEMI-axis (m)"
-    )
-    axis_3_m: Annotated[Span, _between(0, 10, above=True)] = Field(
-        description="third SEMI-axis (m)"
-    )
-    density_kgm3: Annotated[Span, _between(500, 10_000)] = Field(
-        default=(2700.0, 2700.0), description="density of the rock (kg/m3)"
-    )
-    speed_mps: Annotated[Span, _between(0, 150)] = Field(
-        default=(0.0, 0.0), description="speed at the start, downhill along the slope (m/s)"
-    )
-    spin_radps: Annotated[Span, _between(-300, 300)] = Field(
-        default=(0.0, 0.0),
-        description="spin at the start, positive as a rock rolling downhill (rad/s)",
-    )
-    drop_m: Annotated[Span, _between(0, 1000)] = Field(
-        default=(0.0, 0.0), description="height above rest from which the rock is let go (m)"
-    )
-    orientation_rad: Annotated[Span, _between(-2.0 * math.pi, 2.0 * math.pi)] = Field(
-        default=(0.0, math.pi),
-        description="angle of the longest axis to the slope at the start (rad)",
-    )
-
-
-class StationSettings(_Section):
-    """``[[stations]]``: a line on the map, or a chainage, where passing rocks are recorded."""
-
-    name: Name = Field(description="name of the station")
-    line: tuple[tuple[Num, Num], ...] | None = Field(
-        default=None, min_length=2, description="[[x, y], [x, y], ...] in the DEM's coordinates (m)"
-    )
-    file: FileName | None = Field(
-        default=None, description="layer of lines; each feature is a station"
-    )
-    layer: str | None = Field(
-        default=None, min_length=1, description="layer, where the file has several"
-    )
-    name_field: str | None = Field(
-        default=None,
-        min_length=1,
-        description="attribute with the names; else the name and a number",
-    )
-    chainage_m: Num | None = Field(
-        default=None, description="chainage along the profile; profile runs only (m)"
-    )
-
-    @model_validator(mode="after")
-    def _has_one_place(self) -> StationSettings:
-        places = [k for k in ("line", "file", "chainage_m") if getattr(self, k) is not None]
-        if len(places) != 1:
-            raise _refuse(
-                "must be put in one place",
-                "exactly one of line, file, chainage_m",
-                found=" and ".join(places) or "none",
-            )
-        for key in ("layer", "name_field"):
-            if getattr(self, key) is not None and self.file is None:
-                raise _refuse("has no file to go with", "file as well", key=key)
-        return self
-
-
-class BarrierSettings(StationSettings):
-    """``[[barriers]]``: a wall or a net; placed as a station is."""
-
-    kind: Literal["wall", "net"] = Field(description="wall or net")
-    height_m: Annotated[Num, _between(0, 100, above=True)] = Field(
-        description="height of the top above the ground, vertical (m)"
-    )
-    capacity_kj: Annotated[Num, _between(0, above=True)] | None = Field(
-        default=None,
-        description="energy that it takes (kJ); without it every rock that meets it is stopped",
-    )
-
-    lets_go: Flag = Field(
-        default=False,
-        description="whether rocks that it takes move on from zero speed, as nets may let them",
-    )
-
-    def gate(self, name: str) -> Gate:
-        """Return this barrier under the name of one of its features."""
-        capacity = math.inf if self.capacity_kj is None else self.capacity_kj
-        return Gate(name, self.kind, self.height_m, capacity, self.lets_go)
-
-
-class ProfileSettings(_Section):
-    """``[profile]``: a run along a single profile, without a map."""
-
-    file: FileName | None = Field(
-        default=None, description="CSV with columns s_m, z_m and, if wanted, ground"
-    )
-    start_m: Span = Field(default=(0.0, 0.0), description="chainages between which rocks start (m)")
-    rocks: Annotated[Int, _between(1, 100_000_000)] = Field(
-        default=100, description="number of rocks"
-    )
-
-
-class RunSettings(_Section):
-    """``[run]``."""
-
-    seed: Annotated[Int, _between(0, 2**63 - 1)] = Field(
-        default=1, description="the same seed gives the same rocks"
-    )
-    jobs: Annotated[Int, _between(0, 4096)] = Field(
-        default=0, description="processor cores; 0: all of them"
-    )
-
-
-class OutputSettings(_Section):
-    """``[output]``."""
-
-    stop_points_max: Annotated[Int, _between(0, 100_000_000)] = Field(
-        default=100_000, description="most stop points written to the map"
-    )
-    rock_table: TableFormat = Field(default="none", description="one row per rock")
-    passage_table: TableFormat = Field(
-        default="none", description="one row per rock and station or barrier"
-    )
-    energy_classes_kj: tuple[Annotated[Num, _between(0, above=True)], ...] = Field(
-        default=(30.0, 300.0), min_length=1, description="limits between the energy classes (kJ)"
-    )
-
-    @model_validator(mode="after")
-    def _limits_rise(self) -> OutputSettings:
-        limits = self.energy_classes_kj
-        if any(low >= high for low, high in itertools.pairwise(limits)):
-            raise _refuse(
-                "limits do not rise",
-                "numbers in ascending order",
-                key="energy_classes_kj",
-                found=list(limits),
-            )
-        return self
+from sassgis.io.sections import (
+    OBJECT_NUMBERS,
+    BarrierSettings,
+    BlockSettings,
+    Flag,
+    GroundSettings,
+    HazardSettings,
+    Int,
+    Num,
+    ObjectSection,
+    ObjectSettings,
+    OnsetUnit,
+    OutputSettings,
+    ProfileSettings,
+    ProjectSettings,
+    ReleaseSettings,
+    RiskSettings,
+    RunSettings,
+    Section,
+    SpreadSettings,
+    StationSettings,
+    TerrainSettings,
+    ZoneSettings,
+)
 
 
 def _attribute_notes(cls: type) -> dict[str, str]:
@@ -422,7 +69,7 @@ def _attribute_notes(cls: type) -> dict[str, str]:
     return notes
 
 
-def _engine_model() -> type[_Section]:
+def _engine_model() -> type[Section]:
     """``[engine]``: exactly the fields of EngineSettings, so that the two cannot drift apart."""
     kinds: dict[Any, Any] = {float: Num, int: Int, bool: Flag}
     hints = get_type_hints(EngineSettings)
@@ -434,13 +81,13 @@ def _engine_model() -> type[_Section]:
         )
         for f in dataclasses.fields(EngineSettings)
     }
-    return create_model("EngineSection", __base__=_Section, **fields)
+    return create_model("EngineSection", __base__=Section, **fields)
 
 
 _EngineSection = _engine_model()
 
 
-class _Document(_Section):
+class _Document(Section):
     """The whole file, before blocks and engine become types of the core."""
 
     project: ProjectSettings = Field(default_factory=ProjectSettings)
@@ -453,6 +100,10 @@ class _Document(_Section):
     barriers: tuple[BarrierSettings, ...] = ()
     engine: Any = None
     profile: ProfileSettings | None = None
+    hazard: HazardSettings = Field(default_factory=HazardSettings)
+    zones: ZoneSettings = Field(default_factory=ZoneSettings)
+    risk: RiskSettings = Field(default_factory=RiskSettings)
+    objects: tuple[ObjectSettings, ...] = ()  # type: ignore[valid-type]
     run: RunSettings = Field(default_factory=RunSettings)
     output: OutputSettings = Field(default_factory=OutputSettings)
 
@@ -469,10 +120,33 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "barriers": BarrierSettings,
     "engine": _EngineSection,
     "profile": ProfileSettings,
+    "hazard": HazardSettings,
+    "zones": ZoneSettings,
+    "risk": RiskSettings,
+    "objects": ObjectSettings,
     "run": RunSettings,
     "output": OutputSettings,
 }
-_LISTS = ("blocks", "stations", "barriers")
+_LISTS = ("blocks", "stations", "barriers", "objects")
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Onset:
+    """How often a block scenario is released.
+
+    Attributes
+    ----------
+    frequency : float or None
+        In ``unit``; None if nothing is said.
+    unit : {"per_year", "per_year_ha", "per_year_m"}
+        Per release area, per hectare or per metre of it.
+    share : float
+        Of that frequency which falls between the limits of the scenario's volumes.
+    """
+
+    frequency: float | None
+    unit: OnsetUnit = "per_year"
+    share: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -483,7 +157,7 @@ class Config:
     ----------
     file : Path
         The configuration file (absolute).
-    project, terrain, release, spread, ground, run, output
+    project, terrain, release, spread, ground, hazard, zones, risk, run, output
         The sections; paths in them are absolute.
     blocks : tuple of BlockPopulation
         At least one; names are unique.
@@ -492,6 +166,10 @@ class Config:
     engine : EngineSettings
     profile : ProfileSettings or None
         None if the file has no ``[profile]``.
+    objects
+        Layers of exposed objects.
+    onsets : dict of str to Onset
+        By the name of the block scenario.
     """
 
     file: Path
@@ -505,8 +183,13 @@ class Config:
     barriers: tuple[BarrierSettings, ...]
     engine: EngineSettings
     profile: ProfileSettings | None
+    hazard: HazardSettings
+    zones: ZoneSettings
+    risk: RiskSettings
+    objects: tuple[ObjectSection, ...]
     run: RunSettings
     output: OutputSettings
+    onsets: dict[str, Onset]
 
     @property
     def dem_path(self) -> Path:
@@ -594,15 +277,28 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         barriers=parsed.barriers,
         engine=engine,
         profile=parsed.profile,
+        hazard=parsed.hazard,
+        zones=parsed.zones,
+        risk=parsed.risk,
+        objects=parsed.objects,
         run=parsed.run,
         output=parsed.output,
+        onsets={b.name: _onset(b) for b in parsed.blocks},
     )
 
 
 def config_template() -> str:
     """A commented configuration with every key; it loads once its paths are filled in."""
     text = (resources.files("sassgis") / "data" / "config_template.toml").read_text("utf-8")
-    return text.replace("#@ engine\n", _engine_lines())
+    return text.replace("#@ engine\n", _engine_lines()).replace("#@ objects\n", _object_lines())
+
+
+def _object_lines() -> str:
+    """Keys of ``[[objects]]`` for the numbers of an object."""
+    return "".join(
+        f'# {name} = 1.0\n#     {text}\n# {name}_field = "{name}"\n'
+        for name, text in OBJECT_NUMBERS.items()
+    )
 
 
 def _engine_lines() -> str:
@@ -653,6 +349,7 @@ def resolved(config: Config) -> dict[str, Any]:
             plain[section] = [_plain(item) for item in value]
         else:
             plain[section] = None if value is None else _plain(value)
+    plain["onsets"] = {name: _plain(onset) for name, onset in config.onsets.items()}
     return plain
 
 
@@ -803,6 +500,7 @@ def _cross_checks(document: _Document, file: Path) -> list[ConfigError]:
     groups = {
         "blocks": [b.name for b in document.blocks],
         "stations, barriers": [g.name for g in (*document.stations, *document.barriers)],
+        "objects": [o.name for o in document.objects],  # type: ignore[attr-defined]
     }
     for field, names in groups.items():
         for name in dict.fromkeys(n for n in names if names.count(n) > 1):
@@ -810,7 +508,7 @@ def _cross_checks(document: _Document, file: Path) -> list[ConfigError]:
                 ConfigError(
                     "name is used twice",
                     file=file,
-                    field=f"{field}.name" if field == "blocks" else "stations/barriers.name",
+                    field=f"{field}.name" if "," not in field else "stations/barriers.name",
                     found=repr(name),
                     expected="names that differ",
                 )
@@ -820,9 +518,23 @@ def _cross_checks(document: _Document, file: Path) -> list[ConfigError]:
 
 def _population(block: BlockSettings, file: Path) -> BlockPopulation | ConfigError:
     try:
-        return BlockPopulation(**block.model_dump())
+        plain = block.model_dump(exclude={*block.axes, "shape", *_ONSET_KEYS})
+        return BlockPopulation(**(plain | block.axes))
     except InputError as error:
         return _relocated(error, file, f"blocks[{block.name}].{error.field}")
+
+
+_ONSET_KEYS = ("onset_frequency", "onset_unit", "onset_above_m3")
+
+
+def _onset(block: BlockSettings) -> Onset:
+    """Frequency of a block scenario; the power law gives the share between its volumes."""
+    share = 1.0
+    if block.onset_above_m3 is not None:
+        assert block.volume_m3 is not None and block.volume_exponent is not None
+        low, high = ((v / block.onset_above_m3) ** -block.volume_exponent for v in block.volume_m3)
+        share = low - high
+    return Onset(block.onset_frequency, block.onset_unit, share)
 
 
 def _plain(item: Any) -> Any:

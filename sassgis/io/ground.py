@@ -21,9 +21,9 @@ from rasterio.features import rasterize
 from sassgis.core.errors import InputError
 from sassgis.core.grid import Grid
 from sassgis.core.ground import GroundClass, GroundTable
-from sassgis.io.config import GroundSettings
 from sassgis.io.csv_table import check_columns, csv_rows, number, read_text
 from sassgis.io.dem import open_raster, resample, same_crs
+from sassgis.io.sections import GroundSettings
 from sassgis.io.vectors import nearest, read_features
 
 log = logging.getLogger(__name__)

@@ -25,8 +25,9 @@ from rasterio.features import rasterize
 from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.grid import FloatArray, Grid
 from sassgis.core.results import Gate
-from sassgis.io.config import BarrierSettings, Config, ReleaseSettings, StationSettings
+from sassgis.io.config import Config
 from sassgis.io.dem import crs_name, same_crs
+from sassgis.io.sections import BarrierSettings, ReleaseSettings, StationSettings
 
 log = logging.getLogger(__name__)
 

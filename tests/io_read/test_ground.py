@@ -12,8 +12,9 @@ from shapely import Point, box
 
 from sassgis.core.errors import InputError
 from sassgis.core.ground import GroundClass
-from sassgis.io.config import GroundSettings, load_config
+from sassgis.io.config import load_config
 from sassgis.io.ground import built_in_table, ground_raster, read_ground_table
+from sassgis.io.sections import GroundSettings
 
 WEST, NORTH = 2_700_000.0, 1_150_000.0
 HEADER = "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,source,verified\n"

@@ -13,7 +13,8 @@ from shapely import LineString, MultiLineString, MultiPoint, MultiPolygon, Point
 
 from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.grid import Grid
-from sassgis.io.config import ReleaseSettings, load_config
+from sassgis.io.config import load_config
+from sassgis.io.sections import ReleaseSettings
 from sassgis.io.vectors import (
     START_SLOPE_DEG,
     cells_under,
