@@ -134,12 +134,20 @@ def level_interval(
     """
     few = at_energies(curves, preset.thresholds_kj)
     lower, upper = rate_interval(few, confidence)
-    return _levels_between(few.rate, lower, upper, preset)
+    return levels_of_interval(few.rate, lower, upper, preset)
 
 
-def _levels_between(
+def levels_of_interval(
     rate: FloatArray, lower: FloatArray, upper: FloatArray, preset: HazardPreset
 ) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    """Levels of places whose rates lie between limits, as ``level_interval``.
+
+    Parameters
+    ----------
+    rate, lower, upper : float64, shape (n, n_intensities)
+        Rates at the thresholds and their limits; limits that are NaN tell nothing.
+    preset : HazardPreset
+    """
     came = rate > 0.0
     least = np.finfo(np.float64).tiny
     lower = np.where(came, np.maximum(np.nan_to_num(lower, nan=0.0), least), 0.0)

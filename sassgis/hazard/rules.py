@@ -1,0 +1,76 @@
+"""What maps and reports say of a preset's rules."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from sassgis.core.hazard import HazardPreset, Provenance
+
+
+def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:
+    """Names of the classes of return period: "up to 30", "30 to 100", ..., "beyond 300" (years)."""
+    limits = [f"{t:g}" for t in return_periods]
+    between = [f"{a} to {b}" for a, b in pairwise(limits)]
+    return (f"up to {limits[0]}", *between, f"beyond {limits[-1]}")
+
+
+def energy_labels(preset: HazardPreset) -> tuple[str, ...]:
+    """Spans of energy of the classes of intensity: "below 30 kJ", ..., "300 kJ and more"."""
+    limits = [f"{e:g}" for e in preset.thresholds_kj]
+    if len(limits) == 1:
+        return ("any energy",)
+    between = [f"{a} to {b} kJ" for a, b in pairwise(limits[1:])]
+    return (f"below {limits[1]} kJ", *between, f"{limits[-1]} kJ and more")
+
+
+def preset_unverified(preset: HazardPreset) -> list[str]:
+    """What in a preset was not read in its source, for warnings.
+
+    Parameters
+    ----------
+    preset : HazardPreset
+
+    Returns
+    -------
+    list of str
+        One text per source, with the values that rest on it; empty if all are verified.
+    """
+    periods = ", ".join(f"{t:g}" for t in preset.return_periods)
+    values = [(f"intensity {c.code}", c.provenance) for c in preset.intensities]
+    values.append((f"return periods {periods} years", preset.return_period_provenance))
+    values += [(f"level {c.code}", c.provenance) for c in preset.levels]
+    by_source = _by_source(values)
+    for source, text in _unverified_fields(preset).items():
+        by_source.setdefault(source, []).append(text)
+    return [
+        f"preset {preset.name}, unverified: {', '.join(what)}. {source}"
+        for source, what in by_source.items()
+    ]
+
+
+def _by_source(values: Sequence[tuple[str, Provenance]]) -> dict[str, list[str]]:
+    """Unverified values by the text of their source."""
+    found: dict[str, list[str]] = {}
+    for what, provenance in values:
+        if not provenance.verified:
+            found.setdefault(provenance.source, []).append(what)
+    return found
+
+
+def _unverified_fields(preset: HazardPreset) -> dict[str, str]:
+    """Unverified fields of the matrix in a few words, by their source."""
+    fields = [
+        (f"{intensity.code} {period} years", provenance)
+        for intensity, row in zip(preset.intensities, preset.matrix_provenance, strict=True)
+        for period, provenance in zip(period_labels(preset.return_periods), row, strict=True)
+    ]
+    words = {}
+    for source, own in _by_source(fields).items():
+        if len(own) == len(fields):
+            words[source] = "the whole matrix"
+        elif 2 * len(own) > len(fields):
+            words[source] = f"{len(own)} of {len(fields)} fields of the matrix"
+        else:
+            words[source] = f"matrix {', '.join(own)}"
+    return words
