@@ -385,21 +385,24 @@ def valley_releases() -> list[dict[str, Any]]:
     return rows
 
 
-# u, offset from the road (v, m), length, width (m), turn (degrees)
+# u, offset from the road (v, m), length, width (m), turn (degrees), value (CHF), people, share of
+# the time that each of them is there. Like all of the sample, invented.
 BUILDINGS = (
-    (150.0, 26.0, 18.0, 11.0, 8.0),
-    (182.0, 44.0, 14.0, 10.0, -12.0),
-    (228.0, 22.0, 24.0, 12.0, 3.0),
-    (395.0, 21.0, 16.0, 10.0, 20.0),
-    (660.0, 24.0, 20.0, 12.0, -6.0),
-    (702.0, -38.0, 12.0, 9.0, 15.0),
+    (150.0, 26.0, 18.0, 11.0, 8.0, 750_000.0, 4.0, 0.60),
+    (182.0, 44.0, 14.0, 10.0, -12.0, 480_000.0, 2.0, 0.70),
+    (228.0, 22.0, 24.0, 12.0, 3.0, 1_400_000.0, 12.0, 0.55),
+    (395.0, 21.0, 16.0, 10.0, 20.0, 620_000.0, 3.0, 0.65),
+    (660.0, 24.0, 20.0, 12.0, -6.0, 900_000.0, 5.0, 0.60),
+    (702.0, -38.0, 12.0, 9.0, 15.0, 90_000.0, 1.0, 0.05),
 )
 
 
 def valley_buildings() -> list[dict[str, Any]]:
     """Houses by the road, one of them above it."""
     rows = []
-    for number, (u, off, length, width, turn) in enumerate(BUILDINGS, start=1):
+    for number, (u, off, length, width, turn, value, people, share) in enumerate(
+        BUILDINGS, start=1
+    ):
         x, y = to_map(np.array([u]), road_axis(np.array([u])) + off)
         house = rotate(box(-width / 2, -length / 2, width / 2, length / 2), turn - np.degrees(TURN))
         kind = "barn" if number == len(BUILDINGS) else "house"
@@ -407,6 +410,9 @@ def valley_buildings() -> list[dict[str, Any]]:
             {
                 "name": f"{kind} {number}",
                 "kind": kind,
+                "value_chf": value,
+                "persons": people,
+                "presence": share,
                 "geometry": translate(house, float(x[0]), float(y[0])),
             }
         )
@@ -427,6 +433,12 @@ def valley_lines() -> dict[str, list[dict[str, Any]]]:
             {
                 "name": "valley road",
                 "width_m": 7.0,
+                "chf_per_m": 2500.0,
+                "traffic_per_day": 1800.0,
+                "speed_kmh": 60.0,
+                "vehicle_m": 5.0,
+                "persons_per_vehicle": 1.5,
+                "vehicle_chf": 25_000.0,
                 "geometry": line_on_map(u, road_axis(u)).intersection(frame),
             }
         ],
@@ -522,6 +534,25 @@ seed = 1986
 """
 
 
+# kind, then vulnerability and lethality at low, mean and high intensity
+VULNERABILITY = (
+    ("building", (0.01, 0.0), (0.1, 0.01), (0.5, 0.2)),
+    ("road", (0.05, 0.0), (0.3, 0.0), (0.8, 0.0)),
+    ("vehicle", (0.2, 0.05), (0.6, 0.3), (1.0, 0.8)),
+    ("line", (0.02, 0.0), (0.2, 0.0), (0.6, 0.0)),
+    ("people", (0.0, 0.3), (0.0, 0.7), (0.0, 1.0)),
+)
+
+
+def vulnerability_table() -> str:
+    """What a hit does, by kind of object and intensity: a table to replace with one's own."""
+    lines = ["kind,intensity,vulnerability,lethality,source"]
+    for kind, *pairs in VULNERABILITY:
+        for intensity, (lost, dead) in zip(("low", "mean", "high"), pairs, strict=True):
+            lines.append(f"{kind},{intensity},{lost:g},{dead:g},INVENTED EXAMPLE: not for use")
+    return "\n".join(lines) + "\n"
+
+
 def make_valley(folder: Path) -> None:
     """Write the valley: heights, polygons, lines, configuration."""
     x, y = cell_centres(WEST, SOUTH, WIDTH, HEIGHT, CELL)
@@ -532,6 +563,7 @@ def make_valley(folder: Path) -> None:
     write_vectors(folder / "buildings.gpkg", "buildings", valley_buildings())
     for name, rows in valley_lines().items():
         write_vectors(folder / f"{name}.gpkg", name, rows)
+    (folder / "vulnerability.csv").write_text(vulnerability_table(), encoding="utf-8")
     (folder / "config.toml").write_text(VALLEY_CONFIG, encoding="utf-8")
 
 

@@ -428,8 +428,8 @@ def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]
 
     An object is known to the simulation by these cells: it is up to one cell wider, on each side,
     than it is drawn. A cell may belong to several objects, but to one stretch of a road only: of
-    those that touch it, the one that is nearest to its centre. The cells of a road's stretches therefore add up to the
-    cells of the road.
+    those that touch it, the one that is nearest to its centre. The cells of a road's stretches
+    therefore add up to the cells of the road.
 
     Parameters
     ----------

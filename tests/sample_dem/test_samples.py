@@ -22,6 +22,7 @@ CLASSES = {"rock", "debris", "talus", "soft_meadow", "asphalt"}
 VECTORS = ("release", "ground", "road", "buildings", "stations", "net", "wall")
 TEXTS = (
     "valley/config.toml",
+    "valley/vulnerability.csv",
     "bedrina/profile.csv",
     "bedrina/config_before.toml",
     "bedrina/config_after.toml",
