@@ -124,3 +124,26 @@ class BlockPopulation:
             return self.volume_m3[1]
         axes = self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
         return 4.0 / 3.0 * float(np.pi) * axes
+
+    @property
+    def mean_width_m(self) -> float:
+        """Twice the mean semi-axis (m): how wide a strip a typical rock sweeps."""
+        axes = [0.5 * sum(limits) for limits in (self.axis_1_m, self.axis_2_m, self.axis_3_m)]
+        if self.volume_m3 is None:
+            return 2.0 * sum(axes) / 3.0
+        scale = (self._mean_volume_m3 / (4.0 / 3.0 * np.pi * axes[0] * axes[1] * axes[2])) ** (
+            1 / 3
+        )
+        return 2.0 * float(scale) * sum(axes) / 3.0
+
+    @property
+    def _mean_volume_m3(self) -> float:
+        assert self.volume_m3 is not None
+        low, high = self.volume_m3
+        b = self.volume_exponent
+        if b is None or high <= low:
+            return 0.5 * (low + high)
+        # Mean of the density ~ v^(-b-1) between the limits.
+        v = np.linspace(np.log(low), np.log(high), 2001)
+        weight = np.exp(-b * (v - v[0]))
+        return float((weight * np.exp(v)).sum() / weight.sum())
