@@ -21,6 +21,7 @@ from sassgis.io.qgis.hazard_styles import (
     level_classes,
     undecided_style,
 )
+from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.qgis.styles import (
     BARRIER_STYLE,
@@ -299,6 +300,44 @@ def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
     return {layer.name: layer for layer in layers}
 
 
+FACTS = (
+    ("Terrain", "Made-up slope, cells of 2 m, LN02"),
+    ("Model", "SASS (Bozzolo and Pamini, 1986); 120\u00a0000 rocks"),
+    ("Reference width", "2 m (one cell)"),
+)
+NOTES = (
+    "Unverified values: the residual column of the matrix.",
+    "Fine black lines: the sample of rocks leaves the level open (95 % interval).",
+)
+LAYOUTS = (
+    PrintLayout(
+        "Hazard level",
+        "Rockfall hazard: made-up slope",
+        "Worst level of all return periods",
+        (
+            "vector_barriers",
+            "vector_release_areas",
+            "vector_undecided",
+            "vector_zones",
+            "raster_terrain",
+        ),
+        EXTENT,
+        FACTS,
+        NOTES,
+    ),
+    PrintLayout(
+        "Intensity & cells",
+        "Intensity and levels of single cells, in a title that needs more than one line",
+        "",
+        ("vector_intensity", "raster_level", "raster_reach", "raster_energy", "raster_terrain"),
+        EXTENT,
+        FACTS,
+        (),
+        "A4",
+    ),
+)
+
+
 def make(folder: Path, *, local: bool = False) -> Made:
     dem = grid("" if local else None)
     maps = raster_layers(dem)
@@ -322,7 +361,18 @@ def make(folder: Path, *, local: bool = False) -> Made:
             ),
             LayerGroup(
                 "Hazard",
-                tuple(LayerEntry(layer, "result.gpkg", visible=False) for layer in zones.values()),
+                (
+                    *(
+                        LayerEntry(zones[name], "result.gpkg", visible=False)
+                        for name in ("undecided", "zones", "change")
+                    ),
+                    LayerGroup(
+                        "Intensity maps",
+                        (LayerEntry(zones["intensity"], "result.gpkg", visible=False),),
+                        exclusive=True,
+                        expanded=False,
+                    ),
+                ),
             ),
             LayerGroup(
                 "Maps",
@@ -338,5 +388,6 @@ def make(folder: Path, *, local: bool = False) -> Made:
         ],
         extent=EXTENT,
         abstract="Nothing real.",
+        layouts=LAYOUTS,
     )
     return Made(project, geopackage, rasters)

@@ -22,21 +22,6 @@ SYSTEM_PYTHON = Path("/usr/bin/python3")
 PROBE = Path(__file__).with_name("probe.py")
 
 
-def has_qgis() -> bool:
-    if not SYSTEM_PYTHON.is_file():
-        return False
-    done = subprocess.run(
-        [SYSTEM_PYTHON, "-c", "import qgis.core"], capture_output=True, check=False
-    )
-    return done.returncode == 0
-
-
-@pytest.fixture(scope="session")
-def qgis() -> None:
-    if not has_qgis():
-        pytest.skip("QGIS for the system's Python is not installed (Debian: python3-qgis)")
-
-
 def probe(project: Path, picture: Path, *more: str) -> dict[str, Any]:
     done = subprocess.run(
         [str(SYSTEM_PYTHON), str(PROBE), str(project), str(picture), *more],
@@ -136,6 +121,9 @@ def test_the_legend_is_grouped(seen: dict[str, Any]) -> None:
         {"layer": "Passing height, 95 % (m)", "visible": False},
         {"layer": "Hazard level on cells", "visible": False},
     ]
+    inner = seen["tree"][1]["layers"][-1]
+    assert (inner["group"], inner["exclusive"]) == ("Intensity maps", True)
+    assert inner["layers"] == [{"layer": "Intensity, 100 years", "visible": False}]
     titles = [entry.title for entry in made_up.vector_layers().values()]
     assert [entry["layer"] for entry in seen["tree"][0]["layers"]] == titles
 

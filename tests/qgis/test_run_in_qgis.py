@@ -37,14 +37,7 @@ def ask(project: Path, picture: Path, *more: str) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def valley(repository: Path, tmp_path_factory: pytest.TempPathFactory) -> RunResult:
-    if (
-        not SYSTEM_PYTHON.is_file()
-        or subprocess.run(
-            [SYSTEM_PYTHON, "-c", "import qgis.core"], capture_output=True, check=False
-        ).returncode
-    ):
-        pytest.skip("QGIS for the system's Python is not installed (Debian: python3-qgis)")
+def valley(qgis: None, repository: Path, tmp_path_factory: pytest.TempPathFactory) -> RunResult:
     folder = tmp_path_factory.mktemp("valley")
     inputs = folder / "inputs"
     shutil.copytree(repository / "sample_dem" / "valley", inputs)

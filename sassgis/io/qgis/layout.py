@@ -176,6 +176,17 @@ def wrapped(text: str, width_mm: float, points: float, *, bold: bool = False) ->
     return lines
 
 
+def balanced(text: str, width_mm: float, points: float, *, bold: bool = False) -> list[str]:
+    """As :func:`wrapped`, in as many lines, but of about equal length: for titles."""
+    best = wrapped(text, width_mm, points, bold=bold)
+    for share in (0.9, 0.8, 0.7, 0.6):
+        narrower = wrapped(text, share * width_mm, points, bold=bold)
+        if len(narrower) > len(best):
+            break
+        best = narrower
+    return best
+
+
 def _height(lines: int, points: float) -> float:
     return lines * points * _MM_PER_POINT * _LINE
 
@@ -735,8 +746,8 @@ class _Blocks:
     ) -> None:
         width = m.column
         self.m, self.local, self.scale = m, local, scale
-        self.title = wrapped(layout.title, width, m.title, bold=True)
-        self.subtitle = wrapped(layout.subtitle, width, m.subtitle) if layout.subtitle else []
+        self.title = balanced(layout.title, width, m.title, bold=True)
+        self.subtitle = balanced(layout.subtitle, width, m.subtitle) if layout.subtitle else []
         self.legend = _legend_entries(shown, width, m)
         longest = max((text_width(name, m.small, bold=True) for name, _ in facts), default=0.0)
         self.name_width = min(longest + 2.5, 0.4 * width)

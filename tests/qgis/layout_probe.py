@@ -1,0 +1,147 @@
+"""Open a project in the real QGIS and print as JSON what its print layouts hold.
+
+Run by the system's Python: ``/usr/bin/python3 layout_probe.py PROJECT.qgz [ALGORITHM.pdf]``. With
+a second argument the first layout is printed there by QGIS's own ``native:printlayouttopdf``.
+"""
+
+import json
+import os
+import sys
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+from qgis.analysis import QgsNativeAlgorithms
+from qgis.core import (
+    QgsApplication,
+    QgsLayoutItem,
+    QgsLayoutItemLabel,
+    QgsLayoutItemLegend,
+    QgsLayoutItemMap,
+    QgsLayoutItemPicture,
+    QgsLayoutItemScaleBar,
+    QgsLayoutPoint,
+    QgsLegendRenderer,
+    QgsProcessingContext,
+    QgsProcessingFeedback,
+    QgsProject,
+    QgsRenderContext,
+)
+from qgis.PyQt.QtGui import QFont, QFontMetricsF, QImage, QPainter
+
+
+def legend_texts(legend):
+    model = legend.model()
+    out = []
+
+    def walk(group):
+        for child in group.children():
+            if hasattr(child, "layerId"):
+                nodes = model.layerLegendNodes(child)
+                texts = [node.data(0) for node in nodes if not node.isEmbeddedInParent()]
+                name = child.customProperty("legend/title-label") or child.name()
+                out.append({"layer": name, "texts": [str(t) for t in texts if t is not None]})
+            else:
+                out.append({"group": child.name()})
+                walk(child)
+
+    walk(model.rootGroup())
+    return out
+
+
+def text_size(item):
+    """Width and height (mm) that the text of a label needs as it is broken."""
+    # Measured large, as metrics of small type are rounded.
+    font = QFont(item.font())
+    font.setPixelSize(1000)
+    metrics = QFontMetricsF(font)
+    lines = item.currentText().split("\n")
+    mm = item.font().pointSizeF() * 25.4 / 72.0 / 1000.0
+    widest = max(metrics.horizontalAdvance(line) for line in lines)
+    return [widest * mm, metrics.lineSpacing() * len(lines) * mm]
+
+
+def describe(item):
+    rect = item.mapRectToScene(item.rect())
+    facts = {
+        "id": item.id(),
+        "kind": type(item).__name__,
+        "box": [rect.x(), rect.y(), rect.width(), rect.height()],
+    }
+    if isinstance(item, QgsLayoutItemLabel):
+        facts["text"] = item.currentText()
+        facts["needs"] = text_size(item)
+    elif isinstance(item, QgsLayoutItemMap):
+        extent = item.extent()
+        facts["scale"] = item.scale()
+        facts["layers"] = [layer.id() for layer in item.layers()]
+        facts["locked"] = item.keepLayerSet()
+        facts["extent"] = [
+            extent.xMinimum(),
+            extent.yMinimum(),
+            extent.xMaximum(),
+            extent.yMaximum(),
+        ]
+    elif isinstance(item, QgsLayoutItemLegend):
+        renderer = QgsLegendRenderer(item.model(), item.legendSettings())
+        image = QImage(10, 10, QImage.Format_ARGB32)
+        image.setDotsPerMeterX(12000)
+        image.setDotsPerMeterY(12000)
+        painter = QPainter(image)
+        context = QgsRenderContext.fromQPainter(painter)
+        size = renderer.minimumSize(context)
+        facts["needs"] = [size.width(), size.height()]
+        painter.end()
+        del context, painter, renderer
+        facts["entries"] = legend_texts(item)
+    elif isinstance(item, QgsLayoutItemScaleBar):
+        facts["units_per_segment"] = item.unitsPerSegment()
+        facts["segments"] = item.numberOfSegments()
+        facts["unit"] = item.unitLabel()
+        facts["map"] = item.linkedMap().id() if item.linkedMap() else None
+    elif isinstance(item, QgsLayoutItemPicture):
+        facts["found"] = not item.isMissingImage()
+    return facts
+
+
+def main():
+    application = QgsApplication([], False)
+    application.initQgis()
+    project = QgsProject.instance()
+    project.read(sys.argv[1])
+    report = {"layouts": {}, "themes": {}}
+    themes = project.mapThemeCollection()
+    for name in themes.mapThemes():
+        report["themes"][name] = [layer.id() for layer in themes.mapThemeVisibleLayers(name)]
+    for layout in project.layoutManager().printLayouts():
+        page = layout.pageCollection().page(0)
+        items = [
+            describe(item)
+            for item in layout.items()
+            if isinstance(item, QgsLayoutItem) and item.type() != page.type()
+        ]
+        assert layout.pageCollection().pageCount() == 1
+        assert page.positionWithUnits() == QgsLayoutPoint(0, 0)
+        report["layouts"][layout.name()] = {
+            "page": [page.pageSize().width(), page.pageSize().height()],
+            "items": items,
+        }
+    if len(sys.argv) > 2:
+        application.processingRegistry().addProvider(QgsNativeAlgorithms())
+        algorithm = application.processingRegistry().algorithmById("native:printlayouttopdf")
+        context = QgsProcessingContext()
+        context.setProject(project)
+        result, done = algorithm.run(
+            {"LAYOUT": next(iter(report["layouts"])), "OUTPUT": sys.argv[2]},
+            context,
+            QgsProcessingFeedback(),
+        )
+        report["algorithm"] = [done, result.get("OUTPUT")]
+        del context, algorithm
+    sys.stdout.write(json.dumps(report, ensure_ascii=False) + "\n")
+    sys.stdout.flush()
+    project.clear()
+    application.exitQgis()
+
+
+if __name__ == "__main__":
+    main()
