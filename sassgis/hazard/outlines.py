@@ -471,6 +471,7 @@ def _smooth(
     chain_v = np.empty(4 * n + 16, np.int64)
     chain_next = np.empty(4 * n + 16, np.int64)
     n_chain: Whole = 0
+    home = np.arange(n)
     version = np.zeros(n, np.int64)
     near = np.empty(2 * _MAX_DEGREE + 2, np.int64)
     moved = True
@@ -488,10 +489,12 @@ def _smooth(
             if _swept(p, e, x, y, ends, sides, edges_at, degree, classes) < 0:
                 continue
             q = _other(ends, e, p)
-            allowed = True
+            # A junction takes boundaries along that did not run here: it stays near its home.
+            h = home[p]
+            allowed = degree[p] == 2 or ((x[q] - x[h]) ** 2 + (y[q] - y[h]) ** 2 <= tolerance2)
             for s in range(degree[p]):
                 f = edges_at[p, s]
-                if f == e:
+                if f == e or not allowed:
                     continue
                 r = _other(ends, f, p)
                 if not (
@@ -579,6 +582,8 @@ def _smooth(
             if last_taken:
                 first[e] = -1
             moved = True
+            if degree[p] > 2:
+                home[q] = h
             q = _merge_onto(p, e, ends, edges_at, degree, at, x, y)
             n_near = 1
             near[0] = q

@@ -72,9 +72,9 @@ class ZoneSettings:
         """Cells that make up the smallest area; at least one."""
         return max(1, math.ceil(self.min_area_m2 / cell_size**2 - 1e-9))
 
-    def closing_cells(self, cell_size: float) -> float:
-        """Widest gap that is closed (cells)."""
-        return 2.0 if self.closing_m is None else self.closing_m / cell_size
+    def closing_cells(self, cell_size: float) -> int:
+        """Widest gap that is closed (whole cells)."""
+        return 2 if self.closing_m is None else math.floor(self.closing_m / cell_size + 1e-9)
 
     def tolerance_cells(self, cell_size: float) -> float:
         """Largest distance of the boundary from the outline of the cells (cells)."""
@@ -97,40 +97,38 @@ class Coverage:
     classes: IntArray
 
 
-def _disk(radius: float) -> list[tuple[int, int]]:
-    """Steps to the cells whose centres lie within a radius (cells)."""
-    r = math.floor(radius + 1e-9)
-    return [
-        (i, j)
-        for i in range(-r, r + 1)
-        for j in range(-r, r + 1)
-        if i * i + j * j <= radius * radius + 1e-9
-    ]
+def _closed(mask: BoolArray, gap: int) -> BoolArray:
+    """Morphological closing by a disk just too wide for a gap of so many cells.
 
-
-def _closed(mask: BoolArray, radius: float) -> BoolArray:
-    """Morphological closing by a disk; beyond the edge of the raster there is nothing."""
-    steps = _disk(radius)
-    r = max(i for i, _ in steps)
-    if r == 0 or not mask.any():
+    Beyond the edge of the raster there is nothing.
+    """
+    if gap == 0 or not mask.any():
         return mask
+    # The disk spans gap + 1 cells, also where its centre is a corner of cells (odd gaps).
+    radius2 = (gap / 2.0) ** 2 + 0.25
+    steps = [
+        (i, j)
+        for i in range(gap + 1)
+        for j in range(gap + 1)
+        if (i - gap / 2.0) ** 2 + (j - gap / 2.0) ** 2 <= radius2
+    ]
     n_rows, n_cols = mask.shape
-    wide = np.pad(mask, 2 * r)
-    spread = np.zeros((n_rows + 2 * r, n_cols + 2 * r), np.bool_)
+    wide = np.pad(mask, gap)
+    spread = np.zeros((n_rows + gap, n_cols + gap), np.bool_)
     for i, j in steps:
-        spread |= wide[r + i : r + i + spread.shape[0], r + j : r + j + spread.shape[1]]
+        spread |= wide[i : i + n_rows + gap, j : j + n_cols + gap]
     out = np.ones_like(mask)
     for i, j in steps:
-        out &= spread[r + i : r + i + n_rows, r + j : r + j + n_cols]
+        out &= spread[gap - i : gap - i + n_rows, gap - j : gap - j + n_cols]
     return out
 
 
-def _without_gaps(classes: IntArray, radius: float, known: BoolArray) -> IntArray:
+def _without_gaps(classes: IntArray, gap: int, known: BoolArray) -> IntArray:
     """Close {class >= k} for every class k."""
     out = classes.copy()
     for k in range(1, int(classes.max()) + 1):
         region = classes >= k
-        out[_closed(region, radius) & known & ~region & (out < k)] = k
+        out[_closed(region, gap) & known & ~region & (out < k)] = k
     return out
 
 
@@ -280,10 +278,10 @@ def generalised(
         raise ValueError("a class is below 0")
     is_known = np.ones(out.shape, np.bool_) if known is None else np.asarray(known, np.bool_)
     smallest = settings.smallest_cells(cell_size)
-    radius = settings.closing_cells(cell_size) / 2.0
+    gap = settings.closing_cells(cell_size)
     while True:
         before = out
-        out = _without_gaps(out, radius, is_known)
+        out = _without_gaps(out, gap, is_known)
         out = _without_small_holes(out, smallest, is_known)
         out = _without_small_regions(out, smallest, is_known)
         if np.array_equal(out, before):

@@ -1,0 +1,135 @@
+"""Which release area and scenario a zone comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from sassgis.core.grid import FloatArray, Grid, IntArray
+from sassgis.core.hazard import Source, SourceCounts
+from sassgis.hazard.zones import Coverage
+
+
+def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:
+    """Zone that holds the centre of each cell.
+
+    Parameters
+    ----------
+    coverage : Coverage
+    grid : Grid
+        On which the zones were drawn.
+    cells : int64, shape (n,)
+        Flat indices of cells.
+
+    Returns
+    -------
+    int64, shape (n,)
+        Position in the coverage; -1 outside all zones. A centre on a common boundary belongs to the
+        higher class, then to the earlier zone.
+    """
+    zone = np.full(np.size(cells), -1, np.int64)
+    if zone.size == 0 or coverage.polygons.size == 0:
+        return zone
+    x, y = grid.cell_centres(cells)
+    # By boxes first: a test of polygons that are prepared takes little, whatever their size.
+    point, polygon = shapely.STRtree(coverage.polygons).query(shapely.points(x, y))
+    shapely.prepare(coverage.polygons)
+    inside = shapely.intersects_xy(coverage.polygons[polygon], x[point], y[point])
+    point, polygon = point[inside], polygon[inside]
+    # The last one written stays.
+    order = np.lexsort((-polygon, coverage.classes[polygon]))
+    zone[point[order]] = polygon[order]
+    return zone
+
+
+def attribution(
+    zone_of_cell: IntArray,
+    cells: IntArray,
+    sources: Sequence[Source],
+    counts: Sequence[SourceCounts],
+    column_of_cell: IntArray,
+    n_zones: int,
+) -> FloatArray:
+    """Share of each source in the rate that makes each zone.
+
+    Parameters
+    ----------
+    zone_of_cell : int64, shape (n,)
+        From `zone_of_cells`; cells of -1 do not count.
+    cells : int64, shape (n,)
+        Flat indices of the cells, ascending.
+    sources : sequence of Source
+    counts : sequence of SourceCounts
+        Of the sources, in their order.
+    column_of_cell : int64, shape (n,)
+        Column of the energy that decides the class of each cell.
+    n_zones : int
+
+    Returns
+    -------
+    float64, shape (n_zones, n_sources)
+        Rate of the source at the deciding energy, summed over the cells of the zone, over that of
+        all sources. NaN for a zone without a reached cell: all its cells were raised.
+    """
+    if np.any(np.diff(cells) <= 0):
+        raise ValueError("cells are not in ascending order")
+    rate = np.zeros((n_zones, len(sources)))
+    if cells.size:
+        for s, (source, count) in enumerate(zip(sources, counts, strict=True)):
+            at = np.minimum(np.searchsorted(cells, count.places), cells.size - 1)
+            known = (cells[at] == count.places) & (zone_of_cell[at] >= 0)
+            at = at[known]
+            rocks = count.count[known, column_of_cell[at]]
+            rate[:, s] = source.rate_per_rock * np.bincount(
+                zone_of_cell[at], weights=rocks, minlength=n_zones
+            )
+    total = rate.sum(axis=1, keepdims=True)
+    shares = np.full_like(rate, np.nan)
+    np.divide(rate, total, out=shares, where=total > 0.0)
+    return shares
+
+
+def governing(shares: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Source with the largest share in each zone, and that share.
+
+    Parameters
+    ----------
+    shares : float64, shape (n_zones, n_sources)
+
+    Returns
+    -------
+    source : int64, shape (n_zones,)
+        The first of equal ones; -1 where no source reaches the zone.
+    share : float64, shape (n_zones,)
+        NaN where no source reaches the zone.
+    """
+    n_zones = shares.shape[0]
+    if shares.shape[1] == 0:
+        return np.full(n_zones, -1, np.int64), np.full(n_zones, np.nan)
+    reached = ~np.isnan(shares).all(axis=1)
+    source = np.where(reached, np.argmax(np.nan_to_num(shares, nan=-1.0), axis=1), -1)
+    share = np.where(reached, shares[np.arange(n_zones), source], np.nan)
+    return source.astype(np.int64), share
+
+
+def _summed(shares: FloatArray, names: Sequence[str]) -> tuple[tuple[str, ...], FloatArray]:
+    each = tuple(dict.fromkeys(names))
+    columns = [np.array([n == name for n in names]) for name in each]
+    parts = [shares[:, column].sum(axis=1) for column in columns]
+    return each, np.column_stack(parts) if parts else np.empty((shares.shape[0], 0))
+
+
+def shares_by_area(
+    shares: FloatArray, sources: Sequence[Source]
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Names of the release areas and their shares, float64, shape (n_zones, n_areas)."""
+    return _summed(shares, [s.area for s in sources])
+
+
+def shares_by_scenario(
+    shares: FloatArray, sources: Sequence[Source]
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Names of the block scenarios and their shares, float64, shape (n_zones, n_scenarios)."""
+    return _summed(shares, [s.scenario for s in sources])
