@@ -154,12 +154,12 @@ class ExposedObject:
             "traffic_per_day": 0.0 if self.traffic is None else self.traffic.vehicles_per_day,
         }
         for name, number in stated.items():
-            if number and name not in OBJECT_NUMBERS[self.kind]:
+            if number and name not in NUMBERS_OF_KIND[self.kind]:
                 raise InputError(
                     f"does not go with a {self.kind}",
                     field=name,
                     found=f"{number:g}",
-                    expected=f"one of {', '.join(OBJECT_NUMBERS[self.kind])}",
+                    expected=f"one of {', '.join(NUMBERS_OF_KIND[self.kind])}",
                 )
 
     @property
@@ -180,7 +180,7 @@ class ExposedObject:
 
 _LINE_NUMBERS = ("value_per_m", "damage_length_m")
 #: Numbers of each kind of object.
-OBJECT_NUMBERS: Mapping[str, tuple[str, ...]] = {
+NUMBERS_OF_KIND: Mapping[str, tuple[str, ...]] = {
     "building": ("value", "persons", "presence"),
     "people": ("persons", "presence"),
     "line": _LINE_NUMBERS,

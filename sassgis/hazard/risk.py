@@ -436,7 +436,13 @@ def object_rows(table: RiskTable) -> list[dict[str, object]]:
             "name": thing.name,
             "kind": thing.kind,
             "part_of": thing.parent,
+            "from_m": thing.from_m,
             "length_m": thing.length_m,
+            "value": thing.value,
+            "value_per_m": thing.value_per_m,
+            "persons": thing.persons,
+            "presence": thing.presence,
+            "traffic_per_day": thing.traffic.vehicles_per_day if thing.traffic else 0.0,
         }
         for i, code in enumerate(table.intensities):
             row[f"hits_{code}_per_year"] = math.fsum(table.hits[:, k, i].tolist())

@@ -15,8 +15,8 @@ from shapely.ops import substring
 
 from sassgis.core.errors import InputError
 from sassgis.core.exposure import (
+    NUMBERS_OF_KIND,
     OBJECT_KINDS,
-    OBJECT_NUMBERS,
     VULNERABILITY_KINDS,
     ExposedObject,
     ObjectKind,
@@ -98,7 +98,7 @@ def read_objects(
         Attribute with the names of the objects.
     fields
         Attribute that holds a number of the object, by the number's name: the keys of
-        ``OBJECT_NUMBERS[kind]``.
+        ``NUMBERS_OF_KIND[kind]``.
     defaults
         The number where there is no attribute for it, or where the attribute is empty.
     segment_m
@@ -212,12 +212,12 @@ def _check_settings(
             expected=nearest(str(kind), OBJECT_KINDS),
         )
     for name in given:
-        if name not in OBJECT_NUMBERS[kind]:
+        if name not in NUMBERS_OF_KIND[kind]:
             raise InputError(
                 f"does not go with kind {kind}",
                 file=file,
                 field=f"{key}.{name}",
-                expected=nearest(name, OBJECT_NUMBERS[kind]),
+                expected=nearest(name, NUMBERS_OF_KIND[kind]),
             )
     if _SHAPES[kind] == ("line",) and not segment_m >= _LEAST_CELLS * grid.cell_size:
         raise InputError(
@@ -248,7 +248,7 @@ def _numbers(
 ) -> dict[str, float]:
     """The numbers of one feature by name, those that are stated."""
     values: dict[str, float] = {}
-    for name in OBJECT_NUMBERS[kind]:
+    for name in NUMBERS_OF_KIND[kind]:
         column = columns.get(name)
         if column is not None and feature.text(column) is not None:
             values[name] = number(feature.attributes[column], label, column, file)
@@ -277,7 +277,7 @@ def _object(
     try:
         traffic = None
         if kind == "road":
-            flow = {k: own.pop(k) for k in OBJECT_NUMBERS["road"] if k in own and k in _ROAD_USE}
+            flow = {k: own.pop(k) for k in NUMBERS_OF_KIND["road"] if k in own and k in _ROAD_USE}
             traffic = _traffic(flow, label, file, key)
         return ExposedObject(name, kind, traffic=traffic, **own)
     except InputError as error:
