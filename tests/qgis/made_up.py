@@ -12,13 +12,12 @@ from shapely.geometry import LineString, Point, box
 
 from sassgis.core.grid import Grid
 from sassgis.core.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
-from sassgis.core.results import Band, RasterLayer
+from sassgis.core.results import Band, RasterClass, RasterLayer
 from sassgis.io.geopackage import FieldInfo, VectorLayer, write_geopackage
 from sassgis.io.qgis.hazard_styles import (
     hazard_level_style,
     intensity_style,
     level_change_style,
-    level_classes,
     undecided_style,
 )
 from sassgis.io.qgis.layout import PrintLayout
@@ -128,7 +127,10 @@ def raster_layers(dem: Grid) -> dict[str, RasterLayer]:
             (band("level", "Hazard level", "", levels_of_cells()),),
             (),
             "",
-            level_classes(preset().levels),
+            tuple(
+                RasterClass(number, level.label, level.colour, level.hatched)
+                for number, level in enumerate(preset().levels, start=1)
+            ),
         ),
         "terrain": RasterLayer(
             "terrain",
@@ -184,7 +186,7 @@ def zone_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
             layer(
                 "intensity",
                 "Intensity, 100 years",
-                intensity_style("intensity_class", preset().intensities),
+                intensity_style("intensity_class", preset()),
                 middle[:3],
                 intensity_class=["high", "mean", "low"],
             ),

@@ -196,7 +196,7 @@ def test_classes_have_their_names_and_colours(seen: dict[str, Any]) -> None:
     ]
     assert [c["value"] for c in zones["classes"]][3:] == ["residual_hazard"]
     labels = [c["label"] for c in layer(seen, "Intensity, 100 years")["renderer"]["classes"]]
-    assert labels == ["high (≥ 300 kJ)", "mean (30 – 300 kJ)", "low (< 30 kJ)"]
+    assert labels == ["high (300 kJ and more)", "mean (30 to 300 kJ)", "low (below 30 kJ)"]
     change = layer(seen, "Change of level by the barriers")["renderer"]["classes"]
     assert [c["value"] for c in change] == ["higher", "same", "lower"]
     undecided = layer(seen, "Level not settled")["renderer"]

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sassgis.core.hazard import HazardLevel, IntensityClass
-from sassgis.core.results import RasterClass
+from sassgis.core.hazard import HazardLevel, HazardPreset
+from sassgis.hazard.rules import energy_labels
 from sassgis.io.qgis.styles import StyleClass, Symbol, VectorStyle
 
 #: Zones let the terrain through, and what is drawn below them.
@@ -50,74 +50,29 @@ def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyl
     VectorStyle
         Hatched levels as stripes on white; a code that is no level is not drawn.
     """
-    return _zones(column, [(v.code, v.label, v.colour, v.hatched) for v in levels])
+    return zone_style(column, [(v.code, v.label, v.colour, v.hatched) for v in levels])
 
 
-def intensity_style(column: str, classes: Sequence[IntensityClass]) -> VectorStyle:
+def intensity_style(column: str, preset: HazardPreset) -> VectorStyle:
     """Areas in the colours of their intensity, the strongest first in the legend.
 
     Parameters
     ----------
     column : str
         Holds the code of the class, as "mean".
-    classes : sequence of IntensityClass
-        From weak to strong, as ``HazardPreset.intensities``.
+    preset : HazardPreset
 
     Returns
     -------
     VectorStyle
         The limits (kJ) are in the labels.
     """
-    return _zones(
+    return zone_style(
         column,
         [
-            (entry.code, label, entry.colour, False)
-            for entry, label in zip(classes, intensity_labels(classes), strict=True)
+            (entry.code, f"{entry.label} ({span})", entry.colour, False)
+            for entry, span in zip(preset.intensities, energy_labels(preset), strict=True)
         ],
-    )
-
-
-def intensity_labels(classes: Sequence[IntensityClass]) -> list[str]:
-    """Names of the classes with their limits, as "mean (30 – 300 kJ)".
-
-    Parameters
-    ----------
-    classes : sequence of IntensityClass
-        From weak to strong.
-
-    Returns
-    -------
-    list of str
-        In the order given. The lower limit belongs to the class.
-    """
-    out = []
-    for place, entry in enumerate(classes):
-        following = classes[place + 1].from_kj if place + 1 < len(classes) else None
-        if following is None:
-            limits = f"≥ {entry.from_kj:g} kJ"
-        elif entry.from_kj == 0.0:
-            limits = f"< {following:g} kJ"
-        else:
-            limits = f"{entry.from_kj:g} – {following:g} kJ"
-        out.append(f"{entry.label} ({limits})")
-    return out
-
-
-def level_classes(levels: Sequence[HazardLevel]) -> tuple[RasterClass, ...]:
-    """Classes of a raster of levels: 1 is the slightest."""
-    return tuple(
-        RasterClass(number, level.label, level.colour, level.hatched)
-        for number, level in enumerate(levels, start=1)
-    )
-
-
-def intensity_classes(classes: Sequence[IntensityClass]) -> tuple[RasterClass, ...]:
-    """Classes of a raster of intensities: 1 is the weakest; limits (kJ) in the labels."""
-    return tuple(
-        RasterClass(number, label, entry.colour)
-        for number, (entry, label) in enumerate(
-            zip(classes, intensity_labels(classes), strict=True), start=1
-        )
     )
 
 
@@ -133,7 +88,7 @@ def level_change_style(column: str) -> VectorStyle:
     -------
     VectorStyle
     """
-    return _zones(
+    return zone_style(
         column,
         [(code, label, colour, False) for code, (label, colour) in LEVEL_CHANGES.items()],
     )
@@ -152,8 +107,19 @@ def undecided_style() -> VectorStyle:
     )  # fmt: skip
 
 
-def _zones(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
-    """One symbol per code, listed from the last."""
+def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
+    """One sign per code, listed from the last.
+
+    Parameters
+    ----------
+    column : str
+    entries : sequence of (code, label, ``#rrggbb``, hatched)
+        From slight to severe.
+
+    Returns
+    -------
+    VectorStyle
+    """
     return VectorStyle(
         symbol=_ZONE,
         method="categories",

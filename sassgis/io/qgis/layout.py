@@ -557,7 +557,7 @@ def _legend_height(entries: Sequence[_LegendEntry], m: _Measures) -> float:
             total += _height(len(entry.title), m.text) + sum(row(lines) for lines in entry.classes)
         elif isinstance(entry.layer.content, RasterLayer):
             # A continuous ramp: its name, and the bar with its two ends.
-            total += _height(len(entry.title), m.text) + 25.0
+            total += _height(len(entry.title), m.text) + 14.0
         else:
             total += row(entry.title)
     return total
