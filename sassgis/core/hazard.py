@@ -93,8 +93,8 @@ class HazardCurves:
     variance : float64, shape (n, n_energies)
         Of the rate, by the sampling of rocks (1/year²).
     rate_of_a_rock : float64, shape (n,)
-        The largest frequency for which one simulated rock stands, of the sources that reach the
-        place (1/year): what one rock more or less would change.
+        The largest frequency for which one simulated rock stands, of all scenarios of the areas
+        from which a rock came to the place (1/year): what one rock more or less would change.
     """
 
     places: IntArray

@@ -56,10 +56,12 @@ class Checkpoint:
         Working folder of the result.
     fingerprint : str
         Of settings and inputs.
+    part : str
+        Tells several simulations for one result apart.
     """
 
-    def __init__(self, work: Path, fingerprint: str) -> None:
-        self.folder = work / CHECKPOINT_STEM
+    def __init__(self, work: Path, fingerprint: str, part: str = "") -> None:
+        self.folder = work / CHECKPOINT_STEM / part
         self.fingerprint = fingerprint
         self._waiting: list[Rows] = []
         self._parts = 0

@@ -6,10 +6,11 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 import sassgis
 from sassgis.core.errors import InputError, Interrupted
@@ -21,10 +22,11 @@ from sassgis.io.config import Config, load_config, resolved, settings_hash
 from sassgis.io.dem import crs_name
 from sassgis.io.geopackage import VectorLayer, write_geopackage
 from sassgis.io.manifest import write_manifest
+from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.qgis.styles import HILLSHADE
 from sassgis.io.rasters import write_raster
-from sassgis.io.report import write_report
+from sassgis.io.report import ReportFigure, ReportTable, write_report
 from sassgis.io.staging import staged_output
 from sassgis.workflow import vector_layers
 from sassgis.workflow.checkpoint import Checkpoint
@@ -42,6 +44,7 @@ from sassgis.workflow.map_run import (
     Progress,
     Rows,
     bins_of,
+    chunks_of,
     line_ends,
     plan,
     sample_of,
@@ -174,6 +177,7 @@ def _write_qgis(
     grid: Grid,
     layers: tuple[RasterLayer, ...],
     vectors: list[VectorLayer],
+    extras: Extras,
 ) -> None:
     by_name = {v.name: v for v in vectors}
 
@@ -185,7 +189,9 @@ def _write_qgis(
         )
 
     maps = tuple(
-        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy")
+        LayerEntry(
+            layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy" and not extras.groups
+        )
         for layer in layers
     )
     write_project(
@@ -193,6 +199,7 @@ def _write_qgis(
         title=title,
         crs=grid.crs,
         groups=[
+            *extras.groups,
             LayerGroup("Stations and measures", entries("barriers", "stations")),
             LayerGroup(
                 "Release and fall lines",
@@ -211,6 +218,7 @@ def _write_qgis(
         extent=_extent(layers, grid),
         abstract="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). "
         f"Reach probabilities refer to a width of {grid.cell_size:.4g} m.",
+        layouts=extras.layouts,
     )
 
 
@@ -255,33 +263,133 @@ def run(
     Interrupted
         If the user stops the run; its state is kept.
     """
-    overrides = {} if seed is None else {"run.seed": seed}
-    if not isinstance(config, Config):
-        config = load_config(config, overrides)
-    elif seed is not None:
-        config = replace(config, run=config.run.model_copy(update={"seed": seed}))
+    config = configured(config, seed)
     tell = say or (lambda _text: None)
+    with staged_output(Path(out), overwrite) as work:
+        simulation = simulate_config(
+            config,
+            work,
+            read_job(config, areas, tell),
+            jobs=jobs,
+            on_progress=on_progress,
+            tell=tell,
+        )
+        layers = write_result(work, simulation, areas, tell)
+    return result_of(Path(out), simulation, layers)
+
+
+def configured(config: Config | str | Path, seed: int | None) -> Config:
+    """The configuration, read if need be, with another seed if one is given."""
+    if not isinstance(config, Config):
+        return load_config(config, {} if seed is None else {"run.seed": seed})
+    if seed is None:
+        return config
+    return replace(config, run=config.run.model_copy(update={"seed": seed}))
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A run that is ready to be simulated: inputs, plan, and what the readers had to say."""
+
+    run: MapRun
+    planned: Plan
+    notices: tuple[str, ...]
+
+
+def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], None]) -> Job:
+    """Read the inputs of a run and place its release points."""
     if "parquet" in (config.output.rock_table, config.output.passage_table):
         require_parquet()
-    with staged_output(Path(out), overwrite) as work:
-        tell("Reading the inputs")
-        with collected_notices() as notices:
-            job = read_map_run(config, areas)
-        tell("Placing the release points")
-        planned = plan(job)
-        checkpoint = Checkpoint(work, _state_fingerprint(config, job))
-        began = time.perf_counter()
-        progress = _simulate(config, job, planned, checkpoint, jobs, on_progress, tell)
-        seconds = time.perf_counter() - began
-        warnings = [*notices, *warnings_of(job, planned, progress)]
-        tell("Writing the maps")
-        layers = _write_result(
-            work, config, job, planned, progress, checkpoint, areas, warnings, tell
-        )
-    reasons = {r: int(progress.reasons[r]) for r in StopReason}
+    tell("Reading the inputs")
+    with collected_notices() as notices:
+        run = read_map_run(config, areas)
+    tell("Placing the release points")
+    return Job(run, plan(run), tuple(notices))
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """A run that has been simulated.
+
+    Attributes
+    ----------
+    config, run, planned, progress
+    checkpoint : Checkpoint
+        Holds the rows for tables.
+    warnings : tuple of str
+    seconds : float
+    """
+
+    config: Config
+    run: MapRun
+    planned: Plan
+    progress: Progress
+    checkpoint: Checkpoint
+    warnings: tuple[str, ...]
+    seconds: float
+
+
+def simulate_config(
+    config: Config,
+    work: Path,
+    job: Job,
+    *,
+    jobs: int | None,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+    rounds_max: int = 1,
+    enough: Callable[[MapRun, Progress], bool] | None = None,
+    part: str = "",
+) -> Simulation:
+    """Simulate a job; what is computed is kept in ``work`` whatever happens.
+
+    Parameters
+    ----------
+    config : Config
+    work : Path
+        Working folder of the result.
+    job : Job
+    jobs, on_progress, tell
+        As for run.
+    rounds_max : int
+        Most rounds of rocks.
+    enough : callable, optional
+        Asked after one, two, four, ... rounds whether they are enough; without it ``rounds_max``
+        rounds are run.
+    part : str
+        Tells the saved states of several simulations for one result apart.
+    """
+    run, planned = job.run, job.planned
+    fingerprint = _state_fingerprint(config, run)
+    checkpoint = Checkpoint(work, fingerprint, part)
+    began = time.perf_counter()
+    resumed = checkpoint.restore(run)
+    progress = resumed if resumed is not None else Progress.fresh(run)
+    if resumed is not None:
+        tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
+    rounds = rounds_max if enough is None else 1
+    done = -(-progress.chunks // max(len(chunks_of(planned)), 1))
+    while rounds < min(done, rounds_max):
+        rounds *= 2
+    while True:
+        rounds = min(rounds, rounds_max)
+        run = replace(run, rounds=rounds)
+        _simulate(config, run, planned, progress, checkpoint, jobs, on_progress, tell)
+        if enough is None or rounds >= rounds_max or enough(run, progress):
+            break
+        rounds *= 2
+        tell(f"Going on to {min(rounds, rounds_max)} rounds of rocks")
+    seconds = time.perf_counter() - began
+    warnings = (*job.notices, *warnings_of(run, planned, progress))
+    return Simulation(config, run, planned, progress, checkpoint, warnings, seconds)
+
+
+def result_of(out: Path, done: Simulation, layers: tuple[RasterLayer, ...]) -> RunResult:
+    """What a run left."""
+    reasons = {r: int(done.progress.reasons[r]) for r in StopReason}
     return RunResult(
-        Path(out), int(progress.reasons.sum()), reasons, tuple(warnings), seconds, job, planned,
-        progress, layers,
+        out, int(done.progress.reasons.sum()), reasons, done.warnings, done.seconds, done.run,
+        done.planned, done.progress, layers,
     )  # fmt: skip
 
 
@@ -293,8 +401,13 @@ def _state_fingerprint(config: Config, job: MapRun) -> str:
         [a.name for a in job.areas],
         job.stop_points_max,
         _keeps_rows(config),
+        [g.name for g, _ in job.gates],
+        job.thresholds_kj,
     ]
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+    digest = hashlib.sha256(json.dumps(parts).encode())
+    for array in (job.objects.cell, job.objects.number):
+        digest.update(array.tobytes())
+    return digest.hexdigest()
 
 
 def _keeps_rows(config: Config) -> bool:
@@ -318,16 +431,13 @@ def _simulate(
     config: Config,
     job: MapRun,
     planned: Plan,
+    progress: Progress,
     checkpoint: Checkpoint,
     jobs: int | None,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
-) -> Progress:
+) -> None:
     """Simulate, saving the state now and then and when the user stops the run."""
-    resumed = checkpoint.restore(job)
-    progress = resumed if resumed is not None else Progress.fresh(job)
-    if resumed is not None:
-        tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
     keep = _keeps_rows(config)
     saved = time.monotonic()
 
@@ -362,20 +472,60 @@ def _simulate(
         )
     # Whatever happens while the result is written, the simulation is not lost.
     checkpoint.save(progress)
-    return progress
 
 
-def _write_result(
+@dataclass(frozen=True)
+class Extras:
+    """What a result holds besides the maps of the rocks themselves.
+
+    Attributes
+    ----------
+    layers : tuple of RasterLayer
+    vectors : tuple of VectorLayer
+        Written to ``hazard.gpkg``.
+    groups : tuple of LayerGroup
+        On top of the project.
+    layouts : tuple of PrintLayout
+    figures : tuple of ReportFigure
+    tables : tuple of ReportTable
+    facts : dict
+        Added to those of the run.
+    described : tuple of (str, str)
+        Added to what the report says was computed.
+    frames : dict of str to DataFrame
+        Written to ``tables/<name>.csv``.
+    inputs : dict of str to Path
+        Files that were read besides those of the run.
+    warnings : tuple of str
+    preset : str
+    """
+
+    layers: tuple[RasterLayer, ...] = ()
+    vectors: tuple[VectorLayer, ...] = ()
+    groups: tuple[LayerGroup, ...] = ()
+    layouts: tuple[PrintLayout, ...] = ()
+    figures: tuple[ReportFigure, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
+    facts: dict[str, object] = field(default_factory=dict)
+    described: tuple[tuple[str, str], ...] = ()
+    frames: dict[str, pd.DataFrame] = field(default_factory=dict)
+    inputs: dict[str, Path] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    preset: str = ""
+
+
+def write_result(
     work: Path,
-    config: Config,
-    job: MapRun,
-    planned: Plan,
-    progress: Progress,
-    checkpoint: Checkpoint,
+    done: Simulation,
     areas: Sequence[str] | None,
-    warnings: list[str],
     tell: Callable[[str], None],
+    extras: Extras | None = None,
 ) -> tuple[RasterLayer, ...]:
+    """Write everything; returns the maps of the rocks."""
+    extras = extras or Extras()
+    tell("Writing the maps")
+    config, job, planned, progress = done.config, done.run, done.planned, done.progress
+    warnings = [*extras.warnings, *done.warnings]
     bins = bins_of(job)
     sample = sample_of(job, planned, progress)
     layers = map_layers(
@@ -386,7 +536,7 @@ def _write_result(
         job.grid.cell_size,
         config.output.energy_classes_kj,
     )
-    for layer in (*layers, terrain_layer(job.grid)):
+    for layer in (*extras.layers, *layers, terrain_layer(job.grid)):
         write_raster(layer, job.grid, work / "maps")
     vectors = [
         vector_layers.release_areas(job, planned),
@@ -417,34 +567,45 @@ def _write_result(
         "lateral_spread": f"{job.spread.lines_per_point} lines per point, "
         f"{job.spread.width_percent:g} % of the length",
         "settings_hash": settings_hash(config),
+        **extras.facts,
         **counts,
     }
     write_geopackage(work / "result.gpkg", vectors, facts)
-    _write_qgis(work, config.project.name, job.grid, layers, vectors)
+    if extras.vectors:
+        write_geopackage(work / "hazard.gpkg", extras.vectors, facts)
+    _write_qgis(work, config.project.name, job.grid, layers, vectors, extras)
+    for name, frame in extras.frames.items():
+        write_table(work / "tables" / f"{name}.csv", [frame])
     if config.output.rock_table != "none":
         tell("Writing the table of rocks")
         write_table(
             work / "tables" / f"rocks.{config.output.rock_table}",
-            (rock_frame(r, job, planned) for r in rows_of(checkpoint.rows())),
+            (rock_frame(r, job, planned) for r in rows_of(done.checkpoint.rows())),
         )
     if config.output.passage_table != "none":
         tell("Writing the table of passages")
         write_table(
             work / "tables" / f"passages.{config.output.passage_table}",
-            (passage_frame(r, job, planned) for r in rows_of(checkpoint.rows())),
+            (passage_frame(r, job, planned) for r in rows_of(done.checkpoint.rows())),
         )
     tell("Drawing the figures")
     context = map_report(config, job, planned, progress, layers, warnings, facts, work / "figures")
+    context = replace(
+        context,
+        figures=(*extras.figures, *context.figures),
+        tables=(*extras.tables, *context.tables),
+        what_was_run=(*extras.described, *context.what_was_run),
+    )
     write_report(work / "report.html", context)
     write_manifest(
         work / "manifest.json",
-        inputs=input_files(config),
+        inputs=input_files(config) | extras.inputs,
         base=config.file.parent,
         crs=job.grid.crs,
         vertical_datum=job.grid.vertical_datum,
         seed=job.seed,
         ref_width_m=job.grid.cell_size,
-        preset="",
+        preset=extras.preset,
         settings=resolved(config) | ({} if areas is None else {"areas": sorted(areas)}),
         counts=counts,
         warnings=warnings,
