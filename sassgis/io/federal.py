@@ -571,7 +571,7 @@ def _intensity_rows(
 ) -> list[tuple[Any, dict[str, Any]]]:
     rows = []
     # The extreme scenario, then from rare to frequent.
-    for zone in sorted(zones, key=lambda z: (not z.extreme, -(z.return_period or math.inf))):
+    for zone in sorted(zones, key=lambda zone: (not zone.extreme, -_years(zone))):
         _same_length(layer, zone.polygons, zone.codes)
         for polygon, code in zip(zone.polygons, zone.codes, strict=True):
             values = {
@@ -581,6 +581,11 @@ def _intensity_rows(
             }
             rows.append((polygon, values))
     return rows
+
+
+def _years(zone: IntensityZones) -> float:
+    years = _plain(zone.return_period)
+    return years if isinstance(years, int | float) else math.inf
 
 
 def _same_length(layer: str, polygons: Sequence[Any], codes: Sequence[str]) -> None:
@@ -889,7 +894,7 @@ def check_extent(geometries: Sequence[Any], *, field: str, file: Path | None = N
     ------
     InputError
     """
-    if not len(geometries):
+    if not len(geometries) or shapely.is_empty(geometries).all():
         return
     west, south, east, north = shapely.total_bounds(geometries).tolist()
     low_x, low_y, high_x, high_y = FEDERAL_EXTENT
