@@ -6,7 +6,7 @@ Both stages only ever raise a class: no place lies in a zone of a class below th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -33,8 +33,12 @@ class ZoneSettings:
         Smallest zone, and smallest hole in a zone (m²).
     closing_m : float or None
         Widest gap between parts of a zone that is closed (m); None: two cells.
+    min_width_m : float or None
+        Narrower parts of a zone, as a single fall line, are widened to at least this (m), by an odd
+        number of cells; None: three cells.
     tolerance_m : float or None
-        Farthest that a zone's boundary runs outside the outline of its cells (m); None: one cell.
+        Farthest that a zone's boundary runs outside the outline of its cells (m); None: one and a
+        half cells.
     precision_m : float
         Coordinates are multiples of it (m).
 
@@ -46,6 +50,7 @@ class ZoneSettings:
 
     min_area_m2: float = 100.0
     closing_m: float | None = None
+    min_width_m: float | None = None
     tolerance_m: float | None = None
     precision_m: float = 0.001
 
@@ -53,6 +58,7 @@ class ZoneSettings:
         for field, value in (
             ("min_area_m2", self.min_area_m2),
             ("closing_m", self.closing_m),
+            ("min_width_m", self.min_width_m),
             ("tolerance_m", self.tolerance_m),
         ):
             if value is not None and not (math.isfinite(value) and value >= 0.0):
@@ -76,9 +82,15 @@ class ZoneSettings:
         """Widest gap that is closed (whole cells)."""
         return 2 if self.closing_m is None else math.floor(self.closing_m / cell_size + 1e-9)
 
+    def width_cells(self, cell_size: float) -> int:
+        """Least width of a part of a zone (cells, odd)."""
+        if self.min_width_m is None:
+            return 3
+        return 2 * math.ceil(max(self.min_width_m / cell_size - 1.0, 0.0) / 2.0 - 1e-9) + 1
+
     def tolerance_cells(self, cell_size: float) -> float:
         """Largest distance of the boundary from the outline of the cells (cells)."""
-        return 1.0 if self.tolerance_m is None else self.tolerance_m / cell_size
+        return 1.5 if self.tolerance_m is None else self.tolerance_m / cell_size
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,38 +109,75 @@ class Coverage:
     classes: IntArray
 
 
-def _closed(mask: BoolArray, gap: int) -> BoolArray:
-    """Morphological closing by a disk just too wide for a gap of so many cells.
+def _disk(span: int) -> list[tuple[int, int]]:
+    """Cells of a disk that spans so many cells, from the corner of its box.
 
-    Beyond the edge of the raster there is nothing.
+    Where the span is even, its centre is a corner of cells.
     """
-    if gap == 0 or not mask.any():
-        return mask
-    # The disk spans gap + 1 cells, also where its centre is a corner of cells (odd gaps).
-    radius2 = (gap / 2.0) ** 2 + 0.25
-    steps = [
+    centre = (span - 1) / 2.0
+    return [
         (i, j)
-        for i in range(gap + 1)
-        for j in range(gap + 1)
-        if (i - gap / 2.0) ** 2 + (j - gap / 2.0) ** 2 <= radius2
+        for i in range(span)
+        for j in range(span)
+        if (i - centre) ** 2 + (j - centre) ** 2 <= centre**2 + 0.25
     ]
+
+
+def _square(span: int) -> list[tuple[int, int]]:
+    return [(i, j) for i in range(span) for j in range(span)]
+
+
+def _dilated(mask: BoolArray, shape: list[tuple[int, int]]) -> BoolArray:
+    """Union of shapes set on each cell, by the corner of the shape's box; larger by the box."""
+    span = max(i for i, _ in shape)
     n_rows, n_cols = mask.shape
-    wide = np.pad(mask, gap)
-    spread = np.zeros((n_rows + gap, n_cols + gap), np.bool_)
-    for i, j in steps:
-        spread |= wide[i : i + n_rows + gap, j : j + n_cols + gap]
-    out = np.ones_like(mask)
-    for i, j in steps:
-        out &= spread[gap - i : gap - i + n_rows, gap - j : gap - j + n_cols]
+    out = np.zeros((n_rows + span, n_cols + span), np.bool_)
+    for i, j in shape:
+        out[i : i + n_rows, j : j + n_cols] |= mask
     return out
 
 
-def _without_gaps(classes: IntArray, gap: int, known: BoolArray) -> IntArray:
-    """Close {class >= k} for every class k."""
+def _eroded(mask: BoolArray, shape: list[tuple[int, int]]) -> BoolArray:
+    """Where the shape fits into the mask, by the corner of its box; smaller by the box."""
+    span = max(i for i, _ in shape)
+    n_rows, n_cols = mask.shape[0] - span, mask.shape[1] - span
+    out = np.ones((n_rows, n_cols), np.bool_)
+    for i, j in shape:
+        out &= mask[i : i + n_rows, j : j + n_cols]
+    return out
+
+
+def _closed(mask: BoolArray, gap: int) -> BoolArray:
+    """Fill where no disk fits that is wider than the gap; beyond the raster there is nothing."""
+    shape = _disk(gap + 1)
+    return _eroded(_dilated(mask, shape), shape)
+
+
+def _widened(mask: BoolArray, width: int) -> BoolArray:
+    """Set disks on the cells of parts that are too narrow for one; the width is odd."""
+    if width == 1:
+        return mask
+    half = width // 2
+    shape = _disk(width)
+    wide = _dilated(_eroded(np.pad(mask, width), shape), shape)
+    # A disk does not reach into the corners of a wide part: they are not narrow for that.
+    slack = (half + 1) // 2
+    near = _dilated(wide, _square(2 * slack + 1))[slack:-slack, slack:-slack]
+    narrow = mask & ~near[width:-width, width:-width]
+    if not narrow.any():
+        return mask
+    return np.asarray(mask | _dilated(narrow, shape)[half:-half, half:-half])
+
+
+def _with_each(
+    classes: IntArray, known: BoolArray, enlarged: Callable[[BoolArray], BoolArray]
+) -> IntArray:
+    """Enlarge {class >= k} for every class k, where the terrain is known."""
     out = classes.copy()
     for k in range(1, int(classes.max()) + 1):
         region = classes >= k
-        out[_closed(region, gap) & known & ~region & (out < k)] = k
+        if region.any():
+            out[enlarged(region) & known & ~region] = k
     return out
 
 
@@ -262,10 +311,11 @@ def generalised(
     -----
     The rules are applied in turn until none of them changes anything:
 
-    1. For each class k, gaps of {class >= k} no wider than ``closing_m`` are closed (morphological
-       closing by a disk; Serra 1982).
-    2. Holes in {class >= k} smaller than ``min_area_m2`` are raised to k.
-    3. Regions of one class smaller than ``min_area_m2`` join the higher class with which they share
+    1. For each class k, parts of {class >= k} narrower than ``min_width_m`` are widened.
+    2. Gaps of {class >= k} no wider than ``closing_m`` are closed. Both by mathematical morphology
+       with disks (Serra 1982).
+    3. Holes in {class >= k} smaller than ``min_area_m2`` are raised to k.
+    4. Regions of one class smaller than ``min_area_m2`` join the higher class with which they share
        the longest border; those that touch none grow by the nearest cells.
     """
     settings = settings or ZoneSettings()
@@ -279,9 +329,11 @@ def generalised(
     is_known = np.ones(out.shape, np.bool_) if known is None else np.asarray(known, np.bool_)
     smallest = settings.smallest_cells(cell_size)
     gap = settings.closing_cells(cell_size)
+    width = settings.width_cells(cell_size)
     while True:
         before = out
-        out = _without_gaps(out, gap, is_known)
+        out = _with_each(out, is_known, lambda region: _widened(region, width))
+        out = _with_each(out, is_known, lambda region: _closed(region, gap))
         out = _without_small_holes(out, smallest, is_known)
         out = _without_small_regions(out, smallest, is_known)
         if np.array_equal(out, before):

@@ -215,11 +215,16 @@ def test_rarer_zones_contain_more_frequent_ones(
 
 
 @settings(max_examples=60, deadline=None)
-@given(RASTERS, st.sampled_from([20.0, 100.0]), st.sampled_from([None, 0.0, 8.0]))
+@given(
+    RASTERS,
+    st.sampled_from([20.0, 100.0]),
+    st.sampled_from([None, 0.0, 6.0, 8.0]),
+    st.sampled_from([None, 0.0, 10.0]),
+)
 def test_generalisation_is_done_once_and_knows_no_direction(
-    classes: np.ndarray, smallest: float, closing: float | None
+    classes: np.ndarray, smallest: float, closing: float | None, width: float | None
 ) -> None:
-    rules = ZoneSettings(min_area_m2=smallest, closing_m=closing)
+    rules = ZoneSettings(min_area_m2=smallest, closing_m=closing, min_width_m=width)
     out = generalised(classes, 2.0, rules)
     np.testing.assert_array_equal(generalised(out, 2.0, rules), out)
     for turned in (np.flipud, np.fliplr, np.transpose):
@@ -344,7 +349,7 @@ def block(*places: tuple[int, int, int, int, int], shape: tuple[int, int] = (30,
 
 def test_a_ring_keeps_its_hole_and_the_island_in_it() -> None:
     classes = block((2, 2, 28, 28, 1), (7, 7, 23, 23, 0), (12, 12, 18, 18, 2))
-    coarse = generalised(classes, 2.0, ZoneSettings(closing_m=0.0))
+    coarse = generalised(classes, 2.0, ZoneSettings(closing_m=0.0, min_width_m=0.0))
     np.testing.assert_array_equal(coarse, classes)
     zones = coverage(coarse, grid_of(classes))
     assert zones.classes.tolist() == [1, 2]
@@ -356,7 +361,7 @@ def test_a_ring_keeps_its_hole_and_the_island_in_it() -> None:
 
 
 def test_a_small_hole_is_filled_and_a_large_one_is_not() -> None:
-    rules = ZoneSettings(closing_m=0.0)
+    rules = ZoneSettings(closing_m=0.0, min_width_m=0.0)
     for side, stays in ((4, False), (5, True)):
         classes = block((2, 2, 28, 28, 2), (10, 10, 10 + side, 10 + side, 0))
         coarse = generalised(classes, 2.0, rules)
@@ -367,17 +372,19 @@ def test_a_small_hole_is_filled_and_a_large_one_is_not() -> None:
 def test_a_hole_rises_to_the_lowest_class_that_encloses_it() -> None:
     # Half of its border is class 1, half class 3.
     classes = block((2, 2, 28, 15, 1), (2, 15, 28, 28, 3), (13, 13, 17, 17, 0))
-    coarse = generalised(classes, 2.0, ZoneSettings(closing_m=0.0))
+    coarse = generalised(classes, 2.0, ZoneSettings(closing_m=0.0, min_width_m=0.0))
     assert (coarse[13:17, 13:17] == 1).all()
 
 
 def test_a_hole_at_the_edge_of_the_raster_is_none() -> None:
     classes = block((0, 0, 30, 30, 2), (0, 10, 3, 13, 0))
-    np.testing.assert_array_equal(generalised(classes, 2.0, ZoneSettings(closing_m=0.0)), classes)
+    np.testing.assert_array_equal(
+        generalised(classes, 2.0, ZoneSettings(closing_m=0.0, min_width_m=0.0)), classes
+    )
 
 
 def test_a_small_zone_joins_the_higher_class_with_the_longest_border() -> None:
-    rules = ZoneSettings(closing_m=0.0)
+    rules = ZoneSettings(closing_m=0.0, min_width_m=0.0)
     classes = block((5, 5, 25, 15, 2), (5, 17, 25, 27, 3), (10, 15, 14, 17, 1), (14, 15, 15, 16, 1))
     coarse = generalised(classes, 2.0, rules)
     # Five sides touch class 2, four class 3.
@@ -416,9 +423,26 @@ def test_gaps_between_fall_lines_are_closed_up_to_the_width() -> None:
     for gap in range(1, 8):
         for closing in range(8):
             classes = block((3, 5, 27, 10, 1), (3, 10 + gap, 27, 25, 1))
-            coarse = generalised(classes, 2.0, ZoneSettings(closing_m=2.0 * closing + 0.5))
+            rules = ZoneSettings(closing_m=2.0 * closing + 0.5)
+            coarse = generalised(classes, 2.0, rules)
             filled = coarse[12:18, 10 : 10 + gap]
             assert filled.all() if gap <= closing else not filled.any(), (gap, closing)
+
+
+def test_a_thread_is_widened_and_a_wide_part_is_not() -> None:
+    rules = ZoneSettings(closing_m=0.0, min_area_m2=0.0)
+    body = block((3, 3, 12, 27, 2))
+    np.testing.assert_array_equal(generalised(body, 2.0, rules), body)
+    thread = np.maximum(body, block((12, 15, 27, 16, 2)))
+    coarse = generalised(thread, 2.0, rules)
+    assert (coarse[14:27, 14:17] == 2).all()
+    assert (coarse[14:, :14] == 0).all()
+    assert (coarse[14:, 17:] == 0).all()
+    assert (coarse[:12] == body[:12]).all()
+    # Never less than asked for, in whole cells on either side.
+    for asked, cells in ((0.0, 1), (2.0, 1), (2.1, 3), (6.0, 3), (7.0, 5), (10.0, 5)):
+        rules = ZoneSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=asked)
+        assert (generalised(thread, 2.0, rules)[20] > 0).sum() == cells, asked
 
 
 def test_the_map_of_a_more_frequent_period_is_kept() -> None:
@@ -490,6 +514,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
     for wrong in (
         {"min_area_m2": -1.0},
         {"closing_m": float("nan")},
+        {"min_width_m": -1.0},
         {"tolerance_m": -0.1},
         {"precision_m": 0.0},
         {"precision_m": 0.003},
