@@ -104,7 +104,8 @@ def read_objects(
     segment_m
         Length of the equal parts into which roads and lines are cut, about (m).
     radius_m
-        Points stand for all ground within this distance (m); 0: for their cell.
+        Buildings and people are hit by rocks whose centre comes within this distance (m): half the
+        width of a block, or the reach of people given as points. 0: what is drawn itself.
 
     Returns
     -------
@@ -145,8 +146,8 @@ def read_objects(
         if feature.kind == "line":
             parts = _stretches(whole, feature.geometry, segment_m, grid, file)
         else:
-            disc = feature.kind == "point" and radius_m > 0.0
-            parts = [(whole, feature.geometry.buffer(radius_m) if disc else feature.geometry)]
+            wide = feature.geometry.buffer(radius_m) if radius_m > 0.0 else feature.geometry
+            parts = [(whole, wide)]
         objects += [thing for thing, _ in parts]
         geometries += [shape for _, shape in parts]
     placed = PlacedObjects(tuple(objects), tuple(geometries))

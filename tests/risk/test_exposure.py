@@ -112,6 +112,14 @@ def test_people_stand_on_their_cell_or_around(layer, grid):
     assert np.pi * 10.0**2 < area < np.pi * 13.0**2
 
 
+def test_a_building_is_hit_by_rocks_beside_it(layer, grid):
+    path = layer([box(100, 50, 110, 60)])
+    (drawn,) = read_objects(path, grid, kind="building").geometries
+    (wide,) = read_objects(path, grid, kind="building", radius_m=1.5).geometries
+    assert wide.area == pytest.approx(drawn.buffer(1.5).area)
+    assert wide.covers(drawn)
+
+
 # --- stretches --------------------------------------------------------------------------------
 
 

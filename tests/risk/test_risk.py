@@ -390,18 +390,17 @@ def chances(share: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("random_points", "share", "most"),
+    ("random_points", "share", "most", "most_by_class"),
     [
-        # Where hits are rare the bound is the error itself.
-        (False, 0.02, 1.15),
-        (False, 0.2, 1.25),
-        # Most rocks come: rocks of a class push those of others out.
-        (False, 0.9, 1.6),
-        (True, 0.02, 1.6),
-        (True, 0.4, 1.6),
+        # How far the bound may lie above the error; with 4000 repetitions: 1.04 and 1.04,
+        (False, 0.02, 1.1, 1.1),
+        (False, 0.2, 1.1, 1.15),  # 1.02 and 1.09,
+        (False, 0.9, 1.1, 1.3),  # 1.04 and 1.26,
+        (True, 0.02, 1.2, 1.3),  # 1.12 and 1.21,
+        (True, 0.4, 1.2, 2.2),  # 1.13 and 2.08.
     ],
 )
-def test_predicted_error_against_200_repetitions(random_points, share, most):
+def test_predicted_error_against_200_repetitions(random_points, share, most, most_by_class):
     n = 25
     chance = chances(share)
     source = Source("a", "b", 1.0, n * len(chance), n, random_points, 1.0)
@@ -426,8 +425,7 @@ def test_predicted_error_against_200_repetitions(random_points, share, most):
     for i in range(3):
         spread = np.std([t.hits[0, 0, i] for t in tables], ddof=1)
         told = np.sqrt(np.mean([t.hits_variance[0, 0, i] for t in tables]))
-        # Of single classes at random points less can be told: squares of nested counts only.
-        assert 0.85 * spread < told < 1.15 * (2.0 if random_points else most) * spread, i
+        assert 0.85 * spread < told < 1.15 * most_by_class * spread, i
 
 
 @given(
