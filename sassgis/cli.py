@@ -167,6 +167,59 @@ def _run(
 @cli.command()
 @_CONFIG
 @_OUT
+@_AREAS
+@_SEED
+@_JOBS
+@_OVERWRITE
+def zone(
+    config: Path,
+    out: Path,
+    areas: tuple[str, ...],
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
+    """Simulate CONFIG and make hazard zones: all that run writes, levels, intensities, risk."""
+    _zone(config, out, areas, seed, jobs, overwrite)
+
+
+def _zone(
+    config: Path,
+    out: Path,
+    areas: tuple[str, ...],
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
+    from sassgis.workflow.zone import zone as make_zones
+
+    progress = _Progress()
+    try:
+        result = make_zones(
+            config,
+            out,
+            areas=areas or None,
+            seed=seed,
+            jobs=jobs,
+            overwrite=overwrite,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    finally:
+        progress.close()
+    for warning in result.run.warnings:
+        click.echo(f"Note: {warning}", err=True)
+    levels = result.found.hazard.levels
+    click.echo(
+        f"{result.run.rocks} rocks, {levels.polygons.size} zones, "
+        f"{100 * result.found.hazard.undecided_share:.1f} % of the reached cells undecided."
+    )
+    click.echo(f"Open {out / 'project.qgz'} in QGIS, {out / 'report.html'} in a browser.")
+
+
+@cli.command()
+@_CONFIG
+@_OUT
 @click.option(
     "--csv", "csv_file", type=click.Path(path_type=Path), help="Profile: s_m, z_m, ground."
 )
@@ -205,10 +258,10 @@ def profile(
 @_JOBS
 @_OVERWRITE
 def demo(out: Path, jobs: int | None, overwrite: bool) -> None:
-    """Run the sample valley, a terrain that is made, not surveyed."""
+    """Make the zones of the sample valley, a terrain that is made, not surveyed."""
     from sassgis.workflow.samples import sample_folder
 
-    _run(sample_folder() / "valley" / "config.toml", out, (), None, jobs, overwrite)
+    _zone(sample_folder() / "valley" / "config.toml", out, (), None, jobs, overwrite)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -216,7 +269,8 @@ def main(arguments: list[str] | None = None) -> None:
     given = sys.argv[1:] if arguments is None else arguments
     debug = "--debug" in given
     logging.basicConfig(level=logging.DEBUG if debug else logging.ERROR, format="%(message)s")
-    logging.getLogger("numba").setLevel(logging.WARNING)
+    for chatty in ("numba", "matplotlib", "rasterio", "fiona"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
     try:
         code: Any = cli.main(
             args=[a for a in given if a != "--debug"], prog_name="sassgis", standalone_mode=False

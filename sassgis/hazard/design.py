@@ -1,0 +1,100 @@
+"""What a barrier at a line must take: energies and passing heights by residual frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.core.grid import FloatArray
+from sassgis.core.hazard import Source
+from sassgis.hazard.gates import QUANTITIES, GateSums
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """How often rocks come to a line with at least some energy, height or the like.
+
+    Attributes
+    ----------
+    edges : float64, shape (n + 1,)
+        Of the bins in which the quantity was counted.
+    rate : float64, shape (n + 1,)
+        Frequency at or above each edge, per year; 0 at the last.
+    rocks : int64, shape (n + 1,)
+        Simulated rocks behind it.
+    largest : float
+        Largest value of any rock; NaN if none came.
+    """
+
+    edges: FloatArray
+    rate: FloatArray
+    rocks: np.ndarray
+    largest: float
+
+
+def arrivals(
+    sources: Sequence[Source], gates: Sequence[GateSums], gate: int, quantity: str
+) -> Arrivals:
+    """Frequency curve of one quantity at one line, all sources weighted by their frequency.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+    gates : sequence of GateSums
+        Of each source.
+    gate : int
+        Position among the stations and barriers.
+    quantity : str
+        One of sassgis.hazard.gates.QUANTITIES.
+    """
+    edges = QUANTITIES[quantity][1]
+    rate = np.zeros(edges.size)
+    rocks = np.zeros(edges.size, np.int64)
+    largest = -np.inf
+    for source, sums in zip(sources, gates, strict=True):
+        own = sums.distribution(gate, quantity)
+        above = np.append(np.cumsum(own.histogram.counts[::-1])[::-1], 0)
+        rate += source.rate_per_rock * above
+        rocks += above
+        if own.count:
+            largest = max(largest, own.largest)
+    return Arrivals(edges, rate, rocks, largest if np.isfinite(largest) else float("nan"))
+
+
+def value_at_rate(curve: Arrivals, rate: float) -> float:
+    """The smallest value that is exceeded no more often than ``rate`` (per year).
+
+    Within a bin the rocks are taken as spread evenly; no value lies above the largest seen.
+
+    Returns
+    -------
+    float
+        0 where rocks come less often than that at all; NaN where none comes.
+    """
+    if not curve.rocks[0]:
+        return float("nan")
+    if curve.rate[0] <= rate:
+        return 0.0
+    # The bin at whose lower edge the rate is still above the wanted one.
+    i = int(np.flatnonzero(curve.rate > rate)[-1])
+    step = curve.rate[i] - curve.rate[i + 1]
+    share = (curve.rate[i] - rate) / step if step > 0.0 else 1.0
+    value = curve.edges[i] + share * (curve.edges[i + 1] - curve.edges[i])
+    return float(min(value, curve.largest))
+
+
+def quantile(curve: Arrivals, probability: float) -> float:
+    """Quantile of the rocks that arrive, weighted by their frequency; NaN where none comes."""
+    return value_at_rate(curve, (1.0 - probability) * float(curve.rate[0]))
+
+
+def rocks_beyond(curve: Arrivals, rate: float) -> int:
+    """Simulated rocks above the value that is exceeded at ``rate``: few mean a poor estimate.
+
+    Counted from the upper edge of the bin that holds the value.
+    """
+    if curve.rate[0] <= rate:
+        return int(curve.rocks[0])
+    return int(curve.rocks[int(np.flatnonzero(curve.rate > rate)[-1]) + 1])

@@ -1,0 +1,153 @@
+"""What zoning needs besides the rocks, and what it makes of them: hazard and risk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.core.errors import ConfigError
+from sassgis.core.exposure import Vulnerability
+from sassgis.core.hazard import HazardPreset
+from sassgis.hazard.risk import RiskTable, assess_risk
+from sassgis.hazard.zones import ZoneSettings
+from sassgis.io.config import Config
+from sassgis.io.exposure import (
+    PlacedObjects,
+    joined_objects,
+    read_objects,
+    read_vulnerability,
+)
+from sassgis.io.presets import read_preset
+from sassgis.workflow.hazard import Hazard, IntensityMap, by_area, hazard_of
+from sassgis.workflow.inputs import collected_notices
+from sassgis.workflow.map_run import MapRun, bins_of
+from sassgis.workflow.run import Simulation
+from sassgis.workflow.sources import Sampled, onset_frequencies, sampled_sources
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What zoning needs besides the rocks.
+
+    Attributes
+    ----------
+    preset : HazardPreset
+    frequencies : dict of (area, scenario) to float
+        Blocks per year.
+    placed : PlacedObjects
+        Exposed objects; may be none.
+    vulnerability : Vulnerability or None
+    zones : ZoneSettings
+    notices : tuple of str
+        What the readers had to say.
+    """
+
+    preset: HazardPreset
+    frequencies: dict[tuple[str, str], float]
+    placed: PlacedObjects
+    vulnerability: Vulnerability | None
+    zones: ZoneSettings
+    notices: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """What zoning found.
+
+    Attributes
+    ----------
+    hazard : Hazard
+        With the walls and nets there are.
+    without : Hazard or None
+        Without them; None if there are none or nobody asked.
+    by_area : dict of str to tuple of IntensityMap
+        Intensities of each release area alone; empty unless asked for.
+    risk, risk_without : RiskTable or None
+    bare : tuple of Sampled
+        The sources as they come to a line if no barrier holds them.
+    """
+
+    hazard: Hazard
+    without: Hazard | None
+    by_area: dict[str, tuple[IntensityMap, ...]]
+    risk: RiskTable | None
+    risk_without: RiskTable | None
+    bare: tuple[Sampled, ...]
+
+
+def read_rules(config: Config, run: MapRun) -> Rules:
+    """Read preset, frequencies and exposed objects.
+
+    Raises
+    ------
+    ConfigError, InputError
+    """
+    preset = read_preset(config.hazard.preset)
+    frequencies = onset_frequencies(config, run)
+    with collected_notices() as notices:
+        parts = [
+            read_objects(
+                o.file, run.grid, kind=o.kind, name=o.name, layer=o.layer, name_field=o.name_field,
+                fields=o.fields, defaults=o.defaults, segment_m=o.segment_m, radius_m=o.radius_m,
+            )
+            for o in config.objects
+        ]  # fmt: skip
+        placed = joined_objects(parts, config.file)
+        vulnerability = None
+        if len(placed):
+            if config.risk.vulnerability is None:
+                raise ConfigError(
+                    "missing key: objects need to know what a hit does to them",
+                    file=config.file,
+                    field="risk.vulnerability",
+                    expected="a CSV table: kind, intensity, vulnerability, lethality, source",
+                )
+            codes = [c.code for c in preset.intensities]
+            vulnerability = read_vulnerability(config.risk.vulnerability, codes)
+            vulnerability.check_covers(placed.objects)
+    z = config.zones
+    settings = ZoneSettings(z.min_area_m2, z.closing_m, z.tolerance_m)
+    return Rules(preset, frequencies, placed, vulnerability, settings, tuple(notices))
+
+
+def assess(config: Config, rules: Rules, done: Simulation, bare: Simulation | None) -> Assessment:
+    """What simulations with and without barriers say of hazard and risk."""
+    energies = bins_of(done.run).threshold
+    confidence = config.hazard.confidence
+    grid = done.run.grid
+
+    def hazard(simulation: Simulation) -> Hazard:
+        sampled = sampled_sources(simulation.run, simulation.progress, rules.frequencies)
+        return hazard_of(sampled, energies, rules.preset, grid, rules.zones, confidence)
+
+    after = hazard(done)
+    before = None if bare is None else hazard(bare)
+    alone = (
+        by_area(after.sampled, energies, rules.preset, grid, rules.zones)
+        if config.hazard.by_source
+        else {}
+    )
+    return Assessment(
+        after,
+        before,
+        alone,
+        risk_of(rules, after.sampled, energies),
+        None if before is None else risk_of(rules, before.sampled, energies),
+        (before or after).sampled,
+    )
+
+
+def risk_of(rules: Rules, sampled: Sequence[Sampled], energies: np.ndarray) -> RiskTable | None:
+    """Risk of the exposed objects; None if there are none."""
+    if rules.vulnerability is None:
+        return None
+    return assess_risk(
+        rules.placed.objects,
+        [s.source for s in sampled],
+        [s.objects for s in sampled],
+        energies,
+        rules.preset.thresholds_kj,
+        rules.vulnerability,
+    )

@@ -1,0 +1,205 @@
+"""From the counts of a simulation to hazard curves, levels, intensities and their zones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.core.grid import Grid, IntArray
+from sassgis.core.hazard import HazardCurves, HazardPreset
+from sassgis.hazard.attribution import attribution, governing, zone_of_cells
+from sassgis.hazard.curves import at_energies, hazard_curves
+from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class, undecided
+from sassgis.hazard.zones import Coverage, ZoneSettings, generalised_series, nested_coverages
+from sassgis.workflow.sources import Sampled
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneFacts:
+    """What is known of each zone of hazard level.
+
+    Attributes
+    ----------
+    area_m2 : float64, shape (n_zones,)
+    cells : int64, shape (n_zones,)
+        Cells that rocks reach; the others were raised when the zone was drawn.
+    undecided : float64, shape (n_zones,)
+        Share of those cells whose level another sample of rocks might change; NaN without any.
+    shares : float64, shape (n_zones, n_sources)
+        Of each source in the rate that makes the level; NaN in zones without a reached cell.
+    governing : int64, shape (n_zones,)
+        Source with the largest share; -1 for none.
+    """
+
+    area_m2: np.ndarray
+    cells: IntArray
+    undecided: np.ndarray
+    shares: np.ndarray
+    governing: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class IntensityMap:
+    """Zones of intensity at one return period; ``years`` is None for the extreme event."""
+
+    years: float | None
+    zones: Coverage
+
+
+@dataclass(frozen=True, slots=True)
+class Hazard:
+    """What a simulation says of the hazard.
+
+    Attributes
+    ----------
+    sampled : tuple of Sampled
+    curves : HazardCurves
+    levels : Coverage
+        Zones of hazard level; class k is the preset's level k - 1.
+    facts : ZoneFacts
+        Of the zones of ``levels``.
+    intensities : tuple of IntensityMap
+        From frequent to rare; class k is the preset's intensity k - 1.
+    undecided_share : float
+        Of the cells that rocks reach.
+    """
+
+    sampled: tuple[Sampled, ...]
+    curves: HazardCurves
+    levels: Coverage
+    facts: ZoneFacts
+    intensities: tuple[IntensityMap, ...]
+    undecided_share: float
+
+
+def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
+    """Classes of some cells on the grid, 0 elsewhere."""
+    out = np.zeros(grid.shape[0] * grid.shape[1], np.int64)
+    out[cells] = classes
+    return out.reshape(grid.shape)
+
+
+def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurves:
+    """Hazard curves of all cells."""
+    return hazard_curves([s.source for s in sampled], [s.cells for s in sampled], energies_kj)
+
+
+def share_undecided(curves: HazardCurves, preset: HazardPreset, confidence: float) -> float:
+    """Share of the reached cells whose level another sample might change."""
+    unsure = undecided(curves, preset, confidence)
+    return float(unsure.mean()) if unsure.size else 0.0
+
+
+def intensity_maps(
+    curves: HazardCurves, preset: HazardPreset, grid: Grid, settings: ZoneSettings
+) -> tuple[IntensityMap, ...]:
+    """Zones of intensity for the preset's return periods and the extreme event.
+
+    The zones of a rarer event contain those of a more frequent one.
+    """
+    few = at_energies(curves, preset.thresholds_kj)
+    years: list[float | None] = [*preset.return_periods, None]
+    known = np.isfinite(grid.values)
+    maps = [raster(grid, few.places, intensity_class(few, preset, t)) for t in years]
+    drawn = nested_coverages(
+        generalised_series(maps, grid.cell_size, settings, known), grid, settings
+    )
+    return tuple(IntensityMap(t, zones) for t, zones in zip(years, drawn, strict=True))
+
+
+def level_zones(
+    curves: HazardCurves, preset: HazardPreset, grid: Grid, settings: ZoneSettings
+) -> Coverage:
+    """Zones of hazard level."""
+    levels = raster(grid, curves.places, hazard_level(curves, preset))
+    known = np.isfinite(grid.values)
+    smooth = generalised_series([levels], grid.cell_size, settings, known)
+    return nested_coverages(smooth, grid, settings)[0]
+
+
+def zone_facts(
+    sampled: Sequence[Sampled],
+    curves: HazardCurves,
+    preset: HazardPreset,
+    zones: Coverage,
+    grid: Grid,
+    confidence: float,
+) -> ZoneFacts:
+    """Attribution and confidence of zones of hazard level."""
+    n = zones.polygons.size
+    zone = zone_of_cells(zones, grid, curves.places)
+    inside = zone >= 0
+    shares = attribution(
+        zone,
+        curves.places,
+        [s.source for s in sampled],
+        [s.cells for s in sampled],
+        deciding_energy(curves, preset),
+        n,
+    )
+    cells = np.bincount(zone[inside], minlength=n)
+    unsure = np.bincount(
+        zone[inside], weights=undecided(curves, preset, confidence)[inside], minlength=n
+    )
+    return ZoneFacts(
+        np.array([p.area for p in zones.polygons], np.float64),
+        cells,
+        np.where(cells > 0, unsure / np.maximum(cells, 1), np.nan),
+        shares,
+        governing(shares)[0],
+    )
+
+
+def hazard_of(
+    sampled: Sequence[Sampled],
+    energies_kj: np.ndarray,
+    preset: HazardPreset,
+    grid: Grid,
+    settings: ZoneSettings,
+    confidence: float,
+) -> Hazard:
+    """Everything that the counts of a simulation say of the hazard.
+
+    Parameters
+    ----------
+    sampled : sequence of Sampled
+    energies_kj : float64, shape (n_energies,)
+        Of the columns of the counts.
+    preset : HazardPreset
+    grid : Grid
+    settings : ZoneSettings
+    confidence : float
+        Of the sampling interval.
+    """
+    curves = curves_of(sampled, energies_kj)
+    zones = level_zones(curves, preset, grid, settings)
+    return Hazard(
+        tuple(sampled),
+        curves,
+        zones,
+        zone_facts(sampled, curves, preset, zones, grid, confidence),
+        intensity_maps(curves, preset, grid, settings),
+        share_undecided(curves, preset, confidence),
+    )
+
+
+def by_area(
+    sampled: Sequence[Sampled],
+    energies_kj: np.ndarray,
+    preset: HazardPreset,
+    grid: Grid,
+    settings: ZoneSettings,
+) -> dict[str, tuple[IntensityMap, ...]]:
+    """Zones of intensity of each release area alone."""
+    areas = dict.fromkeys(s.source.area for s in sampled)
+    return {
+        area: intensity_maps(
+            curves_of([s for s in sampled if s.source.area == area], energies_kj),
+            preset,
+            grid,
+            settings,
+        )
+        for area in areas
+    }

@@ -1,0 +1,149 @@
+"""Hazard zoning: a run, what it says of the hazard with and without barriers, and the risk."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from sassgis.engine.simulate import ObjectCells
+from sassgis.hazard.curves import at_energies
+from sassgis.io.config import Config
+from sassgis.io.exposure import (
+    object_cells,
+)
+from sassgis.io.staging import staged_output
+from sassgis.workflow.assessment import Assessment, Rules, assess, read_rules
+from sassgis.workflow.hazard import (
+    curves_of,
+    share_undecided,
+)
+from sassgis.workflow.map_run import MapRun, Progress, bins_of
+from sassgis.workflow.run import (
+    Job,
+    OnProgress,
+    RunResult,
+    Simulation,
+    configured,
+    read_job,
+    result_of,
+    simulate_config,
+    write_result,
+)
+from sassgis.workflow.sources import sampled_sources
+from sassgis.workflow.zone_outputs import zone_extras
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneResult:
+    """What zoning left: the run, the rules, and what was found."""
+
+    run: RunResult
+    rules: Rules
+    found: Assessment
+    seconds: float
+
+
+def prepared(job: Job, rules: Rules) -> Job:
+    """The job with the energies and objects at which the zoning needs counts."""
+    cells, owner = object_cells(rules.placed, job.run.grid)
+    run = replace(
+        job.run,
+        thresholds_kj=rules.preset.thresholds_kj,
+        objects=ObjectCells(len(rules.placed), cells, owner),
+    )
+    return Job(run, job.planned, (*job.notices, *rules.notices))
+
+
+def without_barriers(job: Job) -> Job:
+    """The job with its walls and nets as mere stations: they see rocks and hold none."""
+    gates = tuple((replace(g, kind="station"), course) for g, course in job.run.gates)
+    return Job(replace(job.run, gates=gates), job.planned, ())
+
+
+def zone(
+    config: Config | str | Path,
+    out: str | Path,
+    *,
+    overwrite: bool = False,
+    areas: Sequence[str] | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> ZoneResult:
+    """Run a configuration and make hazard zones, and the risk of exposed objects if there are any.
+
+    Everything that sassgis.workflow.run.run writes, and ``hazard.gpkg``, maps of level, intensity,
+    return period and confidence, tables of zones, barriers and risk.
+
+    Parameters
+    ----------
+    config, out, overwrite, areas, seed, jobs, on_progress, say
+        As for sassgis.workflow.run.run.
+
+    Returns
+    -------
+    ZoneResult
+
+    Raises
+    ------
+    ConfigError, InputError, OutputError
+    Interrupted
+        If the user stops the run; its state is kept.
+    """
+    config = configured(config, seed)
+    tell = say or (lambda _text: None)
+    with staged_output(Path(out), overwrite) as work:
+        job = read_job(config, areas, tell)
+        rules = read_rules(config, job.run)
+        job = prepared(job, rules)
+        began = time.perf_counter()
+        done, bare = simulations(config, work, job, rules, jobs, on_progress, tell)
+        tell("Drawing the zones")
+        found = assess(config, rules, done, bare)
+        extras = zone_extras(config, rules, found, done, work / "figures")
+        layers = write_result(work, done, areas, tell, extras)
+        seconds = time.perf_counter() - began
+    result = result_of(Path(out), done, layers)
+    result = replace(result, warnings=(*extras.warnings, *result.warnings))
+    return ZoneResult(result, rules, found, seconds)
+
+
+def simulations(
+    config: Config,
+    work: Path,
+    job: Job,
+    rules: Rules,
+    jobs: int | None,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+) -> tuple[Simulation, Simulation | None]:
+    """Simulate with the barriers and, if that is wanted, without them: the same rocks."""
+    limit = config.hazard.undecided_share_max
+    confidence = config.hazard.confidence
+
+    def enough(run: MapRun, progress: Progress) -> bool:
+        assert limit is not None
+        sampled = sampled_sources(run, progress, rules.frequencies)
+        curves = curves_of(sampled, bins_of(run).threshold)
+        few = at_energies(curves, rules.preset.thresholds_kj)
+        share = share_undecided(few, rules.preset, confidence)
+        tell(f"{100 * share:.1f} % of the reached cells are undecided")
+        return share <= limit
+
+    done = simulate_config(
+        config, work, job, jobs=jobs, on_progress=on_progress, tell=tell,
+        rounds_max=1 if limit is None else config.hazard.rounds_max,
+        enough=None if limit is None else enough,
+    )  # fmt: skip
+    barriers = any(g.kind != "station" for g, _ in job.run.gates)
+    if not (barriers and config.hazard.compare_barriers):
+        return done, None
+    tell("Once more without walls and nets")
+    bare = simulate_config(
+        config, work, without_barriers(job), jobs=jobs, on_progress=on_progress, tell=tell,
+        rounds_max=done.run.rounds, part="without_barriers",
+    )  # fmt: skip
+    return done, bare
