@@ -24,7 +24,7 @@ from sassgis.io.qgis.styles import FieldInfo, StyleClass, Symbol, VectorStyle, c
 
 _RAMP = "YlOrRd"
 _NOTHING_COLOUR = "#d0d0d0"
-#: Less than any rate, and more than 0: what no rock came to is a class of its own.
+#: Less than any risk, and more than 0: what has none is a class of its own.
 _LEAST = 1e-30
 _RISK_LIMITS = (1e-6, 1e-5, 1e-4, 1e-3)
 _LOSS_LIMITS = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
@@ -200,7 +200,7 @@ def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
 
 def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
     limits = _LOSS_LIMITS if quantity == "loss" else _RISK_LIMITS
-    unit = _words(quantity, currency).unit
+    unit = _words(quantity, currency).unit.replace("1/year", "per year")
     texts = [_power(v) for v in limits]
     labels = [
         f"below {texts[0]} {unit}",
@@ -208,7 +208,7 @@ def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
         f"{texts[-1]} {unit} and more",
     ]
     edges = [_LEAST, *limits, float("inf")]
-    classes = [StyleClass("no rock came", replace(symbol, colour=_NOTHING_COLOUR), upper=_LEAST)]
+    classes = [StyleClass("none", replace(symbol, colour=_NOTHING_COLOUR), upper=_LEAST)]
     for k, colour in enumerate(class_colours(limits, _RAMP)):
         classes.append(
             StyleClass(

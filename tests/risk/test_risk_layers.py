@@ -90,15 +90,15 @@ def shown(layer, value):
     return entry.label
 
 
-def test_colours_by_risk_and_no_rock_apart(table):
+def test_colours_by_risk_and_none_apart(table):
     houses, roads, people = risk_vectors(table, PLACED, "", "CHF")
     assert houses.style.column == people.style.column == "individual_risk_per_year"
     assert roads.style.column == "deaths_per_year"
-    assert shown(houses, 0.0) == "no rock came"
-    assert shown(houses, 1e-9) == "below 1e-6 1/year"
-    assert shown(houses, 1e-5) == "1e-5 to 1e-4 1/year"
-    assert shown(houses, 1.77e-4) == "1e-4 to 1e-3 1/year"
-    assert shown(houses, 0.5) == "1e-3 1/year and more"
+    assert shown(houses, 0.0) == "none"
+    assert shown(houses, 1e-9) == "below 1e-6 per year"
+    assert shown(houses, 1e-5) == "1e-5 to 1e-4 per year"
+    assert shown(houses, 1.77e-4) == "1e-4 to 1e-3 per year"
+    assert shown(houses, 0.5) == "1e-3 per year and more"
     assert len({c.symbol.colour for c in houses.style.classes}) == len(houses.style.classes)
 
 
