@@ -224,6 +224,43 @@ def _is_nowhere_lower(
 
 
 @kernel
+def _can_vanish(
+    p: Whole,
+    e: Whole,
+    ends: IntArray,
+    sides: IntArray,
+    edges_at: IntArray,
+    degree: IntArray,
+    region: IntArray,
+) -> bool:
+    """Whether an edge between two junctions may shrink to a point.
+
+    The regions on its two sides then only touch. Where they are one zone, that zone must go on
+    around one end of the edge, or it would be pinched off.
+    """
+    q = _other(ends, e, p)
+    if degree[p] != 3 or degree[q] != 3:
+        return False
+    left = sides[e, 0]
+    right = sides[e, 1]
+    for t in range(region.shape[1]):
+        own = region[left, t]
+        if region[right, t] != own:
+            continue
+        goes_on = False
+        for end in (p, q):
+            whole = True
+            for s in range(3):
+                f = edges_at[end, s]
+                if region[sides[f, 0], t] != own or region[sides[f, 1], t] != own:
+                    whole = False
+            goes_on = goes_on or whole
+        if not goes_on:
+            return False
+    return True
+
+
+@kernel
 def _swept(
     p: Whole,
     e: Whole,
@@ -234,14 +271,19 @@ def _swept(
     edges_at: IntArray,
     degree: IntArray,
     classes: IntArray,
+    region: IntArray,
 ) -> Whole:
     """Twice the area that changes hands when vertex p moves along edge e onto its other end.
 
     -1 if the move would lower any place, or change which regions are neighbours.
     """
     q = _other(ends, e, p)
-    if degree[p] != 2 and degree[q] != 2:
-        return -1  # the only edge between two regions must stay
+    if (
+        degree[p] != 2
+        and degree[q] != 2
+        and not _can_vanish(p, e, ends, sides, edges_at, degree, region)
+    ):
+        return -1
     ex = x[q] - x[p]
     ey = y[q] - y[p]
     area: Whole = 0
@@ -426,13 +468,14 @@ def _push_moves(
     edges_at: IntArray,
     degree: IntArray,
     classes: IntArray,
+    region: IntArray,
     version: IntArray,
 ) -> None:
     version[p] += 1
     n = 1 if degree[p] == 2 else degree[p]  # onto either end of two edges: the same outline
     for s in range(n):
         e = edges_at[p, s]
-        area = _swept(p, e, x, y, ends, sides, edges_at, degree, classes)
+        area = _swept(p, e, x, y, ends, sides, edges_at, degree, classes, region)
         if area >= 0:
             heapq.heappush(heap, (area, p, e, version[p]))
 
@@ -481,12 +524,12 @@ def _smooth(
         heap.pop()
         for i in range(n):
             if degree[i] >= 2:
-                _push_moves(heap, i, x, y, ends, sides, edges_at, degree, classes, version)
+                _push_moves(heap, i, x, y, ends, sides, edges_at, degree, classes, region, version)
         while len(heap) > 0:
             _, p, e, v = heapq.heappop(heap)
             if version[p] != v or degree[p] == 0:
                 continue
-            if _swept(p, e, x, y, ends, sides, edges_at, degree, classes) < 0:
+            if _swept(p, e, x, y, ends, sides, edges_at, degree, classes, region) < 0:
                 continue
             q = _other(ends, e, p)
             # A junction takes boundaries along that did not run here: it stays near its home.
@@ -583,7 +626,8 @@ def _smooth(
                 first[e] = -1
             moved = True
             if degree[p] > 2:
-                home[q] = h
+                # Two junctions in one have two homes: it goes no further.
+                home[q] = h if degree[q] == 2 else -1
             q = _merge_onto(p, e, ends, edges_at, degree, at, x, y)
             n_near = 1
             near[0] = q
@@ -591,7 +635,9 @@ def _smooth(
                 near[n_near] = _other(ends, edges_at[q, s], q)
                 n_near += 1
             for k in range(n_near):
-                _push_moves(heap, near[k], x, y, ends, sides, edges_at, degree, classes, version)
+                _push_moves(
+                    heap, near[k], x, y, ends, sides, edges_at, degree, classes, region, version
+                )
 
 
 @kernel
