@@ -935,7 +935,8 @@ def _level_style(legend: Sequence[HazardLevel]) -> VectorStyle:
 
 def _intensity_style(legend: Sequence[IntensityClass]) -> VectorStyle:
     entries = {c.code: (c.label, c.colour, False) for c in reversed(legend)}
-    symbol = Symbol("fill", "#9e9ac8", opacity=0.7, outline="#3f007d", outline_mm=0.1)
+    # Opaque: the zones of several return periods lie over each other, and must not mix.
+    symbol = Symbol("fill", "#9e9ac8", outline="#3f007d", outline_mm=0.1)
     return _class_style("intensity_class", entries or _INTENSITY_LEGEND, symbol)
 
 
