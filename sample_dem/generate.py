@@ -501,6 +501,7 @@ axis_1_m = [0.30, 0.60]
 axis_2_m = [0.25, 0.50]
 axis_3_m = [0.20, 0.40]
 density_kgm3 = [2600.0, 2750.0]
+onset_frequency = 0.5                 # an example: blocks a year in each release area
 
 [[blocks]]
 name = "rare"
@@ -508,6 +509,7 @@ axis_1_m = [0.70, 1.20]
 axis_2_m = [0.60, 1.00]
 axis_3_m = [0.50, 0.80]
 density_kgm3 = [2600.0, 2750.0]
+onset_frequency = 0.05                # an example: blocks a year in each release area
 
 [[stations]]
 name = "stations"
@@ -528,6 +530,37 @@ kind = "wall"
 height_m = 3.0
 file = "wall.gpkg"
 name_field = "name"
+
+[hazard]
+preset = "ch-federal"
+
+# Values, people and traffic are attributes of the layers; they are invented, as the table is.
+[risk]
+vulnerability = "vulnerability.csv"
+currency = "CHF"
+
+[[objects]]
+name = "houses"
+kind = "building"
+file = "buildings.gpkg"
+name_field = "name"
+value_field = "value_chf"
+persons_field = "persons"
+presence_field = "presence"
+
+[[objects]]
+name = "road"
+kind = "road"
+file = "road.gpkg"
+name_field = "name"
+segment_m = 50.0
+value_per_m_field = "chf_per_m"
+damage_length_m = 5.0
+traffic_per_day_field = "traffic_per_day"
+speed_kmh_field = "speed_kmh"
+vehicle_length_m_field = "vehicle_m"
+persons_per_vehicle_field = "persons_per_vehicle"
+vehicle_value_field = "vehicle_chf"
 
 [run]
 seed = 1986
