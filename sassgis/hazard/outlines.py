@@ -3,8 +3,8 @@
 All boundaries are held once, as edges between corners of cells, and are smoothed by moving vertices
 onto neighbouring vertices. Vertices therefore stay on corners of cells, every test is made with
 whole numbers, and neighbouring zones share their boundary exactly: there is nothing to snap and
-nothing that could open a gap. Several maps (return periods) share one graph, so that they are
-nested exactly where their rasters are.
+nothing that could open a gap. Maps of several return periods are drawn from the rarest to the most
+frequent, each kept inside the one before.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from sassgis.core.jit import kernel
 #: boundaries from becoming threads, and is far above the rounding of coordinates.
 CLEARANCE = 0.25
 _MAX_DEGREE = 4
+#: A share of an edge, as two whole numbers without a common divisor.
+_SHARE, _SCALE = 4999, 10007
 #: A whole number (or truth value) in compiled code, of numpy's types or Python's.
 Whole: TypeAlias = Any
 
@@ -212,55 +214,6 @@ def _right_from(
 
 
 @kernel
-def _is_nowhere_lower(
-    classes: IntArray,
-    winner: Whole,
-    loser: Whole,
-) -> bool:
-    for t in range(classes.shape[1]):  # noqa: SIM110 - numba knows no all()
-        if classes[winner, t] < classes[loser, t]:
-            return False
-    return True
-
-
-@kernel
-def _can_vanish(
-    p: Whole,
-    e: Whole,
-    ends: IntArray,
-    sides: IntArray,
-    edges_at: IntArray,
-    degree: IntArray,
-    region: IntArray,
-) -> bool:
-    """Whether an edge between two junctions may shrink to a point.
-
-    The regions on its two sides then only touch. Where they are one zone, that zone must go on
-    around one end of the edge, or it would be pinched off.
-    """
-    q = _other(ends, e, p)
-    if degree[p] != 3 or degree[q] != 3:
-        return False
-    left = sides[e, 0]
-    right = sides[e, 1]
-    for t in range(region.shape[1]):
-        own = region[left, t]
-        if region[right, t] != own:
-            continue
-        goes_on = False
-        for end in (p, q):
-            whole = True
-            for s in range(3):
-                f = edges_at[end, s]
-                if region[sides[f, 0], t] != own or region[sides[f, 1], t] != own:
-                    whole = False
-            goes_on = goes_on or whole
-        if not goes_on:
-            return False
-    return True
-
-
-@kernel
 def _swept(
     p: Whole,
     e: Whole,
@@ -271,18 +224,14 @@ def _swept(
     edges_at: IntArray,
     degree: IntArray,
     classes: IntArray,
-    region: IntArray,
 ) -> Whole:
     """Twice the area that changes hands when vertex p moves along edge e onto its other end.
 
-    -1 if the move would lower any place, or change which regions are neighbours.
+    -1 if the move would lower any place, or make a region vanish.
     """
     q = _other(ends, e, p)
-    if (
-        degree[p] != 2
-        and degree[q] != 2
-        and not _can_vanish(p, e, ends, sides, edges_at, degree, region)
-    ):
+    # Two junctions may become one only where no more than four boundaries meet then.
+    if degree[p] + degree[q] - 2 > _MAX_DEGREE:
         return -1
     ex = x[q] - x[p]
     ey = y[q] - y[p]
@@ -313,10 +262,154 @@ def _swept(
         # With two edges on one side, more than one region would sweep over another.
         if on_left > 1 or on_right > 1:
             return -1
-        if not _is_nowhere_lower(classes, winner, loser):
+        if classes[winner] < classes[loser]:
             return -1
         area += abs(cross)
     return area
+
+
+@kernel
+def _columns(
+    px: Whole, py: Whole, qx: Whole, qy: Whole, rx: Whole, ry: Whole, below: Whole, above: Whole
+) -> tuple[float, float]:
+    """Extent in x of the part of a triangle between two heights; the first above the last: none."""
+    xs = (px, qx, rx, px)
+    ys = (py, qy, ry, py)
+    low: Any = np.inf
+    high: Any = -np.inf
+    for k in range(3):
+        ax, ay, bx, by = xs[k], ys[k], xs[k + 1], ys[k + 1]
+        if max(ay, by) < below or min(ay, by) > above:
+            continue
+        if ay == by:
+            low = min(low, min(ax, bx))
+            high = max(high, max(ax, bx))
+            continue
+        for bound in (below, above):
+            t: Any = min(max((bound - ay) / (by - ay), 0.0), 1.0)
+            low = min(low, ax + t * (bx - ax))
+            high = max(high, ax + t * (bx - ax))
+    return low, high
+
+
+@kernel
+def _buckets(
+    x: IntArray, y: IntArray, ends: IntArray, n_rows: Whole, n_cols: Whole
+) -> tuple[IntArray, IntArray]:
+    """Edges that touch each cell, or more: `edges[at[cell] : at[cell + 1]]`."""
+    at = np.zeros(n_rows * n_cols + 1, np.int64)
+    edges = np.empty(0, np.int64)
+    for fill in range(2):
+        if fill == 1:
+            for k in range(n_rows * n_cols):
+                at[k + 1] += at[k]
+            edges = np.empty(at[-1], np.int64)
+        for e in range(ends.shape[0]):
+            ax, ay = x[ends[e, 0]], y[ends[e, 0]]
+            bx, by = x[ends[e, 1]], y[ends[e, 1]]
+            # Row i lies between y = -i - 1 and y = -i.
+            for row in range(max(-max(ay, by) - 1, 0), min(-min(ay, by) + 1, n_rows)):
+                low, high = _columns(ax, ay, bx, by, bx, by, -row - 1, -row)
+                for col in range(max(int(np.ceil(low)) - 1, 0), min(int(high) + 1, n_cols)):
+                    k = row * n_cols + col
+                    if fill == 0:
+                        at[k + 1] += 1
+                    else:
+                        # Filled from the back; the sums become the beginnings.
+                        at[k + 1] -= 1
+                        edges[at[k + 1]] = e
+    # Each end was counted down to its beginning, so that everything stands one too late.
+    total = edges.size
+    for k in range(n_rows * n_cols):
+        at[k] = at[k + 1]
+    at[n_rows * n_cols] = total
+    return at, edges
+
+
+@kernel
+def _is_under(
+    p: Whole,
+    q: Whole,
+    r: Whole,
+    x: IntArray,
+    y: IntArray,
+    rises_to: Whole,
+    lid_at: IntArray,
+    lid_edges: IntArray,
+    lid_ends: IntArray,
+    lid_classes: IntArray,
+) -> bool:
+    """Whether another map is nowhere below a class in the triangle p, q, r.
+
+    It must not be below the class beside p-r, on the side away from the triangle.
+
+    `lid_ends[e]` are x and y of both ends of its boundaries, `lid_classes[e]` the classes left and
+    right of them, `lid_at` and `lid_edges` the boundaries at each cell; empty: no other map.
+    """
+    if lid_at.size == 0:
+        return True
+    px, py, qx, qy, rx, ry = x[p], y[p], x[q], y[q], x[r], y[r]
+    turn = 1 if (qx - px) * (ry - py) - (qy - py) * (rx - px) > 0 else -1
+    n_cols = lid_classes[-1, 0]
+    n_rows = lid_classes[-1, 1]
+    # A place on p-r where no boundary can end, as ends are whole numbers: scaled by `_SCALE`.
+    mx = _SCALE * px + _SHARE * (rx - px)
+    my = _SCALE * py + _SHARE * (ry - py)
+    for yy in range(min(py, qy, ry) - 1, max(py, qy, ry) + 1):
+        row = -yy - 1
+        if row < 0 or row >= n_rows:
+            continue
+        low, high = _columns(px, py, qx, qy, rx, ry, yy - 1, yy + 2)
+        for col in range(max(int(np.ceil(low)) - 1, 0), min(int(high) + 1, n_cols)):
+            cell = row * n_cols + col
+            for k in range(lid_at[cell], lid_at[cell + 1]):
+                e = lid_edges[k]
+                left = lid_classes[e, 0]
+                right = lid_classes[e, 1]
+                if (left < rises_to) == (right < rises_to):
+                    continue
+                sx, sy, tx, ty = lid_ends[e, 0], lid_ends[e, 1], lid_ends[e, 2], lid_ends[e, 3]
+                dx = tx - sx
+                dy = ty - sy
+                # The boundary runs through the triangle unless some line separates them: one
+                # along a side of the triangle, or along the boundary.
+                a = dx * (py - sy) - dy * (px - sx)
+                b = dx * (qy - sy) - dy * (qx - sx)
+                c = dx * (ry - sy) - dy * (rx - sx)
+                if (
+                    max(a, b, c) > 0
+                    and min(a, b, c) < 0
+                    and _reaches_inside(px, py, qx, qy, sx, sy, tx, ty, turn)
+                    and _reaches_inside(qx, qy, rx, ry, sx, sy, tx, ty, turn)
+                    and _reaches_inside(rx, ry, px, py, sx, sy, tx, ty, turn)
+                ):
+                    return False
+                # Along p-r, the triangle must lie on its higher side.
+                if a == 0 and c == 0 and dx * (my - _SCALE * sy) == dy * (mx - _SCALE * sx):
+                    along = dx * (mx - _SCALE * sx) + dy * (my - _SCALE * sy)
+                    if 0 < along < _SCALE * (dx * dx + dy * dy):
+                        own = left if b > 0 else right
+                        if own < rises_to:
+                            return False
+    return True
+
+
+@kernel
+def _reaches_inside(
+    ax: Whole,
+    ay: Whole,
+    bx: Whole,
+    by: Whole,
+    sx: Whole,
+    sy: Whole,
+    tx: Whole,
+    ty: Whole,
+    turn: Whole,
+) -> Whole:
+    """Whether an end of s-t lies on the inner side of the side a-b of a triangle."""
+    dx = turn * (bx - ax)
+    dy = turn * (by - ay)
+    return dx * (sy - ay) - dy * (sx - ax) > 0 or dx * (ty - ay) - dy * (tx - ax) > 0
 
 
 @kernel
@@ -337,28 +430,11 @@ def _is_free(
     length2 = dx * dx + dy * dy
     near2 = CLEARANCE * CLEARANCE
     n_rows, n_cols = at.shape
-    xs = (px, qx, rx, px)
-    ys = (py, qy, ry, py)
     for yy in range(min(py, qy, ry) - 1, max(py, qy, ry) + 2):
         row = -yy
         if row < 0 or row >= n_rows:
             continue
-        # Columns of the triangle between yy - 1 and yy + 1.
-        low: Any = np.inf
-        high: Any = -np.inf
-        for k in range(3):
-            ax, ay, bx, by = xs[k], ys[k], xs[k + 1], ys[k + 1]
-            if max(ay, by) < yy - 1 or min(ay, by) > yy + 1:
-                continue
-            if ay == by:
-                low = min(low, min(ax, bx))
-                high = max(high, max(ax, bx))
-                continue
-            for bound in (yy - 1, yy + 1):
-                t: Any = min(max((bound - ay) / (by - ay), 0.0), 1.0)
-                at_bound = ax + t * (bx - ax)
-                low = min(low, at_bound)
-                high = max(high, at_bound)
+        low, high = _columns(px, py, qx, qy, rx, ry, yy - 1, yy + 1)
         if low > high:
             continue
         for xx in range(max(int(np.floor(low)) - 1, 0), min(int(np.ceil(high)) + 2, n_cols)):
@@ -468,14 +544,13 @@ def _push_moves(
     edges_at: IntArray,
     degree: IntArray,
     classes: IntArray,
-    region: IntArray,
     version: IntArray,
 ) -> None:
     version[p] += 1
     n = 1 if degree[p] == 2 else degree[p]  # onto either end of two edges: the same outline
     for s in range(n):
         e = edges_at[p, s]
-        area = _swept(p, e, x, y, ends, sides, edges_at, degree, classes, region)
+        area = _swept(p, e, x, y, ends, sides, edges_at, degree, classes)
         if area >= 0:
             heapq.heappush(heap, (area, p, e, version[p]))
 
@@ -490,14 +565,18 @@ def _smooth(
     edges_at: IntArray,
     degree: IntArray,
     classes: IntArray,
-    region: IntArray,
     room: IntArray,
     tolerance: float,
+    lid_at: IntArray,
+    lid_edges: IntArray,
+    lid_ends: IntArray,
+    lid_classes: IntArray,
 ) -> None:
     """Move vertices until no further move is allowed, the smallest swept area first.
 
-    `region[face, t]` is the zone of a face on map t, `room[zone]` what it may yet lose (twice the
-    area, cells). Changes the graph in place.
+    `room[face]` is what each face may yet lose (twice the area, cells). The last four arrays are
+    the boundaries of the map that this one must stay inside (see `_buckets`). Changes the graph in
+    place.
     """
     n = x.size
     # A hair above, so that a notch of exactly the tolerance is filled.
@@ -516,7 +595,8 @@ def _smooth(
     n_chain: Whole = 0
     home = np.arange(n)
     version = np.zeros(n, np.int64)
-    near = np.empty(2 * _MAX_DEGREE + 2, np.int64)
+    near = np.empty(_MAX_DEGREE + 1, np.int64)
+    booked = np.empty((_MAX_DEGREE, 3), np.int64)
     moved = True
     while moved:
         moved = False
@@ -524,12 +604,12 @@ def _smooth(
         heap.pop()
         for i in range(n):
             if degree[i] >= 2:
-                _push_moves(heap, i, x, y, ends, sides, edges_at, degree, classes, region, version)
+                _push_moves(heap, i, x, y, ends, sides, edges_at, degree, classes, version)
         while len(heap) > 0:
             _, p, e, v = heapq.heappop(heap)
             if version[p] != v or degree[p] == 0:
                 continue
-            if _swept(p, e, x, y, ends, sides, edges_at, degree, classes, region) < 0:
+            if _swept(p, e, x, y, ends, sides, edges_at, degree, classes) < 0:
                 continue
             q = _other(ends, e, p)
             # A junction takes boundaries along that did not run here: it stays near its home.
@@ -563,37 +643,38 @@ def _smooth(
                 grown_next = np.empty(chain_v.size, np.int64)
                 grown_next[:n_chain] = chain_next[:n_chain]
                 chain_next = grown_next
-            ex = x[q] - x[p]
-            ey = y[q] - y[p]
-            # Book the areas, and take it all back if a zone has no room left.
-            for back in range(2):
-                enough = True
-                for s in range(degree[p]):
-                    f = edges_at[p, s]
-                    if f == e:
-                        continue
-                    r = _other(ends, f, p)
-                    cross = ex * (y[r] - y[p]) - ey * (x[r] - x[p])
-                    if cross == 0:
-                        continue
-                    if cross > 0:
-                        loser = _left_from(ends, sides, e, p)
-                        winner = _left_from(ends, sides, f, p)
-                    else:
-                        loser = _right_from(ends, sides, e, p)
-                        winner = _right_from(ends, sides, f, p)
-                    area = abs(cross)
-                    for t in range(region.shape[1]):
-                        if region[loser, t] != region[winner, t]:
-                            sign = 1 if back == 0 else -1
-                            room[region[loser, t]] -= sign * area
-                            room[region[winner, t]] += sign * area
-                            if room[region[loser, t]] < 0:
-                                enough = False
-                if back == 0 and enough:
-                    break
-                if back == 0:
+            # Book the areas, and take it all back if a region has no room left or rises above
+            # the map that this one must stay inside.
+            n_booked = 0
+            for s in range(degree[p]):
+                f = edges_at[p, s]
+                if f == e:
+                    continue
+                r = _other(ends, f, p)
+                cross = (x[q] - x[p]) * (y[r] - y[p]) - (y[q] - y[p]) * (x[r] - x[p])
+                if cross == 0:
+                    continue
+                if cross > 0:
+                    loser = _left_from(ends, sides, e, p)
+                    winner = _left_from(ends, sides, f, p)
+                else:
+                    loser = _right_from(ends, sides, e, p)
+                    winner = _right_from(ends, sides, f, p)
+                room[loser] -= abs(cross)
+                room[winner] += abs(cross)
+                booked[n_booked, 0] = loser
+                booked[n_booked, 1] = winner
+                booked[n_booked, 2] = abs(cross)
+                n_booked += 1
+                if room[loser] < 0 or not _is_under(
+                    p, q, r, x, y, classes[winner], lid_at, lid_edges, lid_ends, lid_classes
+                ):
                     allowed = False
+                    break
+            if not allowed:
+                for k in range(n_booked):
+                    room[booked[k, 0]] += booked[k, 2]
+                    room[booked[k, 1]] -= booked[k, 2]
             if not allowed:
                 continue
             last_taken = False
@@ -635,9 +716,7 @@ def _smooth(
                 near[n_near] = _other(ends, edges_at[q, s], q)
                 n_near += 1
             for k in range(n_near):
-                _push_moves(
-                    heap, near[k], x, y, ends, sides, edges_at, degree, classes, region, version
-                )
+                _push_moves(heap, near[k], x, y, ends, sides, edges_at, degree, classes, version)
 
 
 @kernel
@@ -747,68 +826,88 @@ def regions(classes: IntArray) -> Regions:
     return Regions(labels, klass, np.bincount(labels.ravel(), minlength=n).astype(np.int64))
 
 
-def smoothed_rings(
-    maps: list[IntArray], smallest_cells: int, tolerance_cells: float
-) -> list[tuple[Rings, IntArray]]:
-    """Rings of all zones (class 1 and above) of maps that share one smoothed set of boundaries.
+@dataclass(frozen=True, slots=True)
+class Outlines:
+    """Smoothed boundaries of one map of classes.
 
-    A move of a boundary is allowed where it raises every map or leaves it: a corner is cut only on
-    the side of the lower class. Where one map falls across a boundary and another rises, the
-    boundary stays as it is.
+    Attributes
+    ----------
+    shape : (n_rows, n_cols)
+    x, y : int64, shape (n_vertices,)
+        Corners of cells; y is upward, and there is a frame of one cell around the map.
+    ends : int64, shape (n_edges, 2)
+        Vertices.
+    sides : int64, shape (n_edges, 2)
+        Regions on the left and right.
+    klass : int64, shape (n_regions,)
+    """
+
+    shape: tuple[int, int]
+    x: IntArray
+    y: IntArray
+    ends: IntArray
+    sides: IntArray
+    klass: IntArray
+
+    def rings(self) -> Rings:
+        """Rings of all regions of class 1 and above; their labels are those of ``klass``."""
+        vertex, start, label, area = _trace(self.x, self.y, self.ends, self.sides, self.klass > 0)
+        return Rings(self.x[vertex] - 1, -self.y[vertex] - 1, start, label, area)
+
+
+def smoothed(
+    classes: IntArray,
+    smallest_cells: int,
+    tolerance_cells: float,
+    inside: Outlines | None = None,
+) -> Outlines:
+    """Boundaries of a map, with corners cut on the side of the lower class only.
 
     Parameters
     ----------
-    maps : list of int64, shape (n_rows, n_cols)
-        Classes, from 0.
+    classes : int64, shape (n_rows, n_cols)
+        From 0.
     smallest_cells : int
         Area that no region of at least this size falls below (cells); nor does a region lose more
         than half its area.
     tolerance_cells : float
-        Largest distance of the outline of the cells from the smoothed one (cells).
+        Largest distance of a boundary from where it was (cells).
+    inside : Outlines, optional
+        A map of the same shape, drawn from classes nowhere below these: no place becomes higher
+        than there.
 
     Returns
     -------
-    list of (Rings, int64 of shape (n_labels,))
-        For each map its rings and the class of each label.
+    Outlines
     """
-    padded = [np.pad(np.asarray(m, np.int64), 1) for m in maps]
-    code = np.zeros(padded[0].shape, np.int64)
-    for m in padded:
-        # A fresh numbering after each map, so that many maps do not overflow the code.
-        code = np.unique(code * (int(m.max()) + 1) + m, return_inverse=True)[1].reshape(m.shape)
-    faces, n_faces = components(code)
-    flat = faces.ravel()
-    classes = np.zeros((n_faces, len(maps)), np.int64)
-    zone = np.zeros((n_faces, len(maps)), np.int64)
-    klass: list[IntArray] = []
-    room: list[IntArray] = []
-    n_zones = 0
-    for t, m in enumerate(padded):
-        part = regions(m)
-        classes[flat, t] = m.ravel()
-        zone[flat, t] = part.of_cell.ravel() + n_zones
-        n_zones += part.cells.size
-        klass.append(part.klass)
-        room.append(2 * part.cells - np.maximum(2 * smallest_cells, part.cells))
-    free = np.maximum(np.concatenate(room), 0)
-
-    x, y, at, ends, sides = _graph(faces)
+    part = regions(np.pad(np.asarray(classes, np.int64), 1))
+    x, y, at, ends, sides = _graph(part.of_cell)
     edges_at, degree = _incidence(ends, x.size)
-    _smooth(x, y, at, ends, sides, edges_at, degree, classes, zone, free, float(tolerance_cells))
-
+    room = np.maximum(2 * part.cells - np.maximum(2 * smallest_cells, part.cells), 0)
+    if inside is None:
+        lid_at, lid_edges = np.empty(0, np.int64), np.empty(0, np.int64)
+        lid_ends, lid_classes = np.empty((0, 4), np.int64), np.empty((0, 2), np.int64)
+    else:
+        n_rows, n_cols = part.of_cell.shape
+        lid_at, lid_edges = _buckets(inside.x, inside.y, inside.ends, n_rows, n_cols)
+        lid_ends = np.stack((inside.x[inside.ends], inside.y[inside.ends]), axis=2).reshape(-1, 4)
+        lid_classes = np.vstack((inside.klass[inside.sides], [[n_cols, n_rows]]))
+    _smooth(
+        x,
+        y,
+        at,
+        ends,
+        sides,
+        edges_at,
+        degree,
+        part.klass,
+        room,
+        float(tolerance_cells),
+        lid_at,
+        lid_edges,
+        lid_ends,
+        lid_classes,
+    )
     alive = ends[:, 0] >= 0
-    ends = ends[alive]
-    sides = sides[alive]
-    out: list[tuple[Rings, IntArray]] = []
-    offset = 0
-    for t, of_label in enumerate(klass):
-        label = zone[:, t][sides] - offset
-        offset += of_label.size
-        differs = label[:, 0] != label[:, 1]
-        vertices, start, ring_label, area = _trace(
-            x, y, np.ascontiguousarray(ends[differs]), label[differs], of_label > 0
-        )
-        # The frame of one cell goes: corner (0, 0) is that of the first cell of the map.
-        rings = Rings(x[vertices] - 1, -y[vertices] - 1, start, ring_label, area)
-        out.append((rings, of_label))
-    return out
+    shape = (int(classes.shape[0]), int(classes.shape[1]))
+    return Outlines(shape, x, y, ends[alive], sides[alive], part.klass)

@@ -18,7 +18,7 @@ from scipy import ndimage
 
 from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.grid import Grid, IntArray
-from sassgis.hazard.outlines import Rings, regions, smoothed_rings
+from sassgis.hazard.outlines import Outlines, regions, smoothed
 
 BoolArray = NDArray[np.bool_]
 
@@ -364,8 +364,10 @@ def generalised_series(
     return out
 
 
-def _polygons(rings: Rings, of_label: IntArray, grid: Grid, precision_m: float) -> Coverage:
-    """Polygons of rings: each outer ring with the holes of the same region."""
+def _polygons(outlines: Outlines, grid: Grid, precision_m: float) -> Coverage:
+    """Polygons of outlines: each outer ring with the holes of the same region."""
+    rings = outlines.rings()
+    of_label = outlines.klass
     hole = rings.double_area < 0
     order = np.lexsort((hole, rings.label, of_label[rings.label]))
     label = rings.label[order]
@@ -406,7 +408,7 @@ def nested_coverages(
     -------
     list of Coverage
         One per map: a valid coverage whose zones contain their cells. {class >= k} of a rarer map
-        contains that of a more frequent one; where they coincide, they share their vertices.
+        contains that of a more frequent one.
 
     Raises
     ------
@@ -433,12 +435,13 @@ def nested_coverages(
         )
     if not maps or maps[0].size == 0:
         return [Coverage(np.empty(0, object), np.empty(0, np.int64)) for _ in maps]
-    drawn = smoothed_rings(
-        maps,
-        settings.smallest_cells(grid.cell_size),
-        settings.tolerance_cells(grid.cell_size),
-    )
-    return [_polygons(rings, of_label, grid, settings.precision_m) for rings, of_label in drawn]
+    smallest = settings.smallest_cells(grid.cell_size)
+    tolerance = settings.tolerance_cells(grid.cell_size)
+    drawn: list[Outlines] = []
+    # The rarest goes first and has the most freedom; the others stay inside it, one by one.
+    for classes in reversed(maps):
+        drawn.append(smoothed(classes, smallest, tolerance, drawn[-1] if drawn else None))
+    return [_polygons(outlines, grid, settings.precision_m) for outlines in reversed(drawn)]
 
 
 def coverage(classes: IntArray, grid: Grid, settings: ZoneSettings | None = None) -> Coverage:
