@@ -1,22 +1,30 @@
 """Figures: arrays in, a matplotlib Figure out; nothing is written until ``save``."""
 
 from sassgis.io.figures.energy import energy_profile_figure
+from sassgis.io.figures.hazard_curve import hazard_curve_figure
+from sassgis.io.figures.hazard_maps import change_figure, confidence_figure, intensity_figure
 from sassgis.io.figures.histograms import runout_counts_figure, runout_figure, station_figure
 from sassgis.io.figures.map import map_figure
 from sassgis.io.figures.profile import ProfilePanel, profile_comparison_figure, profile_figure
 from sassgis.io.figures.restitution import fig9_figure
+from sassgis.io.figures.risk import risk_figure
 from sassgis.io.figures.runout_gap import runout_gap_figure
 from sassgis.io.figures.study import convergence_figure
 from sassgis.io.figures.style import save, to_png
 
 __all__ = [
     "ProfilePanel",
+    "change_figure",
+    "confidence_figure",
     "convergence_figure",
     "energy_profile_figure",
     "fig9_figure",
+    "hazard_curve_figure",
+    "intensity_figure",
     "map_figure",
     "profile_comparison_figure",
     "profile_figure",
+    "risk_figure",
     "runout_counts_figure",
     "runout_figure",
     "runout_gap_figure",

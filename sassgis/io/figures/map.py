@@ -18,8 +18,15 @@ from matplotlib.ticker import FixedFormatter, FuncFormatter, NullLocator
 from sassgis.core.errors import InputError
 from sassgis.core.grid import FloatArray, Grid
 from sassgis.core.profiles import TraceSet
-from sassgis.core.results import Band, RasterLayer
+from sassgis.core.results import Band, RasterClass, RasterLayer
 from sassgis.io.figures import relief
+from sassgis.io.figures.classes import (
+    LAYER_ALPHA,
+    SIGN_IN,
+    class_positions,
+    draw_class_legend,
+    draw_classes,
+)
 from sassgis.io.figures.relief import Extent
 from sassgis.io.figures.style import (
     BLUE,
@@ -53,9 +60,8 @@ MAX_LINES = 120
 
 _HALO = [withStroke(linewidth=2.0, foreground="white")]
 _MAX_MAP_HEIGHT_IN = 7.2
-_LAYER_ALPHA = 0.8
 #: Ways to say that a number has no unit.
-_UNITLESS = ("", "1", "-", "–")
+_UNITLESS = ("", "1", "-", "–", "class")
 
 
 def shown_values(band: Band) -> FloatArray:
@@ -82,6 +88,19 @@ def _ramp_norm(values: FloatArray) -> Normalize:
     known = values[np.isfinite(values)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     return Normalize(low, high if high > low else low + max(1.0, abs(low)))
+
+
+def _colours(
+    layer: RasterLayer, classes: Sequence[RasterClass], values: FloatArray
+) -> tuple[Colormap, Normalize]:
+    """Colours of classes, of those of a layer's breaks, or of the range of its values."""
+    if classes:
+        colours = [entry.colour for entry in sorted(classes, key=lambda entry: entry.value)]
+    elif layer.breaks:
+        colours = class_colours(layer.breaks, layer.ramp)
+    else:
+        return mpl.colormaps[layer.ramp or "viridis"], _ramp_norm(values)
+    return ListedColormap(colours), BoundaryNorm(np.arange(len(colours) + 1) - 0.5, len(colours))
 
 
 def _points(arrays: Sequence[FloatArray]) -> FloatArray:
@@ -135,6 +154,18 @@ def footprint(grid: Grid, values: FloatArray, others: FloatArray) -> Extent:
         float(min(box[2], east)),
         float(min(box[3], north)),
     )
+
+
+def draw_zones(ax: Axes, zones: Sequence[FloatArray]) -> None:
+    """Draw the outlines of zones: thin dark lines with a pale edge."""
+    rings = [np.asarray(ring, float) for ring in zones if len(ring) >= 3]
+    for colour, width, gid in (("white", 1.5, "zones-edge"), (INK, 0.7, "zones")):
+        ax.add_collection(
+            PolyCollection(
+                rings, closed=True, facecolors="none", edgecolors=colour, linewidths=width,
+                alpha=1.0 if gid == "zones" else 0.6, zorder=4, gid=gid,
+            )
+        )  # fmt: skip
 
 
 def draw_release(ax: Axes, areas: Sequence[FloatArray], points: FloatArray | None = None) -> None:
@@ -237,12 +268,13 @@ def draw_map_gates(
         )
 
 
-def _key(release: bool, lines: bool, gates: Sequence[MapGate]) -> str:
+def line_key(release: bool, lines: bool, gates: Sequence[MapGate], zones: bool = False) -> str:
     """Say in words what the lines on the map are."""
     kinds = {kind for _, kind, _ in gates}
     parts = [
         "black outline or triangle: release area" if release else "",
         "thin black lines: fall lines" if lines else "",
+        "thin outlines: zones" if zones else "",
         "blue dashes: station" if "station" in kinds else "",
         "green line: wall" if "wall" in kinds else "",
         "green dots: net" if "net" in kinds else "",
@@ -268,10 +300,12 @@ def map_figure(
     release_points: FloatArray | None = None,
     lines: TraceSet | None = None,
     gates: Sequence[MapGate] = (),
+    zones: Sequence[FloatArray] = (),
     extent: Extent | None = None,
     title: str | None = None,
+    note: str | None = None,
 ) -> Figure:
-    """Draw a map layer over the relief.
+    """Draw a map layer over the relief: in its classes, those of its breaks, or as a ramp.
 
     Parameters
     ----------
@@ -287,11 +321,15 @@ def map_figure(
         Fall lines. Of more than ``MAX_LINES`` an even choice is drawn, and the map says so.
     gates : (name, kind, coordinates of shape (n, 2))
         Stations, walls and nets.
+    zones : float, each of shape (n, 2)
+        Outlines of zones (m).
     extent : (west, south, east, north), optional
         Part of the grid to show (m); default: the layer and the release,
         with a margin.
     title : str, optional
         Default: the title of the layer, with the name of the band if it is not the first.
+    note : str, optional
+        Below the map; default: that of the layer.
 
     Raises
     ------
@@ -305,7 +343,11 @@ def map_figure(
             expected=f"0 to {len(layer.bands) - 1}",
         )
     shown = layer.bands[band]
-    values = shown_values(shown)
+    classes = layer.classes if band == 0 else ()
+    if classes:
+        values = class_positions(np.asarray(shown.values, float), classes)
+    else:
+        values = shown_values(shown)
     if values.shape != grid.shape:
         raise InputError(
             f"layer {layer.stem!r} does not lie on the cells of the terrain",
@@ -313,36 +355,40 @@ def map_figure(
             expected=f"{grid.shape[0]} x {grid.shape[1]}",
         )
     marks = _points([*release, *([] if release_points is None else [release_points])])
-    box = footprint(grid, values, marks) if extent is None else _cut(extent, grid)
+    box = footprint(grid, values, marks) if extent is None else cut_extent(extent, grid)
     window = relief.window_of(grid, box)
     part = window.grid(grid)
 
-    notes = [layer.note]
+    notes = [layer.note if note is None else note]
     if lines is not None and len(lines) > MAX_LINES:
         notes.append(f"{count(MAX_LINES, 'fall line')} of {thousands(len(lines))} are drawn.")
     factor = -(-max(part.shape) // relief.MAX_CELLS)
+    largest = "highest class" if classes else "largest value"
     if factor > 1:
         notes.append(
-            f"Drawn with one dot for {factor} × {factor} cells; each shows the largest value in it."
+            f"Drawn with one dot for {factor} × {factor} cells; each shows the {largest} in it."
         )
-    notes.append(_key(bool(marks.size), lines is not None and len(lines) > 0, gates))
+    notes.append(
+        line_key(bool(marks.size), lines is not None and len(lines) > 0, gates, bool(zones))
+    )
 
     part_values = window.cut(values)
     coarse = relief.coarsen(part_values, factor, "max")
     # Classes and colours are those of the map in QGIS, and do not depend on the data: maps with
     # the same limits can be laid side by side.
-    labels = class_labels(layer.breaks, "") if layer.breaks else []
-    cmap: Colormap = mpl.colormaps[layer.ramp]
-    norm: Normalize = _ramp_norm(values)
+    labels = class_labels(layer.breaks, "") if layer.breaks and not classes else []
     if labels:
         coarse = class_numbers(coarse, layer.breaks)
-        cmap = ListedColormap(class_colours(layer.breaks, layer.ramp))
-        norm = BoundaryNorm(np.arange(len(labels) + 1) - 0.5, len(labels))
+    cmap, norm = _colours(layer, classes, values)
 
     # Everything is placed in inches: an equal-aspect map leaves gaps in automatic layouts.
     left, legend_gap, bar_w = 0.62, 0.14, 0.14
     longest = max((text_width_pt(label) for label in labels), default=0.0)
     right = max(0.85, legend_gap + bar_w + 0.12 + longest / 72.0)
+    if classes:
+        longest = max(text_width_pt(entry.label) for entry in classes) / 72.0
+        legend_w = min(SIGN_IN[0] + 0.1 + longest, 1.7)
+        right = max(0.85, legend_gap + legend_w)
     aspect = (box[3] - box[1]) / (box[2] - box[0])
     map_w = WIDTH_IN - left - right
     map_h = map_w * aspect
@@ -353,10 +399,10 @@ def map_figure(
         layer.title if band == 0 else f"{layer.title}: {shown.description or shown.name}"
     )
     heading = wrap(heading, WIDTH_IN - 0.4, TITLE)
-    note = wrap("\n".join(n for n in notes if n), WIDTH_IN - 0.8)
+    below = wrap("\n".join(n for n in notes if n), WIDTH_IN - 0.8)
     unit = wrap("" if shown.unit in _UNITLESS else shown.unit, right + 0.1)
     top = 0.12 + 0.18 * lines_in(heading) + 0.08
-    bottom = 0.48 + 0.135 * lines_in(note) + 0.08
+    bottom = 0.48 + 0.135 * lines_in(below) + 0.08
     height = map_h + top + bottom
     figure = new_figure(WIDTH_IN, height, constrained=False)
     ax = figure.add_axes((left / WIDTH_IN, bottom / height, map_w / WIDTH_IN, map_h / height))
@@ -364,21 +410,27 @@ def map_figure(
 
     relief.draw_relief(ax, part)
     step = part.cell_size * factor
-    ax.imshow(
-        np.ma.masked_invalid(coarse),
-        cmap=cmap,
-        norm=norm,
-        extent=(
-            part.west,
-            part.west + coarse.shape[1] * step,
-            part.north - coarse.shape[0] * step,
-            part.north,
-        ),
-        interpolation="nearest",
-        alpha=_LAYER_ALPHA,
-        zorder=2,
-        gid="layer",
+    cells = (
+        part.west,
+        part.north - coarse.shape[0] * step,
+        part.west + coarse.shape[1] * step,
+        part.north,
     )
+    metres_per_inch = (box[2] - box[0]) / map_w
+    if classes:
+        draw_classes(ax, coarse, classes, extent=cells, metres_per_inch=metres_per_inch)
+    else:
+        ax.imshow(
+            np.ma.masked_invalid(coarse),
+            cmap=cmap,
+            norm=norm,
+            extent=(cells[0], cells[2], cells[1], cells[3]),
+            interpolation="nearest",
+            alpha=LAYER_ALPHA,
+            zorder=2,
+            gid="layer",
+        )
+    draw_zones(ax, zones)
     if lines is not None and len(lines):
         _draw_lines(ax, lines)
     draw_release(ax, release, release_points)
@@ -403,39 +455,14 @@ def map_figure(
             zorder=23,
         )
 
-    unit_h = 0.15 * lines_in(unit)
-    bar_h = min(map_h - unit_h, 0.42 * len(labels) if labels else 3.0)
-    bar_bottom = bottom + map_h - unit_h - bar_h
-    legend = figure.add_axes(
-        (
-            (left + map_w + legend_gap) / WIDTH_IN,
-            bar_bottom / height,
-            bar_w / WIDTH_IN,
-            bar_h / height,
-        ),
-        label="legend",
-    )
-    bar = figure.colorbar(
-        ScalarMappable(norm, cmap),
-        cax=legend,
-        ticks=list(range(len(labels))) if labels else None,
-        format=FixedFormatter(labels) if labels else FuncFormatter(_value_label),
-        alpha=_LAYER_ALPHA,
-    )
-    bar.ax.yaxis.set_minor_locator(NullLocator())
-    if labels:
-        legend.tick_params(length=0)
-    bar.outline.set_linewidth(0.5)
-    legend.tick_params(labelsize=SMALL)
-    legend.grid(False)
-    figure.text(
-        (left + map_w + legend_gap) / WIDTH_IN,
-        (bottom + map_h) / height,
-        unit,
-        size=SMALL,
-        va="top",
-        gid="unit",
-    )
+    legend_x, legend_top = left + map_w + legend_gap, bottom + map_h
+    if classes:
+        draw_class_legend(figure, classes, legend_x, legend_top, legend_w)
+    else:
+        _colour_legend(
+            figure, ScalarMappable(norm, cmap), labels, unit, x=legend_x, top=legend_top,
+            bar_w=bar_w, map_h=map_h,
+        )  # fmt: skip
     figure.text(
         left / WIDTH_IN,
         1.0 - 0.1 / height,
@@ -448,7 +475,7 @@ def map_figure(
     figure.text(
         left / WIDTH_IN,
         (bottom - 0.46) / height,
-        note,
+        below,
         size=SMALL,
         color=GREY,
         va="top",
@@ -457,7 +484,42 @@ def map_figure(
     return figure
 
 
-def _cut(extent: Extent, grid: Grid) -> Extent:
+def _colour_legend(
+    figure: Figure,
+    colours: ScalarMappable,
+    labels: Sequence[str],
+    unit: str,
+    *,
+    x: float,
+    top: float,
+    bar_w: float,
+    map_h: float,
+) -> None:
+    """Draw the bar of colours with its unit above, from its upper left corner (in)."""
+    width, height = figure.get_size_inches()
+    unit_h = 0.15 * lines_in(unit)
+    bar_h = min(map_h - unit_h, 0.42 * len(labels) if labels else 3.0)
+    legend = figure.add_axes(
+        (x / width, (top - unit_h - bar_h) / height, bar_w / width, bar_h / height),
+        label="legend",
+    )
+    bar = figure.colorbar(
+        colours,
+        cax=legend,
+        ticks=list(range(len(labels))) if labels else None,
+        format=FixedFormatter(labels) if labels else FuncFormatter(_value_label),
+        alpha=LAYER_ALPHA,
+    )
+    bar.ax.yaxis.set_minor_locator(NullLocator())
+    if labels:
+        legend.tick_params(length=0)
+    bar.outline.set_linewidth(0.5)
+    legend.tick_params(labelsize=SMALL)
+    legend.grid(False)
+    figure.text(x / width, top / height, unit, size=SMALL, va="top", gid="unit")
+
+
+def cut_extent(extent: Extent, grid: Grid) -> Extent:
     """Cut an extent to the grid."""
     west, south, east, north = grid.bounds
     box = (

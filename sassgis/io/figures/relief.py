@@ -160,8 +160,11 @@ def draw_relief(ax: Axes, grid: Grid) -> int:
     return factor
 
 
-def map_axes(ax: Axes, extent: Extent) -> None:
-    """Set limits, ticks and labels of a map; coordinates in m, in km where the map is large."""
+def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
+    """Set limits, ticks and labels of a map; coordinates in m, in km where the map is large.
+
+    ``parts`` is about the number of ticks along the longer side.
+    """
     west, south, east, north = extent
     ax.set_xlim(west, east)
     ax.set_ylim(south, north)
@@ -169,7 +172,7 @@ def map_axes(ax: Axes, extent: Extent) -> None:
     ax.grid(False)
     for side in ("top", "right"):
         ax.spines[side].set_visible(True)
-    step = round_step(max(east - west, north - south), 5)
+    step = round_step(max(east - west, north - south), parts)
     in_km = step >= 1000.0
     scale, decimals = (1000.0, 0) if in_km else (1.0, max(0, int(-np.floor(np.log10(step)))))
     text = FuncFormatter(lambda value, _: thousands(value / scale, decimals))

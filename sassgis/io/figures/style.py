@@ -185,6 +185,11 @@ def thousands(value: float, decimals: int = 0) -> str:
     return f"{value:,.{decimals}f}".replace(",", "\u2009").replace("-", "\u2212")
 
 
+def power_of_ten(exponent: int) -> str:
+    """Write a power of ten, as '10⁻⁶'."""
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
 def thousands_formatter(decimals: int = 0) -> FuncFormatter:
     """Tick labels with a thin space between thousands."""
     return FuncFormatter(lambda value, _: thousands(value, decimals))
