@@ -158,6 +158,15 @@ def _tally(tally: LineTally, n_line: int, place: int, level: int) -> int:
 
 
 @kernel
+def _empty_tally(sums: Exceedance) -> LineTally:
+    """A tally for the places of some sums."""
+    n, n_levels = sums.rocks.shape
+    return LineTally(
+        np.zeros((n, n_levels), np.uint32), np.zeros(n, np.bool_), np.zeros(n, np.int64)
+    )
+
+
+@kernel
 def _close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
     """Add a line's rocks to the sums and clear its tally."""
     last = tally.hits.shape[1] - 1
@@ -337,6 +346,8 @@ def run_lines(
     n_rocks: int,
     sums: CellSums,
     reach: Exceedance,
+    windows: Objects,
+    window_reach: Exceedance,
     objects: Objects,
     object_reach: Exceedance,
     rocks: FloatArray,
@@ -361,6 +372,9 @@ def run_lines(
         Numbers of the rocks on each line.
     sums, reach : CellSums, Exceedance
         Of the cells; added to.
+    windows : Objects
+    window_reach : Exceedance
+        Of windows of several cells; added to.
     objects : Objects
     object_reach : Exceedance
         Of the objects; added to.
@@ -380,20 +394,12 @@ def run_lines(
     n_lines = lines.number.size
     n_cells = sums.tally.shape[0]
     work = CellWork(np.full((n_cells, 4), -1.0), np.zeros(n_cells, np.int64))
-    n_levels = bins.threshold.size
-    tally = LineTally(
-        np.zeros((n_cells, n_levels), np.uint32),
-        np.zeros(n_cells, np.bool_),
-        np.zeros(n_cells, np.int64),
-    )
-    n_objects = object_reach.rocks.shape[0]
-    object_tally = LineTally(
-        np.zeros((n_objects, n_levels), np.uint32),
-        np.zeros(n_objects, np.bool_),
-        np.zeros(n_objects, np.int64),
-    )
-    object_peak = np.full(n_objects, -1.0)
-    object_met = np.zeros(n_objects, np.int64)
+    tally = _empty_tally(reach)
+    window_tally = _empty_tally(window_reach)
+    window_peak = np.full(window_reach.rocks.shape[0], -1.0)
+    object_tally = _empty_tally(object_reach)
+    object_peak = np.full(object_reach.rocks.shape[0], -1.0)
+    met = np.zeros(max(window_peak.size, object_peak.size), np.int64)
     most = 1
     for i in range(n_lines):
         size = (
@@ -446,6 +452,7 @@ def run_lines(
         )  # fmt: skip
         seen = np.zeros(g1 - g0, np.bool_)
         n_line = int(np.int64(0))
+        n_line_windows = int(np.int64(0))
         n_line_objects = int(np.int64(0))
         for r in range(n_rocks):
             rock = first_rock + r
@@ -478,9 +485,14 @@ def run_lines(
                 if reason == BARRIER and k > 0 and pieces.border[k] >= x > start:
                     k -= 1
                 last = pieces.cell[min(max(k, 0), n_pieces - 1)]
-            if n_objects:
+            if window_peak.size:
+                n_line_windows = _at_objects(
+                    work, n_touched, block.mass, bins.threshold, windows, window_peak, met,
+                    window_tally, n_line_windows,
+                )  # fmt: skip
+            if object_peak.size:
                 n_line_objects = _at_objects(
-                    work, n_touched, block.mass, bins.threshold, objects, object_peak, object_met,
+                    work, n_touched, block.mass, bins.threshold, objects, object_peak, met,
                     object_tally, n_line_objects,
                 )  # fmt: skip
             n_line = _flush(work, n_touched, sums, bins, block.mass, tally, n_line)
@@ -504,5 +516,6 @@ def run_lines(
             row[14] = 1e-3 * top_energy * block.mass
             row_number += 1
         _close_line(tally, n_line, reach)
+        _close_line(window_tally, n_line_windows, window_reach)
         _close_line(object_tally, n_line_objects, object_reach)
     return n_passages

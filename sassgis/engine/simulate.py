@@ -110,6 +110,46 @@ class ObjectCells:
 
 
 @dataclass(frozen=True, slots=True)
+class Window:
+    """A disk of cells around each cell, in which a rock counts once.
+
+    Attributes
+    ----------
+    n_rows, n_cols : int
+        Of the grid.
+    radius : float
+        In cells, from centre to centre; below 1 the window is the cell itself.
+    """
+
+    n_rows: int
+    n_cols: int
+    radius: float
+
+    def around(self, cells: IntArray) -> tuple[IntArray, Objects]:
+        """Windows that hold any of some cells (flat indices).
+
+        Returns
+        -------
+        centres : int64, shape (n_windows,)
+            Flat indices of the cells in the middle of the windows, ascending.
+        windows : Objects
+            The windows of each of ``cells``, by their position in ``centres``.
+        """
+        reach = int(self.radius)
+        step = np.arange(-reach, reach + 1)
+        near = step[:, None] ** 2 + step[None, :] ** 2 <= self.radius**2 + 1e-9
+        drow, dcol = (step[i] for i in np.nonzero(near))
+        row, col = np.divmod(cells, self.n_cols)
+        rows = row[:, None] + drow
+        cols = col[:, None] + dcol
+        inside = (rows >= 0) & (rows < self.n_rows) & (cols >= 0) & (cols < self.n_cols)
+        flat = (rows * self.n_cols + cols)[inside]
+        centres, number = np.unique(flat, return_inverse=True)
+        offset = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int64)
+        return centres.astype(np.int64), Objects(offset, number.astype(np.int64))
+
+
+@dataclass(frozen=True, slots=True)
 class Simulated:
     """What the rocks of some lines left.
 
@@ -122,8 +162,10 @@ class Simulated:
         "exceed_square" (the same of the rocks that reach each threshold), "stops", "energy_sum"
         (J), "energy_max" (kJ), "height_max" (m), "speed_max" (m/s), and the counts "energy",
         "height", "speed" in the bins of the run.
-    objects : dict
-        "exceed" and "exceed_square" with a row for each object.
+    windows : int64, shape (n_windows,)
+        Flat indices of the cells in the middle of the windows; empty unless asked for.
+    window_sums, objects : dict
+        "exceed" and "exceed_square" with a row for each window, each object.
     rocks : ROCK_DTYPE, shape (n_lines * n_rocks,)
     passages : PASSAGE_DTYPE
     courses : tuple of float64 arrays, shape (n_events, 11)
@@ -132,6 +174,8 @@ class Simulated:
 
     cells: IntArray
     sums: dict[str, NDArray[np.generic]]
+    windows: IntArray
+    window_sums: dict[str, IntArray]
     objects: dict[str, IntArray]
     rocks: NDArray[np.void]
     passages: NDArray[np.void]
@@ -180,6 +224,10 @@ def no_exceedance(n: int, bins: Bins) -> Exceedance:
     return Exceedance(*(np.zeros((n, bins.threshold.size), np.int64) for _ in range(2)))
 
 
+def _exceedance(sums: Exceedance) -> dict[str, IntArray]:
+    return {"exceed": sums.rocks, "exceed_square": sums.square}
+
+
 def _columns(sums: CellSums, reach: Exceedance) -> dict[str, NDArray[np.generic]]:
     """The sums under their names."""
     return {
@@ -194,6 +242,13 @@ def _columns(sums: CellSums, reach: Exceedance) -> dict[str, NDArray[np.generic]
         "height": sums.height,
         "speed": sums.speed,
     }
+
+
+def _windows(window: Window | None, cells: IntArray) -> tuple[IntArray, Objects]:
+    if window is not None:
+        return window.around(cells)
+    none = np.empty(0, np.int64)
+    return none, Objects(np.zeros(cells.size + 1, np.int64), none)
 
 
 def _physics(settings: EngineSettings) -> Physics:
@@ -250,6 +305,7 @@ def simulate(
     starts: FloatArray,
     gates: GateCrossings | None = None,
     objects: ObjectCells | None = None,
+    window: Window | None = None,
     line_numbers: IntArray | None = None,
     first_rock: int = 0,
     bins: Bins | None = None,
@@ -275,6 +331,8 @@ def simulate(
     gates : GateCrossings, optional
     objects : ObjectCells, optional
         At each of which every rock counts once, with its largest energy in the object's cells.
+    window : Window, optional
+        In which a rock counts once with its largest energy, besides the counts by cell.
     line_numbers : int64, shape (n_lines,), optional
         Number of each line in the run; default 0, 1, 2, ...
     first_rock : int
@@ -342,6 +400,8 @@ def simulate(
     sums = empty_sums(cells.size, bins)
     reach = no_exceedance(cells.size, bins)
     object_reach = no_exceedance(objects.n_objects, bins)
+    centres, windows = _windows(window, cells)
+    window_reach = no_exceedance(centres.size, bins)
     n = n_lines * rocks_per_line
     rocks = np.zeros((n, ROCK_COLUMNS))
     passages = np.zeros((max(gates.chainage.size * rocks_per_line, 1), PASSAGE_COLUMNS))
@@ -359,6 +419,8 @@ def simulate(
         rocks_per_line,
         sums,
         reach,
+        windows,
+        window_reach,
         objects.under(cells),
         object_reach,
         rocks,
@@ -369,7 +431,9 @@ def simulate(
     return Simulated(
         cells=cells,
         sums=_columns(sums, reach),
-        objects={"exceed": object_reach.rocks, "exceed_square": object_reach.square},
+        windows=centres,
+        window_sums=_exceedance(window_reach),
+        objects=_exceedance(object_reach),
         rocks=_rock_rows(rocks, lines.number, first_rock, rocks_per_line),
         passages=_passage_rows(passages[:filled]),
         courses=tuple(events[i, : event_counts[i]] for i in range(n)) if course_events else (),

@@ -27,7 +27,7 @@ def hazard_layers(
     curves: HazardCurves,
     preset: HazardPreset,
     shape: tuple[int, int],
-    cell_size: float,
+    ref_width_m: float,
     *,
     return_periods: Sequence[float],
     confidence: float = 0.95,
@@ -40,8 +40,8 @@ def hazard_layers(
         Of the cells, with the thresholds of the preset among the energies.
     preset : HazardPreset
     shape : (n_rows, n_cols)
-    cell_size : float
-        Side of a cell: the reference width of all frequencies (m).
+    ref_width_m : float
+        Reference width of all frequencies (m).
     return_periods : sequence of float
         Years for which intensity and energy are mapped, ascending.
     confidence : float
@@ -53,7 +53,7 @@ def hazard_layers(
         Cells to which a statement does not apply are NaN: those that no rock comes to, or not as
         often.
     """
-    maker = _Maker(curves, preset, shape, cell_size, confidence)
+    maker = _Maker(curves, preset, shape, ref_width_m, confidence)
     return (
         maker.level(),
         *(maker.intensity(years) for years in return_periods),
@@ -73,7 +73,7 @@ class _Maker:
         curves: HazardCurves,
         preset: HazardPreset,
         shape: tuple[int, int],
-        cell_size: float,
+        ref_width_m: float,
         confidence: float,
     ) -> None:
         self._curves = curves
@@ -87,7 +87,7 @@ class _Maker:
         self._frequencies = (
             "Yearly frequency: onset frequency times the share of the rocks followed that come to "
             "the cell, summed over release areas and block scenarios. Reference width "
-            f"{cell_size:.4g} m (one cell)."
+            f"{ref_width_m:.4g} m."
         )
         self._rules = " ".join(
             [f"Preset {preset.name} ({preset.title}).", *map(_sentence, preset_unverified(preset))]

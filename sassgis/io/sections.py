@@ -471,6 +471,11 @@ class HazardSettings(Section):
         description="table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
         "of single release areas, in place of those of [[blocks]]",
     )
+    ref_width_m: Annotated[Num, _between(0, 1000, above=True)] | None = Field(
+        default=None,
+        description="reference width of all frequencies (m): a rock counts for a place if it comes "
+        "within half of it, as block plus exposed object; default: one cell",
+    )
     confidence: Annotated[Num, _between(0.5, 0.9999)] = Field(
         default=0.95, description="of the sampling interval that tells whether a level is decided"
     )

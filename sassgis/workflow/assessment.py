@@ -40,6 +40,8 @@ class Rules:
         Exposed objects; may be none.
     vulnerability : Vulnerability or None
     zones : ZoneSettings
+    ref_width_m : float
+        Reference width of all frequencies (m): one cell or more.
     notices : tuple of str
         What the readers had to say.
     """
@@ -49,6 +51,7 @@ class Rules:
     placed: PlacedObjects
     vulnerability: Vulnerability | None
     zones: ZoneSettings
+    ref_width_m: float
     notices: tuple[str, ...]
 
 
@@ -109,7 +112,30 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             vulnerability.check_covers(placed.objects)
     z = config.zones
     settings = ZoneSettings(z.min_area_m2, z.closing_m, z.tolerance_m)
-    return Rules(preset, frequencies, placed, vulnerability, settings, tuple(notices))
+    width = ref_width(config, run.grid.cell_size)
+    return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
+
+
+def ref_width(config: Config, cell_size: float) -> float:
+    """Reference width of the hazard curves (m).
+
+    Raises
+    ------
+    ConfigError
+        It is below two cells, and so neither one cell nor a disk of cells.
+    """
+    width = config.hazard.ref_width_m
+    if width is None or width == cell_size:
+        return cell_size
+    if width < 2.0 * cell_size:
+        raise ConfigError(
+            "is too narrow for the cells of the terrain model",
+            file=config.file,
+            field="hazard.ref_width_m",
+            found=f"{width:g} m with cells of {cell_size:g} m",
+            expected=f"{2.0 * cell_size:g} m or more, or nothing for one cell",
+        )
+    return width
 
 
 def assess(config: Config, rules: Rules, done: Simulation, bare: Simulation | None) -> Assessment:

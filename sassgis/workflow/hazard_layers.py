@@ -30,6 +30,7 @@ def federal_layers(
     config: Config,
     grid: Grid,
     preset: HazardPreset,
+    ref_width_m: float,
     hazard: Hazard,
     by_area: Mapping[str, tuple[IntensityMap, ...]],
 ) -> list[VectorLayer]:
@@ -40,7 +41,7 @@ def federal_layers(
     assessed = coverage(np.isfinite(grid.values).astype(np.int64), grid, ZoneSettings(0.0))
     method = (
         "SASS (Bozzolo and Pamini, 1986): rocks followed along fall lines; "
-        f"reference width {grid.cell_size:.4g} m. Onset frequencies as stated by the user."
+        f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."
     )
     sources = [
         federal.SourceZones(area, _intensity_zones(maps, preset), None, _scenarios(hazard, area))
@@ -128,7 +129,7 @@ def _largest(names: Sequence[str], shares: np.ndarray) -> list[str]:
 
 
 def hazard_zones(
-    hazard: Hazard, preset: HazardPreset, grid: Grid, confidence: float
+    hazard: Hazard, preset: HazardPreset, grid: Grid, ref_width_m: float, confidence: float
 ) -> VectorLayer:
     """Zones of hazard level with what governs them and how sure they are."""
     facts = hazard.facts
@@ -145,7 +146,7 @@ def hazard_zones(
             "share_by_scenario": _largest(*shares_by_scenario(facts.shares, sources)),
             "cells": facts.cells,
             "undecided_share": np.round(facts.undecided, 4),
-            "ref_width_m": grid.cell_size,
+            "ref_width_m": ref_width_m,
         },
         geometry=list(hazard.levels.polygons),
         crs=grid.crs or None,
@@ -153,8 +154,7 @@ def hazard_zones(
     return VectorLayer(
         "hazard_zones",
         "Hazard zones",
-        f"Hazard levels of preset {preset.name}. "
-        f"Reference width {grid.cell_size:.4g} m (one cell).",
+        f"Hazard levels of preset {preset.name}. Reference width {ref_width_m:.4g} m.",
         frame,
         {
             "zone": FieldInfo("zone"),

@@ -31,6 +31,7 @@ from sassgis.engine.simulate import (
     GateCrossings,
     ObjectCells,
     Simulated,
+    Window,
     default_bins,
     simulate,
 )
@@ -89,6 +90,8 @@ class MapRun:
         Energies that hazard curves must have a value for.
     objects : ObjectCells
         Exposed objects at which rocks are counted.
+    ref_width_m : float
+        Reference width of the hazard curves (m); 0: one cell.
     """
 
     grid: Grid
@@ -109,11 +112,18 @@ class MapRun:
     rounds: int = 1
     thresholds_kj: tuple[float, ...] = ()
     objects: ObjectCells = field(default_factory=ObjectCells.none)
+    ref_width_m: float = 0.0
 
     @property
     def rocks_per_line(self) -> int:
         """Rocks on each line of a bundle: those of the point, shared out and rounded up."""
         return -(-self.rocks_per_point // self.spread.lines_per_point)
+
+    @property
+    def window(self) -> Window | None:
+        """The cells in which a rock counts for the hazard at the one in their middle."""
+        radius = 0.5 * self.ref_width_m / self.grid.cell_size
+        return Window(*self.grid.shape, radius) if radius >= 1.0 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,6 +359,7 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> _Outcome:
             starts=start,
             gates=crossed,
             objects=run.objects,
+            window=run.window,
             line_numbers=number[good],
             first_rock=chunk.round * run.rocks_per_line,
             bins=bins,
@@ -380,7 +391,8 @@ class SourceTally:
     Attributes
     ----------
     cells, objects : SourceSums
-        Places are flat indices of cells and numbers of objects.
+        Places are flat indices of cells and numbers of objects. A rock counts for a cell if it
+        comes within half the reference width of its centre.
     gates : GateSums
     rocks : int
         Rocks followed.
@@ -399,8 +411,11 @@ class SourceTally:
 
     def add(self, result: Simulated) -> None:
         """Add the rocks of a chunk."""
-        exceed = (result.sums[n].astype(np.int64) for n in ("exceed", "exceed_square"))
-        self.cells.add(result.cells, *exceed)
+        if result.windows.size:
+            self.cells.add(result.windows, *result.window_sums.values())
+        else:
+            exceed = (result.sums[n].astype(np.int64) for n in ("exceed", "exceed_square"))
+            self.cells.add(result.cells, *exceed)
         numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
         self.objects.add(numbers, result.objects["exceed"], result.objects["exceed_square"])
         self.gates.add(result.passages)

@@ -403,6 +403,7 @@ def _state_fingerprint(config: Config, job: MapRun) -> str:
         _keeps_rows(config),
         [g.name for g, _ in job.gates],
         job.thresholds_kj,
+        job.ref_width_m,
     ]
     digest = hashlib.sha256(json.dumps(parts).encode())
     for array in (job.objects.cell, job.objects.number):

@@ -52,6 +52,7 @@ def prepared(job: Job, rules: Rules) -> Job:
         job.run,
         thresholds_kj=rules.preset.thresholds_kj,
         objects=ObjectCells(len(rules.placed), cells, owner),
+        ref_width_m=rules.ref_width_m,
     )
     return Job(run, job.planned, (*job.notices, *rules.notices))
 

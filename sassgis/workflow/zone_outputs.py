@@ -18,7 +18,6 @@ from sassgis.hazard.risk import risk_totals
 from sassgis.hazard.rules import energy_labels, period_labels, preset_unverified
 from sassgis.hazard.zones import Coverage
 from sassgis.io.config import Config
-from sassgis.io.dem import crs_name
 from sassgis.io.geopackage import VectorLayer
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup
@@ -54,15 +53,15 @@ def zone_extras(
         found.hazard.curves,
         preset,
         grid.shape,
-        grid.cell_size,
+        rules.ref_width_m,
         return_periods=preset.return_periods,
         confidence=confidence,
     )
-    zones = hazard_zones(found.hazard, preset, grid, confidence)
+    zones = hazard_zones(found.hazard, preset, grid, rules.ref_width_m, confidence)
     unsure = found.hazard.curves.places[undecided(found.hazard.curves, preset, confidence)]
     own = [zones, undecided_zones(unsure, grid, confidence)]
     if found.without is not None:
-        before = hazard_zones(found.without, preset, grid, confidence)
+        before = hazard_zones(found.without, preset, grid, rules.ref_width_m, confidence)
         own += [
             without_barriers(before),
             level_changes(found.without.levels, found.hazard.levels, preset, grid),
@@ -82,21 +81,22 @@ def zone_extras(
         if found.risk_without is not None:
             without = risk_frames(found.risk_without, config.risk.currency)
             frames |= {f"{name}_without_barriers": frame for name, frame in without.items()}
-    federal = federal_layers(config, grid, preset, found.hazard, found.by_area)
+    federal = federal_layers(config, grid, preset, rules.ref_width_m, found.hazard, found.by_area)
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
         groups=_groups(maps, own, risk, federal),
-        layouts=_layouts(config, preset, grid, found, done),
+        layouts=_layouts(config, preset, rules.ref_width_m, found, done),
         figures=zone_figures(config, rules, found, done, maps, figures),
         tables=_report_tables(config, rules, found, design),
         facts={
             "preset": f"{preset.name}: {preset.title}",
+            "hazard_ref_width_m": rules.ref_width_m,
             "confidence": confidence,
             "undecided_share": round(found.hazard.undecided_share, 4),
             "rounds": done.run.rounds,
         },
-        described=_described(config, preset, found, done),
+        described=_described(config, preset, rules.ref_width_m, found, done),
         frames=frames,
         inputs=_inputs(config),
         warnings=_warnings(config, rules, found),
@@ -334,8 +334,13 @@ def _extent(zones: Coverage, grid: Grid) -> tuple[float, float, float, float]:
 
 
 def _layouts(
-    config: Config, preset: HazardPreset, grid: Grid, found: Assessment, done: Simulation
+    config: Config,
+    preset: HazardPreset,
+    ref_width_m: float,
+    found: Assessment,
+    done: Simulation,
 ) -> tuple[PrintLayout, ...]:
+    grid = done.run.grid
     extent = _extent(found.hazard.intensities[-1].zones, grid)
     barriers = any(g.kind != "station" for g, _ in done.run.gates)
     on_top = ("vector_barriers",) if barriers else ()
@@ -343,11 +348,10 @@ def _layouts(
         ("Model", "SASS (Bozzolo and Pamini, 1986): rocks followed along fall lines"),
         ("Terrain", f"{config.dem_path.name}, cells of {grid.cell_size:.4g} m; heights "
          f"{grid.vertical_datum or 'of an unstated datum'}"),
-        ("Coordinates", crs_name(grid.crs) if grid.crs else "local"),
         ("Release areas", ", ".join(a.name for a in done.run.areas)),
         ("Rocks", f"{int(done.progress.reasons.sum())}"),
         ("Rules", preset.title),
-        ("Reference width", f"{grid.cell_size:.4g} m (one cell)"),
+        ("Reference width", f"{ref_width_m:.4g} m"),
     )  # fmt: skip
     notes = (
         "Hazard follows from the onset frequencies that the user stated.",
@@ -376,12 +380,16 @@ def _layouts(
 
 
 def _described(
-    config: Config, preset: HazardPreset, found: Assessment, done: Simulation
+    config: Config,
+    preset: HazardPreset,
+    ref_width_m: float,
+    found: Assessment,
+    done: Simulation,
 ) -> tuple[tuple[str, str], ...]:
     share = 100.0 * found.hazard.undecided_share
     return (
         ("Rules", f"{preset.title} ({preset.name})"),
-        ("Reference width of all frequencies", f"{done.run.grid.cell_size:.4g} m (one cell)"),
+        ("Reference width of all frequencies", f"{ref_width_m:.4g} m"),
         ("Rounds of rocks", str(done.run.rounds)),
         (
             "Undecided",
