@@ -108,7 +108,7 @@ def _draw_matrix(ax: Axes, preset: HazardPreset, energy: tuple[float, float]) ->
                 field.set_hatch("/////")
                 field.set_edgecolor(level.colour)
             ax.add_patch(_frame(left, right, bottom, top))
-            if np.log(top / bottom) > 0.08 * np.log(high / low):
+            if np.log(top / bottom) > 0.06 * np.log(high / low):
                 ax.text(
                     np.sqrt(left * right), np.sqrt(bottom * top), level.label, size=SMALL,
                     color=GREY, ha="center", va="center", path_effects=_HALO, zorder=1.5,
