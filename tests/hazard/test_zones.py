@@ -500,18 +500,17 @@ def test_maps_that_rise_in_opposite_directions_are_smoothed_each_its_own_way() -
         assert all(len(p.exterior.coords) - 1 <= 7 for p in zones.polygons)
 
 
-def test_a_more_frequent_zone_is_held_inside_the_rarer_one() -> None:
-    # On its own the notch would be filled, but the rarer map keeps it, to leave room for a hole.
-    frequent = block((4, 4, 24, 24, 1), (10, 4, 11, 10, 0))
-    rare = frequent.copy()
-    rare[10, 9] = 1
-    grid = grid_of(frequent)
-    rules = ZoneSettings(tolerance_m=3.0)
-    alone = coverage(frequent, grid, rules)
-    inside, outside = nested_coverages([frequent, rare], grid, rules)
-    assert above(inside, 1).difference(above(outside, 1)).area < 1e-9
-    assert violations(inside, frequent, grid) == set()
-    assert above(alone, 1).covers(above(inside, 1))
+def test_maps_drawn_one_by_one_would_not_be_nested() -> None:
+    for seed in range(5):
+        maps = [raster("smooth", (30, 30), 3 * seed + i) for i in range(2)]
+        maps = list(np.maximum.accumulate(maps))
+        grid = grid_of(maps[0])
+
+        def excess(frequent: Coverage, rare: Coverage) -> float:
+            return max(above(frequent, k).difference(above(rare, k)).area for k in (1, 2, 3))
+
+        assert excess(*(coverage(m, grid) for m in maps)) > 0.1
+        assert excess(*nested_coverages(maps, grid)) < 1e-9
 
 
 def test_what_cannot_be_drawn_is_refused() -> None:
