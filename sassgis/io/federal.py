@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +26,8 @@ from sassgis.core.errors import InputError
 from sassgis.core.hazard import HazardLevel, HazardPreset, IntensityClass
 from sassgis.io.dem import same_crs
 from sassgis.io.geopackage import VectorLayer
-from sassgis.io.qgis.styles import FieldInfo, StyleClass, Symbol, VectorStyle
+from sassgis.io.qgis.hazard_styles import opaque, zone_style
+from sassgis.io.qgis.styles import FieldInfo, Symbol, VectorStyle
 
 MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
 #: EPSG code of the model's coordinates: CH1903+ / LV95.
@@ -928,33 +929,18 @@ _INTENSITY_LEGEND = {
 
 
 def _level_style(legend: Sequence[HazardLevel]) -> VectorStyle:
-    entries = {c.code: (c.label, c.colour, c.hatched) for c in reversed(legend)}
-    symbol = Symbol("fill", "#ffe500", opacity=0.7, outline="#4d4d4d", outline_mm=0.15)
-    return _class_style("hazard_level", entries or _LEVEL_LEGEND, symbol)
+    entries = [(c.code, c.label, c.colour, c.hatched) for c in legend]
+    return zone_style("hazard_level", entries or _entries(_LEVEL_LEGEND))
 
 
 def _intensity_style(legend: Sequence[IntensityClass]) -> VectorStyle:
-    entries = {c.code: (c.label, c.colour, False) for c in reversed(legend)}
+    entries = [(c.code, c.label, c.colour, False) for c in legend]
     # Opaque: the zones of several return periods lie over each other, and must not mix.
-    symbol = Symbol("fill", "#9e9ac8", outline="#3f007d", outline_mm=0.1)
-    return _class_style("intensity_class", entries or _INTENSITY_LEGEND, symbol)
+    return opaque(zone_style("intensity_class", entries or _entries(_INTENSITY_LEGEND)))
 
 
-def _class_style(
-    column: str, entries: Mapping[str, tuple[str, str, bool]], symbol: Symbol
-) -> VectorStyle:
-    return VectorStyle(
-        symbol,
-        "categories",
-        column,
-        tuple(
-            StyleClass(
-                label,
-                replace(symbol, colour=colour, opacity=1.0, hatch="diagonal")
-                if hatched
-                else replace(symbol, colour=colour),
-                value=code,
-            )
-            for code, (label, colour, hatched) in entries.items()
-        ),
-    )
+def _entries(
+    legend: Mapping[str, tuple[str, str, bool]],
+) -> list[tuple[str, str, str, bool]]:
+    """Entries of a legend from slight to severe."""
+    return [(code, *rest) for code, rest in reversed(list(legend.items()))]

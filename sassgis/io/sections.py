@@ -513,11 +513,18 @@ class ZoneSettings(Section):
         default=100.0, description="smallest area of a zone (m2)"
     )
     closing_m: Annotated[Num, _between(0, 1000)] | None = Field(
-        default=None, description="gaps narrower than this are closed (m); default: two cells"
+        default=None,
+        description="gaps between parts of a zone that are closed, up to this width (m); default: "
+        "two cells, or release.spacing_m if that is wider",
+    )
+    min_width_m: Annotated[Num, _between(0, 1000)] | None = Field(
+        default=None,
+        description="threads narrower than this are widened (m); default: three cells",
     )
     tolerance_m: Annotated[Num, _between(0, 1000)] | None = Field(
         default=None,
-        description="how far a smoothed outline may lie outside its cells (m); default: one cell",
+        description="how far a smoothed outline may lie outside its cells (m); default: one and a "
+        "half cells",
     )
 
 

@@ -111,7 +111,14 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             vulnerability = read_vulnerability(config.risk.vulnerability, codes)
             vulnerability.check_covers(placed.objects)
     z = config.zones
-    settings = ZoneSettings(z.min_area_m2, z.closing_m, z.tolerance_m)
+    # Between two fall lines nothing was computed: the gap is not a place that is safe.
+    gap = max(2.0 * run.grid.cell_size, run.spacing_m)
+    settings = ZoneSettings(
+        min_area_m2=z.min_area_m2,
+        closing_m=gap if z.closing_m is None else z.closing_m,
+        min_width_m=z.min_width_m,
+        tolerance_m=z.tolerance_m,
+    )
     width = ref_width(config, run.grid.cell_size)
     return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
 

@@ -38,7 +38,11 @@ def federal_layers(
     crs = grid.crs or None
     claims = federal.in_federal_extent(crs, grid.bounds) and federal.has_federal_codes(preset)
     level_codes = [level.code for level in preset.levels]
-    assessed = coverage(np.isfinite(grid.values).astype(np.int64), grid, ZoneSettings(0.0))
+    assessed = coverage(
+        np.isfinite(grid.values).astype(np.int64),
+        grid,
+        ZoneSettings(min_area_m2=0.0, tolerance_m=0.0),
+    )
     method = (
         "SASS (Bozzolo and Pamini, 1986): rocks followed along fall lines; "
         f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."

@@ -38,7 +38,8 @@ _COURSE_EVENTS = 2000
 _PATHS = 100
 
 
-def _release_outlines(run: MapRun) -> list[FloatArray]:
+def release_outlines(run: MapRun) -> list[FloatArray]:
+    """Coordinates of the release areas, for drawing."""
     outlines = []
     for area in run.areas:
         for part in shapely.get_parts(area.geometry):
@@ -187,7 +188,8 @@ def gate_tables(gates: GateSums) -> list[ReportTable]:
     return tables
 
 
-def _save(folder: Path, name: str, figure: Figure) -> bytes:
+def save_figure(folder: Path, name: str, figure: Figure) -> bytes:
+    """Save a figure as ``<name>.png`` and return its bytes."""
     png = figures.to_png(figure)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{name}.png").write_bytes(png)
@@ -225,7 +227,7 @@ def map_report(
     folder: Path,
 ) -> ReportContext:
     """Draw the figures of a run into ``folder`` and put the report together."""
-    outlines = _release_outlines(run)
+    outlines = release_outlines(run)
     gates: list[tuple[str, str, FloatArray]] = [(g.name, g.kind, c) for g, c in run.gates]
     by_stem = {layer.stem: layer for layer in layers}
     total = int(progress.reasons.sum())
@@ -238,7 +240,7 @@ def map_report(
                 run.grid, layer, release=outlines, gates=gates,
                 lines=_drawn_lines(progress) if stem == "stops" else None,
             )  # fmt: skip
-            png = _save(folder, f"map_{stem}", figure)
+            png = save_figure(folder, f"map_{stem}", figure)
             pictures.append(ReportFigure(layer.title, layer.note, png))
         chosen = furthest_line(progress)
         if chosen is not None:
@@ -247,14 +249,14 @@ def map_report(
                 ReportFigure(
                     "A fall line with the paths of its rocks",
                     "Flattened into one vertical plane. Walls and nets at their true height.",
-                    _save(folder, "profile_furthest", figure),
+                    save_figure(folder, "profile_furthest", figure),
                 )
             )
         pictures.append(
             ReportFigure(
                 "Run-out",
                 "Chainage in plan along the fall line at which rocks end, by the reason.",
-                _save(folder, "runout", runout_counts(progress)),
+                save_figure(folder, "runout", runout_counts(progress)),
             )
         )
     drawn = station_figures(progress.gates, total)
@@ -263,7 +265,7 @@ def map_report(
             ReportFigure(
                 f"At {name}",
                 "First downhill passage of each rock.",
-                _save(folder, f"station_{stem}", figure),
+                save_figure(folder, f"station_{stem}", figure),
             )
         )
     blocks = ReportTable(

@@ -355,7 +355,7 @@ def _layouts(
     )  # fmt: skip
     notes = (
         "Hazard follows from the onset frequencies that the user stated.",
-        *(f"Unverified: {text}" for text in preset_unverified(preset)[:1]),
+        *(f"{text[:1].upper()}{text[1:]}" for text in preset_unverified(preset)[:1]),
     )
     name = config.project.name
     middle = preset.return_periods[len(preset.return_periods) // 2]
@@ -363,7 +363,8 @@ def _layouts(
     return (
         PrintLayout(
             "Hazard level", name, "Hazard zones, rockfall",
-            (*on_top, "vector_release_areas", "vector_hazard_zones", "raster_terrain"),
+            (*on_top, "vector_release_areas", "vector_undecided", "vector_hazard_zones",
+             "raster_terrain"),
             extent, facts, notes,
         ),
         PrintLayout(

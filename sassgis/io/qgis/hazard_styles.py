@@ -129,3 +129,12 @@ def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> Ve
             for code, label, colour, hatched in reversed(entries)
         ),
     )
+
+
+def opaque(style: VectorStyle) -> VectorStyle:
+    """The same style, with nothing shining through."""
+    return replace(
+        style,
+        symbol=replace(style.symbol, opacity=1.0),
+        classes=tuple(replace(c, symbol=replace(c.symbol, opacity=1.0)) for c in style.classes),
+    )
