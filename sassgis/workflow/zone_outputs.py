@@ -363,7 +363,7 @@ def _layouts(
     return (
         PrintLayout(
             "Hazard level", name, "Hazard zones, rockfall",
-            (*on_top, "vector_release_areas", "vector_undecided", "vector_hazard_zones",
+            (*on_top, "vector_release_areas", "vector_hazard_zones",
              "raster_terrain"),
             extent, facts, notes,
         ),
