@@ -18,6 +18,7 @@ class StopReason(IntEnum):
     LEFT_PROFILE = 2
     STEP_LIMIT = 3
     NEVER_STARTED = 4
+    BROKEN = 5
 
 
 class Outcome(IntEnum):
@@ -30,11 +31,13 @@ class Outcome(IntEnum):
     HELD_BY_NET = 4
 
 
-#: One row per rock. Chainages in m along the profile; ``line`` counts the profiles of the run.
+#: One row per rock, and per piece of a broken rock or block set in motion: ``piece`` is 0 for the
+#: rock itself. Chainages in m along the profile; ``line`` counts the profiles of the run.
 ROCK_DTYPE = np.dtype(
     [
         ("line", np.int64),
         ("rock", np.int32),
+        ("piece", np.int32),
         ("reason", np.uint8),
         ("start_m", np.float64),
         ("runout_m", np.float64),

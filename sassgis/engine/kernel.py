@@ -11,14 +11,27 @@ from numpy.typing import NDArray
 from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.jit import kernel
 from sassgis.engine import rng
+from sassgis.engine.effects.state import (
+    BORN_A,
+    BORN_B,
+    BORN_C,
+    BORN_MASS,
+    Births,
+    Effects,
+)
 from sassgis.engine.recording import CellWork, Pieces
 from sassgis.engine.rock import BARRIER, REST, follow
 from sassgis.engine.state import Block, Course, Gates, Physics, Profile
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9
-#: Columns of a rock's row; the fields of core.results.ROCK_DTYPE after "line" and "rock".
+#: Columns of a rock's row; the fields of core.results.ROCK_DTYPE after "line", "rock" and "piece".
 ROCK_COLUMNS = 15
+#: Columns of the row of a piece: line, rock, piece, then those of a rock.
+PIECE_COLUMNS = ROCK_COLUMNS + 3
+#: In place of a number of pieces: rows for passages or pieces were too few; one rock had more
+#: pieces and blocks set in motion than there is room for.
+NO_ROOM, TOO_MANY_BIRTHS = -1, -2
 #: Columns of a passage's row: line, rock, then those of rock._passage.
 PASSAGE_COLUMNS = 13
 
@@ -333,6 +346,91 @@ def _without_straight_vertices(
     return s[kept], z[kept], ground[kept]
 
 
+class Event(NamedTuple):
+    """Maxima of a rock and all its pieces in each cell: energy (J), height, speed squared."""
+
+    peak: NDArray[np.float64]  # (n_cells, 3), energy -1 where none has been
+    touched: NDArray[np.int64]
+    count: NDArray[np.int64]  # (1,)
+
+
+@kernel
+def _collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
+    """Move the cells of one block to those of the event."""
+    for k in range(n_touched):
+        cell = work.touched[k]
+        joule = work.peak[cell, 0] * mass
+        if event.peak[cell, 0] < 0.0:
+            event.touched[event.count[0]] = cell
+            event.count[0] += 1
+            event.peak[cell, 1] = 0.0
+            event.peak[cell, 2] = 0.0
+        event.peak[cell, 0] = max(event.peak[cell, 0], joule)
+        event.peak[cell, 1] = max(event.peak[cell, 1], work.peak[cell, 1])
+        event.peak[cell, 2] = max(event.peak[cell, 2], work.peak[cell, 2])
+        work.peak[cell, 0] = -1.0
+
+
+@kernel
+def _give_back(event: Event, work: CellWork) -> int:
+    """Move the cells of the event to the work, as of one block of 1 kg; returns their number."""
+    n = event.count[0]
+    for k in range(n):
+        cell = event.touched[k]
+        work.touched[k] = cell
+        for i in range(3):
+            work.peak[cell, i] = event.peak[cell, i]
+        event.peak[cell, 0] = -1.0
+    event.count[0] = 0
+    return int(n)
+
+
+@kernel
+def _last_cell(pieces: Pieces, sx: FloatArray, reason: int, x: float, start: float) -> int:
+    """Cell in which a rock ends; -1 outside."""
+    if x < sx[0] or x > sx[sx.size - 1]:
+        return -1
+    # A rock that a wall holds lies in front of it, also on the border of a cell.
+    k = int(np.searchsorted(pieces.border, x, side="right")) - 1
+    if reason == BARRIER and k > 0 and pieces.border[k] >= x > start:
+        k -= 1
+    return int(pieces.cell[min(max(k, 0), pieces.cell.size - 1)])
+
+
+@kernel
+def _fill_row(
+    row: FloatArray,
+    block: Block,
+    density: float,
+    start: float,
+    reason: int,
+    x: float,
+    z: float,
+    furthest: float,
+    t: float,
+    impacts: int,
+    top_speed: float,
+    top_height: float,
+    top_energy: float,
+) -> None:
+    """Write the row of a rock or piece."""
+    row[0] = reason
+    row[1] = start
+    row[2] = x
+    row[3] = z
+    row[4] = furthest
+    row[5] = t
+    row[6] = impacts
+    row[7] = block.a
+    row[8] = block.b
+    row[9] = block.c
+    row[10] = density
+    row[11] = block.mass
+    row[12] = top_speed
+    row[13] = top_height
+    row[14] = 1e-3 * top_energy * block.mass
+
+
 @kernel
 def run_lines(
     lines: Lines,
@@ -354,7 +452,10 @@ def run_lines(
     passages: FloatArray,
     events: FloatArray,
     event_counts: IntArray,
-) -> int:
+    effects: Effects | None,
+    births: Births | None,
+    piece_rows: FloatArray,
+) -> tuple[int, int]:
     """Follow ``n_rocks`` rocks on each line.
 
     Parameters
@@ -385,11 +486,16 @@ def run_lines(
     events : float64, shape (n_lines * n_rocks, n_events, 11)
         Course of each rock; n_events may be 0.
     event_counts : int64, shape (n_lines * n_rocks,)
+    effects, births
+        None for the model of 1986 alone.
+    piece_rows : float64, shape (room, PIECE_COLUMNS)
+        Filled from the top.
 
     Returns
     -------
-    int
-        Rows of ``passages`` filled.
+    n_passages, n_born : int
+        Rows of ``passages`` and ``piece_rows`` that there are. NO_ROOM or TOO_MANY_BIRTHS in place
+        of the second: then nothing that was filled is of use.
     """
     n_lines = lines.number.size
     n_cells = sums.tally.shape[0]
@@ -411,7 +517,11 @@ def run_lines(
     piece_segment = np.zeros(most, np.int64)
     count = np.zeros(1, np.int64)
     n_passages = 0
+    n_born = 0
     row_number = 0
+    no_birth = np.empty(0)
+    n_event = n_cells if effects is not None else 0
+    event = Event(np.full((n_event, 3), -1.0), np.zeros(n_event, np.int64), np.zeros(1, np.int64))
     for i in range(n_lines):
         v0 = lines.offset[i]
         v1 = lines.offset[i + 1]
@@ -465,57 +575,87 @@ def run_lines(
             orientation = rng.between(key, rng.ORIENTATION, 0, limits[7, 0], limits[7, 1])
             seen[:] = False
             count[0] = 0
+            if effects is not None and n_passages + seen.size > passages.shape[0]:
+                return n_passages, NO_ROOM
             course = Course(events[row_number], count)
             (
                 reason, x, z, furthest, t, impacts, top_speed, top_height, top_energy, n_new,
                 n_touched,
             ) = follow(
                 block, profile, ground_table, physics, gates, seen, passages[n_passages:, 2:],
-                pieces, work, course, start, speed, spin, drop, orientation,
+                pieces, work, course, start, speed, spin, drop, orientation, effects, no_birth,
+                births,
             )  # fmt: skip
             event_counts[row_number] = count[0]
             for k in range(n_passages, n_passages + n_new):
                 passages[k, 0] = lines.number[i]
                 passages[k, 1] = rock
             n_passages += n_new
-            last = -1
-            if x >= sx[0] and x <= sx[n]:
-                # A rock that a wall holds lies in front of it, also on the border of a cell.
-                k = int(np.searchsorted(pieces.border, x, side="right")) - 1
-                if reason == BARRIER and k > 0 and pieces.border[k] >= x > start:
-                    k -= 1
-                last = pieces.cell[min(max(k, 0), n_pieces - 1)]
+            last = _last_cell(pieces, sx, reason, x, start)
+            if last >= 0 and reason in (REST, BARRIER):
+                sums.tally[last, 1] += 1
+            _fill_row(
+                rocks[row_number], block, density, start, reason, x, z, furthest, t, impacts,
+                top_speed, top_height, top_energy,
+            )  # fmt: skip
+            row_number += 1
+            mass = block.mass
+            if effects is not None and births is not None:
+                _collect(event, work, n_touched, block.mass)
+                born = 0
+                while born < min(births.count[0], births.rows.shape[0]):
+                    birth = births.rows[born]
+                    born += 1
+                    if n_passages + seen.size > passages.shape[0] or n_born >= piece_rows.shape[0]:
+                        return n_passages, NO_ROOM
+                    piece_key = rng.mix(key + np.uint64(born) * np.uint64(0x9E3779B97F4A7C15))
+                    part = Block(
+                        birth[BORN_A], birth[BORN_B], birth[BORN_C], birth[BORN_MASS], piece_key
+                    )
+                    seen[:] = False
+                    count[0] = 0
+                    (
+                        reason, x, z, furthest, t, impacts, top_speed, top_height, top_energy,
+                        n_new, n_touched,
+                    ) = follow(
+                        part, profile, ground_table, physics, gates, seen,
+                        passages[n_passages:, 2:], pieces, work, Course(events[0, :0], count), start,
+                        0.0, 0.0, 0.0, 0.0, effects, birth, births,
+                    )  # fmt: skip
+                    for k in range(n_passages, n_passages + n_new):
+                        passages[k, 0] = lines.number[i]
+                        passages[k, 1] = rock
+                    n_passages += n_new
+                    _collect(event, work, n_touched, part.mass)
+                    last = _last_cell(pieces, sx, reason, x, birth[0])
+                    if last >= 0 and reason in (REST, BARRIER):
+                        sums.tally[last, 1] += 1
+                    row = piece_rows[n_born]
+                    row[0] = lines.number[i]
+                    row[1] = rock
+                    row[2] = born
+                    _fill_row(
+                        row[3:], part, density, birth[0], reason, x, z, furthest, t, impacts,
+                        top_speed, top_height, top_energy,
+                    )  # fmt: skip
+                    n_born += 1
+                if births.count[0] > births.rows.shape[0]:
+                    return n_passages, TOO_MANY_BIRTHS
+                births.count[0] = 0
+                n_touched = _give_back(event, work)
+                mass = 1.0
             if window_peak.size:
                 n_line_windows = _at_objects(
-                    work, n_touched, block.mass, bins.threshold, windows, window_peak, met,
+                    work, n_touched, mass, bins.threshold, windows, window_peak, met,
                     window_tally, n_line_windows,
                 )  # fmt: skip
             if object_peak.size:
                 n_line_objects = _at_objects(
-                    work, n_touched, block.mass, bins.threshold, objects, object_peak, met,
+                    work, n_touched, mass, bins.threshold, objects, object_peak, met,
                     object_tally, n_line_objects,
                 )  # fmt: skip
-            n_line = _flush(work, n_touched, sums, bins, block.mass, tally, n_line)
-            if last >= 0 and reason in (REST, BARRIER):
-                sums.tally[last, 1] += 1
-            row = rocks[row_number]
-            row[0] = reason
-            row[1] = start
-            row[2] = x
-            row[3] = z
-            row[4] = furthest
-            row[5] = t
-            row[6] = impacts
-            row[7] = block.a
-            row[8] = block.b
-            row[9] = block.c
-            row[10] = density
-            row[11] = block.mass
-            row[12] = top_speed
-            row[13] = top_height
-            row[14] = 1e-3 * top_energy * block.mass
-            row_number += 1
+            n_line = _flush(work, n_touched, sums, bins, mass, tally, n_line)
         _close_line(tally, n_line, reach)
         _close_line(window_tally, n_line_windows, window_reach)
         _close_line(object_tally, n_line_objects, object_reach)
-    return n_passages
+    return n_passages, n_born

@@ -15,6 +15,7 @@ from sassgis.core.jit import kernel
 # Streams: what a draw is for. An effect that needs draws takes streams of its own.
 AXIS_1, AXIS_2, AXIS_3, DENSITY, SPEED, SPIN, DROP, ORIENTATION, START, SLOPE = range(10)
 VOLUME = 10
+STEM_DISTANCE, STEM_OFFSET, TILT, LANDING, BREAKS, PIECE_WAY, SET_OFF, SET_OFF_WAY = range(11, 19)
 
 
 @kernel

@@ -11,13 +11,33 @@ from sassgis.core.grid import FloatArray
 from sassgis.core.jit import kernel
 from sassgis.engine import rng
 from sassgis.engine.contact import next_contact, resting_height
+from sassgis.engine.effects import (
+    air_drag,
+    entrainment,
+    fragmentation,
+    rock_shape,
+    roughness,
+    soft_ground,
+    trees,
+)
+from sassgis.engine.effects.state import (
+    BORN_OMEGA,
+    BORN_THETA,
+    BORN_VX,
+    BORN_VZ,
+    BORN_X,
+    BORN_Z,
+    Births,
+    Effects,
+)
 from sassgis.engine.ellipse import frame_of, inertia, mean_radius
 from sassgis.engine.gates import HELD_BY_NET, PASSED, STOPPED, gates_in_flight, gates_on_ground
-from sassgis.engine.impact import impact, normal_force, turn_about_contact
+from sassgis.engine.impact import COULOMB, impact, normal_force, turn_about_contact
 from sassgis.engine.recording import CellWork, Pieces, record_flight, record_ground
 from sassgis.engine.rolling import (
     GROUND_AHEAD,
     LIFT_OFF,
+    PART,
     PROFILE_END,
     SEGMENT_END,
     STOP,
@@ -30,7 +50,7 @@ from sassgis.engine.state import Block, Course, Gates, Physics, Profile
 FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4
 
 # Why a rock ends; the same numbers as core.results.StopReason.
-REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED = 0, 1, 2, 3, 4
+REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = 0, 1, 2, 3, 4, 5
 
 # Gap at which a rock that moves along the ground touches ground ahead of it (m).
 _TOUCH = 1e-11
@@ -43,6 +63,8 @@ _FIRST_TURN = 1e-4
 # A rock that bounces on one spot with less energy than this share of g r is at rest.
 _REST_SHARE = 1e-3
 _SAME_SPOT = 1e-3
+# Effects cut a flight or a stretch of rolling into so many steps at most, on average.
+_STEPS_PER_EVENT = 50
 
 
 @kernel
@@ -127,6 +149,109 @@ def _turn(profile: Profile, j: int, way: int) -> float:
 
 
 @kernel
+def _to_border(pieces: Pieces, piece: int, x: float, way: int) -> tuple[int, float]:
+    """Cell ahead of a rock that moves in direction ``way``, and the distance to its end."""
+    n = pieces.cell.size
+    while way > 0 and piece < n - 1 and pieces.border[piece + 1] <= x + _FOOT:
+        piece += 1
+    while way < 0 and piece > 0 and pieces.border[piece] >= x - _FOOT:
+        piece -= 1
+    gap = pieces.border[piece + 1] - x if way > 0 else x - pieces.border[piece]
+    return pieces.cell[piece], max(gap, _FOOT)
+
+
+@kernel
+def _bear_pieces(
+    effects: Effects,
+    births: Births,
+    block: Block,
+    number: int,
+    x: float,
+    z: float,
+    vx: float,
+    vz: float,
+    theta: float,
+    omega: float,
+) -> bool:
+    """Break a block in flight into pieces; False if it is too small to break."""
+    volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
+    n = fragmentation.shares(effects.breaking, volume, births.share)
+    if n < 2:
+        return False
+    ahead = fragmentation.ways(effects.breaking, block.key, number, n, births.share, births.side)
+    spin = math.sqrt(1.0 - effects.breaking.loss) * omega
+    for i in range(n):
+        size = births.share[i] ** (1.0 / 3.0)
+        side = births.side[i]
+        _bear(
+            births, x, z, ahead * (vx - side * vz), ahead * (vz + side * vx), theta, spin,
+            size * block.a, size * block.b, size * block.c, births.share[i] * block.mass,
+        )  # fmt: skip
+    return True
+
+
+@kernel
+def _set_off(
+    effects: Effects,
+    births: Births,
+    block: Block,
+    number: int,
+    lost: float,
+    x: float,
+    z: float,
+    way: int,
+    ux: float,
+    uz: float,
+) -> None:
+    """Set blocks of the ground in motion with part of the energy that an impact took (J)."""
+    n = entrainment.blocks_set_off(effects.set_off, block.key, number, lost)
+    if n == 0:
+        return
+    size = effects.set_off.ratio
+    mass = block.mass * size**3
+    speed = entrainment.speed_of_each(effects.set_off, n, lost, mass)
+    for i in range(n):
+        angle = entrainment.angle_of(block.key, number, i)
+        along = way * speed * math.cos(angle)
+        up = speed * math.sin(angle)
+        _bear(
+            births, x, z, along * ux - up * uz, along * uz + up * ux, 0.0, 0.0, size * block.a,
+            size * block.b, size * block.c, mass,
+        )  # fmt: skip
+
+
+@kernel
+def _bear(
+    births: Births,
+    x: float,
+    z: float,
+    vx: float,
+    vz: float,
+    theta: float,
+    omega: float,
+    a: float,
+    b: float,
+    c: float,
+    mass: float,
+) -> None:
+    """Add a birth; one without room is counted only."""
+    i = births.count[0]
+    births.count[0] = i + 1
+    if i < births.rows.shape[0]:
+        row = births.rows[i]
+        row[0] = x
+        row[1] = z
+        row[2] = vx
+        row[3] = vz
+        row[4] = theta
+        row[5] = omega
+        row[6] = a
+        row[7] = b
+        row[8] = c
+        row[9] = mass
+
+
+@kernel
 def follow(
     block: Block,
     profile: Profile,
@@ -143,8 +268,17 @@ def follow(
     spin: float,
     drop: float,
     orientation: float,
+    effects: Effects | None,
+    birth: FloatArray | None,
+    births: Births | None,
 ) -> tuple[int, float, float, float, float, int, float, float, float, int, int]:
     """Follow one rock from its release to its end.
+
+    Parameters
+    ----------
+    effects, birth, births
+        None for the model of 1986 alone; numba then leaves out all that is about them. Otherwise
+        ``birth`` is a row of ``births`` if the block comes into being in flight, or empty.
 
     Returns
     -------
@@ -174,6 +308,20 @@ def follow(
     roll_radius = mean_radius(a, b)
     roll_share = 1.0 + inert / (roll_radius * roll_radius)
     round_rock = a - b < 1e-12 * a
+    resistance = 0.0
+    width = 2.0 * block.c
+    to_stem = np.inf
+    stems_met = 0
+    stem_rate = 0.0
+    stem_cell = -1
+    at_stem = False
+    if effects is not None:
+        if effects.shape.form == rock_shape.MEAN_INERTIA:
+            inert = rock_shape.tumbling_inertia(a, b, block.c)
+            roll_share = 1.0 + inert / (roll_radius * roll_radius)
+        resistance = air_drag.resistance(effects.drag, a, b, block.c, block.mass)
+        if effects.stand.form != trees.OFF:
+            to_stem = trees.to_next_stem(block.key, 0)
 
     seg = _segment_at(profile, start_x, 0)
     theta = orientation + profile.angle[seg]
@@ -230,6 +378,21 @@ def follow(
     nx = -tz[seg]
     nz = tx[seg]
     v = speed
+    if effects is not None and birth is not None and birth.size > 0:
+        x = birth[BORN_X]
+        seg = _segment_at(profile, x, seg)
+        theta = birth[BORN_THETA]
+        z = max(birth[BORN_Z], resting_height(x, theta, a, b, sx, sz, tx, tz, seg))
+        vx = birth[BORN_VX]
+        vz = birth[BORN_VZ]
+        omega = birth[BORN_OMEGA]
+        phase = FLIGHT
+        reason = STEP_LIMIT
+        furthest = x
+        gates_from = x
+        moved = True
+        while piece < pieces.cell.size - 1 and pieces.border[piece + 1] < x:
+            piece += 1
 
     # Calls that have nothing to do are left out: passing arrays costs more than most of them.
     noting = course.rows.shape[0] > 0
@@ -240,6 +403,7 @@ def follow(
     outcome = PASSED
     left = 1.0
     events = 0
+    steps = 0
     while phase != END:
         events += 1
         if events > physics.max_events:
@@ -255,12 +419,40 @@ def follow(
                 limit = (sx[0] - x) / vx
             else:
                 limit = 1e6
+            limit = max(limit, 0.0)
+            cut = False
+            if effects is not None:
+                at_stem = False
+                stem_rate = 0.0
+                if effects.drag.form != air_drag.OFF and effects.drag.step < limit:
+                    limit = effects.drag.step
+                    cut = True
+                if effects.stand.form != trees.OFF and abs(vx) > 1e-9:
+                    stem_cell, gap = _to_border(pieces, piece, x, 1 if vx > 0.0 else -1)
+                    here = _segment_at(profile, x, seg)
+                    above = z - sz[here] - (x - sx[here]) * tz[here] / tx[here]
+                    if above < effects.stand.height:
+                        stem_rate = trees.stems_per_metre(effects.stand, stem_cell, width)
+                    else:
+                        stem_cell = -1
+                    if stem_rate * gap >= to_stem:
+                        gap = to_stem / stem_rate
+                        at_stem = True
+                    if gap < limit * abs(vx):
+                        limit = gap / abs(vx)
+                        cut = True
+                    else:
+                        at_stem = False
+                # Half of the drag before the step and the rest after it: second order in its
+                # length.
+                vx, vz = air_drag.slowed(resistance, vx, vz, 0.5 * limit)
+            came_from = x
             until, hit, nx, nz = next_contact(
-                x, z, vx, vz, theta, omega, a, b, g, clear_from, max(limit, 0.0),
+                x, z, vx, vz, theta, omega, a, b, g, clear_from, limit,
                 physics.tolerance, sx, sz, tx, tz, seg, skip_to,
             )  # fmt: skip
             if hit < 0:
-                until = max(limit, 0.0)
+                until = limit
             gate = -1
             if guarded:
                 n_passages, t_gate, outcome, left, gate = gates_in_flight(
@@ -290,6 +482,28 @@ def follow(
             furthest = max(furthest, x)
             if until > 0.0:
                 moved = True
+            if effects is not None:
+                vx, vz = air_drag.slowed(resistance, vx, vz, until - 0.5 * limit)
+                if effects.stand.form != trees.OFF:
+                    to_stem -= stem_rate * abs(x - came_from)
+                    if gate < 0 and hit < 0 and at_stem:
+                        full = 0.5 * (vx * vx + vz * vz + inert * omega * omega) * block.mass
+                        taken = trees.stem_loss(effects.stand, block.key, stems_met, stem_cell)
+                        stems_met += 1
+                        to_stem = trees.to_next_stem(block.key, stems_met)
+                        kept = math.sqrt(max(1.0 - taken / full, 0.0)) if full > 0.0 else 1.0
+                    else:
+                        kept = trees.left_by_viscous(effects.stand, stem_cell, block.mass, until)
+                    vx *= kept
+                    vz *= kept
+                    omega *= kept
+                if cut and gate < 0 and hit < 0:
+                    # The same flight goes on, and is one event.
+                    clear_from = max(clear_from - until, 0.0)
+                    steps += 1
+                    if steps < _STEPS_PER_EVENT * physics.max_events:
+                        events -= 1
+                    continue
             clear_from = 0.0
             skip_to = int(np.int64(-1))
             if gate >= 0:
@@ -350,17 +564,74 @@ def follow(
                     p = uz / ux * (1.0 - u)
                     mz = 1.0 / math.sqrt(1.0 + p * p)
                     mx = -p * mz
+                before = energy
+                rule = physics.eta_rule
+                friction = row[3]
+                if effects is not None:
+                    kind = profile.ground[seg]
+                    if effects.rough.form != roughness.OFF and effects.rough.on[kind]:
+                        turn = roughness.tilt(effects.rough, block.key, impacts, radius)
+                        # Positive tilts rise towards where the rock comes from going.
+                        turn = turn if vx >= 0.0 else -turn
+                        cosine = math.cos(turn)
+                        sine = math.sin(turn)
+                        rx = cosine * mx - sine * mz
+                        rz = cosine * mz + sine * mx
+                        if vx * rx + vz * rz < 0.0 and rz > 0.0:
+                            mx = rx
+                            mz = rz
+                    if effects.soft.form == soft_ground.SLIP and effects.soft.on[kind]:
+                        rule = COULOMB
+                        friction = effects.soft.friction
                 px, py, _ = frame_of(a, b, st * mz + ct * mx, ct * mz - st * mx)
                 if noting:
                     _note(course, IMPACT, t, x, z, vx, vz, theta, omega, seg, mz, -mx)
                 wt, wn, omega = impact(
                     px, py, inert, vx * mz - vz * mx, vx * mx + vz * mz, omega, row[0],
-                    physics.eta_rule, row[3],
+                    rule, friction,
                 )  # fmt: skip
+                if effects is not None:
+                    kind = profile.ground[seg]
+                    if effects.soft.on[kind]:
+                        into = -(vx * mx + vz * mz)
+                        if effects.soft.form == soft_ground.VELOCITY_SCALED and wn > 0.0:
+                            wn *= soft_ground.rebound_left(effects.soft, into)
+                        elif effects.soft.form == soft_ground.SCAR:
+                            kept = math.sqrt(
+                                soft_ground.scar_energy_left(effects.soft, block.mass, radius, into)
+                            )
+                            wt *= kept
+                            wn *= kept
+                            omega *= kept
+                    if rock_shape.lands_flat(effects.shape, block.key, impacts, b, block.c):
+                        omega = 0.0
                 vx = wt * mz + wn * mx
                 vz = wn * mz - wt * mx
                 wt = vx * ux + vz * uz
                 wn = vx * nx + vz * nz
+                if effects is not None and births is not None:
+                    kind = profile.ground[seg]
+                    lost = before - 0.5 * (vx * vx + vz * vz + inert * omega * omega)
+                    # Blocks set in motion set off no others: a chain would have no end.
+                    first = birth is None or birth.size == 0
+                    if (
+                        first
+                        and effects.set_off.form != entrainment.OFF
+                        and effects.set_off.on[kind]
+                    ):
+                        _set_off(
+                            effects, births, block, impacts, lost * block.mass, x, z,
+                            1 if vx >= 0.0 else -1, tx[seg], tz[seg],
+                        )  # fmt: skip
+                    if (
+                        effects.breaking.form != fragmentation.OFF
+                        and fragmentation.breaks(effects.breaking, block.key, impacts, lost)
+                        and _bear_pieces(
+                            effects, births, block, impacts, x, z, vx, vz, theta, omega
+                        )
+                    ):
+                        reason = BROKEN
+                        break
                 if wn > 1e-12:
                     phase = FLIGHT
                     continue
@@ -470,6 +741,19 @@ def follow(
             way_len = min(max(((sx[n] if way > 0 else sx[0]) - x) / (way * ux), 0.0), way_len)
             end_x = x + way * ux * way_len
             what = PROFILE_END
+        if effects is not None and effects.stand.form != trees.OFF:
+            stem_cell, gap = _to_border(pieces, piece, x, way)
+            stem_rate = trees.stems_per_metre(effects.stand, stem_cell, width)
+            at_stem = stem_rate * gap >= to_stem
+            if at_stem:
+                gap = to_stem / stem_rate
+            if gap < way_len * ux:
+                way_len = gap / ux
+                end_x = x + way * gap
+                what = PART
+            else:
+                at_stem = False
+        came_from = x
         v2 = v * v
         dv2 = 2.0 * pull * way_len
         if what == STOP:
@@ -497,6 +781,7 @@ def follow(
             0.5 * inert * dspin2, chord,
         )  # fmt: skip
         new_v = math.sqrt(max(v2 + dv2, 0.0))
+        began = t
         fast2 = max(v2, v2 + dv2)
         top_speed = max(top_speed, math.sqrt(fast2))
         top_energy = max(top_energy, 0.5 * fast2 + 0.5 * inert * max(spin2, spin2 + dspin2))
@@ -514,6 +799,18 @@ def follow(
             theta -= way * way_len / roll_radius
             omega = way * math.sqrt(max(spin2 + dspin2, 0.0))
         v = new_v
+        if effects is not None and effects.stand.form != trees.OFF:
+            to_stem -= stem_rate * abs(x - came_from)
+            if at_stem and gate < 0:
+                full = 0.5 * (v * v + inert * omega * omega) * block.mass
+                taken = trees.stem_loss(effects.stand, block.key, stems_met, stem_cell)
+                stems_met += 1
+                to_stem = trees.to_next_stem(block.key, stems_met)
+                kept = math.sqrt(max(1.0 - taken / full, 0.0)) if full > 0.0 else 1.0
+            else:
+                kept = trees.left_by_viscous(effects.stand, stem_cell, block.mass, t - began)
+            v *= kept
+            omega *= kept
         vx = way * v * ux
         vz = way * v * uz
         if gate >= 0:
@@ -528,6 +825,11 @@ def follow(
         if what == PROFILE_END:
             reason = LEFT_PROFILE
             break
+        if what == PART:
+            steps += 1
+            if steps < _STEPS_PER_EVENT * physics.max_events:
+                events -= 1
+            continue
         if what == GROUND_AHEAD:
             seg = hit
             nx = hit_nx

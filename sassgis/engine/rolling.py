@@ -8,8 +8,9 @@ from sassgis.core.jit import kernel
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import normal_force
 
-# What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here.
-SEGMENT_END, STOP, TO_SLIDING, LIFT_OFF, GROUND_AHEAD, PROFILE_END = range(6)
+# What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here; PART is a
+# stretch that an effect has cut, after which the motion goes on.
+SEGMENT_END, STOP, TO_SLIDING, LIFT_OFF, GROUND_AHEAD, PROFILE_END, PART = range(7)
 
 _WIDEST = 1.5
 _SCANS = 24

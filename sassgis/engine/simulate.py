@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.core.blocks import BlockPopulation
+from sassgis.core.effects import EffectSettings
 from sassgis.core.errors import InputError
 from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.ground import GroundTable
@@ -17,9 +18,13 @@ from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate
 from sassgis.core.settings import EngineSettings
 from sassgis.engine import gates as gate_rules
 from sassgis.engine import impact as impact_rules
+from sassgis.engine.effects.build import effects_of, room_for_births
 from sassgis.engine.kernel import (
+    NO_ROOM,
     PASSAGE_COLUMNS,
+    PIECE_COLUMNS,
     ROCK_COLUMNS,
+    TOO_MANY_BIRTHS,
     CellSums,
     Exceedance,
     GateTable,
@@ -31,6 +36,9 @@ from sassgis.engine.kernel import (
     Bins as Bins,
 )
 from sassgis.engine.state import Physics
+
+#: Pieces and blocks set in motion that one rock may have.
+MOST_BIRTHS = 500
 
 #: Columns of a course of events.
 COURSE_COLUMNS = (
@@ -110,6 +118,21 @@ class ObjectCells:
 
 
 @dataclass(frozen=True, slots=True)
+class Forest:
+    """Stems on the cells of the grid.
+
+    Attributes
+    ----------
+    stems_per_m2 : float64, shape (n_rows * n_cols,)
+    diameter_m : float64, shape (n_rows * n_cols,)
+        At breast height.
+    """
+
+    stems_per_m2: FloatArray
+    diameter_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class Window:
     """A disk of cells around each cell, in which a rock counts once.
 
@@ -167,6 +190,8 @@ class Simulated:
     window_sums, objects : dict
         "exceed" and "exceed_square" with a row for each window, each object.
     rocks : ROCK_DTYPE, shape (n_lines * n_rocks,)
+    pieces : ROCK_DTYPE
+        Pieces of broken rocks and blocks set in motion, numbered from 1 in each rock's course.
     passages : PASSAGE_DTYPE
     courses : tuple of float64 arrays, shape (n_events, 11)
         Course of each rock, columns COURSE_COLUMNS; empty unless asked for.
@@ -178,6 +203,7 @@ class Simulated:
     window_sums: dict[str, IntArray]
     objects: dict[str, IntArray]
     rocks: NDArray[np.void]
+    pieces: NDArray[np.void]
     passages: NDArray[np.void]
     courses: tuple[FloatArray, ...]
 
@@ -310,6 +336,8 @@ def simulate(
     first_rock: int = 0,
     bins: Bins | None = None,
     course_events: int = 0,
+    effects: EffectSettings | None = None,
+    forest: Forest | None = None,
 ) -> Simulated:
     """Follow rocks down profiles.
 
@@ -342,6 +370,10 @@ def simulate(
         ``default_bins()``.
     course_events : int
         Events to keep of each rock's course.
+    effects : EffectSettings, optional
+        What the model of 1986 leaves out. A rock and its pieces count once in each cell.
+    forest : Forest, optional
+        For the effect of trees.
 
     Returns
     -------
@@ -397,37 +429,57 @@ def simulate(
         np.array([g.height_m for g in gates.gates], np.float64),
         1e3 * np.array([g.capacity_kj for g in gates.gates], np.float64),
     )
-    sums = empty_sums(cells.size, bins)
-    reach = no_exceedance(cells.size, bins)
-    object_reach = no_exceedance(objects.n_objects, bins)
     centres, windows = _windows(window, cells)
-    window_reach = no_exceedance(centres.size, bins)
+    effects = effects or EffectSettings()
+    stems = forest.stems_per_m2[cells] if forest is not None else np.zeros(0)
+    diameter = forest.diameter_m[cells] if forest is not None else np.zeros(0)
+    made = effects_of(effects, table, stems, diameter)
     n = n_lines * rocks_per_line
     rocks = np.zeros((n, ROCK_COLUMNS))
-    passages = np.zeros((max(gates.chainage.size * rocks_per_line, 1), PASSAGE_COLUMNS))
     events = np.zeros((n, course_events, len(COURSE_COLUMNS)))
     event_counts = np.zeros(n, np.int64)
-    filled = run_lines(
-        lines,
-        table.array(),
-        blocks.array(),
-        _physics(settings),
-        gate_table,
-        bins,
-        np.uint64(seed),
-        first_rock,
-        rocks_per_line,
-        sums,
-        reach,
-        windows,
-        window_reach,
-        objects.under(cells),
-        object_reach,
-        rocks,
-        passages,
-        events,
-        event_counts,
-    )
+    room = 1
+    while True:
+        sums = empty_sums(cells.size, bins)
+        reach = no_exceedance(cells.size, bins)
+        object_reach = no_exceedance(objects.n_objects, bins)
+        window_reach = no_exceedance(centres.size, bins)
+        passages = np.zeros((max(room * gates.chainage.size * rocks_per_line, 1), PASSAGE_COLUMNS))
+        pieces = np.zeros((room * n if made is not None else 0, PIECE_COLUMNS))
+        filled, born = run_lines(
+            lines,
+            table.array(),
+            blocks.array(),
+            _physics(settings),
+            gate_table,
+            bins,
+            np.uint64(seed),
+            first_rock,
+            rocks_per_line,
+            sums,
+            reach,
+            windows,
+            window_reach,
+            objects.under(cells),
+            object_reach,
+            rocks,
+            passages,
+            events,
+            event_counts,
+            made,
+            None if made is None else room_for_births(MOST_BIRTHS, effects),
+            pieces,
+        )
+        if born != NO_ROOM:
+            break
+        room *= 4
+    if born == TOO_MANY_BIRTHS:
+        raise InputError(
+            "a rock has too many pieces and blocks set in motion",
+            field="effects",
+            found=f"more than {MOST_BIRTHS} in the course of one rock",
+            expected="fewer pieces, a larger smallest piece, or fewer blocks per impact",
+        )
     return Simulated(
         cells=cells,
         sums=_columns(sums, reach),
@@ -435,6 +487,7 @@ def simulate(
         window_sums=_exceedance(window_reach),
         objects=_exceedance(object_reach),
         rocks=_rock_rows(rocks, lines.number, first_rock, rocks_per_line),
+        pieces=_piece_rows(pieces[:born]),
         passages=_passage_rows(passages[:filled]),
         courses=tuple(events[i, : event_counts[i]] for i in range(n)) if course_events else (),
     )
@@ -448,7 +501,14 @@ def _rock_rows(
     out["rock"] = np.tile(
         np.arange(first_rock, first_rock + rocks_per_line, dtype=np.int32), numbers.size
     )
-    for i, name in enumerate(list(ROCK_DTYPE.names or ())[2:]):
+    for i, name in enumerate(list(ROCK_DTYPE.names or ())[3:]):
+        out[name] = rows[:, i]
+    return out
+
+
+def _piece_rows(rows: FloatArray) -> NDArray[np.void]:
+    out = np.zeros(rows.shape[0], ROCK_DTYPE)
+    for i, name in enumerate(ROCK_DTYPE.names or ()):
         out[name] = rows[:, i]
     return out
 

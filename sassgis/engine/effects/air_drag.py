@@ -1,0 +1,54 @@
+"""Drag of the air in flight."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from sassgis.core.jit import kernel
+
+OFF, CONSTANT, SPHERICITY = 0, 1, 2
+#: C_d of a sphere in fast flow, on which the sphericity works.
+SPHERE = 0.43
+
+
+class Drag(NamedTuple):
+    """core.effects.AirDrag as the kernel reads it."""
+
+    form: int
+    coefficient: float
+    density: float
+    step: float  # longest flight between two turns of drag (s)
+
+
+@kernel
+def sphericity(a: float, b: float, c: float) -> float:
+    """Surface of the sphere of equal volume over that of the ellipsoid (Thomsen's formula)."""
+    p = 1.6075
+    mean = ((a * b) ** p + (a * c) ** p + (b * c) ** p) / 3.0
+    return float((a * b * c) ** (2.0 / 3.0) / mean ** (1.0 / p))
+
+
+@kernel
+def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
+    """K of the deceleration K v² (1/m): ½ ρ C_d A / m, A the mean section of the tumbling block.
+
+    The mean shadow of a convex body is a quarter of its surface (Cauchy).
+    """
+    if drag.form == OFF:
+        return 0.0
+    coefficient = drag.coefficient
+    round_ = sphericity(a, b, c)
+    if drag.form == SPHERICITY:
+        away = max(-math.log10(round_), 0.0)
+        coefficient *= 10.0 ** (1.8148 * away**0.5743)
+    section = math.pi * (a * b * c) ** (2.0 / 3.0) / round_
+    return 0.5 * drag.density * coefficient * section / mass
+
+
+@kernel
+def slowed(factor: float, vx: float, vz: float, time: float) -> tuple[float, float]:
+    """Velocity after drag alone has acted for a time: v / (1 + K v t), exact."""
+    size = math.sqrt(vx * vx + vz * vz)
+    over = 1.0 / (1.0 + factor * size * time)
+    return vx * over, vz * over

@@ -1,0 +1,33 @@
+"""The third axis of a block."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sassgis.core.jit import kernel
+from sassgis.engine import rng
+
+OFF, FLAT_LANDING, MEAN_INERTIA = 0, 1, 2
+
+
+class Shape(NamedTuple):
+    """core.effects.RockShape as the kernel reads it."""
+
+    form: int
+    strength: float
+
+
+@kernel
+def tumbling_inertia(a: float, b: float, c: float) -> float:
+    """Mean of the three moments of inertia per unit mass (m²)."""
+    return 2.0 / 15.0 * (a * a + b * b + c * c)
+
+
+@kernel
+def lands_flat(shape: Shape, key: np.uint64, number: int, b: float, c: float) -> bool:
+    """Whether an impact falls on the flat side of the block."""
+    if shape.form != FLAT_LANDING:
+        return False
+    return bool(rng.uniform(key, rng.LANDING, number) < shape.strength * (1.0 - c / b))

@@ -1,0 +1,76 @@
+"""Stems of a forest along the way of a block."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.jit import kernel
+from sassgis.engine import rng
+
+OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
+
+
+class Stand(NamedTuple):
+    """core.effects.Trees as the kernel reads it, and the forest on the cells of the chunk."""
+
+    form: int
+    efficiency: float
+    drag: float  # kg/s
+    height: float  # m
+    stems: NDArray[np.float64]  # (n_cells,) per m²
+    diameter: NDArray[np.float64]  # (n_cells,) at breast height (m)
+
+
+@kernel
+def stems_per_metre(stand: Stand, cell: int, width: float) -> float:
+    """Stems that a block of some width meets on a metre of its way in plan.
+
+    A stem is met if its axis lies within half the width of block and stem from the way.
+    """
+    if cell < 0 or stand.form == OFF or stand.form == VISCOUS:
+        return 0.0
+    return float(stand.stems[cell] * (width + stand.diameter[cell]))
+
+
+@kernel
+def to_next_stem(key: np.uint64, number: int) -> float:
+    """Stems that are expected up to the next one that is met: exponential with mean 1."""
+    return -math.log(rng.uniform(key, rng.STEM_DISTANCE, number))
+
+
+@kernel
+def share_taken(offset: float) -> float:
+    """Share of the energy of a stem that a hit takes, by its distance from the middle.
+
+    Dorren and Berger (2006), with the constants as Rockyfor3D has them (from memory).
+
+    Parameters
+    ----------
+    offset : float
+        Distance of the way from the axis of the stem over half the diameter of the stem, limited
+        to 1: a block that comes from the side grazes it.
+    """
+    share = -0.046 + (0.98 + 0.046) / (1.0 + 10.0 ** ((0.58 - offset) * -8.007))
+    return min(max(share, 0.0), 1.0)
+
+
+@kernel
+def stem_loss(stand: Stand, key: np.uint64, number: int, cell: int) -> float:
+    """Energy that a stem takes (J)."""
+    centimetres = 100.0 * stand.diameter[cell]
+    most = 38.7 * centimetres**2.31 * stand.efficiency
+    if stand.form == STEMS:
+        return float(most * share_taken(rng.uniform(key, rng.STEM_OFFSET, number)))
+    return float(most)
+
+
+@kernel
+def left_by_viscous(stand: Stand, cell: int, mass: float, time: float) -> float:
+    """Share of the speed that the viscous forest leaves after a time."""
+    if cell < 0 or stand.form != VISCOUS or stand.stems[cell] <= 0.0:
+        return 1.0
+    return math.exp(-stand.drag * time / mass)
