@@ -256,6 +256,16 @@ def road_axis(u: FloatArray) -> FloatArray:
     return foot + 6.0 + 20.0 * np.exp(-np.square((u - GULLY_U + 5.0) / 130.0))
 
 
+def talus_edge(u: FloatArray) -> FloatArray:
+    """Down-slope place v where the talus ends at u, without its small bays."""
+    return gaussian_along(lambda line: edges(line).talus_end, u, 60.0)
+
+
+def track_axis(u: FloatArray) -> FloatArray:
+    """Down-slope place v of the forest track at u: below the talus and round the cone."""
+    return talus_edge(u) + 14.0 + 48.0 * np.exp(-np.square((u - GULLY_U + 5.0) / 85.0))
+
+
 def with_road(u: FloatArray, v: FloatArray, z: FloatArray) -> FloatArray:
     """Bench the road into the foot: flat over its width, banks that run out on both sides."""
     line = np.arange(-200.0, 1200.0, 4.0)
@@ -389,16 +399,16 @@ def valley_releases() -> list[dict[str, Any]]:
 # the time that each of them is there. Like all of the sample, invented.
 BUILDINGS = (
     (150.0, 26.0, 18.0, 11.0, 8.0, 750_000.0, 4.0, 0.60),
-    (182.0, 44.0, 14.0, 10.0, -12.0, 480_000.0, 2.0, 0.70),
+    (190.0, -62.0, 14.0, 10.0, -12.0, 480_000.0, 2.0, 0.70),
     (228.0, 22.0, 24.0, 12.0, 3.0, 1_400_000.0, 12.0, 0.55),
-    (395.0, 21.0, 16.0, 10.0, 20.0, 620_000.0, 3.0, 0.65),
-    (660.0, 24.0, 20.0, 12.0, -6.0, 900_000.0, 5.0, 0.60),
+    (394.0, -52.0, 16.0, 10.0, 20.0, 620_000.0, 3.0, 0.65),
+    (650.0, -48.0, 20.0, 12.0, -6.0, 900_000.0, 5.0, 0.60),
     (702.0, -38.0, 12.0, 9.0, 15.0, 90_000.0, 1.0, 0.05),
 )
 
 
 def valley_buildings() -> list[dict[str, Any]]:
-    """Houses by the road, one of them above it."""
+    """Two houses by the road; by the track one behind each barrier, one behind none; a barn."""
     rows = []
     for number, (u, off, length, width, turn, value, people, share) in enumerate(
         BUILDINGS, start=1
@@ -420,14 +430,14 @@ def valley_buildings() -> list[dict[str, Any]]:
 
 
 def valley_lines() -> dict[str, list[dict[str, Any]]]:
-    """Road, stations and barriers."""
+    """Road, track, stations and barriers."""
     u = np.arange(-330.0, 1240.0, 15.0)
     frame = box(WEST, SOUTH, WEST + WIDTH, SOUTH + HEIGHT)
     across = np.arange(60.0, 801.0, 15.0)
     upper = gaussian_along(
         lambda line: 0.7 * edges(line).toe + 0.3 * edges(line).talus_end, across, 40.0
     )
-    net_u, wall_u = np.arange(295.0, 476.0, 10.0), np.arange(615.0, 756.0, 10.0)
+    net_u, wall_u = np.arange(310.0, 481.0, 10.0), np.arange(565.0, 691.0, 10.0)
     return {
         "road": [
             {
@@ -440,6 +450,19 @@ def valley_lines() -> dict[str, list[dict[str, Any]]]:
                 "persons_per_vehicle": 1.5,
                 "vehicle_chf": 25_000.0,
                 "geometry": line_on_map(u, road_axis(u)).intersection(frame),
+            }
+        ],
+        "track": [
+            {
+                "name": "forest track",
+                "width_m": 3.0,
+                "chf_per_m": 300.0,
+                "traffic_per_day": 25.0,
+                "speed_kmh": 15.0,
+                "vehicle_m": 5.0,
+                "persons_per_vehicle": 1.3,
+                "vehicle_chf": 40_000.0,
+                "geometry": line_on_map(u, track_axis(u)).intersection(frame),
             }
         ],
         "stations": [
@@ -455,7 +478,7 @@ def valley_lines() -> dict[str, list[dict[str, Any]]]:
                 "kind": "net",
                 "height_m": 4.0,
                 "capacity_kj": 2000.0,
-                "geometry": line_on_map(net_u, road_axis(net_u) - 34.0),
+                "geometry": line_on_map(net_u, talus_edge(net_u) - 4.0),
             }
         ],
         "wall": [
@@ -463,7 +486,7 @@ def valley_lines() -> dict[str, list[dict[str, Any]]]:
                 "name": "wall Nord",
                 "kind": "wall",
                 "height_m": 3.0,
-                "geometry": line_on_map(wall_u, road_axis(wall_u) - 22.0),
+                "geometry": line_on_map(wall_u, track_axis(wall_u) - 10.0),
             }
         ],
     }
@@ -501,7 +524,7 @@ axis_1_m = [0.30, 0.60]
 axis_2_m = [0.25, 0.50]
 axis_3_m = [0.20, 0.40]
 density_kgm3 = [2600.0, 2750.0]
-onset_frequency = 0.5                 # an example: blocks a year in each release area
+onset_frequency = 0.2                 # an example: blocks a year in each release area
 
 [[blocks]]
 name = "rare"
@@ -533,6 +556,7 @@ name_field = "name"
 
 [hazard]
 preset = "ch-federal"
+ref_width_m = 10.0                    # about a house and a block
 
 # Values, people and traffic are attributes of the layers; they are invented, as the table is.
 [risk]
@@ -552,6 +576,20 @@ presence_field = "presence"
 name = "road"
 kind = "road"
 file = "road.gpkg"
+name_field = "name"
+segment_m = 50.0
+value_per_m_field = "chf_per_m"
+damage_length_m = 5.0
+traffic_per_day_field = "traffic_per_day"
+speed_kmh_field = "speed_kmh"
+vehicle_length_m_field = "vehicle_m"
+persons_per_vehicle_field = "persons_per_vehicle"
+vehicle_value_field = "vehicle_chf"
+
+[[objects]]
+name = "track"
+kind = "road"
+file = "track.gpkg"
 name_field = "name"
 segment_m = 50.0
 value_per_m_field = "chf_per_m"

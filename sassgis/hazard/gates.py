@@ -86,6 +86,22 @@ class GateSums:
             np.minimum.at(self._least[q], gate, values)
             np.maximum.at(self._most[q], gate, values)
 
+    def add_sums(self, other: GateSums, numbers: IntArray) -> None:
+        """Join the counts of other rocks.
+
+        Parameters
+        ----------
+        other : GateSums
+        numbers : int64, shape (n_gates of ``other``,)
+            Position in ``gates`` of each gate of ``other``; each once.
+        """
+        self._outcomes[numbers] += other._outcomes
+        for q in QUANTITIES:
+            self._counts[q][numbers] += other._counts[q]
+            self._sum[q][numbers] += other._sum[q]
+            self._least[q][numbers] = np.minimum(self._least[q][numbers], other._least[q])
+            self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
+
     def outcomes(self, gate: int) -> dict[Outcome, int]:
         """How many rocks fared how at a gate (position in ``gates``)."""
         return {o: int(self._outcomes[gate, o]) for o in Outcome}

@@ -16,8 +16,9 @@ from sassgis.core.grid import Grid
 from sassgis.core.ground import GroundTable
 from sassgis.core.results import Gate
 from sassgis.io.config import Config, profile_gates
-from sassgis.io.dem import crs_name, read_dem
+from sassgis.io.dem import crs_name
 from sassgis.io.ground import built_in_table, default_class, ground_raster, read_ground_table
+from sassgis.io.mosaic import read_terrain
 from sassgis.io.profile_csv import check_on_profile, read_profile
 from sassgis.io.sections import ReleaseSettings
 from sassgis.io.vectors import ReleaseArea, read_gates, read_release
@@ -180,7 +181,7 @@ def check_inputs(config: Config) -> InputReport:
             gates = tuple(gate for gate, _ in profile_gates(config))
             profile, shares = _profile(config, table)
         else:
-            grid = read_dem(
+            grid = read_terrain(
                 config.dem_path,
                 crs=config.terrain.crs,
                 vertical_datum=config.terrain.vertical_datum,

@@ -8,6 +8,7 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from pyproj.exceptions import CRSError, ProjError
 from rasterio.enums import ColorInterp, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError, RasterioIOError
 from rasterio.warp import reproject
+from rasterio.windows import Window
 
 from sassgis.core.errors import InputError
 from sassgis.core.grid import FloatArray, Grid
@@ -45,6 +47,71 @@ _SQUARE_TOLERANCE = 0.01
 _AREA_MARGIN_DEG = 1.0
 #: Departure of the map scale from 1 that draws a warning, and that is refused.
 _SCALE_WARNING, _SCALE_ERROR = 0.005, 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class DemFile:
+    """A raster of heights that can be used, before its heights are read.
+
+    Attributes
+    ----------
+    file : Path
+    band : int
+        Number of the band with the heights.
+    transform : Affine
+        From columns and rows to coordinates (m).
+    shape : (n_rows, n_cols)
+    crs : str
+        Well-known text of the projected system; empty for local coordinates.
+    vertical_datum : str
+    vertical_unit : float
+        Metres per unit of the height system.
+    """
+
+    file: Path
+    band: int
+    transform: Affine
+    shape: tuple[int, int]
+    crs: str
+    vertical_datum: str
+    vertical_unit: float
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the cells are square with north up, so that parts can be read as they are."""
+        return _is_square(self.transform, self.shape)
+
+
+def describe_dem(
+    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+) -> DemFile:
+    """What a terrain model is, without its heights; parameters and errors are those of read_dem."""
+    file = Path(path)
+    with open_raster(file, "terrain.dem") as dataset:
+        return _described(dataset, file, crs, vertical_datum)
+
+
+def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
+    """Heights (m) of some rows and columns of a raster with square cells and north up.
+
+    Parameters
+    ----------
+    dem : DemFile
+    rows, cols : slice
+        Within the raster.
+
+    Returns
+    -------
+    float64, shape (n_rows, n_cols)
+        NaN for nodata.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or holds heights that do not occur on Earth.
+    """
+    with open_raster(dem.file, "terrain.dem") as dataset:
+        return _heights(dataset, dem, Window.from_slices(rows, cols))
 
 
 def read_dem(
@@ -76,19 +143,17 @@ def read_dem(
     """
     file = Path(path)
     with open_raster(file, "terrain.dem") as dataset:
-        band = _height_band(dataset, file)
-        if min(dataset.shape) < 3:
-            raise InputError(
-                "is too small for slopes",
-                file=file,
-                found=f"{dataset.height} rows x {dataset.width} columns",
-                expected="at least 3 x 3 cells",
-            )
-        transform = _transform(dataset, file)
-        bounds = _outer_bounds(transform, dataset.shape)
-        plane, datum, vertical_unit = _system(dataset, file, crs, vertical_datum, bounds)
-        values = _heights(dataset, band, file, vertical_unit)
-    values, transform = _north_up(values, transform)
+        dem = _described(dataset, file, crs, vertical_datum)
+        values = _heights(dataset, dem)
+    if not np.isfinite(values).any():
+        raise InputError(
+            "holds no height at all",
+            file=file,
+            field=f"band {dem.band}",
+            found=f"{values.size} cells, all nodata",
+            expected="heights",
+        )
+    values, transform = _north_up(values, dem.transform)
     if not _is_square(transform, values.shape):
         values, transform = _squared(values, transform, file)
         if not np.isfinite(values).any():
@@ -98,9 +163,25 @@ def read_dem(
         west=transform.c,
         north=transform.f,
         cell_size=(transform.a - transform.e) / 2.0,
-        crs="" if plane is None else plane.to_wkt(),
-        vertical_datum=datum,
+        crs=dem.crs,
+        vertical_datum=dem.vertical_datum,
     )
+
+
+def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | None) -> DemFile:
+    band = _height_band(dataset, file)
+    if min(dataset.shape) < 3:
+        raise InputError(
+            "is too small for slopes",
+            file=file,
+            found=f"{dataset.height} rows x {dataset.width} columns",
+            expected="at least 3 x 3 cells",
+        )
+    transform = _transform(dataset, file)
+    bounds = _outer_bounds(transform, dataset.shape)
+    plane, datum, vertical_unit = _system(dataset, file, crs, vertical_datum, bounds)
+    wkt = "" if plane is None else plane.to_wkt()
+    return DemFile(file, band, transform, dataset.shape, wkt, datum, vertical_unit)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -454,15 +535,16 @@ def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> f
     return unit
 
 
-def _heights(dataset: Any, band: int, file: Path, vertical_unit: float) -> FloatArray:
+def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArray:
     """Heights in metres in the order of the file; NaN for nodata."""
-    unit = _height_unit(dataset, band, file, vertical_unit)
+    file, band = dem.file, dem.band
+    unit = _height_unit(dataset, band, file, dem.vertical_unit)
     try:
-        raw = dataset.read(band, masked=True)
+        raw = dataset.read(band, masked=True, window=part)
         # GDAL takes transparency for a mask only where it is stored as bytes.
         for other, kind in enumerate(dataset.colorinterp, start=1):
             if kind == ColorInterp.alpha:
-                raw = np.ma.masked_where(dataset.read(other) == 0, raw)
+                raw = np.ma.masked_where(dataset.read(other, window=part) == 0, raw)
     except (RasterioIOError, RasterioError, OSError) as error:
         raise InputError(
             "cannot be read to the end",
@@ -473,19 +555,12 @@ def _heights(dataset: Any, band: int, file: Path, vertical_unit: float) -> Float
         ) from None
     values = np.array(raw.data, dtype=np.float64)
     values[np.ma.getmaskarray(raw)] = np.nan
-    _refuse_infinite(values, file, band)
+    first = (0, 0) if part is None else (int(part.row_off), int(part.col_off))
+    _refuse_infinite(values, file, band, first)
     scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]
     values *= scale * unit
     values += offset * unit
     known = np.isfinite(values)
-    if not known.any():
-        raise InputError(
-            "holds no height at all",
-            file=file,
-            field=f"band {band}",
-            found=f"{values.size} cells, all nodata",
-            expected="heights",
-        )
     absurd = known & ((values < _LOWEST_M) | (values > _HIGHEST_M))
     if absurd.any():
         row, col = np.unravel_index(int(np.argmax(absurd)), values.shape)
@@ -494,8 +569,8 @@ def _heights(dataset: Any, band: int, file: Path, vertical_unit: float) -> Float
             "holds heights that do not occur on Earth, probably nodata that is not declared",
             file=file,
             field=f"band {band}",
-            found=f"{int(absurd.sum())} cells, "
-            f"the first {stored:g} at row {row + 1}, column {col + 1}",
+            found=f"{int(absurd.sum())} cells, the first {stored:g} at "
+            f"row {row + first[0] + 1}, column {col + first[1] + 1}",
             expected=f"heights from {_LOWEST_M:g} to {_HIGHEST_M:g} m; "
             f"declare nodata with gdal_edit.py -a_nodata {stored:g}",
         )
@@ -520,7 +595,7 @@ def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
         )
 
 
-def _refuse_infinite(values: FloatArray, file: Path, band: int) -> None:
+def _refuse_infinite(values: FloatArray, file: Path, band: int, first: tuple[int, int]) -> None:
     infinite = np.isinf(values)
     if infinite.any():
         row, col = np.unravel_index(int(np.argmax(infinite)), values.shape)
@@ -528,7 +603,8 @@ def _refuse_infinite(values: FloatArray, file: Path, band: int) -> None:
             "holds infinite heights",
             file=file,
             field=f"band {band}",
-            found=f"{int(infinite.sum())} cells, the first at row {row + 1}, column {col + 1}",
+            found=f"{int(infinite.sum())} cells, the first at "
+            f"row {row + first[0] + 1}, column {col + first[1] + 1}",
             expected="numbers or nodata",
         )
 

@@ -325,7 +325,7 @@ def _traffic(values: Mapping[str, float], label: str, file: Path, key: str) -> T
 def _warn(placed: PlacedObjects, grid: Grid, file: Path) -> None:
     """Tell what can be used but deserves a look."""
     cells, owner = object_cells(placed, grid)
-    known = np.isfinite(grid.values.ravel()[cells])
+    known = np.isfinite(grid.values[np.divmod(cells, grid.shape[1])])
     n_known = np.bincount(owner, weights=known, minlength=len(placed))
     n_cells = np.bincount(owner, minlength=len(placed))
     told: set[str] = set()

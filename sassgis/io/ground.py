@@ -159,7 +159,9 @@ def _ground_class(where: str, row: Mapping[str, Any], file: Path) -> GroundClass
 # The map of classes
 
 
-def ground_raster(ground: GroundSettings, grid: Grid, table: GroundTable) -> NDArray[np.int32]:
+def ground_raster(
+    ground: GroundSettings, grid: Grid, table: GroundTable, whole: Grid | None = None
+) -> NDArray[np.int32]:
     """Ground class of each cell of the DEM.
 
     Parameters
@@ -170,6 +172,9 @@ def ground_raster(ground: GroundSettings, grid: Grid, table: GroundTable) -> NDA
         The terrain model.
     table
         The ground classes.
+    whole
+        The terrain model of which ``grid`` is a part: what the file holds must meet this one. Its
+        heights are not looked at.
 
     Returns
     -------
@@ -187,8 +192,8 @@ def ground_raster(ground: GroundSettings, grid: Grid, table: GroundTable) -> NDA
     if ground.file is None:
         return np.full(grid.shape, default, dtype=np.int32)
     if ground.raster_classes is not None:
-        return _from_codes(ground, ground.file, grid, table, default)
-    return _from_polygons(ground, ground.file, grid, table, default)
+        return _from_codes(ground, ground.file, grid, table, default, whole is not None)
+    return _from_polygons(ground, ground.file, grid, table, default, whole or grid)
 
 
 def default_class(ground: GroundSettings, table: GroundTable) -> int:
@@ -211,7 +216,12 @@ def _class_index(name: str, table: GroundTable, who: str, file: Path | None, fie
 
 
 def _from_polygons(
-    ground: GroundSettings, file: Path, grid: Grid, table: GroundTable, default: int
+    ground: GroundSettings,
+    file: Path,
+    grid: Grid,
+    table: GroundTable,
+    default: int,
+    whole: Grid,
 ) -> NDArray[np.int32]:
     if _is_raster(file):
         raise InputError(
@@ -223,7 +233,7 @@ def _from_polygons(
     field = ground.class_field
     features = read_features(
         file,
-        grid,
+        whole,
         "ground",
         layer=ground.layer,
         fields={"class_field": field},
@@ -266,7 +276,12 @@ def _is_raster(file: Path) -> bool:
 
 
 def _from_codes(
-    ground: GroundSettings, file: Path, grid: Grid, table: GroundTable, default: int
+    ground: GroundSettings,
+    file: Path,
+    grid: Grid,
+    table: GroundTable,
+    default: int,
+    may_miss: bool,
 ) -> NDArray[np.int32]:
     classes = ground.raster_classes or {}
     indices = {
@@ -297,7 +312,7 @@ def _from_codes(
         codes, transform, there, grid.shape, Resampling.nearest, _NO_CODE, own, target
     )
     present, counts = np.unique(aligned, return_counts=True)
-    if present.tolist() == [_NO_CODE]:
+    if present.tolist() == [_NO_CODE] and not may_miss:
         raise InputError(
             "holds no ground class on the DEM",
             file=file,

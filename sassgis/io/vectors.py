@@ -98,6 +98,19 @@ class ReleaseArea:
 # Release areas
 
 
+def release_features(release: ReleaseSettings) -> list[Feature]:
+    """The release areas of a file by number and attributes; their shapes are not looked at.
+
+    Raises
+    ------
+    InputError
+        If the file, the layer or a field cannot be used.
+    """
+    file = _release_file(release)
+    frame = _open_layer(file, release.layer, "release", {"name_field": release.name_field})
+    return _without_shapes(frame)
+
+
 def release_names(release: ReleaseSettings) -> tuple[str, ...]:
     """Names of all release areas in the order of the file; their shapes are not looked at.
 
@@ -107,8 +120,8 @@ def release_names(release: ReleaseSettings) -> tuple[str, ...]:
         If the file, the layer, a field or a name cannot be used.
     """
     file = _release_file(release)
-    frame = _open_layer(file, release.layer, "release", {"name_field": release.name_field})
-    return tuple(feature_names(_without_shapes(frame), release.name_field, "area", file, "release"))
+    found = release_features(release)
+    return tuple(feature_names(found, release.name_field, "area", file, "release"))
 
 
 def _release_file(release: ReleaseSettings) -> Path:
@@ -181,13 +194,57 @@ def read_release(
         label=name_field,
         choose=chosen,
     )
-    areas = []
-    for feature, name in zip(features, named(features), strict=True):
-        _check_under(feature, feature.label(name_field), grid, file)
-        scenarios = _scenarios(feature, scenario_field, block_names, name_field, file)
-        areas.append(ReleaseArea(name, feature.geometry, scenarios))
-    _warn_of_overlaps(areas, file)
+    areas = [
+        release_area(feature, name, release, grid, block_names)
+        for feature, name in zip(features, named(features), strict=True)
+    ]
+    warn_of_overlaps(areas, file)
     return areas
+
+
+def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> Feature:
+    """One feature of the release areas, in the coordinates of the DEM.
+
+    Parameters
+    ----------
+    release
+        Section ``[release]`` of the configuration.
+    number
+        Place in the layer, counted from 1.
+    grid
+        The terrain model; its heights are not looked at.
+
+    Raises
+    ------
+    InputError
+        If the file or the feature cannot be used, or it lies outside the DEM.
+    """
+    fields = {"name_field": release.name_field, "scenario_field": release.scenario_field}
+    return read_features(
+        _release_file(release),
+        grid,
+        "release",
+        layer=release.layer,
+        fields=fields,
+        label=release.name_field,
+        choose=lambda features: [features[number - 1]],
+    )[0]
+
+
+def release_area(
+    feature: Feature, name: str, release: ReleaseSettings, grid: Grid, block_names: Sequence[str]
+) -> ReleaseArea:
+    """A release area from its feature, checked against the DEM under it.
+
+    Raises
+    ------
+    InputError
+        If it lies outside the DEM or on nodata, or names an unknown block scenario.
+    """
+    file = _release_file(release)
+    _check_under(feature, feature.label(release.name_field), grid, file)
+    scenarios = _scenarios(feature, release.scenario_field, block_names, release.name_field, file)
+    return ReleaseArea(name, feature.geometry, scenarios)
 
 
 def feature_names(
@@ -290,7 +347,7 @@ def _check_under(feature: Feature, label: str, grid: Grid, file: Path) -> None:
         )
 
 
-def _warn_of_overlaps(areas: Sequence[ReleaseArea], file: Path) -> None:
+def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Path) -> None:
     """Where areas of one scenario overlap, rocks start twice as densely."""
     shapes = [a.geometry for a in areas]
     first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")

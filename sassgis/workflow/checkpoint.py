@@ -82,23 +82,7 @@ class Checkpoint:
         if not all(self._part(i).is_file() for i in range(parts)):
             return None
         self._parts = parts
-        n_rows, n_cols = run.grid.shape
-        progress = Progress.fresh(run)
-        progress.chunks = int(state["chunks"])
-        progress.sums = MapSums.from_state(n_rows * n_cols, _group(state, "sums"))
-        progress.gates = GateSums.from_state(tuple(g for g, _ in run.gates), _group(state, "gates"))
-        progress.reasons = np.array(state["reasons"])
-        progress.runout = np.array(state["runout"])
-        progress.lost = int(state["lost"])
-        if state["furthest_m"].size:
-            line, scenario, rock = state["furthest_rock"].tolist()
-            progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
-        progress.sources = _sources(state, run)
-        lines = _group(state, "lines")
-        progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
-        rows = _group(state, "stops")
-        progress.stops = [Rows(*(rows[f] for f in _ROW_FIELDS))]
-        return progress
+        return progress_from(state, run)
 
     def hand_on(self, rows: Rows) -> None:
         """Take rows that are to be written to tables; they are saved with the next state."""
@@ -122,25 +106,8 @@ class Checkpoint:
             state: dict[str, NDArray[np.generic]] = {
                 "fingerprint": np.array(self.fingerprint),
                 "parts": np.array(self._parts),
-                "chunks": np.array(progress.chunks),
-                "reasons": progress.reasons,
-                "runout": progress.runout,
-                "lost": np.array(progress.lost),
-                "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
-                "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
             }
-            state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
-            state |= {f"gates.{k}": v for k, v in progress.gates.state().items()}
-            for (area, scenario), tally in progress.sources.items():
-                name = f"source.{area}.{scenario}"
-                state[f"{name}.rocks"] = np.array(tally.rocks)
-                state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
-                state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
-                state |= {f"{name}.gates.{k}": v for k, v in tally.gates.state().items()}
-            lines = joined_lines(progress.lines)
-            state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
-            stops = joined_rows(progress.stops)
-            state |= {f"stops.{f}": getattr(stops, f) for f in _ROW_FIELDS}
+            state |= state_of(progress)
             _write(self.folder / "state.npz", state)
 
     def rows(self) -> list[Path]:
@@ -149,6 +116,52 @@ class Checkpoint:
 
     def _part(self, number: int) -> Path:
         return self.folder / f"rows_{number:06d}.npz"
+
+
+def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
+    """Everything that has been added up, as plain arrays by name."""
+    state: dict[str, NDArray[np.generic]] = {
+        "chunks": np.array(progress.chunks),
+        "reasons": progress.reasons,
+        "runout": progress.runout,
+        "lost": np.array(progress.lost),
+        "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
+        "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
+    }
+    state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
+    state |= {f"gates.{k}": v for k, v in progress.gates.state().items()}
+    for (area, scenario), tally in progress.sources.items():
+        name = f"source.{area}.{scenario}"
+        state[f"{name}.rocks"] = np.array(tally.rocks)
+        state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
+        state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
+        state |= {f"{name}.gates.{k}": v for k, v in tally.gates.state().items()}
+    lines = joined_lines(progress.lines)
+    state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
+    stops = joined_rows(progress.stops)
+    state |= {f"stops.{f}": getattr(stops, f) for f in _ROW_FIELDS}
+    return state
+
+
+def progress_from(state: dict[str, Any], run: MapRun) -> Progress:
+    """The progress of a run from its state."""
+    n_rows, n_cols = run.grid.shape
+    progress = Progress.fresh(run)
+    progress.chunks = int(state["chunks"])
+    progress.sums = MapSums.from_state(n_rows * n_cols, _group(state, "sums"))
+    progress.gates = GateSums.from_state(tuple(g for g, _ in run.gates), _group(state, "gates"))
+    progress.reasons = np.array(state["reasons"])
+    progress.runout = np.array(state["runout"])
+    progress.lost = int(state["lost"])
+    if state["furthest_m"].size:
+        line, scenario, rock = state["furthest_rock"].tolist()
+        progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
+    progress.sources = _sources(state, run)
+    lines = _group(state, "lines")
+    progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
+    rows = _group(state, "stops")
+    progress.stops = [Rows(*(rows[f] for f in _ROW_FIELDS))]
+    return progress
 
 
 def read_rows(part: Path) -> Rows:

@@ -8,12 +8,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sassgis.core.errors import ConfigError
+from sassgis.core.grid import FloatArray, Grid
+from sassgis.core.ground import GroundTable
+from sassgis.core.results import Gate
 from sassgis.io.config import Config
-from sassgis.io.dem import read_dem
 from sassgis.io.ground import ground_raster, read_ground_table
-from sassgis.io.vectors import read_gates, read_release
+from sassgis.io.mosaic import read_terrain
+from sassgis.io.vectors import ReleaseArea, read_gates, read_release
 from sassgis.terrain.fall_lines import FallLineSettings
 from sassgis.terrain.spread import SpreadSettings
 from sassgis.workflow.map_run import MapRun
@@ -68,20 +72,33 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
             "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
         )
     terrain = config.terrain
-    grid = read_dem(config.dem_path, terrain.crs, terrain.vertical_datum)
+    grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
     chosen = read_release(config.release, grid, config.block_names, areas)
     table = read_ground_table(config.ground.classes)
+    ground = ground_raster(config.ground, grid, table)
+    return map_run_of(config, grid, ground, table, chosen, read_gates(config, grid))
+
+
+def map_run_of(
+    config: Config,
+    grid: Grid,
+    ground: NDArray[np.int32],
+    table: GroundTable,
+    areas: Sequence[ReleaseArea],
+    gates: Sequence[tuple[Gate, FloatArray]],
+) -> MapRun:
+    """A run with the settings of the configuration and inputs that have been read."""
     return MapRun(
         grid=grid,
-        ground=ground_raster(config.ground, grid, table),
+        ground=ground,
         table=table,
-        areas=tuple(chosen),
+        areas=tuple(areas),
         blocks=config.blocks,
-        gates=tuple(read_gates(config, grid)),
+        gates=tuple(gates),
         engine=config.engine,
         fall_lines=fall_line_settings(config),
         spread=SpreadSettings(config.spread.lines_per_point, config.spread.width_percent),
-        segment_tolerance_m=terrain.segment_tolerance_m,
+        segment_tolerance_m=config.terrain.segment_tolerance_m,
         spacing_m=config.release.spacing_m,
         placement=config.release.placement,
         rocks_per_point=config.release.rocks_per_point,

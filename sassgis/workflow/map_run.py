@@ -141,6 +141,8 @@ class Plan:
     surface : Surface
     scenarios : tuple of int tuples
         Positions in ``blocks`` of the scenarios of each area.
+    rounds : tuple of int
+        Rounds of rocks of each area, where they are not those of the run for all; else empty.
     """
 
     points: ReleasePoints
@@ -148,12 +150,14 @@ class Plan:
     moved: FloatArray
     surface: Surface
     scenarios: tuple[tuple[int, ...], ...]
+    rounds: tuple[int, ...] = ()
 
     def rocks_of_point(self, run: MapRun) -> IntArray:
         """Rocks that are released at each point, shape (n,)."""
-        per_line = run.rounds * run.rocks_per_line * run.spread.lines_per_point
-        counts = np.array([len(s) for s in self.scenarios], np.int64)
-        rocks: IntArray = counts[self.points.area] * per_line
+        per_round = run.rocks_per_line * run.spread.lines_per_point
+        rounds = np.array(self.rounds or (run.rounds,) * len(self.scenarios), np.int64)
+        counts = rounds * np.array([len(s) for s in self.scenarios], np.int64)
+        rocks: IntArray = counts[self.points.area] * per_round
         return rocks
 
 

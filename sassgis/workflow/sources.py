@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sassgis.core.errors import ConfigError, InputError
@@ -35,8 +36,17 @@ class Sampled:
     gates: GateSums
 
 
-def onset_frequencies(config: Config, run: MapRun) -> dict[tuple[str, str], float]:
+def onset_frequencies(
+    config: Config, run: MapRun, known: Sequence[str] | None = None
+) -> dict[tuple[str, str], float]:
     """Blocks released per year, by release area and block scenario.
+
+    Parameters
+    ----------
+    config : Config
+    run : MapRun
+    known : sequence of str, optional
+        Names that the table of frequencies may hold; default those of the file of release areas.
 
     Raises
     ------
@@ -48,7 +58,8 @@ def onset_frequencies(config: Config, run: MapRun) -> dict[tuple[str, str], floa
     single: dict[tuple[str, str], Onset] = {}
     table = config.hazard.frequencies
     if table is not None:
-        single = read_frequencies(table, release_names(config.release), config.block_names)
+        names = release_names(config.release) if known is None else known
+        single = read_frequencies(table, names, config.block_names)
     yearly = {}
     for area in run.areas:
         for scenario in area.scenarios:

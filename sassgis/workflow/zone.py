@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sassgis.core.results import RasterLayer
 from sassgis.engine.simulate import ObjectCells
 from sassgis.hazard.curves import at_energies
 from sassgis.io.config import Config
@@ -102,14 +103,43 @@ def zone(
         job = prepared(job, rules)
         began = time.perf_counter()
         done, bare = simulations(config, work, job, rules, jobs, on_progress, tell)
-        tell("Drawing the zones")
-        found = assess(config, rules, done, bare)
-        extras = zone_extras(config, rules, found, done, work / "figures")
-        layers = write_result(work, done, areas, tell, extras)
+        found, layers, warnings = write_zones(work, rules, done, bare, areas, tell)
         seconds = time.perf_counter() - began
     result = result_of(Path(out), done, layers)
-    result = replace(result, warnings=(*extras.warnings, *result.warnings))
+    result = replace(result, warnings=(*warnings, *result.warnings))
     return ZoneResult(result, rules, found, seconds)
+
+
+def write_zones(
+    work: Path,
+    rules: Rules,
+    done: Simulation,
+    bare: Simulation | None,
+    areas: Sequence[str] | None,
+    tell: Callable[[str], None],
+) -> tuple[Assessment, tuple[RasterLayer, ...], tuple[str, ...]]:
+    """Find the zones and write everything into ``work``.
+
+    Parameters
+    ----------
+    work, done, areas, tell
+        As for sassgis.workflow.run.write_result.
+    rules : Rules
+    bare : Simulation or None
+        The same rocks without walls and nets.
+
+    Returns
+    -------
+    found : Assessment
+    layers : tuple of RasterLayer
+        The maps of the rocks.
+    warnings : tuple of str
+        Of the zoning.
+    """
+    tell("Drawing the zones")
+    found = assess(done.config, rules, done, bare)
+    extras = zone_extras(done.config, rules, found, done, work / "figures")
+    return found, write_result(work, done, areas, tell, extras), extras.warnings
 
 
 def simulations(

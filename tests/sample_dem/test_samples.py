@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -12,14 +13,20 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
+import shapely
 from rasterio.features import geometry_mask
 
+from sassgis.core.results import Outcome
 from sassgis.io.config import load_config
+from sassgis.workflow.assessment import read_rules
+from sassgis.workflow.map_run import plan, simulate_map
+from sassgis.workflow.run import read_job
+from sassgis.workflow.zone import prepared
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_dem"
 CLASSES = {"rock", "debris", "talus", "soft_meadow", "asphalt"}
-VECTORS = ("release", "ground", "road", "buildings", "stations", "net", "wall")
+VECTORS = ("release", "ground", "road", "track", "buildings", "stations", "net", "wall")
 TEXTS = (
     "valley/config.toml",
     "valley/vulnerability.csv",
@@ -126,6 +133,60 @@ def test_release_areas_lie_in_rock_and_hold_a_fair_number_of_points() -> None:
     points = releases.area.sum() / config["release"]["spacing_m"] ** 2
     assert 300 < points < 1500
     assert set(releases["scenario"]) == {b["name"] for b in config["blocks"]}
+
+
+def down_the_slope(generate: ModuleType, layer: str, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Places along the slope, ascending, and down the slope of the vertices of a feature."""
+    shapes = gpd.read_file(SAMPLES / f"valley/{layer}.gpkg").set_index("name").geometry
+    x, y = shapely.get_coordinates(shapes[name]).T
+    u, v = generate.to_slope(x, y)
+    order = np.argsort(u)
+    return u[order], v[order]
+
+
+@pytest.mark.parametrize(
+    ("house", "barrier"),
+    [("house 2", None), ("house 4", "net Mitte"), ("house 5", "wall Nord")],
+)
+def test_houses_by_the_track_lie_behind_what_they_are_said_to_lie_behind(
+    generate: ModuleType, house: str, barrier: str | None
+) -> None:
+    u, v = down_the_slope(generate, "buildings", house)
+    track = np.interp(u, *down_the_slope(generate, "track", "forest track"))
+    assert (track < v).all() and (v < track + 25.0).all()
+    behind = []
+    for layer, name in (("net", "net Mitte"), ("wall", "wall Nord")):
+        along, down = down_the_slope(generate, layer, name)
+        if along[0] < u.min() and u.max() < along[-1]:
+            assert (np.interp(u, along, down) < track - 5.0).all()
+            behind.append(name)
+    assert behind == ([barrier] if barrier else [])
+
+
+def test_rocks_come_to_barriers_houses_and_track(make_valley: Callable[..., Path]) -> None:
+    """Else the valley would show neither what a net does nor what risk is."""
+    config = load_config(make_valley(spacing_m=5.0, rocks_per_point=8))
+    job = read_job(config, None, lambda _text: None)
+    rules = read_rules(config, job.run)
+    run = prepared(job, rules).run
+    hits = np.zeros(len(rules.placed))
+    reached: dict[str, float] = {}
+    stopped: dict[str, float] = {}
+    for (area, _), tally in simulate_map(run, plan(run)).sources.items():
+        counts = tally.objects.counts()
+        hits[counts.places] += counts.count[:, 0]
+        for number, (gate, _) in enumerate(run.gates):
+            if gate.name.endswith(run.areas[area].name):
+                arrivals = tally.gates.arrivals(number)
+                reached[gate.name] = arrivals / tally.rocks
+                stopped[gate.name] = tally.gates.outcomes(number)[Outcome.STOPPED] / arrivals
+    assert set(reached) == {"net Mitte", "wall Nord"}
+    assert all(0.05 < share < 0.25 for share in reached.values())
+    assert all(0.8 < share < 1.0 for share in stopped.values())
+    hit = {o.name for o, n in zip(rules.placed.objects, hits, strict=True) if n}
+    assert {"house 2", "house 4", "house 5"} <= hit
+    assert not {"house 1", "house 3"} & hit
+    assert sum(name.startswith("forest track") for name in hit) >= 5
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""The gap between simulated and observed rocks: where, by which effect, and how far it shrinks."""
