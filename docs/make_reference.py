@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from sassgis.io.config import SECTIONS
+from sassgis.io.effect_sections import EFFECT_SECTIONS
 
 PAGE = Path(__file__).parent / "configuration.md"
 
@@ -75,6 +76,8 @@ def kind(annotation: Any) -> str:
             return "range"
         if len(parts) == 3:
             return "three ranges"
+        if parts[0] is str:
+            return "list of texts"
         return "list of points" if "tuple" in str(parts[0]) else "list of numbers"
     if origin is dict:
         return "table"
@@ -110,8 +113,9 @@ def section(name: str, model: type[BaseModel]) -> str:
     """One section of the page."""
     brackets = f"[[{name}]]" if name in _LISTS else f"[{name}]"
     lines = [f"## `{brackets}`", ""]
-    if _INTRO[name]:
-        lines += [_INTRO[name], ""]
+    intro = _INTRO.get(name, "Turns the effect on: [effects.md](effects.md).")
+    if intro:
+        lines += [intro, ""]
     lines += ["| key | kind | default | meaning |", "|---|---|---|---|"]
     lines += [row(key, field) for key, field in model.model_fields.items()]
     return "\n".join(lines)
@@ -119,7 +123,13 @@ def section(name: str, model: type[BaseModel]) -> str:
 
 def page() -> str:
     """The whole page."""
-    parts = [_HEAD.rstrip(), *(section(name, model) for name, model in SECTIONS.items())]
+    sections: dict[str, type[BaseModel]] = {}
+    for name, model in SECTIONS.items():
+        if name == "effects":
+            sections |= {f"effects.{family}": own for family, own in EFFECT_SECTIONS.items()}
+        else:
+            sections[name] = model
+    parts = [_HEAD.rstrip(), *(section(name, model) for name, model in sections.items())]
     return "\n\n".join(parts) + "\n"
 
 

@@ -274,6 +274,47 @@ class Entrainment:
 
 
 @dataclass(frozen=True, slots=True)
+class LateralDeflection:
+    """Ways in plan that leave the fall line, on the terrain.
+
+    Each rock has a way of its own, traced before it is followed: sideways it is a random walk, not
+    the outcome of its impacts.
+
+    Attributes
+    ----------
+    form : {"kicks", "constant"}
+        "kicks": over each hop the way heads at an angle to the steepest descent that is drawn anew,
+        normal with the standard deviation ``angle_deg``; tests report 5 to 20 degrees per impact.
+        "constant": each way keeps one deviation, uniform within ``width_percent`` of the length,
+        both sides together; 10 to 20 per cent are reported (Azzoni et al. 1995, Crosta and Agliardi
+        2004).
+    angle_deg : float
+    hop_m : float
+        Mean length of the hops in plan, exponential (m).
+    width_percent : float
+    lines_per_point : int
+        Ways per release point and round; 0: one for each rock.
+    """
+
+    form: Literal["kicks", "constant"] = "kicks"
+    angle_deg: float = 10.0
+    hop_m: float = 10.0
+    width_percent: float = 15.0
+    lines_per_point: int = 0
+
+    def __post_init__(self) -> None:
+        _check(
+            self,
+            {
+                "angle_deg": (0.0, 60.0),
+                "hop_m": (0.5, 1000.0),
+                "width_percent": (0.0, 100.0),
+                "lines_per_point": (0, 100_000),
+            },
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class EffectSettings:
     """The effects of a run; None is off."""
 
@@ -284,8 +325,15 @@ class EffectSettings:
     rock_shape: RockShape | None = None
     fragmentation: Fragmentation | None = None
     entrainment: Entrainment | None = None
+    lateral_deflection: LateralDeflection | None = None
 
     @property
-    def any(self) -> bool:
-        """Whether one is on."""
-        return any(getattr(self, f.name) is not None for f in dataclasses.fields(self))
+    def names(self) -> tuple[str, ...]:
+        """Those that are on."""
+        fields = dataclasses.fields(self)
+        return tuple(f.name for f in fields if getattr(self, f.name) is not None)
+
+    @property
+    def on_the_way(self) -> bool:
+        """Whether one is on that changes the course of a rock along its line."""
+        return any(name != "lateral_deflection" for name in self.names)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core import rng
 from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.jit import kernel
-from sassgis.engine import rng
 from sassgis.engine.effects.state import (
     BORN_A,
     BORN_B,
@@ -48,6 +48,7 @@ class Lines(NamedTuple):
     cell: NDArray[np.int64]
     number: NDArray[np.int64]  # of the line in the run
     key: NDArray[np.uint64]  # identity of the line for random draws
+    stratum: NDArray[np.int64]  # (n,) of the sample; lines of one stratum follow each other
     start: NDArray[np.float64]  # (n, 2) limits of the starting chainage
     gate_offset: NDArray[np.int64]
     gate_x: NDArray[np.float64]
@@ -82,7 +83,7 @@ class Exceedance(NamedTuple):
     """Rocks that came to each place (cell or object) with at least the energy of a threshold."""
 
     rocks: NDArray[np.int64]  # (n, thresholds)
-    square: NDArray[np.int64]  # sum over lines of the square of the line's number of rocks
+    square: NDArray[np.int64]  # sum over strata of the square of the stratum's number of rocks
 
 
 class CellSums(NamedTuple):
@@ -99,7 +100,7 @@ class CellSums(NamedTuple):
 
 
 class LineTally(NamedTuple):
-    """Rocks of one line by place and highest threshold that they reach; cleared after each line."""
+    """Rocks of one stratum by place and highest threshold that they reach; cleared after each."""
 
     hits: NDArray[np.uint32]  # (n, thresholds)
     came: NDArray[np.bool_]
@@ -351,7 +352,7 @@ class Event(NamedTuple):
 
     peak: NDArray[np.float64]  # (n_cells, 3), energy -1 where none has been
     touched: NDArray[np.int64]
-    count: NDArray[np.int64]  # (1,)
+    filled: NDArray[np.int64]  # (1,)
 
 
 @kernel
@@ -361,8 +362,8 @@ def _collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
         cell = work.touched[k]
         joule = work.peak[cell, 0] * mass
         if event.peak[cell, 0] < 0.0:
-            event.touched[event.count[0]] = cell
-            event.count[0] += 1
+            event.touched[event.filled[0]] = cell
+            event.filled[0] += 1
             event.peak[cell, 1] = 0.0
             event.peak[cell, 2] = 0.0
         event.peak[cell, 0] = max(event.peak[cell, 0], joule)
@@ -374,14 +375,14 @@ def _collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
 @kernel
 def _give_back(event: Event, work: CellWork) -> int:
     """Move the cells of the event to the work, as of one block of 1 kg; returns their number."""
-    n = event.count[0]
+    n = event.filled[0]
     for k in range(n):
         cell = event.touched[k]
         work.touched[k] = cell
         for i in range(3):
             work.peak[cell, i] = event.peak[cell, i]
         event.peak[cell, 0] = -1.0
-    event.count[0] = 0
+    event.filled[0] = 0
     return int(n)
 
 
@@ -519,6 +520,9 @@ def run_lines(
     n_passages = 0
     n_born = 0
     row_number = 0
+    n_line = int(np.int64(0))
+    n_line_windows = int(np.int64(0))
+    n_line_objects = int(np.int64(0))
     no_birth = np.empty(0)
     n_event = n_cells if effects is not None else 0
     event = Event(np.full((n_event, 3), -1.0), np.zeros(n_event, np.int64), np.zeros(1, np.int64))
@@ -561,9 +565,6 @@ def run_lines(
             gate_table.capacity[gate], gate,
         )  # fmt: skip
         seen = np.zeros(g1 - g0, np.bool_)
-        n_line = int(np.int64(0))
-        n_line_windows = int(np.int64(0))
-        n_line_objects = int(np.int64(0))
         for r in range(n_rocks):
             rock = first_rock + r
             key = rng.rock_key(seed, lines.key[i], rock)
@@ -603,7 +604,7 @@ def run_lines(
             if effects is not None and births is not None:
                 _collect(event, work, n_touched, block.mass)
                 born = 0
-                while born < min(births.count[0], births.rows.shape[0]):
+                while born < min(births.born[0], births.rows.shape[0]):
                     birth = births.rows[born]
                     born += 1
                     if n_passages + seen.size > passages.shape[0] or n_born >= piece_rows.shape[0]:
@@ -619,8 +620,9 @@ def run_lines(
                         n_new, n_touched,
                     ) = follow(
                         part, profile, ground_table, physics, gates, seen,
-                        passages[n_passages:, 2:], pieces, work, Course(events[0, :0], count), start,
-                        0.0, 0.0, 0.0, 0.0, effects, birth, births,
+                        passages[n_passages:, 2:], pieces, work,
+                        Course(events[0, :0], count), start, 0.0, 0.0, 0.0, 0.0, effects, birth,
+                        births,
                     )  # fmt: skip
                     for k in range(n_passages, n_passages + n_new):
                         passages[k, 0] = lines.number[i]
@@ -639,9 +641,9 @@ def run_lines(
                         top_speed, top_height, top_energy,
                     )  # fmt: skip
                     n_born += 1
-                if births.count[0] > births.rows.shape[0]:
+                if births.born[0] > births.rows.shape[0]:
                     return n_passages, TOO_MANY_BIRTHS
-                births.count[0] = 0
+                births.born[0] = 0
                 n_touched = _give_back(event, work)
                 mass = 1.0
             if window_peak.size:
@@ -655,7 +657,11 @@ def run_lines(
                     object_tally, n_line_objects,
                 )  # fmt: skip
             n_line = _flush(work, n_touched, sums, bins, mass, tally, n_line)
-        _close_line(tally, n_line, reach)
-        _close_line(window_tally, n_line_windows, window_reach)
-        _close_line(object_tally, n_line_objects, object_reach)
+        if i == n_lines - 1 or lines.stratum[i + 1] != lines.stratum[i]:
+            _close_line(tally, n_line, reach)
+            _close_line(window_tally, n_line_windows, window_reach)
+            _close_line(object_tally, n_line_objects, object_reach)
+            n_line = 0
+            n_line_windows = 0
+            n_line_objects = 0
     return n_passages, n_born

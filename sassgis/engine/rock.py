@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core import rng
 from sassgis.core.grid import FloatArray
 from sassgis.core.jit import kernel
-from sassgis.engine import rng
 from sassgis.engine.contact import next_contact, resting_height
 from sassgis.engine.effects import (
     air_drag,
@@ -235,8 +235,8 @@ def _bear(
     mass: float,
 ) -> None:
     """Add a birth; one without room is counted only."""
-    i = births.count[0]
-    births.count[0] = i + 1
+    i = births.born[0]
+    births.born[0] = i + 1
     if i < births.rows.shape[0]:
         row = births.rows[i]
         row[0] = x

@@ -333,6 +333,7 @@ def simulate(
     objects: ObjectCells | None = None,
     window: Window | None = None,
     line_numbers: IntArray | None = None,
+    strata: IntArray | None = None,
     first_rock: int = 0,
     bins: Bins | None = None,
     course_events: int = 0,
@@ -363,6 +364,9 @@ def simulate(
         In which a rock counts once with its largest energy, besides the counts by cell.
     line_numbers : int64, shape (n_lines,), optional
         Number of each line in the run; default 0, 1, 2, ...
+    strata : int64, shape (n_lines,), optional
+        Stratum of the sample of each line, over which the squares are summed; lines of one stratum
+        follow each other. Default: each line is one.
     first_rock : int
         Number of the first rock on each line.
     bins : Bins, optional
@@ -419,6 +423,7 @@ def simulate(
         cell=local,
         number=np.asarray(line_numbers, np.int64),
         key=np.asarray(line_keys, np.uint64),
+        stratum=np.asarray(np.arange(n_lines) if strata is None else strata, np.int64),
         start=starts,
         gate_offset=gates.offset,
         gate_x=gates.chainage,

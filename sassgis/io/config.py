@@ -9,35 +9,37 @@ import dataclasses
 import difflib
 import hashlib
 import json
-import re
 import textwrap
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from os import PathLike
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 from pydantic import (
     BaseModel,
     Field,
     ValidationError,
-    create_model,
 )
 
 from sassgis.core.blocks import BlockPopulation
+from sassgis.core.effects import EffectSettings
 from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.results import Gate
 from sassgis.core.settings import EngineSettings
+from sassgis.io.effect_sections import (
+    EFFECT_SECTIONS,
+    EffectsSection,
+    effect_settings,
+    model_of,
+)
 from sassgis.io.sections import (
     OBJECT_NUMBERS,
     BarrierSettings,
     BlockSettings,
-    Flag,
     GroundSettings,
     HazardSettings,
-    Int,
-    Num,
     ObjectSection,
     ObjectSettings,
     OnsetUnit,
@@ -54,37 +56,7 @@ from sassgis.io.sections import (
     ZoneSettings,
 )
 
-
-def _attribute_notes(cls: type) -> dict[str, str]:
-    """Text under each attribute of a numpydoc class docstring."""
-    notes: dict[str, str] = {}
-    current = ""
-    for line in (cls.__doc__ or "").splitlines():
-        head = re.match(r"    (\w+) : ", line)
-        if head:
-            current = head.group(1)
-            notes[current] = ""
-        elif current and line.startswith("        "):
-            notes[current] = f"{notes[current]} {line.strip()}".strip()
-    return notes
-
-
-def _engine_model() -> type[Section]:
-    """``[engine]``: exactly the fields of EngineSettings, so that the two cannot drift apart."""
-    kinds: dict[Any, Any] = {float: Num, int: Int, bool: Flag}
-    hints = get_type_hints(EngineSettings)
-    notes = _attribute_notes(EngineSettings)
-    fields: dict[str, Any] = {
-        f.name: (
-            kinds.get(hints[f.name], hints[f.name]),
-            Field(f.default, description=notes.get(f.name) or f.name),
-        )
-        for f in dataclasses.fields(EngineSettings)
-    }
-    return create_model("EngineSection", __base__=Section, **fields)
-
-
-_EngineSection = _engine_model()
+_EngineSection = model_of(EngineSettings, "EngineSection")
 
 
 class _Document(Section):
@@ -99,6 +71,7 @@ class _Document(Section):
     stations: tuple[StationSettings, ...] = ()
     barriers: tuple[BarrierSettings, ...] = ()
     engine: Any = None
+    effects: EffectsSection = Field(default_factory=EffectsSection)  # type: ignore[valid-type]
     profile: ProfileSettings | None = None
     hazard: HazardSettings = Field(default_factory=HazardSettings)
     zones: ZoneSettings = Field(default_factory=ZoneSettings)
@@ -119,6 +92,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "stations": StationSettings,
     "barriers": BarrierSettings,
     "engine": _EngineSection,
+    "effects": EffectsSection,
     "profile": ProfileSettings,
     "hazard": HazardSettings,
     "zones": ZoneSettings,
@@ -182,6 +156,7 @@ class Config:
     stations: tuple[StationSettings, ...]
     barriers: tuple[BarrierSettings, ...]
     engine: EngineSettings
+    effects: Section
     profile: ProfileSettings | None
     hazard: HazardSettings
     zones: ZoneSettings
@@ -190,6 +165,11 @@ class Config:
     run: RunSettings
     output: OutputSettings
     onsets: dict[str, Onset]
+
+    @property
+    def effect_settings(self) -> EffectSettings:
+        """The effects that are on."""
+        return effect_settings(self.effects)
 
     @property
     def dem_path(self) -> Path:
@@ -259,6 +239,7 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         problems.append(_relocated(error, file, error.field or "engine"))
     blocks: tuple[BlockPopulation, ...] = ()
     if parsed is not None:
+        problems += _effect_problems(parsed, file)
         problems += _cross_checks(parsed, file)
         made = [_population(block, file) for block in parsed.blocks]
         problems += [m for m in made if isinstance(m, ConfigError)]
@@ -276,6 +257,7 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         stations=parsed.stations,
         barriers=parsed.barriers,
         engine=engine,
+        effects=parsed.effects,
         profile=parsed.profile,
         hazard=parsed.hazard,
         zones=parsed.zones,
@@ -290,7 +272,26 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
 def config_template() -> str:
     """A commented configuration with every key; it loads once its paths are filled in."""
     text = (resources.files("sassgis") / "data" / "config_template.toml").read_text("utf-8")
-    return text.replace("#@ engine\n", _engine_lines()).replace("#@ objects\n", _object_lines())
+    return (
+        text.replace("#@ engine\n", _engine_lines())
+        .replace("#@ objects\n", _object_lines())
+        .replace("#@ effects\n", _effect_lines())
+    )
+
+
+def _effect_lines() -> str:
+    """Every ``[effects.<family>]`` in comments, with defaults and meaning."""
+    lines: list[str] = []
+    for name, model in EFFECT_SECTIONS.items():
+        lines.append(f"# [effects.{name}]")
+        for key, field in model.model_fields.items():
+            shown = "..." if field.default is None else json.dumps(field.default)
+            lines.append(f"# {key} = {shown}")
+            lines += textwrap.wrap(
+                field.description or "", 95, initial_indent="#     ", subsequent_indent="#     "
+            )
+        lines.append("")
+    return "\n".join(lines) + "\n"
 
 
 def _object_lines() -> str:
@@ -363,6 +364,7 @@ PHYSICS_SECTIONS = (
     "stations",
     "barriers",
     "engine",
+    "effects",
     "run",
 )
 
@@ -397,7 +399,7 @@ def settings_hash(
             if isinstance(node, dict):
                 return {
                     k: digests.setdefault(v, file_digest(v))
-                    if k in ("dem", "file", "classes") and isinstance(v, str)
+                    if k in _PATH_KEYS and isinstance(v, str)
                     else by_content(v)
                     for k, v in node.items()
                 }
@@ -408,6 +410,7 @@ def settings_hash(
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+_PATH_KEYS = ("dem", "file", "classes", "stems_raster", "dbh_raster")
 _SIDECARS = (
     *(".shx", ".dbf", ".prj", ".cpg", ".qpj", ".aux", ".hdr"),
     *(".tfw", ".tifw", ".wld", ".aux.xml", ".flt", ".bil"),
@@ -524,6 +527,25 @@ def _population(block: BlockSettings, file: Path) -> BlockPopulation | ConfigErr
         return _relocated(error, file, f"blocks[{block.name}].{error.field}")
 
 
+def _effect_problems(document: _Document, file: Path) -> list[ConfigError]:
+    """What is wrong with single effects, and what does not go together."""
+    try:
+        effects = effect_settings(document.effects)
+    except ConfigError as error:
+        return [_relocated(error, file, f"effects.{error.field}")]
+    if effects.lateral_deflection is not None and document.spread.lines_per_point > 1:
+        return [
+            ConfigError(
+                "does not go with a bundle of lines",
+                file=file,
+                field="effects.lateral_deflection",
+                found=f"spread.lines_per_point = {document.spread.lines_per_point}",
+                expected="one of both",
+            )
+        ]
+    return []
+
+
 _ONSET_KEYS = ("onset_frequency", "onset_unit", "onset_above_m3")
 
 
@@ -589,7 +611,7 @@ def _one_line(e: dict[str, Any], file: Path, document: Mapping[str, Any]) -> Con
     if kind == "extra_forbidden":
         return ConfigError("unknown key", file=file, field=field, expected=_nearest(loc))
     if kind == "missing":
-        info = SECTIONS[str(loc[0])].model_fields.get(str(loc[-1]))
+        info = _model_at(loc).model_fields.get(str(loc[-1]))
         text = info.description if info is not None else None
         if len(loc) > 1 and info is None:
             text = "two numbers [x, y]"
@@ -626,13 +648,20 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def _model_at(loc: tuple[int | str, ...]) -> type[BaseModel]:
+    """The model in which a key is."""
+    if loc[0] == "effects" and len(loc) > 2:
+        return EFFECT_SECTIONS[str(loc[1])]
+    return SECTIONS[str(loc[0])]
+
+
 def _nearest(loc: tuple[int | str, ...]) -> str:
     """The known key that an unknown one was probably meant to be."""
     key = str(loc[-1])
     if len(loc) == 1:
         known: Iterable[str] = SECTIONS
     else:
-        known = SECTIONS[str(loc[0])].model_fields
+        known = _model_at(loc).model_fields
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
     if close:
         return f"{close[0]!r}, the nearest known key"

@@ -28,7 +28,7 @@ from sassgis.core.results import Gate
 # Kinds of value
 
 
-def _refuse(problem: str, expected: str, *, key: str = "", found: object = None) -> Exception:
+def refuse(problem: str, expected: str, *, key: str = "", found: object = None) -> Exception:
     """An error that pydantic carries to the place where it is told in one line."""
     context: dict[str, Any] = {"problem": problem, "expected": expected, "key": key}
     if found is not None:
@@ -41,17 +41,17 @@ def _pair(value: object) -> object:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return (value, value)
     if not isinstance(value, (list, tuple)) or len(value) != 2:
-        raise _refuse("is not a range", "a number, or two numbers [low, high]")
+        raise refuse("is not a range", "a number, or two numbers [low, high]")
     return tuple(value)
 
 
 def _ascending(value: tuple[float, float]) -> tuple[float, float]:
     if value[0] > value[1]:
-        raise _refuse("limits are reversed", "[low, high] with the lower number first")
+        raise refuse("limits are reversed", "[low, high] with the lower number first")
     return value
 
 
-def _between(
+def between(
     low: float, high: float = math.inf, *, above: bool = False, below: bool = False
 ) -> AfterValidator:
     """Limits for a number or both ends of a range; ``above`` and ``below`` leave the ends out."""
@@ -68,7 +68,7 @@ def _between(
                 or (below and number == high)
             ):
                 kind = "numbers" if isinstance(value, tuple) else "a number"
-                raise _refuse("is out of range", f"{kind} {text}")
+                raise refuse("is out of range", f"{kind} {text}")
         return value
 
     return AfterValidator(check)
@@ -77,14 +77,14 @@ def _between(
 def _clean_name(value: str) -> str:
     name = value.strip()
     if not name or re.search(r"[,;\r\n\t]", name):
-        raise _refuse("cannot be used as a name", "a text without comma, semicolon or line break")
+        raise refuse("cannot be used as a name", "a text without comma, semicolon or line break")
     return name
 
 
 def _anchor(value: Path, info: ValidationInfo) -> Path:
     """Paths are relative to the configuration file."""
     if str(value) in ("", "."):
-        raise _refuse("is empty", "the path of a file", found="''")
+        raise refuse("is empty", "the path of a file", found="''")
     base = (info.context or {}).get("base", Path())
     return Path(base, value.expanduser())
 
@@ -142,21 +142,21 @@ class TerrainSettings(Section):
         min_length=1,
         description="name of the height system where the DEM states none",
     )
-    smoothing_m: Annotated[Num, _between(0, 200)] = Field(
+    smoothing_m: Annotated[Num, between(0, 200)] = Field(
         default=5.0,
         description="scale of the terrain that steers fall lines: Gaussian standard deviation (m)",
     )
-    segment_tolerance_m: Annotated[Num, _between(0, 100)] = Field(
+    segment_tolerance_m: Annotated[Num, between(0, 100)] = Field(
         default=0.25, description="largest vertical gap between terrain and segments (m)"
     )
-    energy_line_angle_deg: Annotated[Num, _between(0, 60)] = Field(
+    energy_line_angle_deg: Annotated[Num, between(0, 60)] = Field(
         default=20.0,
         description="lines end where they sink below this angle seen from the start (degrees)",
     )
-    max_line_length_m: Annotated[Num, _between(0, 100_000, above=True)] = Field(
+    max_line_length_m: Annotated[Num, between(0, 100_000, above=True)] = Field(
         default=5000.0, description="longest fall line, in plan (m)"
     )
-    flat_slope_deg: Annotated[Num, _between(0, 30)] = Field(
+    flat_slope_deg: Annotated[Num, between(0, 30)] = Field(
         default=8.0, description="slope below which a line tends to keep its heading (degrees)"
     )
 
@@ -178,13 +178,13 @@ class ReleaseSettings(Section):
         min_length=1,
         description="attribute naming the block scenarios of an area: a;b for several; empty: all",
     )
-    spacing_m: Annotated[Num, _between(0, 10_000, above=True)] = Field(
+    spacing_m: Annotated[Num, between(0, 10_000, above=True)] = Field(
         default=5.0, description="distance between release points (m)"
     )
     placement: Literal["grid", "random"] = Field(
         default="grid", description="how points are laid out"
     )
-    rocks_per_point: Annotated[Int, _between(1, 1_000_000)] = Field(
+    rocks_per_point: Annotated[Int, between(1, 1_000_000)] = Field(
         default=50, description="rocks let go at each release point"
     )
 
@@ -192,10 +192,10 @@ class ReleaseSettings(Section):
 class SpreadSettings(Section):
     """``[spread]``: a bundle of lines from each release point."""
 
-    lines_per_point: Annotated[Int, _between(1, 1001)] = Field(
+    lines_per_point: Annotated[Int, between(1, 1001)] = Field(
         default=1, description="lines traced from each release point"
     )
-    width_percent: Annotated[Num, _between(0, 100)] = Field(
+    width_percent: Annotated[Num, between(0, 100)] = Field(
         default=0.0,
         description="width of the bundle, both sides together, in percent of the length",
     )
@@ -203,7 +203,7 @@ class SpreadSettings(Section):
     @model_validator(mode="after")
     def _has_width(self) -> SpreadSettings:
         if self.lines_per_point > 1 and self.width_percent == 0.0:
-            raise _refuse(
+            raise refuse(
                 "would trace the same line several times",
                 "a width above 0 where lines_per_point is above 1",
                 key="width_percent",
@@ -215,11 +215,11 @@ class SpreadSettings(Section):
 def _codes(value: object) -> object:
     """TOML keys are text; raster codes are whole numbers."""
     if not isinstance(value, Mapping):
-        raise _refuse("is not a table of codes", 'codes and class names, as in {1 = "rock"}')
+        raise refuse("is not a table of codes", 'codes and class names, as in {1 = "rock"}')
     try:
         return {int(str(code)): name for code, name in value.items()}
     except ValueError:
-        raise _refuse(
+        raise refuse(
             "has a code that is no whole number", 'codes and class names, as in {1 = "rock"}'
         ) from None
 
@@ -249,12 +249,12 @@ class GroundSettings(Section):
     def _fits_file(self) -> GroundSettings:
         for key in ("layer", "raster_classes"):
             if getattr(self, key) is not None and self.file is None:
-                raise _refuse("has no file to go with", "ground.file as well", key=key)
+                raise refuse("has no file to go with", "ground.file as well", key=key)
         return self
 
 
-Semiaxis = Annotated[Span, _between(0, 10, above=True)]
-Proportion = Annotated[Span, _between(0, 1, above=True)]
+Semiaxis = Annotated[Span, between(0, 10, above=True)]
+Proportion = Annotated[Span, between(0, 1, above=True)]
 OnsetUnit = Literal["per_year", "per_year_ha", "per_year_m"]
 
 
@@ -267,10 +267,10 @@ class BlockSettings(Section):
     )
     axis_2_m: Semiaxis | None = Field(default=None, description="second SEMI-axis (m)")
     axis_3_m: Semiaxis | None = Field(default=None, description="third SEMI-axis (m)")
-    volume_m3: Annotated[Span, _between(0, 1000, above=True)] | None = Field(
+    volume_m3: Annotated[Span, between(0, 1000, above=True)] | None = Field(
         default=None, description="volume of the block, in place of the axes (m3)"
     )
-    volume_exponent: Annotated[Num, _between(0, 10)] | None = Field(
+    volume_exponent: Annotated[Num, between(0, 10)] | None = Field(
         default=None,
         description="b of a power law: the frequency of blocks larger than V falls as V^-b between "
         "the limits of volume_m3; without it all volumes between them are equally likely",
@@ -280,7 +280,7 @@ class BlockSettings(Section):
         description="with volume_m3: proportions of the three axes, as [1, [0.7, 0.9], 0.6]; "
         "default [1, [0.7, 1], [0.5, 0.8]]",
     )
-    onset_frequency: Annotated[Num, _between(0, 1e6)] | None = Field(
+    onset_frequency: Annotated[Num, between(0, 1e6)] | None = Field(
         default=None, description="how often a block of this scenario is released"
     )
     onset_unit: OnsetUnit = Field(
@@ -288,25 +288,25 @@ class BlockSettings(Section):
         description="of onset_frequency: per year in each release area, per year and hectare of "
         "it (in plan), or per year and metre of it (release lines)",
     )
-    onset_above_m3: Annotated[Num, _between(0, 1000, above=True)] | None = Field(
+    onset_above_m3: Annotated[Num, between(0, 1000, above=True)] | None = Field(
         default=None,
         description="with volume_exponent: onset_frequency is that of blocks larger than this "
         "(m3), from which the power law gives the frequency between the limits of volume_m3",
     )
-    density_kgm3: Annotated[Span, _between(500, 10_000)] = Field(
+    density_kgm3: Annotated[Span, between(500, 10_000)] = Field(
         default=(2700.0, 2700.0), description="density of the rock (kg/m3)"
     )
-    speed_mps: Annotated[Span, _between(0, 150)] = Field(
+    speed_mps: Annotated[Span, between(0, 150)] = Field(
         default=(0.0, 0.0), description="speed at the start, downhill along the slope (m/s)"
     )
-    spin_radps: Annotated[Span, _between(-300, 300)] = Field(
+    spin_radps: Annotated[Span, between(-300, 300)] = Field(
         default=(0.0, 0.0),
         description="spin at the start, positive as a rock rolling downhill (rad/s)",
     )
-    drop_m: Annotated[Span, _between(0, 1000)] = Field(
+    drop_m: Annotated[Span, between(0, 1000)] = Field(
         default=(0.0, 0.0), description="height above rest from which the rock is let go (m)"
     )
-    orientation_rad: Annotated[Span, _between(-2.0 * math.pi, 2.0 * math.pi)] = Field(
+    orientation_rad: Annotated[Span, between(-2.0 * math.pi, 2.0 * math.pi)] = Field(
         default=(0.0, math.pi),
         description="angle of the longest axis to the slope at the start (rad)",
     )
@@ -315,20 +315,18 @@ class BlockSettings(Section):
     def _has_one_size(self) -> BlockSettings:
         axes = [k for k in ("axis_1_m", "axis_2_m", "axis_3_m") if getattr(self, k) is not None]
         if self.volume_m3 is not None and axes:
-            raise _refuse(
-                "has both a volume and axes", "volume_m3 or the three axes", found=axes[0]
-            )
+            raise refuse("has both a volume and axes", "volume_m3 or the three axes", found=axes[0])
         if self.volume_m3 is None:
             for key in ("axis_1_m", "axis_2_m", "axis_3_m"):
                 if key not in axes:
-                    raise _refuse(
+                    raise refuse(
                         "missing key", "three SEMI-axis ranges (m), or volume_m3 instead", key=key
                     )
             for key in ("volume_exponent", "shape"):
                 if getattr(self, key) is not None:
-                    raise _refuse("has no volume to go with", "volume_m3 as well", key=key)
+                    raise refuse("has no volume to go with", "volume_m3 as well", key=key)
         if self.onset_above_m3 is not None and self.volume_exponent is None:
-            raise _refuse(
+            raise refuse(
                 "has no power law to go with", "volume_exponent as well", key="onset_above_m3"
             )
         return self
@@ -367,14 +365,14 @@ class StationSettings(Section):
     def _has_one_place(self) -> StationSettings:
         places = [k for k in ("line", "file", "chainage_m") if getattr(self, k) is not None]
         if len(places) != 1:
-            raise _refuse(
+            raise refuse(
                 "must be put in one place",
                 "exactly one of line, file, chainage_m",
                 found=" and ".join(places) or "none",
             )
         for key in ("layer", "name_field"):
             if getattr(self, key) is not None and self.file is None:
-                raise _refuse("has no file to go with", "file as well", key=key)
+                raise refuse("has no file to go with", "file as well", key=key)
         return self
 
 
@@ -382,10 +380,10 @@ class BarrierSettings(StationSettings):
     """``[[barriers]]``: a wall or a net; placed as a station is."""
 
     kind: Literal["wall", "net"] = Field(description="wall or net")
-    height_m: Annotated[Num, _between(0, 100, above=True)] = Field(
+    height_m: Annotated[Num, between(0, 100, above=True)] = Field(
         description="height of the top above the ground, vertical (m)"
     )
-    capacity_kj: Annotated[Num, _between(0, above=True)] | None = Field(
+    capacity_kj: Annotated[Num, between(0, above=True)] | None = Field(
         default=None,
         description="energy that it takes (kJ); without it every rock that meets it is stopped",
     )
@@ -408,7 +406,7 @@ class ProfileSettings(Section):
         default=None, description="CSV with columns s_m, z_m and, if wanted, ground"
     )
     start_m: Span = Field(default=(0.0, 0.0), description="chainages between which rocks start (m)")
-    rocks: Annotated[Int, _between(1, 100_000_000)] = Field(
+    rocks: Annotated[Int, between(1, 100_000_000)] = Field(
         default=100, description="number of rocks"
     )
 
@@ -416,10 +414,10 @@ class ProfileSettings(Section):
 class RunSettings(Section):
     """``[run]``."""
 
-    seed: Annotated[Int, _between(0, 2**63 - 1)] = Field(
+    seed: Annotated[Int, between(0, 2**63 - 1)] = Field(
         default=1, description="the same seed gives the same rocks"
     )
-    jobs: Annotated[Int, _between(0, 4096)] = Field(
+    jobs: Annotated[Int, between(0, 4096)] = Field(
         default=0, description="processor cores; 0: all of them"
     )
 
@@ -427,14 +425,14 @@ class RunSettings(Section):
 class OutputSettings(Section):
     """``[output]``."""
 
-    stop_points_max: Annotated[Int, _between(0, 100_000_000)] = Field(
+    stop_points_max: Annotated[Int, between(0, 100_000_000)] = Field(
         default=100_000, description="most stop points written to the map"
     )
     rock_table: TableFormat = Field(default="none", description="one row per rock")
     passage_table: TableFormat = Field(
         default="none", description="one row per rock and station or barrier"
     )
-    energy_classes_kj: tuple[Annotated[Num, _between(0, above=True)], ...] = Field(
+    energy_classes_kj: tuple[Annotated[Num, between(0, above=True)], ...] = Field(
         default=(30.0, 300.0), min_length=1, description="limits between the energy classes (kJ)"
     )
 
@@ -442,7 +440,7 @@ class OutputSettings(Section):
     def _limits_rise(self) -> OutputSettings:
         limits = self.energy_classes_kj
         if any(low >= high for low, high in itertools.pairwise(limits)):
-            raise _refuse(
+            raise refuse(
                 "limits do not rise",
                 "numbers in ascending order",
                 key="energy_classes_kj",
@@ -471,20 +469,20 @@ class HazardSettings(Section):
         description="table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
         "of single release areas, in place of those of [[blocks]]",
     )
-    ref_width_m: Annotated[Num, _between(0, 1000, above=True)] | None = Field(
+    ref_width_m: Annotated[Num, between(0, 1000, above=True)] | None = Field(
         default=None,
         description="reference width of all frequencies (m): a rock counts for a place if it comes "
         "within half of it, as block plus exposed object; default: one cell",
     )
-    confidence: Annotated[Num, _between(0.5, 0.9999)] = Field(
+    confidence: Annotated[Num, between(0.5, 0.9999)] = Field(
         default=0.95, description="of the sampling interval that tells whether a level is decided"
     )
-    undecided_share_max: Annotated[Num, _between(0, 1, below=True)] | None = Field(
+    undecided_share_max: Annotated[Num, between(0, 1, below=True)] | None = Field(
         default=None,
         description="if given, more rounds of rocks are run until no larger share of the reached "
         "cells is undecided",
     )
-    rounds_max: Annotated[Int, _between(1, 1024)] = Field(
+    rounds_max: Annotated[Int, between(1, 1024)] = Field(
         default=8, description="most rounds of rocks_per_point with undecided_share_max"
     )
     by_source: Flag = Field(
@@ -494,7 +492,7 @@ class HazardSettings(Section):
         default=True,
         description="whether the zones are also made without walls and nets, and compared",
     )
-    design_return_periods_years: tuple[Annotated[Num, _between(1, 10_000)], ...] = Field(
+    design_return_periods_years: tuple[Annotated[Num, between(1, 10_000)], ...] = Field(
         default=(30.0, 100.0, 300.0),
         min_length=1,
         description="for the energy and height that a barrier at each station must take",
@@ -509,19 +507,19 @@ class HazardSettings(Section):
 class ZoneSettings(Section):
     """``[zones]``: from cells to polygons."""
 
-    min_area_m2: Annotated[Num, _between(0, 1e6)] = Field(
+    min_area_m2: Annotated[Num, between(0, 1e6)] = Field(
         default=100.0, description="smallest area of a zone (m2)"
     )
-    closing_m: Annotated[Num, _between(0, 1000)] | None = Field(
+    closing_m: Annotated[Num, between(0, 1000)] | None = Field(
         default=None,
         description="gaps between parts of a zone that are closed, up to this width (m); default: "
         "two cells, or release.spacing_m if that is wider",
     )
-    min_width_m: Annotated[Num, _between(0, 1000)] | None = Field(
+    min_width_m: Annotated[Num, between(0, 1000)] | None = Field(
         default=None,
         description="threads narrower than this are widened (m); default: three cells",
     )
-    tolerance_m: Annotated[Num, _between(0, 1000)] | None = Field(
+    tolerance_m: Annotated[Num, between(0, 1000)] | None = Field(
         default=None,
         description="how far a smoothed outline may lie outside its cells (m); default: one and a "
         "half cells",
@@ -550,10 +548,10 @@ class ObjectSection(Section):
     name_field: str | None = Field(
         default=None, min_length=1, description="attribute with the names of the objects"
     )
-    segment_m: Annotated[Num, _between(1, 100_000)] = Field(
+    segment_m: Annotated[Num, between(1, 100_000)] = Field(
         default=50.0, description="length of the stretches into which roads and lines are cut (m)"
     )
-    radius_m: Annotated[Num, _between(0, 1000)] = Field(
+    radius_m: Annotated[Num, between(0, 1000)] = Field(
         default=0.0, description="of the ground that people given as points take up (m)"
     )
 
@@ -591,7 +589,7 @@ def _object_model() -> type[ObjectSection]:
     """``[[objects]]`` with a key and a ``_field`` key for each number."""
     keys: dict[str, Any] = {}
     for name, text in OBJECT_NUMBERS.items():
-        keys[name] = (Annotated[Num, _between(0)] | None, Field(default=None, description=text))
+        keys[name] = (Annotated[Num, between(0)] | None, Field(default=None, description=text))
         keys[f"{name}_field"] = (
             str | None,
             Field(default=None, min_length=1, description=f"attribute with {name}"),

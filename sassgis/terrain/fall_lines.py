@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core import rng
 from sassgis.core.errors import ConfigError
 from sassgis.core.grid import FloatArray, Grid, IntArray
 from sassgis.core.jit import kernel
@@ -58,6 +59,29 @@ _ALIGNED = 0.5
 _AGREED = math.cos(math.radians(5.0))
 # Gradients (m per cell) below this are rounding of a level surface.
 _LEVEL = 1e-10
+
+
+@dataclass(frozen=True, slots=True)
+class Kicks:
+    """Sideways deviations of single lines.
+
+    Attributes
+    ----------
+    key : uint64, shape (n_lines,)
+        Identity of each line for its random draws.
+    fan : float64, shape (n_lines,)
+        Deviation that it keeps, as a share of its length, positive to the right.
+    angle : float
+        Standard deviation of the angle between the line and the descent, drawn anew over each hop
+        (rad); 0: the line keeps ``fan``.
+    hop_m : float
+        Mean length of a hop (m).
+    """
+
+    key: NDArray[np.uint64]
+    fan: FloatArray
+    angle: float
+    hop_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +166,7 @@ def trace(
     points: ReleasePoints,
     settings: FallLineSettings,
     fans: FloatArray | None = None,
+    kicks: Kicks | None = None,
 ) -> TraceSet:
     """Trace the fall lines of release points.
 
@@ -173,6 +198,8 @@ def trace(
     fans : float64, shape (m,), optional
         Sideways deviations of the lines of each point as a share of their length, positive to the
         right; default one line with 0. See sassgis.terrain.spread.
+    kicks : Kicks, optional
+        Deviations of each line of its own, in place of ``fans``.
 
     Returns
     -------
@@ -182,6 +209,12 @@ def trace(
     """
     deviations = np.zeros(1) if fans is None else np.ascontiguousarray(fans, np.float64)
     n_fans = deviations.size
+    fan = np.tile(deviations, len(points))
+    if kicks is None:
+        kicks = Kicks(np.zeros(fan.size, np.uint64), fan, 0.0, 0.0)
+    else:
+        fan = kicks.fan
+        n_fans = fan.size // max(len(points), 1)
     cell = grid.cell_size
     u = (points.x - grid.west) / cell
     v = (grid.north - points.y) / cell
@@ -191,7 +224,10 @@ def trace(
         grid.values,
         np.repeat(u, n_fans),
         np.repeat(v, n_fans),
-        np.tile(deviations, len(points)),
+        fan,
+        kicks.key,
+        kicks.angle,
+        kicks.hop_m / cell,
         np.tan(np.radians(settings.flat_slope_deg)) * cell,
         settings.turning_length_m / cell,
         np.tan(np.radians(settings.energy_line_angle_deg)) * cell,
@@ -209,7 +245,7 @@ def trace(
         y=y,
         s=lines[:, 2] * cell,
         point=np.repeat(np.arange(len(points), dtype=np.int64), n_fans),
-        fan=np.tile(deviations, len(points)),
+        fan=fan,
         end=end,
     )
 
@@ -222,6 +258,9 @@ def _trace_all(
     u: FloatArray,
     v: FloatArray,
     fan: FloatArray,
+    key: NDArray[np.uint64],
+    kick: float,
+    hop: float,
     flat: float,
     turning: float,
     energy: float,
@@ -245,6 +284,9 @@ def _trace_all(
             u[i],
             v[i],
             fan[i],
+            key[i],
+            kick,
+            hop,
             flat,
             turning,
             energy,
@@ -276,6 +318,9 @@ def _trace_line(
     u: float,
     v: float,
     fan: float,
+    key: np.uint64,
+    kick: float,
+    hop: float,
     flat: float,
     turning: float,
     energy: float,
@@ -297,6 +342,12 @@ def _trace_line(
     # v points south, so turning by +atan(fan) from (u, v) is a turn to the right on the map.
     cos_fan = 1.0 / np.sqrt(1.0 + fan * fan)
     sin_fan = fan * cos_fan
+    hops = 0
+    next_hop = np.inf
+    if kick > 0.0:
+        angle = kick * rng.normal(key, rng.KICK, 0)
+        cos_fan, sin_fan = math.cos(angle), math.sin(angle)
+        next_hop = -hop * math.log(rng.uniform(key, rng.HOP, 0))
     hu, hv = _aim(gu, gv, cos_fan, sin_fan)
     out_hu, out_hv = hu, hv
     since_out = 0.0
@@ -385,6 +436,16 @@ def _trace_line(
             return line, size, reason
         u, v, z, gu, gv, slope, hu, hv = u_new, v_new, z_new, gu_new, gv_new, slope_new, nu, nv
         attached = attached_new
+        if s_new >= next_hop:
+            hops += 1
+            next_hop = s_new - hop * math.log(rng.uniform(key, rng.HOP, hops))
+            angle = kick * rng.normal(key, rng.KICK, hops)
+            if attached:
+                cos_fan, sin_fan = math.cos(angle), math.sin(angle)
+                hu, hv = _aim(gu, gv, cos_fan, sin_fan)
+            else:
+                # A line that coasts keeps its heading, so the kick turns that.
+                hu, hv = _turned(hu, hv, angle)
 
 
 @kernel

@@ -13,10 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.core import rng
+from sassgis.core.effects import LateralDeflection
 from sassgis.core.errors import ConfigError
 from sassgis.core.grid import FloatArray, Grid
 from sassgis.core.profiles import ReleasePoints, TraceSet
-from sassgis.terrain.fall_lines import FallLineSettings, trace
+from sassgis.terrain.fall_lines import FallLineSettings, Kicks, trace
 from sassgis.terrain.surface import Surface
 
 
@@ -67,6 +69,44 @@ def fans(settings: SpreadSettings) -> FloatArray:
     steps = 2.0 * np.arange(m, dtype=np.float64) + 1.0 - m
     deviations: FloatArray = steps * (settings.width_percent / 100.0 / (2.0 * m))
     return deviations
+
+
+def trace_ways(
+    grid: Grid,
+    surface: Surface,
+    points: ReleasePoints,
+    settings: FallLineSettings,
+    lateral: LateralDeflection,
+    lines_per_point: int,
+    seed: int,
+    round_: int = 0,
+) -> TraceSet:
+    """Trace ways that leave the fall line at random; see core.effects.LateralDeflection.
+
+    Parameters
+    ----------
+    grid, surface, points, settings
+        As for sassgis.terrain.fall_lines.trace.
+    lateral : LateralDeflection
+    lines_per_point : int
+        Ways from each point.
+    seed, round_ : int
+        Other ways for each.
+
+    Returns
+    -------
+    TraceSet
+        Ordered by point. A way depends on seed, round, release point and its number there alone.
+    """
+    member = np.tile(np.arange(lines_per_point, dtype=np.int64), len(points))
+    key = rng.combined(np.repeat(points.key, lines_per_point), member)
+    key = rng.combined(rng.combined(key, np.full(key.size, round_)), np.full(key.size, seed))
+    if lateral.form == "kicks":
+        kicks = Kicks(key, np.zeros(key.size), float(np.radians(lateral.angle_deg)), lateral.hop_m)
+    else:
+        place = rng.shares(key) - 0.5
+        kicks = Kicks(key, place * (lateral.width_percent / 100.0), 0.0, 0.0)
+    return trace(grid, surface, points, settings, kicks=kicks)
 
 
 def trace_bundles(

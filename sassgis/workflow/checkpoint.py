@@ -125,6 +125,7 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "reasons": progress.reasons,
         "runout": progress.runout,
         "lost": np.array(progress.lost),
+        "pieces": np.array(progress.pieces),
         "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
     }
@@ -153,6 +154,7 @@ def progress_from(state: dict[str, Any], run: MapRun) -> Progress:
     progress.reasons = np.array(state["reasons"])
     progress.runout = np.array(state["runout"])
     progress.lost = int(state["lost"])
+    progress.pieces = int(state["pieces"])
     if state["furthest_m"].size:
         line, scenario, rock = state["furthest_rock"].tolist()
         progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)

@@ -14,7 +14,9 @@ from sassgis.core.errors import ConfigError
 from sassgis.core.grid import FloatArray, Grid
 from sassgis.core.ground import GroundTable
 from sassgis.core.results import Gate
+from sassgis.engine.simulate import Forest
 from sassgis.io.config import Config
+from sassgis.io.forest import read_forest
 from sassgis.io.ground import ground_raster, read_ground_table
 from sassgis.io.mosaic import read_terrain
 from sassgis.io.vectors import ReleaseArea, read_gates, read_release
@@ -41,6 +43,12 @@ def collected_notices() -> Iterator[list[str]]:
         yield notices
     finally:
         logger.removeHandler(handler)
+
+
+def forest_of(config: Config, grid: Grid) -> Forest | None:
+    """The forest on the cells, if trees are on."""
+    trees = getattr(config.effects, "trees")  # noqa: B009
+    return None if trees is None else Forest(*read_forest(trees, grid))
 
 
 def fall_line_settings(config: Config) -> FallLineSettings:
@@ -104,6 +112,8 @@ def map_run_of(
         rocks_per_point=config.release.rocks_per_point,
         seed=config.run.seed,
         stop_points_max=config.output.stop_points_max,
+        effects=config.effect_settings,
+        forest=forest_of(config, grid),
     )
 
 

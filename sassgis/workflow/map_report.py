@@ -21,7 +21,6 @@ from sassgis.io.config import Config
 from sassgis.io.report import Cell, ReportContext, ReportFigure, ReportTable
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.release import take
-from sassgis.terrain.spread import trace_bundles
 from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, usable, with_lead_in
 from sassgis.workflow.checkpoint import joined_lines
 from sassgis.workflow.map_run import (
@@ -31,6 +30,7 @@ from sassgis.workflow.map_run import (
     Progress,
     gate_crossings,
     line_draw_keys,
+    trace_lines,
 )
 from sassgis.workflow.vector_layers import LINE_END_TEXT, STOP_TEXT, gate_rows
 
@@ -58,19 +58,20 @@ def _drawn_lines(progress: Progress) -> TraceSet:
     )
 
 
-def furthest_line(progress: Progress) -> tuple[int, int] | None:
-    """Line and block scenario of the rock that came furthest."""
+def furthest_line(progress: Progress) -> tuple[int, int, int] | None:
+    """Line, block scenario and number of the rock that came furthest."""
     if progress.furthest is None:
         return None
-    _, line, scenario, _ = progress.furthest
-    return line, scenario
+    _, line, scenario, rock = progress.furthest
+    return line, scenario, rock
 
 
-def one_profile_figure(run: MapRun, planned: Plan, line: int, scenario: int) -> Figure:
-    """The profile of one line with the paths of its rocks."""
-    point, member = divmod(line, run.spread.lines_per_point)
+def one_profile_figure(run: MapRun, planned: Plan, line: int, scenario: int, rock: int) -> Figure:
+    """The profile of one line with the paths of its rocks, in the round of one of them."""
+    round_ = rock // run.rocks_per_line
+    point, member = divmod(line, run.lines_per_point)
     starts = take(planned.starts, np.array([point]))
-    bundle = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, run.spread)
+    bundle = trace_lines(run, planned.surface, starts, round_)
     chosen = np.arange(len(bundle)) == member
     traces = take_lines(bundle, chosen)
     flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
@@ -80,12 +81,13 @@ def one_profile_figure(run: MapRun, planned: Plan, line: int, scenario: int) -> 
     blocks = run.blocks[scenario]
     crossings = gate_crossings(run, traces)
     s, z = flat.vertices(0)
-    keys = line_draw_keys(bundle, starts.key, run.spread.lines_per_point, blocks.name)[chosen]
+    keys = line_draw_keys(bundle, starts.key, run.lines_per_point, blocks.name)[chosen]
     result = simulate(
         ahead, run.table, blocks, run.engine, seed=run.seed,
         rocks_per_line=min(_PATHS, run.rocks_per_line), line_keys=keys,
+        first_rock=round_ * run.rocks_per_line,
         starts=np.array([[0.0, min(2.0 * planned.moved[point], s[-1])]]), gates=crossings,
-        course_events=_COURSE_EVENTS,
+        course_events=_COURSE_EVENTS, effects=run.effects, forest=run.forest,
     )  # fmt: skip
     paths = [trajectory(c, run.engine.gravity_mps2) for c in result.courses]
     ends = result.rocks["runout_m"]
@@ -318,8 +320,8 @@ def map_report(
     )
     spread = (
         "none: fall lines only; between lines that diverge the map has gaps"
-        if run.spread.lines_per_point == 1
-        else f"{run.spread.lines_per_point} lines per release point, heading evenly over a width "
+        if run.lines_per_point == 1
+        else f"{run.lines_per_point} lines per release point, heading evenly over a width "
         f"of {run.spread.width_percent:g} % of their length; gullies hold them together"
     )
     return ReportContext(

@@ -13,21 +13,23 @@ from collections import deque
 from collections.abc import Callable, Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sassgis.core import rng
 from sassgis.core.blocks import BlockPopulation
+from sassgis.core.effects import EffectSettings
 from sassgis.core.grid import FloatArray, Grid, IntArray
 from sassgis.core.ground import GroundTable
 from sassgis.core.profiles import LineEnd, ReleasePoints, TraceSet
 from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate, StopReason
 from sassgis.core.settings import EngineSettings
-from sassgis.engine import rng
 from sassgis.engine.simulate import (
     Bins,
+    Forest,
     GateCrossings,
     ObjectCells,
     Simulated,
@@ -42,7 +44,7 @@ from sassgis.io.vectors import ReleaseArea
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface
 from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles
 from sassgis.terrain.release import release_points, take
-from sassgis.terrain.spread import SpreadSettings, trace_bundles
+from sassgis.terrain.spread import SpreadSettings, trace_bundles, trace_ways
 from sassgis.terrain.stretch import (
     SHORTEST_LINE_M,
     moved_uphill,
@@ -92,6 +94,10 @@ class MapRun:
         Exposed objects at which rocks are counted.
     ref_width_m : float
         Reference width of the hazard curves (m); 0: one cell.
+    effects : EffectSettings
+        What the model of 1986 leaves out.
+    forest : Forest or None
+        For the effect of trees.
     """
 
     grid: Grid
@@ -113,11 +119,28 @@ class MapRun:
     thresholds_kj: tuple[float, ...] = ()
     objects: ObjectCells = field(default_factory=ObjectCells.none)
     ref_width_m: float = 0.0
+    effects: EffectSettings = field(default_factory=EffectSettings)
+    forest: Forest | None = None
 
     @property
     def rocks_per_line(self) -> int:
         """Rocks on each line of a bundle: those of the point, shared out and rounded up."""
-        return -(-self.rocks_per_point // self.spread.lines_per_point)
+        return -(-self.rocks_per_point // self.lines_per_point)
+
+    @property
+    def lines_per_point(self) -> int:
+        """Lines traced from each release point in each round."""
+        lateral = self.effects.lateral_deflection
+        if lateral is None:
+            return self.spread.lines_per_point
+        return lateral.lines_per_point or self.rocks_per_point
+
+    @property
+    def rocks_per_stratum(self) -> int:
+        """Rocks of one stratum of the sample: of a line, or of a point where ways are random."""
+        if self.effects.lateral_deflection is None:
+            return self.rocks_per_line
+        return self.rocks_per_line * self.lines_per_point
 
     @property
     def window(self) -> Window | None:
@@ -154,7 +177,7 @@ class Plan:
 
     def rocks_of_point(self, run: MapRun) -> IntArray:
         """Rocks that are released at each point, shape (n,)."""
-        per_round = run.rocks_per_line * run.spread.lines_per_point
+        per_round = run.rocks_per_line * run.lines_per_point
         rounds = np.array(self.rounds or (run.rounds,) * len(self.scenarios), np.int64)
         counts = rounds * np.array([len(s) for s in self.scenarios], np.int64)
         rocks: IntArray = counts[self.points.area] * per_round
@@ -328,12 +351,34 @@ def _thinned(traces: TraceSet, run: MapRun) -> FallLines:
     )
 
 
+def trace_lines(run: MapRun, surface: Surface, starts: ReleasePoints, round_: int) -> TraceSet:
+    """The lines of some release points in one round."""
+    lateral = run.effects.lateral_deflection
+    if lateral is None:
+        return trace_bundles(run.grid, surface, starts, run.fall_lines, run.spread)
+    return trace_ways(
+        run.grid, surface, starts, run.fall_lines, lateral, run.lines_per_point, run.seed, round_
+    )
+
+
+def _first_of_each(lines: FallLines, per_point: int) -> FallLines:
+    """The first of the lines of each release point, for drawing."""
+    keep = np.arange(lines.point.size) % per_point == 0
+    sizes = np.diff(lines.offset)
+    kept = np.repeat(keep, sizes)
+    return FallLines(
+        np.concatenate([[0], np.cumsum(sizes[keep])]).astype(np.int64),
+        lines.x[kept], lines.y[kept],
+        *(getattr(lines, f)[keep] for f in ("point", "fan", "length_m", "drop_m", "end")),
+    )  # fmt: skip
+
+
 def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> _Outcome:
     """One chunk."""
     which = chunk.points
-    m = run.spread.lines_per_point
+    m = run.lines_per_point
     starts = take(planned.starts, which)
-    traces = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, run.spread)
+    traces = trace_lines(run, planned.surface, starts, chunk.round)
     flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
     good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
     drawn = _thinned(traces, run)
@@ -365,22 +410,27 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> _Outcome:
             objects=run.objects,
             window=run.window,
             line_numbers=number[good],
+            strata=None if run.effects.lateral_deflection is None else lines.point,
+            effects=run.effects,
+            forest=run.forest,
             first_rock=chunk.round * run.rocks_per_line,
             bins=bins,
         )
-        local = np.repeat(np.arange(len(lines), dtype=np.int64), run.rocks_per_line)
-        x, y = chainage_to_xy(
-            lines,
-            local,
-            np.clip(result.rocks["runout_m"], 0.0, np.repeat(last, run.rocks_per_line)),
-        )
+        ended = np.concatenate([result.rocks, result.pieces])
+        local = np.searchsorted(number[good], ended["line"]).astype(np.int64)
+        x, y = chainage_to_xy(lines, local, np.clip(ended["runout_m"], 0.0, last[local]))
         sums[k] = result
         parts.append(
             Rows(
-                result.rocks, np.full(result.rocks.size, k, np.int64), x, y,
+                ended, np.full(ended.size, k, np.int64), x, y,
                 result.passages, np.full(result.passages.size, k, np.int64),
             )
         )  # fmt: skip
+    if run.effects.lateral_deflection is not None:
+        drawn = _first_of_each(drawn, m)
+        return _Outcome(
+            area, sums, joined_rows(parts), replace(drawn, point=which[drawn.point]), lost
+        )
     drawn = FallLines(
         drawn.offset, drawn.x, drawn.y, which[traces.point], drawn.fan, drawn.length_m,
         drawn.drop_m, drawn.end,
@@ -449,6 +499,8 @@ class Progress:
         The rock with the longest run-out of all (m).
     sources : dict of (area, scenario) to SourceTally
         By position in ``areas`` and ``blocks``.
+    pieces : int
+        Pieces of broken rocks and blocks set in motion.
     """
 
     chunks: int
@@ -461,6 +513,7 @@ class Progress:
     stops: list[Rows] = field(default_factory=list)
     furthest: tuple[float, int, int, int] | None = None
     sources: dict[tuple[int, int], SourceTally] = field(default_factory=dict)
+    pieces: int = 0
 
     @classmethod
     def fresh(cls, run: MapRun) -> Progress:
@@ -479,7 +532,10 @@ def _kept(rows: Rows, seed: int, share: float) -> Rows:
 def _lots(rows: Rows, seed: int) -> NDArray[np.uint64]:
     """A number for each rock, drawn from its identity."""
     lots: NDArray[np.uint64] = rng.combined(
-        rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),
+        rng.combined(
+            rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),
+            rows.rocks["piece"],
+        ),
         np.full(rows.rocks.size, seed % 2**63) + rows.rock_scenario,
     )
     return lots
@@ -516,6 +572,7 @@ def kept_stops(run: MapRun, progress: Progress) -> Rows:
 
 def _furthest(rows: Rows) -> tuple[float, int, int, int]:
     """The longest run-out and whose it is; the first in the order of the run among equals."""
+    rows = _rocks_alone(rows, rows.rocks["piece"] == 0)
     reach = rows.rocks["runout_m"]
     line, rock, scenario = rows.rocks["line"], rows.rocks["rock"], rows.rock_scenario
     i = np.lexsort((rock, scenario, line, -reach))[0]
@@ -530,11 +587,14 @@ def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float, first
         if source not in progress.sources:
             progress.sources[source] = SourceTally.fresh(run)
         progress.sources[source].add(result)
-    reasons = outcome.rows.rocks["reason"]
+    # A piece of a broken rock, or a block that was set in motion, is no rock that was let go.
+    let_go = outcome.rows.rocks["piece"] == 0
+    progress.pieces += int((~let_go).sum())
+    reasons = outcome.rows.rocks["reason"][let_go]
     progress.reasons += np.bincount(reasons, minlength=len(StopReason))
     progress.lost += outcome.lost
     if reasons.size:
-        metres = np.maximum(outcome.rows.rocks["runout_m"], 0.0).astype(np.int64)
+        metres = np.maximum(outcome.rows.rocks["runout_m"][let_go], 0.0).astype(np.int64)
         width = max(int(metres.max()) + 1, progress.runout.shape[1])
         grown = np.zeros((len(StopReason), width), np.int64)
         grown[:, : progress.runout.shape[1]] = progress.runout
@@ -650,8 +710,8 @@ def sample_of(run: MapRun, planned: Plan, progress: Progress) -> Sample:
     """The sample behind the maps: rocks that were followed."""
     return Sample(
         rocks=int(progress.reasons.sum()),
-        rocks_per_line=run.rocks_per_line,
-        lines=int(progress.reasons.sum()) // run.rocks_per_line,
+        rocks_per_line=run.rocks_per_stratum,
+        lines=int(progress.reasons.sum()) // run.rocks_per_stratum,
         random_points=run.placement == "random",
     )
 

@@ -6,21 +6,21 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 import sassgis
+from sassgis.core import rng
 from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.grid import FloatArray
 from sassgis.core.ground import GroundTable
-from sassgis.core.profiles import ProfileSet, ReleasePoints
+from sassgis.core.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.core.results import Gate, Histogram, Outcome, StopReason
-from sassgis.engine import rng
 from sassgis.engine.course import trajectory
-from sassgis.engine.simulate import GateCrossings, Simulated, default_bins, simulate
+from sassgis.engine.simulate import Forest, GateCrossings, Simulated, default_bins, simulate
 from sassgis.hazard.gates import GateSums
 from sassgis.hazard.layers import PROBABILITIES
 from sassgis.hazard.statistics import quantiles
@@ -32,7 +32,7 @@ from sassgis.io.profile_csv import check_on_profile, read_profile
 from sassgis.io.report import ReportContext, ReportFigure, ReportTable, write_report
 from sassgis.io.staging import staged_output
 from sassgis.terrain.fall_lines import fall_line_surface, trace
-from sassgis.terrain.flatten import crossings, profiles
+from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles
 from sassgis.terrain.stretch import with_lead_in
 from sassgis.workflow.inputs import (
     collected_notices,
@@ -41,7 +41,7 @@ from sassgis.workflow.inputs import (
     read_map_run,
 )
 from sassgis.workflow.map_report import file_stems, gate_tables, station_figures
-from sassgis.workflow.map_run import LEAD_IN_M, scenario_word
+from sassgis.workflow.map_run import LEAD_IN_M, MapRun, scenario_word
 from sassgis.workflow.tables import write_table
 from sassgis.workflow.vector_layers import STOP_TEXT
 
@@ -66,6 +66,8 @@ class ProfileInput:
     gates : tuple of (Gate, chainage)
     start : (low, high)
         Chainages between which rocks start (m).
+    forest : Forest or None
+        Stems on the stretches of the profile.
     """
 
     name: str
@@ -75,6 +77,7 @@ class ProfileInput:
     table: GroundTable
     gates: tuple[tuple[Gate, float], ...]
     start: tuple[float, float]
+    forest: Forest | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +131,46 @@ def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
     s, z = flat.vertices(0)
     start = settings.start_m if settings else (float(s[0]), float(s[0]))
     return ProfileInput(
-        config.project.name, s, z, flat.ground, table, tuple(profile_gates(config)), start
-    )
+        config.project.name, s, z, flat.ground, table, tuple(profile_gates(config)), start,
+        _even_forest(config, s),
+    )  # fmt: skip
+
+
+def _even_forest(config: Config, s: FloatArray) -> Forest | None:
+    """The same forest all along a profile that lies on no map."""
+    trees: Any = getattr(config.effects, "trees")  # noqa: B009
+    if trees is None:
+        return None
+    for key in ("file", "stems_raster", "dbh_raster"):
+        if getattr(trees, key) is not None:
+            raise ConfigError(
+                "has no place along a profile from a table",
+                file=config.file,
+                field=f"effects.trees.{key}",
+                expected="stems_per_ha and dbh_cm alone",
+            )
+    n = stretches_of(s).size - 1
+    stems, dbh = (trees.stems_per_ha or 0.0), (trees.dbh_cm or 0.0)
+    return Forest(np.full(n, stems / 1e4), np.full(n, dbh / 100.0))
+
+
+def _forest_along(run: MapRun, traces: TraceSet, s: FloatArray) -> Forest | None:
+    """The forest of the map under the middle of each stretch of a profile."""
+    if run.forest is None:
+        return None
+    border = stretches_of(s)
+    middle = np.clip(0.5 * (border[1:] + border[:-1]), 0.0, s[-1])
+    x, y = chainage_to_xy(traces, np.zeros(middle.size, np.int64), middle)
+    cell = np.maximum(run.grid.cell_of(x, y), 0)
+    return Forest(run.forest.stems_per_m2[cell], run.forest.diameter_m[cell])
+
+
+def stretches_of(s: FloatArray) -> FloatArray:
+    """Borders of the stretches of STRETCH_M that stand in for cells along a profile."""
+    n = max(math.ceil((s[-1] - s[0]) / STRETCH_M), 1)
+    border: FloatArray = s[0] + STRETCH_M * np.arange(n + 1)
+    border[-1] = s[-1]
+    return border
 
 
 def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
@@ -168,14 +209,14 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
     return ProfileInput(
         f"{config.project.name}: fall line from {x:.0f}, {y:.0f}",
         s, z, flat.ground[: s.size], run.table, tuple(gates), (0.0, 0.0),
+        _forest_along(run, traces, s),
     )  # fmt: skip
 
 
 def _with_stretches(profile: ProfileInput) -> ProfileSet:
     """The profile with stretches of STRETCH_M in place of the cells of a map."""
-    n = max(math.ceil((profile.s[-1] - profile.s[0]) / STRETCH_M), 1)
-    border = profile.s[0] + STRETCH_M * np.arange(n + 1)
-    border[-1] = profile.s[-1]
+    border = stretches_of(profile.s)
+    n = border.size - 1
     flat = ProfileSet(
         np.array([0, profile.s.size], np.int64), profile.s, profile.z,
         profile.ground.astype(np.int32), np.array([0, n], np.int64), border,
@@ -219,7 +260,7 @@ def simulate_profile(
                 flat, profile.table, blocks, config.engine,
                 seed=config.run.seed if seed is None else seed, rocks_per_line=n, line_keys=keys,
                 starts=np.array([profile.start]), gates=gates, first_rock=first, bins=bins,
-                course_events=events,
+                course_events=events, effects=config.effect_settings, forest=profile.forest,
             )  # fmt: skip
 
         shown = follow(drawn, 0, _COURSE_EVENTS)

@@ -123,11 +123,11 @@ def warnings_of(run: MapRun, planned: Plan, progress: Progress) -> list[str]:
             "the denominator of the reach probability."
         )
     asked = run.rocks_per_point
-    given = run.rocks_per_line * run.spread.lines_per_point
+    given = run.rocks_per_line * run.lines_per_point
     if given != asked:
         out.append(
             f"Each release point lets go {given} rocks instead of {asked}: release.rocks_per_point "
-            f"is shared among {run.spread.lines_per_point} lines and rounded up."
+            f"is shared among {run.lines_per_point} lines and rounded up."
         )
     idle = [g.name for i, (g, _) in enumerate(run.gates) if progress.gates.arrivals(i) == 0]
     if idle:

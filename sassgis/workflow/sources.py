@@ -108,7 +108,7 @@ def sampled_sources(
             blocks.name,
             frequencies[name, blocks.name],
             tally.rocks,
-            run.rocks_per_line,
+            run.rocks_per_stratum,
             run.placement == "random",
             blocks.mean_width_m,
         )

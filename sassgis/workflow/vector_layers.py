@@ -40,6 +40,7 @@ STOP_TEXT = {
     StopReason.LEFT_PROFILE: "left the profile",
     StopReason.STEP_LIMIT: "step limit",
     StopReason.NEVER_STARTED: "never started",
+    StopReason.BROKEN: "broke into pieces",
 }
 _STOP_COLOUR = {
     StopReason.REST: "#1f4e79",
@@ -47,6 +48,7 @@ _STOP_COLOUR = {
     StopReason.LEFT_PROFILE: "#c1121f",
     StopReason.STEP_LIMIT: "#7b2cbf",
     StopReason.NEVER_STARTED: "#8d99ae",
+    StopReason.BROKEN: "#5f0f40",
 }
 #: Levels of the footprint: every cell reached, and shares of all rocks.
 FOOTPRINT_LEVELS = (0.0, 0.001, 0.01)
@@ -156,7 +158,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
 
 def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
     """Where single rocks end: all of them, or an even share of all."""
-    total = int(progress.reasons.sum())
+    total = int(progress.reasons.sum()) + progress.pieces
     rows = kept_stops(run, progress)
     on_map = np.isfinite(rows.x) & np.isfinite(rows.y)
     rocks = rows.rocks[on_map]
@@ -164,7 +166,7 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         {
             "area": [
                 planned.points.area_names[planned.points.area[i]]
-                for i in rocks["line"] // run.spread.lines_per_point
+                for i in rocks["line"] // run.lines_per_point
             ],
             "scenario": [run.blocks[k].name for k in rows.rock_scenario[on_map]],
             "end": [STOP_TEXT[StopReason(int(r))] for r in rocks["reason"]],
@@ -174,6 +176,7 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             "max_speed_mps": np.round(rocks["max_speed_mps"], 2),
             "max_height_m": np.round(rocks["max_height_m"], 2),
             "impacts": rocks["impacts"].astype(np.int64),
+            "piece": rocks["piece"].astype(np.int64),
         },
         geometry=shapely.points(rows.x[on_map], rows.y[on_map]),
         crs=run.grid.crs or None,
@@ -198,6 +201,11 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             "max_speed_mps": FieldInfo("largest speed on the way", "m/s"),
             "max_height_m": FieldInfo("largest passing height on the way", "m"),
             "impacts": FieldInfo("impacts"),
+            "piece": FieldInfo(
+                "piece",
+                "",
+                "0: the rock itself; else a piece of it, or a block that it set in motion",
+            ),
         },
         style=categorised_style(
             STOP_STYLE.symbol,

@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from sassgis.core import rng as draws
 from sassgis.core.blocks import BlockPopulation
-from sassgis.engine import rng as draws
 from sassgis.engine.ellipse import contact_frame, inertia
 
 G = 9.81

@@ -24,6 +24,7 @@ from sassgis.io.config import (
     resolved,
     settings_hash,
 )
+from sassgis.io.effect_sections import EFFECT_SECTIONS
 
 MINIMAL = """
 [terrain]
@@ -101,7 +102,7 @@ def _template_keys() -> dict[str, set[str]]:
     keys: dict[str, set[str]] = {}
     section = ""
     for line in config_template().splitlines():
-        head = re.match(r"(?:# )?\[+(\w+)\]+\s*$", line)
+        head = re.match(r"(?:# )?\[+([\w.]+)\]+\s*$", line)
         key = re.match(r"(?:# )?(\w+) = ", line)
         if head:
             section = head.group(1)
@@ -110,10 +111,16 @@ def _template_keys() -> dict[str, set[str]]:
     return keys
 
 
-@pytest.mark.parametrize("section", sorted(SECTIONS))
+#: Every section that has keys of its own.
+ALL_SECTIONS = {n: m for n, m in SECTIONS.items() if n != "effects"} | {
+    f"effects.{n}": m for n, m in EFFECT_SECTIONS.items()
+}
+
+
+@pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
 def test_template_shows_every_key_and_no_other(section):
     shown = _template_keys()[section]
-    fields = set(SECTIONS[section].model_fields)
+    fields = set(ALL_SECTIONS[section].model_fields)
     if section == "barriers":  # placed as stations are: those keys are explained there
         shown |= {"file", "layer", "name_field", "chainage_m"}
     assert shown == fields
@@ -122,13 +129,13 @@ def test_template_shows_every_key_and_no_other(section):
 def test_defaults_in_comments_of_the_template_are_the_true_ones():
     section, checked = "", 0
     for line in config_template().splitlines():
-        head = re.match(r"(?:# )?\[+(\w+)\]+\s*$", line)
+        head = re.match(r"(?:# )?\[+([\w.]+)\]+\s*$", line)
         if head:
             section = head.group(1)
         key = re.match(r"# (\w+) = ([^#]+)", line)
         if key is None or section in ("stations", "barriers", "objects"):
             continue
-        field = SECTIONS[section].model_fields[key.group(1)]
+        field = ALL_SECTIONS[section].model_fields[key.group(1)]
         if field.default is None:
             continue
         shown = tomllib.loads(f"v = {key.group(2)}")["v"]
@@ -140,9 +147,9 @@ def test_defaults_in_comments_of_the_template_are_the_true_ones():
     assert checked >= 15
 
 
-@pytest.mark.parametrize("section", sorted(SECTIONS))
+@pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
 def test_every_key_is_described(section):
-    for key, field in SECTIONS[section].model_fields.items():
+    for key, field in ALL_SECTIONS[section].model_fields.items():
         assert field.description, f"{section}.{key}"
     assert set(SECTIONS["engine"].model_fields) == {
         f.name for f in dataclasses.fields(EngineSettings)

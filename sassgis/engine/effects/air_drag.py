@@ -43,7 +43,7 @@ def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
         away = max(-math.log10(round_), 0.0)
         coefficient *= 10.0 ** (1.8148 * away**0.5743)
     section = math.pi * (a * b * c) ** (2.0 / 3.0) / round_
-    return 0.5 * drag.density * coefficient * section / mass
+    return float(0.5 * drag.density * coefficient * section / mass)
 
 
 @kernel

@@ -58,7 +58,7 @@ def effects_of(
     stems, diameter : float64, shape (n_cells,)
         Stems per square metre and their diameter at breast height (m) on the cells of the chunk.
     """
-    if not settings.any:
+    if not settings.on_the_way:
         return None
     off = np.zeros(len(table.names), np.bool_)
     none = np.zeros(0)

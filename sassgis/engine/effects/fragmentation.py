@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.core import rng
 from sassgis.core.grid import FloatArray
 from sassgis.core.jit import kernel
-from sassgis.engine import rng
 
 OFF, FRACTAL, THRESHOLD = 0, 1, 2
 

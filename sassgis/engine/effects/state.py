@@ -39,6 +39,6 @@ class Births(NamedTuple):
     """Blocks that come into being in the course of one rock: pieces, and blocks set in motion."""
 
     rows: NDArray[np.float64]  # (room, BIRTH_COLUMNS)
-    count: NDArray[np.int64]  # (1,), beyond the room if there was too little
+    born: NDArray[np.int64]  # (1,), beyond the room if there was too little
     share: NDArray[np.float64]  # working space for the pieces of one break
     side: NDArray[np.float64]

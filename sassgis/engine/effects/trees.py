@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core import rng
 from sassgis.core.jit import kernel
-from sassgis.engine import rng
 
 OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
 
@@ -55,7 +55,7 @@ def share_taken(offset: float) -> float:
         to 1: a block that comes from the side grazes it.
     """
     share = -0.046 + (0.98 + 0.046) / (1.0 + 10.0 ** ((0.58 - offset) * -8.007))
-    return min(max(share, 0.0), 1.0)
+    return float(min(max(share, 0.0), 1.0))
 
 
 @kernel

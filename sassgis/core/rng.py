@@ -6,6 +6,8 @@ threads or order, and one stream never shifts another.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ from sassgis.core.jit import kernel
 AXIS_1, AXIS_2, AXIS_3, DENSITY, SPEED, SPIN, DROP, ORIENTATION, START, SLOPE = range(10)
 VOLUME = 10
 STEM_DISTANCE, STEM_OFFSET, TILT, LANDING, BREAKS, PIECE_WAY, SET_OFF, SET_OFF_WAY = range(11, 19)
+HOP, KICK = 19, 20
 
 
 @kernel
@@ -49,6 +52,13 @@ def between(key: np.uint64, stream: int, event: int, low: float, high: float) ->
     return low + (high - low) * uniform(key, stream, event)
 
 
+@kernel
+def normal(key: np.uint64, stream: int, event: int) -> float:
+    """A number of the standard normal distribution (Box and Muller 1958)."""
+    radius = math.sqrt(-2.0 * math.log(uniform(key, stream, 2 * event)))
+    return radius * math.cos(2.0 * math.pi * uniform(key, stream, 2 * event + 1))
+
+
 def combined(
     keys: NDArray[np.uint64], word: int | np.uint64 | IntArray | NDArray[np.uint64]
 ) -> NDArray[np.uint64]:
@@ -71,3 +81,9 @@ def combined(
         z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     out: NDArray[np.uint64] = z ^ (z >> np.uint64(31))
     return out
+
+
+def shares(keys: NDArray[np.uint64]) -> NDArray[np.float64]:
+    """A number in the open interval (0, 1) for each key."""
+    mixed = combined(keys, 0)
+    return ((mixed >> np.uint64(12)).astype(np.float64) + 0.5) * 2.0**-52
