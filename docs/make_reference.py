@@ -19,7 +19,7 @@ from sassgis.io.config import SECTIONS
 PAGE = Path(__file__).parent / "configuration.md"
 
 _HEAD = """\
-<!-- Written by docs/make_reference.py from the models in sassgis/io/config.py. Do not edit. -->
+<!-- Written by docs/make_reference.py from the models in sassgis/io/sections.py. Do not edit. -->
 
 # Configuration
 
