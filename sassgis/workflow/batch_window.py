@@ -16,9 +16,9 @@ from sassgis.workflow.map_run import MapRun, Plan, plan
 
 #: Margin with which the search begins (m).
 _FIRST_MARGIN_M = 200.0
-#: What the edge of a part does to the spline through its heights fades by 0.268 per cell: after so
-#: many cells it is far below the rounding of a double.
-_SPLINE_CELLS = 32
+#: What the edge of a part does to the spline through its heights fades by 0.268 per cell: it is
+#: below the rounding of a double after 28 cells, and some more make the last bits the same.
+_SPLINE_CELLS = 64
 #: Standard deviations at which the Gaussian of the smoothing ends.
 _GAUSSIAN_ENDS = 4.0
 _POINTS = 256
@@ -59,7 +59,8 @@ def windowed(
 
     A part is tried, all fall lines are traced on it, and on each side on which a line comes near a
     cut edge (see edge_cells) the margin is doubled. So the lines are those of the whole terrain
-    model, but for the rounding of coordinates that are counted from another corner.
+    model: to the last bit where corners and sizes of cells are binary numbers (whole metres,
+    halves, quarters, ...) and no nodata is near, else but for rounding.
 
     Parameters
     ----------
