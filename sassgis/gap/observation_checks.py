@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -22,6 +22,7 @@ from sassgis.gap.observations import (
     parent_of,
     rock_radii_m,
     root_of,
+    without,
 )
 from sassgis.terrain.heights import heights_at
 
@@ -37,8 +38,8 @@ _SIGMAS = 3.0
 _OFFSET_M = 1.5
 #: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
 _FULL_AXES = 4.0
-#: Surface speed of a rock over its own speed: rolling is 1, nothing known to roll has more than 3.
-_SPIN_RATIO = 3.0
+#: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
+_SPIN_RATIO = 2.0
 
 
 def check_observations(observations: Observations, grid: Grid | None = None) -> list[Finding]:
@@ -57,19 +58,13 @@ def check_observations(observations: Observations, grid: Grid | None = None) -> 
         Errors first. What a finding says is left out is still in ``observations``: see
         ``sassgis.gap.observations.without``.
     """
-    found = [
-        *_identifiers(observations),
-        *_belonging(observations),
-        *_sizes(observations),
-        *_impacts(observations),
-        *_spins(observations),
-        *_trajectory_speeds(observations),
-        *_near_stations(observations),
-        *_pieces(observations),
-    ]
-    if grid is not None:
-        found += [*_on_the_dem(observations, grid), *_offsets(observations, grid)]
-    found += [*_drops(observations, grid), *_downhill(observations, grid)]
+    found: list[Finding] = []
+    left = observations
+    for check in _CHECKS:
+        # What one check leaves out is not found again by the next, under another name.
+        new = list(check(left, grid))
+        found += new
+        left = without(left, new)
     return sorted(found, key=lambda f: f.level != "error")
 
 
@@ -100,7 +95,7 @@ def _or(value: float, otherwise: float) -> float:
 # Names
 
 
-def _identifiers(obs: Observations) -> Iterator[Finding]:
+def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     """Names that are used twice where they stand for one thing."""
     keys: Mapping[str, Sequence[Sequence[object]]] = {
         "rocks": [obs.rocks.rock_id.tolist()],
@@ -132,10 +127,9 @@ def _identifiers(obs: Observations) -> Iterator[Finding]:
                 expected="one row for each",
                 left_out="row",
             )
-    yield from _same_stop(obs)
 
 
-def _same_stop(obs: Observations) -> Iterator[Finding]:
+def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     """Stops of one name: one entered twice, or pieces without a suffix."""
     deposits = obs.deposits
     first: dict[str, list[int]] = {}
@@ -178,7 +172,7 @@ def _same_stop(obs: Observations) -> Iterator[Finding]:
         )
 
 
-def _belonging(obs: Observations) -> Iterator[Finding]:
+def _belonging(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     """Rocks and stations that the other tables know nothing of."""
     if len(obs.rocks):
         known = set(obs.rocks.rock_id.tolist())
@@ -255,7 +249,7 @@ def _nearest(name: str, known: Sequence[str]) -> str:
 # Masses and sizes
 
 
-def _sizes(obs: Observations) -> Iterator[Finding]:
+def _sizes(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     rocks = obs.rocks
     axes = 4.0 / 3.0 * math.pi * rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
     density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
@@ -339,7 +333,7 @@ def _sizes(obs: Observations) -> Iterator[Finding]:
         )
 
 
-def _pieces(obs: Observations) -> Iterator[Finding]:
+def _pieces(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     """Pieces cannot weigh more than their rock."""
     rocks, deposits = obs.rocks, obs.deposits
     if not len(rocks) or not len(deposits):
@@ -368,7 +362,7 @@ def _pieces(obs: Observations) -> Iterator[Finding]:
 # Impacts
 
 
-def _impacts(obs: Observations) -> Iterator[Finding]:
+def _impacts(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     impacts = obs.impacts
     inward = impacts.vn_in_mps > 0.0
     known = np.isfinite(impacts.vn_in_mps)
@@ -441,7 +435,7 @@ def _energy_gain(obs: Observations, usable: BoolArray) -> Iterator[Finding]:
 # Speeds
 
 
-def _spins(obs: Observations) -> Iterator[Finding]:
+def _spins(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     radii = np.append(rock_radii_m(obs), np.nan)
     places = (
         ("passages", "rotation_hz", "speed_mps", 2.0 * math.pi, "turns per second"),
@@ -476,7 +470,7 @@ def _spins(obs: Observations) -> Iterator[Finding]:
         )
 
 
-def _trajectory_speeds(obs: Observations) -> Iterator[Finding]:
+def _trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     """Speeds along a path against the path and the clock."""
     path = obs.trajectories
     ratios = []
@@ -633,7 +627,7 @@ def _station_heights(obs: Observations, grid: Grid | None, *, lowest: bool) -> F
 # Places
 
 
-def _near_stations(obs: Observations) -> Iterator[Finding]:
+def _near_stations(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     """Passages far from the station that they name."""
     passages = obs.passages
     lines = {
@@ -736,7 +730,9 @@ def _placed_rocks(obs: Observations) -> list[str]:
     return names
 
 
-def _on_the_dem(obs: Observations, grid: Grid) -> Iterator[Finding]:
+def _on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+    if grid is None:
+        return
     west, south, east, north = grid.bounds
     extent = f"x {west:.0f} to {east:.0f}, y {south:.0f} to {north:.0f}"
     for table in ("rocks", "passages", "impacts", "deposits", "trajectories"):
@@ -791,8 +787,10 @@ def _why_outside(x: FloatArray, y: FloatArray, grid: Grid) -> str:
     return ": another coordinate system?"
 
 
-def _offsets(obs: Observations, grid: Grid) -> Iterator[Finding]:
+def _offsets(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     """Heights in another system than those of the DEM, and single heights far from it."""
+    if grid is None:
+        return
     limit = max(
         _OFFSET_M,
         0.5 * grid.cell_size,
@@ -873,3 +871,21 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Findin
             )
         )
     return found
+
+
+#: In this order: names first, then places, then what hangs on them.
+_CHECKS: tuple[Callable[[Observations, Grid | None], Iterator[Finding]], ...] = (
+    _identifiers,
+    _same_stop,
+    _belonging,
+    _on_the_dem,
+    _offsets,
+    _sizes,
+    _pieces,
+    _near_stations,
+    _downhill,
+    _impacts,
+    _spins,
+    _trajectory_speeds,
+    _drops,
+)
