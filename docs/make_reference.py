@@ -20,7 +20,7 @@ from sassgis.io.effect_sections import EFFECT_SECTIONS
 PAGE = Path(__file__).parent / "configuration.md"
 
 _HEAD = """\
-<!-- Written by docs/make_reference.py from the models in sassgis/io/config.py. Do not edit. -->
+<!-- Written by docs/make_reference.py from the models in sassgis/io/sections.py. Do not edit. -->
 
 # Configuration
 

@@ -4,8 +4,8 @@ The names below are the public interface; everything else may change between ver
 loaded when it is first used, so that ``import sassgis`` is quick.
 
 Runs
-    ``load_config`` reads a configuration, ``check_inputs`` says what its files hold, ``run`` and
-    ``run_profile`` do what the commands of the same name do.
+    ``load_config`` reads a configuration, ``check_inputs`` says what its files hold, ``run``,
+    ``zone`` and ``run_profile`` do what the commands ``run``, ``zone`` and ``profile`` do.
 Engine
     ``simulate`` follows rocks down profiles that are given as arrays; ``read_dem`` reads a terrain
     model.
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from sassgis.io.dem import read_dem
     from sassgis.workflow.profile_run import run_profile
     from sassgis.workflow.run import run
+    from sassgis.workflow.zone import zone
 
 __version__ = "0.1.0"
 
@@ -52,6 +53,7 @@ __all__ = [
     "run",
     "run_profile",
     "simulate",
+    "zone",
 ]
 
 _HOMES = {
@@ -69,6 +71,7 @@ _HOMES = {
     "run": "sassgis.workflow.run",
     "run_profile": "sassgis.workflow.profile_run",
     "simulate": "sassgis.engine.simulate",
+    "zone": "sassgis.workflow.zone",
 }
 
 

@@ -45,7 +45,7 @@ class _Progress:
         now = time.monotonic()
         # The first chunk tells no pace: it waits for the program to be compiled, and in a run that
         # goes on from a saved state all before it was done another time.
-        if self._began is None:
+        if self._began is None or done < self._began[1]:
             self._began = (now, done)
         since, first = self._began
         pace = (now - since) / (done - first) if done > first else None
@@ -215,6 +215,64 @@ def _zone(
         f"{100 * result.found.hazard.undecided_share:.1f} % of the reached cells undecided."
     )
     click.echo(f"Open {out / 'project.qgz'} in QGIS, {out / 'report.html'} in a browser.")
+
+
+@cli.command()
+@click.argument("releases", type=click.Path(path_type=Path))
+@_OUT
+@click.option(
+    "-c",
+    "--config",
+    type=click.Path(path_type=Path),
+    help="Everything but the release areas; default: the only TOML file beside them.",
+)
+@click.option(
+    "--dem",
+    type=click.Path(path_type=Path),
+    help="In place of terrain.dem: a raster, a VRT, or a folder of tiles.",
+)
+@_SEED
+@_JOBS
+@click.option(
+    "--overwrite", is_flag=True, help="Replace areas that were made from other settings or inputs."
+)
+def batch(
+    releases: Path,
+    out: Path,
+    config: Path | None,
+    dem: Path | None,
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
+    """Zone each release area of RELEASES alone, and all of them on one map.
+
+    RELEASES is a vector file, a folder of vector files, or a configuration. The same command goes
+    on after an interruption, and runs nothing again that is there.
+    """
+    from sassgis.workflow.batch import batch as run_batch
+
+    progress = _Progress()
+    try:
+        result = run_batch(
+            releases,
+            out,
+            config=config,
+            dem=dem,
+            seed=seed,
+            jobs=jobs,
+            overwrite=overwrite,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    finally:
+        progress.close()
+    for warning in result.warnings:
+        click.echo(f"Note: {warning}", err=True)
+    done = int((result.summary["status"] == "done").sum())
+    click.echo(f"{done} of {len(result.summary)} areas done: {out / 'summary.csv'}")
+    mosaic = out / "mosaic"
+    click.echo(f"Open {mosaic / 'project.qgz'} in QGIS, {mosaic / 'report.html'} in a browser.")
 
 
 @cli.command()

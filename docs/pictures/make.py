@@ -20,15 +20,16 @@ from sassgis.workflow.profile_run import (
     profile_panel,
     simulate_profile,
 )
-from sassgis.workflow.run import run
 from sassgis.workflow.samples import sample_folder
+from sassgis.workflow.zone import zone
 
 
-def energy_map(folder: Path) -> None:
-    """The energy map of `sassgis demo`, as the program itself draws it."""
+def level_and_energy(folder: Path) -> None:
+    """Hazard level and energy of `sassgis demo`, as the program itself draws them."""
     with tempfile.TemporaryDirectory() as work:
         out = Path(work) / "demo"
-        run(sample_folder() / "valley" / "config.toml", out)
+        zone(sample_folder() / "valley" / "config.toml", out)
+        shutil.copyfile(out / "figures" / "hazard_level.png", folder / "hazard_level.png")
         shutil.copyfile(out / "figures" / "map_energy.png", folder / "energy_map.png")
 
 
@@ -45,11 +46,11 @@ def before_and_after(folder: Path) -> None:
 
 
 def main() -> None:
-    """Write both pictures."""
+    """Write all pictures."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
     folder.mkdir(parents=True, exist_ok=True)
     before_and_after(folder)
-    energy_map(folder)
+    level_and_energy(folder)
 
 
 if __name__ == "__main__":

@@ -50,16 +50,10 @@ def csv_rows(
     InputError
         If a column is missing, unknown or repeated, or a row does not fit the header.
     """
-    lines = text.splitlines()
-    header = lines[0] if lines else ""
-    delimiter = ";" if header.count(";") > header.count(",") else ","
-    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    columns = [c.strip() for c in next(reader, [])]
+    columns, delimiter, lines = csv_cells(text)
     check_columns(columns, file, "row 1", required, optional)
-    for cells in reader:
-        if not any(cell.strip() for cell in cells):
-            continue
-        where = f"row {reader.line_num}"
+    for line, cells in lines:
+        where = f"row {line}"
         if len(cells) != len(columns):
             raise InputError(
                 f"{where} does not fit the header",
@@ -71,6 +65,27 @@ def csv_rows(
         if delimiter == ";":
             row |= {c: row[c].replace(",", ".") for c in numbers if c in row}
         yield where, row
+
+
+def csv_cells(text: str) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
+    """Cells of a CSV text as they stand.
+
+    Returns
+    -------
+    columns : list of str
+        The first line.
+    delimiter : {",", ";"}
+        The one that the first line has more of.
+    rows : iterator of (int, list of str)
+        Number of the line, and its cells; empty lines are left out.
+    """
+    lines = text.splitlines()
+    header = lines[0] if lines else ""
+    delimiter = ";" if header.count(";") > header.count(",") else ","
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    columns = [c.strip() for c in next(reader, [])]
+    rows = ((reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells))
+    return columns, delimiter, rows
 
 
 def check_columns(

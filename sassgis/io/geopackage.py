@@ -197,7 +197,8 @@ def _gdal_time(stamp: str) -> Iterator[None]:
 # --- tables ----------------------------------------------------------------------------------
 
 
-def _register(database: sqlite3.Connection, table: str, title: str, description: str) -> None:
+def register_table(database: sqlite3.Connection, table: str, title: str, description: str) -> None:
+    """Make a table without geometry a part of the GeoPackage."""
     database.execute(
         "INSERT INTO gpkg_contents (table_name, data_type, identifier, description, last_change, "
         "srs_id) VALUES (?, 'attributes', ?, ?, ?, 0)",
@@ -213,7 +214,7 @@ def _write_styles(database: sqlite3.Connection, layers: Sequence[VectorLayer]) -
         '"useAsDefault" BOOLEAN, "description" TEXT, "owner" TEXT(30), "ui" TEXT(30), '
         "\"update_time\" DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')))"
     )
-    _register(database, "layer_styles", "layer_styles", "QGIS styles of the layers")
+    register_table(database, "layer_styles", "layer_styles", "QGIS styles of the layers")
     # QGIS asks for the empty string as schema: a NULL there would silently lose the style.
     database.executemany(
         'INSERT INTO "layer_styles" ("f_table_catalog", "f_table_schema", "f_table_name", '
@@ -227,7 +228,27 @@ def _write_styles(database: sqlite3.Connection, layers: Sequence[VectorLayer]) -
 
 
 def _write_columns(database: sqlite3.Connection, layers: Sequence[VectorLayer]) -> None:
-    """Aliases with units, by the GeoPackage schema extension (GDAL's alternative names)."""
+    register_columns(
+        database,
+        [
+            (layer.name, column, info.label, info.description)
+            for layer in layers
+            for column, info in layer.fields.items()
+        ],
+    )
+
+
+def register_columns(
+    database: sqlite3.Connection, columns: Sequence[tuple[str, str, str, str]]
+) -> None:
+    """Aliases with units, by the GeoPackage schema extension (GDAL's alternative names).
+
+    Parameters
+    ----------
+    database
+    columns
+        Table, column, title and description of each.
+    """
     database.execute(
         "CREATE TABLE IF NOT EXISTS gpkg_data_columns (table_name TEXT NOT NULL, column_name TEXT "
         "NOT NULL, name TEXT, title TEXT, description TEXT, mime_type TEXT, constraint_name TEXT, "
@@ -256,9 +277,8 @@ def _write_columns(database: sqlite3.Connection, layers: Sequence[VectorLayer]) 
         "INSERT INTO gpkg_data_columns (table_name, column_name, name, title, description) "
         "VALUES (?, ?, ?, ?, ?)",
         [
-            (layer.name, column, column, info.label, info.description)
-            for layer in layers
-            for column, info in layer.fields.items()
+            (table, column, column, title, description)
+            for table, column, title, description in columns
         ],
     )
 
@@ -268,7 +288,7 @@ def _write_metadata(database: sqlite3.Connection, metadata: Mapping[str, object]
         f'CREATE TABLE "{METADATA_TABLE}" ("id" INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
         '"key" TEXT NOT NULL UNIQUE, "value" TEXT)'
     )
-    _register(database, METADATA_TABLE, "Run metadata", "How this result came about")
+    register_table(database, METADATA_TABLE, "Run metadata", "How this result came about")
     database.executemany(
         f'INSERT INTO "{METADATA_TABLE}" ("key", "value") VALUES (?, ?)',
         [(key, None if value is None else str(value)) for key, value in metadata.items()],

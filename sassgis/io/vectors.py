@@ -623,7 +623,7 @@ def read_features(
     found_kinds = [
         _check_shape(g, who, file, key, kinds) for g, who in zip(shapes, labels, strict=True)
     ]
-    moved = _onto_grid(shapes, frame.crs, grid, file, key, labels)
+    moved = onto_grid(shapes, frame.crs, grid, file, key, labels)
     return [
         Feature(f.number, f.attributes, g, kind)
         for f, g, kind in zip(bare, moved, found_kinds, strict=True)
@@ -745,10 +745,16 @@ def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str
     return kind
 
 
-def _onto_grid(
+def onto_grid(
     shapes: Sequence[Any], crs: Any, grid: Grid, file: Path, key: str, labels: Sequence[str]
 ) -> list[Any]:
-    """Geometries in the coordinates of the DEM; they must meet it somewhere."""
+    """Geometries in the coordinates of the DEM; they must meet it somewhere.
+
+    Raises
+    ------
+    InputError
+        If they cannot be brought there or lie beside it, with a guess why.
+    """
     place = f"{key}.file"
     own = None if crs is None else pyproj.CRS.from_user_input(crs)
     if own is not None and own.is_engineering:

@@ -43,6 +43,18 @@ def cell_stretches(grid: Grid, traces: TraceSet) -> tuple[IntArray, FloatArray, 
     return _stretches(traces.offset, traces.s, u, v, n_rows, n_cols)
 
 
+# Positions are counted in cells from a corner of the grid. Shifts of position are made whole
+# multiples of 2^-28 of a cell (7 nm on cells of 2 m), so that adding them is exact: the lines and
+# heights on a part of a DEM, counted from another corner, are the same to the last bit.
+_STEPS_PER_CELL = 2.0**28
+
+
+@kernel
+def exact(shift: float) -> float:
+    """A shift of position, in cells, that adds to positions without rounding."""
+    return float(np.floor(shift * _STEPS_PER_CELL + 0.5) / _STEPS_PER_CELL)
+
+
 @kernel
 def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
     """A copy with room for at least ``size`` rows, doubling."""

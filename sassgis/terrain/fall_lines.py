@@ -30,7 +30,7 @@ from sassgis.core.errors import ConfigError
 from sassgis.core.grid import FloatArray, Grid, IntArray
 from sassgis.core.jit import kernel
 from sassgis.core.profiles import LineEnd, ReleasePoints, TraceSet
-from sassgis.terrain.cells import grown, height_at, next_share
+from sassgis.terrain.cells import exact, grown, height_at, next_share
 from sassgis.terrain.surface import BoolArray, Surface, shape_at, slope_at, smoothed, standing
 from sassgis.terrain.surface import surface as spline
 
@@ -216,8 +216,8 @@ def trace(
         fan = kicks.fan
         n_fans = fan.size // max(len(points), 1)
     cell = grid.cell_size
-    u = (points.x - grid.west) / cell
-    v = (grid.north - points.y) / cell
+    u = _rounded((points.x - grid.west) / cell)
+    v = _rounded((grid.north - points.y) / cell)
     offset, lines, end = _trace_all(
         surface.coefficients,
         surface.valid,
@@ -248,6 +248,12 @@ def trace(
         fan=fan,
         end=end,
     )
+
+
+def _rounded(positions: FloatArray) -> FloatArray:
+    """Positions in cells that lie a whole number of the shortest shifts from the corner."""
+    whole = np.floor(positions)
+    return whole + np.array([exact(p) for p in positions - whole], np.float64)
 
 
 @kernel
@@ -382,7 +388,7 @@ def _trace_line(
             ku, kv, nu, nv = _coast(
                 coefficients, u, v, gu, gv, hu, hv, step, cos_fan, sin_fan, flat, turning
             )
-        u_new, v_new = u + step * ku, v + step * kv
+        u_new, v_new = u + exact(step * ku), v + exact(step * kv)
         share, reason = _way_open(valid, u, v, u_new, v_new)
         z_new, gu_new, gv_new, huu, huv, hvv = shape_at(coefficients, u_new, v_new)
         slope_new = _length(gu_new, gv_new)
@@ -401,7 +407,7 @@ def _trace_line(
         longest = min(_STEP, 2.0 * longest)
 
         s_new = line[size - 1, 2] + _length(u_new - line[size - 1, 0], v_new - line[size - 1, 1])
-        if s_new >= max_length - 1e-9 and reason == _VALID:
+        if s_new >= max_length - _INSIDE and reason == _VALID:
             reason = _MAX_LENGTH
         excess, excess_new = z - top + energy * s_old, z_new - top + energy * s_new
         if excess_new > 0.0 and s_new > free:
@@ -411,7 +417,7 @@ def _trace_line(
             if cut <= share:
                 share, reason = cut, _ENERGY_LINE
         if reason != _VALID:
-            u_new, v_new = u + share * (u_new - u), v + share * (v_new - v)
+            u_new, v_new = u + exact(share * (u_new - u)), v + exact(share * (v_new - v))
         moved = share * step
         since_out += moved
         if (
@@ -535,7 +541,7 @@ def _descend(
     sum_u, sum_v = au, av
     for stage in range(3):
         reach = step if stage == 2 else 0.5 * step
-        gu, gv = slope_at(coefficients, u + reach * ku, v + reach * kv)
+        gu, gv = slope_at(coefficients, u + exact(reach * ku), v + exact(reach * kv))
         ku, kv = _aim(gu, gv, cos_fan, sin_fan)
         if _length(gu, gv) < flat or ku * hu + kv * hv < _ALIGNED:
             return hu, hv, False
@@ -567,7 +573,8 @@ def _coast(
     rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, _length(gu, gv), flat, turning)
     angle = _angle(gu, gv, cos_fan, sin_fan, hu, hv)
     mu, mv = _turned(hu, hv, -angle * np.expm1(-0.5 * rate * step))
-    gu, gv = slope_at(coefficients, u + 0.5 * step * mu, v + 0.5 * step * mv)
+    half = 0.5 * step
+    gu, gv = slope_at(coefficients, u + exact(half * mu), v + exact(half * mv))
     rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, _length(gu, gv), flat, turning)
     angle = _angle(gu, gv, cos_fan, sin_fan, hu, hv)
     mu, mv = _turned(hu, hv, -angle * np.expm1(-0.5 * rate * step))

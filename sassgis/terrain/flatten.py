@@ -19,6 +19,7 @@ from sassgis.terrain.cells import (
     SHORTEST_STRETCH,
     cell_index,
     cell_stretches,
+    exact,
     grown,
     height_at,
     next_line,
@@ -319,7 +320,10 @@ def _samples(
                 continue
             middle = 0.5 * (t + t_next)
             cell = cell_index(
-                0.5 * (u0 + middle * (u1 - u0)), 0.5 * (v0 + middle * (v1 - v0)), n_rows, n_cols
+                0.5 * (u0 + exact(middle * (u1 - u0))),
+                0.5 * (v0 + exact(middle * (v1 - v0))),
+                n_rows,
+                n_cols,
             )
             row, col = cell // n_cols, cell % n_cols
             inside = cell >= 0
@@ -341,8 +345,8 @@ def _samples(
                     out_z[size - 1] = (
                         height_at(
                             heights,
-                            0.5 * (u0 + t * (u1 - u0)),
-                            0.5 * (v0 + t * (v1 - v0)),
+                            0.5 * (u0 + exact(t * (u1 - u0))),
+                            0.5 * (v0 + exact(t * (v1 - v0))),
                             row,
                             col,
                         )
@@ -357,8 +361,8 @@ def _samples(
                 out_z[size] = (
                     height_at(
                         heights,
-                        0.5 * (u0 + t_next * (u1 - u0)),
-                        0.5 * (v0 + t_next * (v1 - v0)),
+                        0.5 * (u0 + exact(t_next * (u1 - u0))),
+                        0.5 * (v0 + exact(t_next * (v1 - v0))),
                         row,
                         col,
                     )

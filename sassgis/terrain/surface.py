@@ -75,9 +75,10 @@ def surface(grid: Grid) -> Surface:
     """
     valid = np.isfinite(grid.values)
     trend = _plane(grid.values, valid)
-    residual = _filled(grid.values - trend, valid)
+    filled = _filled(grid.values - trend, valid) + trend
     n_rows, n_cols = grid.shape
-    padded = _pad_odd(_pad_odd(residual + trend, axis=0), axis=1)
+    # Known heights go in as they are: they must not depend on how far the grid extends.
+    padded = _pad_odd(_pad_odd(np.where(valid, grid.values, filled), axis=0), axis=1)
     coefficients = ndimage.spline_filter(padded, order=3, mode="mirror", output=np.float64)
     assert coefficients.shape == (n_rows + 2 * PAD, n_cols + 2 * PAD)
     return Surface(
@@ -121,9 +122,9 @@ def smoothed(grid: Grid, scale_m: float) -> Grid:
     trend = _plane(grid.values, valid)
     if scale_m == 0.0:
         return grid
-    values = trend + _local_linear(grid.values - trend, valid, scale_m / grid.cell_size)
+    general = (_step(trend, axis=0), _step(trend, axis=1))
     return Grid(
-        values=np.where(valid, values, np.nan),
+        values=_local_linear(grid.values, valid, scale_m / grid.cell_size, general),
         west=grid.west,
         north=grid.north,
         cell_size=grid.cell_size,
@@ -212,15 +213,27 @@ def _pad_odd(values: FloatArray, axis: int) -> FloatArray:
     return np.pad(values, width, mode="reflect", reflect_type="odd")
 
 
-def _local_linear(residual: FloatArray, valid: BoolArray, scale: float) -> FloatArray:
-    """Gaussian-weighted local linear regression; ``scale`` in cells."""
+def _step(plane: FloatArray, axis: int) -> float:
+    """Rise of a plane from one row or column to the next."""
+    return float(np.diff(plane[:2, :2], axis=axis)[0, 0]) if plane.shape[axis] > 1 else 0.0
+
+
+def _local_linear(
+    heights: FloatArray, valid: BoolArray, scale: float, general: tuple[float, float]
+) -> FloatArray:
+    """Gaussian-weighted local linear regression.
+
+    ``scale`` in cells; ``general`` is the rise per row and per column where the surroundings carry
+    no slope of their own. NaN where invalid. What a cell gets depends on its surroundings alone, to
+    the last bit, except where ``general`` is used.
+    """
     radius = max(1, int(np.ceil(4.0 * scale)))
     offset = np.arange(-radius, radius + 1, dtype=np.float64)
     weight = np.exp(-0.5 * (offset / scale) ** 2)
     weight /= weight.sum()
     moments = [weight * (offset / scale) ** power for power in (0, 1, 2)]
     mask = valid.astype(np.float64)
-    known = np.where(valid, residual, 0.0)
+    known = np.where(valid, heights, 0.0)
 
     def correlate(values: FloatArray, row_power: int, col_power: int) -> FloatArray:
         once = ndimage.correlate1d(values, moments[row_power], axis=0, mode="constant")
@@ -244,11 +257,11 @@ def _local_linear(residual: FloatArray, valid: BoolArray, scale: float) -> Float
     rr, cc, rc = s20 - s10 * s10 / s00, s02 - s01 * s01 / s00, s11 - s10 * s01 / s00
     rz, cz = t10 - s10 * t00 / s00, t01 - s01 * t00 / s00
     determinant = rr * cc - rc * rc
-    # Too few or too ill-placed neighbours carry no slope; the mean about the trend then serves.
+    # Too few or too ill-placed neighbours carry no slope; that of the whole grid then serves.
     sound = determinant > 1e-3 * s00 * s00
     safe = np.where(sound, determinant, 1.0)
-    slope_row = np.where(sound, (rz * cc - cz * rc) / safe, 0.0)
-    slope_col = np.where(sound, (cz * rr - rz * rc) / safe, 0.0)
+    slope_row = np.where(sound, (rz * cc - cz * rc) / safe, scale * general[0])
+    slope_col = np.where(sound, (cz * rr - rz * rc) / safe, scale * general[1])
     result[partial] = (t00 - slope_row * s10 - slope_col * s01) / s00
     return result
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core.results import Gate
 from sassgis.hazard.gates import GateSums
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.hazard.statistics import MapSums
@@ -82,7 +83,8 @@ class Checkpoint:
         if not all(self._part(i).is_file() for i in range(parts)):
             return None
         self._parts = parts
-        return progress_from(state, run)
+        n_rows, n_cols = run.grid.shape
+        return progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.gates))
 
     def hand_on(self, rows: Rows) -> None:
         """Take rows that are to be written to tables; they are saved with the next state."""
@@ -144,13 +146,13 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
     return state
 
 
-def progress_from(state: dict[str, Any], run: MapRun) -> Progress:
-    """The progress of a run from its state."""
-    n_rows, n_cols = run.grid.shape
-    progress = Progress.fresh(run)
-    progress.chunks = int(state["chunks"])
-    progress.sums = MapSums.from_state(n_rows * n_cols, _group(state, "sums"))
-    progress.gates = GateSums.from_state(tuple(g for g, _ in run.gates), _group(state, "gates"))
+def progress_from(state: dict[str, Any], n_cells: int, gates: tuple[Gate, ...]) -> Progress:
+    """The progress of a run from its state, the cells of its grid and its stations and barriers."""
+    progress = Progress(
+        int(state["chunks"]),
+        MapSums.from_state(n_cells, _group(state, "sums")),
+        GateSums.from_state(gates, _group(state, "gates")),
+    )
     progress.reasons = np.array(state["reasons"])
     progress.runout = np.array(state["runout"])
     progress.lost = int(state["lost"])
@@ -158,7 +160,7 @@ def progress_from(state: dict[str, Any], run: MapRun) -> Progress:
     if state["furthest_m"].size:
         line, scenario, rock = state["furthest_rock"].tolist()
         progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
-    progress.sources = _sources(state, run)
+    progress.sources = _sources(state, gates)
     lines = _group(state, "lines")
     progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
     rows = _group(state, "stops")
@@ -172,7 +174,7 @@ def read_rows(part: Path) -> Rows:
         return Rows(*(stored[f] for f in _ROW_FIELDS))
 
 
-def _sources(state: dict[str, Any], run: MapRun) -> dict[tuple[int, int], SourceTally]:
+def _sources(state: dict[str, Any], gates: tuple[Gate, ...]) -> dict[tuple[int, int], SourceTally]:
     """Tallies of the sources, in the order in which they were saved."""
     names = [k.removesuffix(".rocks") for k in state if re.fullmatch(r"source\.\d+\.\d+\.rocks", k)]
     sources = {}
@@ -181,7 +183,7 @@ def _sources(state: dict[str, Any], run: MapRun) -> dict[tuple[int, int], Source
         sources[int(area), int(scenario)] = SourceTally(
             SourceSums.from_state(_group(state, f"{name}.cells")),
             SourceSums.from_state(_group(state, f"{name}.objects")),
-            GateSums.from_state(tuple(g for g, _ in run.gates), _group(state, f"{name}.gates")),
+            GateSums.from_state(gates, _group(state, f"{name}.gates")),
             int(state[f"{name}.rocks"]),
         )
     return sources

@@ -522,8 +522,8 @@ class Progress:
         return cls(0, MapSums(n_rows * n_cols), GateSums(tuple(g for g, _ in run.gates)))
 
 
-def _kept(rows: Rows, seed: int, share: float) -> Rows:
-    """A part of the stops, chosen by the identity of each rock."""
+def evenly_kept(rows: Rows, seed: int, share: float) -> Rows:
+    """A share of the rocks, chosen by the identity of each; smaller shares are parts of larger."""
     if share >= 1.0:
         return _rocks_alone(rows, np.ones(rows.rocks.size, bool))
     return _rocks_alone(rows, _lots(rows, seed).astype(np.float64) < share * 2.0**64)
@@ -605,7 +605,7 @@ def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float, first
             progress.furthest = longest
     if first:
         progress.lines.append(outcome.lines)
-    progress.stops.append(_kept(outcome.rows, run.seed, share))
+    progress.stops.append(evenly_kept(outcome.rows, run.seed, share))
     progress.chunks += 1
 
 

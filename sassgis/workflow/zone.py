@@ -117,6 +117,7 @@ def write_zones(
     bare: Simulation | None,
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
+    first: Callable[[Assessment], None] | None = None,
 ) -> tuple[Assessment, tuple[RasterLayer, ...], tuple[str, ...]]:
     """Find the zones and write everything into ``work``.
 
@@ -127,6 +128,8 @@ def write_zones(
     rules : Rules
     bare : Simulation or None
         The same rocks without walls and nets.
+    first : callable, optional
+        Called with what was found before anything is written.
 
     Returns
     -------
@@ -138,6 +141,8 @@ def write_zones(
     """
     tell("Drawing the zones")
     found = assess(done.config, rules, done, bare)
+    if first is not None:
+        first(found)
     extras = zone_extras(done.config, rules, found, done, work / "figures")
     return found, write_result(work, done, areas, tell, extras), extras.warnings
 

@@ -123,25 +123,32 @@ def test_links_lead_somewhere(repository):
 
 @pytest.fixture(scope="module")
 def small_result(tmp_path_factory):
-    """A run of the sample valley with few rocks."""
+    """What `sassgis demo` writes, with few rocks."""
     from sassgis.workflow.samples import sample_folder
 
     out = tmp_path_factory.mktemp("run") / "out"
     config = sassgis.load_config(
         sample_folder() / "valley" / "config.toml",
-        {"release.spacing_m": 40.0, "release.rocks_per_point": 2, "output.rock_table": "csv"},
+        {"release.spacing_m": 30.0, "release.rocks_per_point": 4},
     )
-    return sassgis.run(config, out, jobs=1), out
+    return sassgis.zone(config, out, jobs=1), out
 
 
 def test_pages_name_every_map(repository, small_result):
-    result, _ = small_result
+    import rasterio
+
+    _, out = small_result
     maps = (repository / "docs" / "maps.md").read_text(encoding="utf-8")
     readme = (repository / "README.md").read_text(encoding="utf-8")
-    for layer in result.layers:
-        bands = ", ".join(band.name for band in layer.bands)
-        assert f"| `{layer.stem}` | {bands} |" in maps
-        assert re.search(rf"\b{layer.stem}\b", readme)
+    readme = readme.replace(" _", " intensity_")
+    files = sorted((out / "maps").glob("*.tif"))
+    assert len(files) > 12
+    for path in files:
+        assert re.search(rf"\b{path.stem}\b", readme), path.stem
+        if path.stem != "terrain":
+            with rasterio.open(path) as raster:
+                bands = ", ".join(raster.tags(i)["NAME"] for i in raster.indexes)
+            assert f"| `{path.stem}` | {bands} |" in maps
 
 
 def test_readme_lists_everything_in_the_folder(repository, small_result):
@@ -157,9 +164,23 @@ def test_output_page_names_every_layer(repository, small_result):
 
     _, out = small_result
     text = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
-    for name, kind in pyogrio.list_layers(out / "result.gpkg"):
-        if kind is not None:
-            assert f"| `{name}` |" in text, name
+    for file in sorted(out.glob("*.gpkg")):
+        part = re.search(rf"^## Layers of `{file.name}`$(.*?)(?=^## |\Z)", text, re.S | re.M)
+        assert part, file.name
+        for name, kind in pyogrio.list_layers(file):
+            if kind is not None:
+                assert re.search(rf"^\|.*`{name}`.*\|.*\|", part.group(1), re.M), name
+
+
+def test_output_page_names_every_table(repository, small_result):
+    _, out = small_result
+    text = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
+    risk = (repository / "docs" / "risk.md").read_text(encoding="utf-8")
+    names = {p.name.replace("_without_barriers", "") for p in (out / "tables").glob("*.csv")}
+    assert len(names) > 6
+    for name in names:
+        assert f"`{name}`" in text, name
+        assert not name.startswith("risk") or f"`tables/{name}`" in risk
 
 
 def test_output_page_tells_every_column(repository):
@@ -223,7 +244,7 @@ def test_slope_of_a_table_keeps_its_heights(repository):
 # --- examples ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["profile", "engine"])
+@pytest.mark.parametrize("name", ["profile", "engine", "zones"])
 def test_examples_run(repository, tmp_path, name):
     code = examples(repository)[name]
     out = subprocess.run(

@@ -1,0 +1,689 @@
+"""Reading, checking and telling what observations support."""
+
+from __future__ import annotations
+
+import csv
+import sqlite3
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pyogrio
+import pytest
+import shapely
+from conftest import LV95, NORTH, TABLES, TOP, at, setting
+
+from sassgis.core.errors import InputError, OutputError
+from sassgis.core.grid import Grid
+from sassgis.gap.observations import (
+    TABLES as KNOWN,
+)
+from sassgis.gap.observations import (
+    Deposits,
+    Impacts,
+    Observations,
+    Passages,
+    Rocks,
+    parent_of,
+    rock_masses_kg,
+    rock_radii_m,
+    root_of,
+    what_can_be_told,
+)
+from sassgis.io.observations import (
+    observations_template,
+    read_observations,
+    validate_observations,
+)
+
+
+def lines(observations, grid=None):
+    return [str(f) for f in validate_observations(observations, grid)]
+
+
+def only(observations, grid=None):
+    """The single finding, as one line."""
+    found = lines(observations, grid)
+    assert len(found) == 1, found
+    assert "\n" not in found[0]
+    return found[0]
+
+
+# --- reading -----------------------------------------------------------------------------------
+
+
+def test_a_folder_is_read_whole(folder, slope):
+    path = folder()
+    observed = read_observations(path, slope)
+    assert [len(t) for t in observed.tables.values()] == [5, 2, 10, 5, 7, 16]
+    assert observed.rock_names == ("R1", "R2", "R3", "R4", "R5")
+    assert observed.rocks.mass_kg[0] == 540.0
+    assert observed.passages.station.tolist()[:2] == ["S1", "S2"]
+    assert observed.passages.row.tolist()[:2] == [2, 3]
+    assert observed.impacts.vn_in_mps[3] == -5.0
+    assert observed.stations.vertices[1].shape == (2, 2)
+    assert observed.metadata.fps == 25.0
+    assert np.isnan(observed.metadata.height_error_m)
+    assert observed.metadata.others == {"place": "made up"}
+    assert "rotation_hz" not in observed.trajectories.present
+    assert observed.present["deposits"] == {"x", "y", "z", "mass_kg", "volume_m3"}
+    # One block belongs to no rock, and nothing else is odd.
+    assert only(observed, slope) == (
+        f"warning: {path / 'deposits.csv'}: deposits.rock_id: row 8: not in the table of rocks: "
+        "taken as unattributed blocks (found no name)"
+    )
+
+
+def test_pieces_belong_to_their_rock(folder, slope):
+    observed = read_observations(folder(), slope)
+    assert observed.rock_of("deposits").tolist() == [0, 1, 2, 3, 4, 4, -1]
+    assert observed.is_piece("deposits").tolist() == [False] * 4 + [True, True, False]
+    assert observed.units("deposits").tolist() == [0, 1, 2, 3, 4, 4, 5]
+
+
+def test_names_of_pieces():
+    assert parent_of("R7.2") == "R7"
+    assert parent_of("R7") is None
+    assert parent_of("R7.") is None
+    assert root_of("R7.2.1", {"R7", "R7.2"}) == "R7"
+    assert root_of("R7.2", {"R7.2"}) == "R7.2"
+    assert root_of("X.1", {"R7"}) == "X.1"
+    bare = Observations(deposits=Deposits.of(rock_id=["A", "A.1", "A.2", "B.1", "B.2", ""]))
+    assert bare.rock_names == ("A", "B.1", "B.2")
+    assert bare.rock_of("deposits").tolist() == [0, 0, 0, 1, 2, -1]
+
+
+def test_unnamed_blocks_are_units_of_their_own():
+    observed = Observations(
+        rocks=Rocks.of(rock_id=["A"]), deposits=Deposits.of(rock_id=["", "X.1", "A", "", "X.2"])
+    )
+    assert observed.units("deposits").tolist() == [1, 2, 0, 3, 2]
+
+
+def test_missing_tables_and_columns_are_fine(folder, slope):
+    path = folder(rocks=None, stations=None, impacts=None, trajectories=None, metadata=None)
+    for file in path.iterdir():
+        if file.stem not in ("passages", "deposits"):
+            file.unlink()
+    observed = read_observations(path, slope)
+    assert len(observed.rocks) == 0
+    assert observed.rock_names == ("R1", "R2", "R3", "R4", "R5.1", "R5.2") or (
+        observed.rock_names[:5] == ("R1", "R2", "R3", "R4", "R5")
+    )
+    assert lines(observed, slope) == []
+
+
+def geopackage(path, crs=LV95, only=None, shift=(0.0, 0.0)):
+    """The made-up tables as layers with geometry, metadata without."""
+    for name, (header, rows) in TABLES.items():
+        if only and name not in only:
+            continue
+        frame = pd.DataFrame([list(r) for r in rows], columns=header.split(","))
+        if name == "metadata":
+            frame["value"] = frame["value"].astype(str)
+            pyogrio.write_dataframe(frame, path, layer=name, driver="GPKG")
+            continue
+        if name == "stations":
+            shapes = [shapely.LineString([(r.x0, r.y0), (r.x1, r.y1)]) for r in frame.itertuples()]
+            frame = frame[["station"]]
+        else:
+            shapes = shapely.points(frame.x + shift[0], frame.y + shift[1], frame.z)
+            frame = frame.drop(columns=["x", "y", "z"])
+        layer = gpd.GeoDataFrame(frame, geometry=shapes, crs=LV95)
+        if crs is not None:
+            layer = layer.to_crs(crs)
+        pyogrio.write_dataframe(layer, path, layer=name, driver="GPKG")
+    return path
+
+
+def test_a_geopackage_holds_the_same(folder, slope, tmp_path):
+    from_csv = read_observations(folder(), slope)
+    from_gpkg = read_observations(geopackage(tmp_path / "o.gpkg"), slope)
+    for name, table in from_csv.tables.items():
+        other = from_gpkg.tables[name]
+        for column, values in table.numbers.items():
+            np.testing.assert_allclose(other.numbers[column], values, err_msg=f"{name}.{column}")
+        for column in (c.name for c in KNOWN[name] if c.text):
+            assert getattr(other, column).tolist() == getattr(table, column).tolist()
+    np.testing.assert_allclose(from_gpkg.stations.vertices, from_csv.stations.vertices)
+    assert from_gpkg.metadata == from_csv.metadata
+
+
+def test_other_coordinates_are_brought_into_those_of_the_dem(slope, tmp_path):
+    observed = read_observations(geopackage(tmp_path / "o.gpkg", crs="EPSG:4326"), slope)
+    np.testing.assert_allclose(observed.rocks.x[0], at(2.0, 20.0)[0], atol=0.01)
+    # Heights stay: no datum of heights is stated.
+    np.testing.assert_allclose(observed.rocks.z[0], at(2.0, 20.0)[2], atol=0.01)
+    alone = read_observations(tmp_path / "o.gpkg", crs=LV95)
+    np.testing.assert_allclose(alone.rocks.x, observed.rocks.x, atol=1e-6)
+    np.testing.assert_allclose(alone.stations.vertices[0], observed.stations.vertices[0], atol=1e-6)
+
+
+def test_one_layer_elsewhere_is_left_out_all_layers_are_refused(slope, tmp_path):
+    path = geopackage(tmp_path / "o.gpkg", only=["rocks", "passages", "stations"])
+    geopackage(path, only=["deposits"], shift=(50_000.0, 0.0))
+    observed = read_observations(path, slope)
+    assert len(observed.deposits) == 0 and len(observed.passages) == 10
+    assert any("error" in line and "deposits" in line for line in lines(observed, slope))
+    far = geopackage(tmp_path / "far.gpkg", only=["rocks", "deposits"], shift=(50_000.0, 0.0))
+    with pytest.raises(InputError, match=r"far.gpkg.*outside the DEM"):
+        read_observations(far, slope)
+
+
+def test_names_that_are_numbers_and_decimal_commas(tmp_path):
+    (tmp_path / "deposits.csv").write_text(
+        "\ufeffROCK_ID; X_m;y;mass_kg\n7,0;1,5;2;10\n8.0;2;3;\n;4;n/a;5\n\n", "utf-8"
+    )
+    observed = read_observations(tmp_path)
+    assert observed.deposits.x.tolist()[:2] == [1.5, 2.0]
+    assert np.isnan(observed.deposits.mass_kg[1])
+    frame = gpd.GeoDataFrame(
+        {"rock_id": [7.0, 7.2, np.nan]}, geometry=gpd.points_from_xy([1, 2, 3], [1, 2, 3])
+    )
+    frame.to_file(tmp_path / "n.gpkg", layer="deposits", engine="pyogrio")
+    assert read_observations(tmp_path / "n.gpkg").deposits.rock_id.tolist() == ["7", "7.2", ""]
+
+
+# --- what is left out and said so -----------------------------------------------------------------
+
+
+def test_bad_cells_name_file_table_column_and_row(folder, slope):
+    path = folder(
+        passages=setting("speed_mps", "fast", [3]),
+        rocks=setting("mass_kg", lambda m: -m, [1]),
+        deposits=lambda rows: rows[:-1],
+    )
+    with (path / "impacts.csv").open("a") as file:
+        file.write("R1,2\n")
+    observed = read_observations(path, slope)
+    assert lines(observed, slope) == [
+        f"error: {path / 'impacts.csv'}: impacts: row 7: does not fit the header (expected 13 "
+        "values (texts with a , in quotes)); row left out",
+        f"error: {path / 'rocks.csv'}: rocks.mass_kg: row 3: cannot be (found -540; expected "
+        "above 0 kg); value left out",
+        f"error: {path / 'passages.csv'}: passages.speed_mps: row 5: is not a number (found "
+        "'fast'; expected a number); value left out",
+    ]
+    assert np.isnan(observed.rocks.mass_kg[1]) and observed.rocks.mass_kg[0] == 540.0
+    assert np.isnan(observed.passages.speed_mps[3])
+    assert len(observed.impacts) == 5
+
+
+NO_LOOSE_BLOCK = {"deposits": lambda rows: rows[:-1]}
+
+
+def renamed(old, new):
+    def change(rows):
+        return [{new if k == old else k: v for k, v in row.items()} for row in rows]
+
+    return change
+
+
+def repeated(*which):
+    return lambda rows: [*rows, *(dict(rows[i]) for i in which)]
+
+
+CASES = {
+    "unknown column": (
+        {"passages": renamed("speed_mps", "speed_kmh")},
+        "passages.speed_kmh: column is not known and is not read "
+        "(expected speed_mps: the values divided by 3.6)",
+    ),
+    "column without unit": ({"passages": renamed("speed_mps", "speed")}, "expected speed_mps, with its unit"),
+    "misspelt column": ({"passages": renamed("height_m", "hieght_m")}, "nearest: height_m"),
+    "rock twice": ({"rocks": repeated(1)}, "rocks.rock_id: row 7: is there twice; the first one is taken (found 'R2'"),
+    "passage twice": ({"passages": repeated(2)}, "row 12: is there twice; the first one is taken (found 'R2 at S1'"),
+    "station twice": ({"stations": repeated(0)}, "stations.station: row 4: is there twice"),
+    "impact twice": ({"impacts": repeated(0)}, "impacts.impact: row 7: is there twice"),
+    "stop twice": (
+        {"deposits": lambda rows: [*rows[:-1], dict(rows[0])]},
+        "deposits.rock_id: row 8: the same stop is there twice",
+    ),
+    "rock not listed": (
+        {"rocks": lambda rows: rows[:4], "impacts": None, "trajectories": None, "deposits": None},
+        "passages.rock_id: rows 10, 11: not in the table of rocks: taken as unattributed blocks "
+        "(found 'R5'; expected one of 'R1', 'R2', 'R3', 'R4')",
+    ),
+    "no such station": (
+        {"passages": setting("station", "S3", [9])},
+        "passages.station: row 11: no such station: the passages are used by their x and y alone "
+        "(found 'S3'; expected one of 'S1', 'S2'",
+    ),
+    "km/h": (
+        {"passages": setting("speed_mps", lambda v: 3.6 * v), },
+        "passages.speed_mps: rows 2, 3, 4, 5, 6 and 5 more: look like km/h",
+    ),
+    "km/h along a path": (
+        {"trajectories": setting("speed_mps", lambda v: 3.6 * v)},
+        "trajectories.speed_mps: rows 2, 3, 4, 5, 6 and 11 more: look like km/h (found 3.60 times",
+    ),
+    "one too fast": (
+        {"passages": setting("speed_mps", 60.0, [0])},
+        "passages.speed_mps: row 2: faster than the drop allows (found 60.0 m/s after a drop of ",
+    ),
+    "impact too fast": (
+        {"impacts": setting("vt_in_mps", 45.0, [2])},
+        "impacts.vt_in_mps: row 4: faster than the drop allows",
+    ),
+    "rad/s": (
+        {"passages": setting("rotation_hz", lambda f: 2 * np.pi * f)},
+        "passages.rotation_hz: rows 2, 3, 4, 5, 6 and 5 more: look like radians per second",
+    ),
+    "deg/s": (
+        {"impacts": setting("omega_in_radps", lambda w: 57.3 * w)},
+        "impacts.omega_in_radps: rows 2, 3, 4, 5, 6: look like degrees per second",
+    ),
+    "full axes": (
+        {
+            "rocks": lambda rows: [
+                r | {f"semi_axis_{k}_m": 2 * r[f"semi_axis_{k}_m"] for k in "abc"} for r in rows
+            ]
+        },
+        "look like full axes, not semi-axes (found ellipsoids of 8.1 times the volume",
+    ),
+    "tonnes": (
+        {"rocks": setting("mass_kg", 0.54), "deposits": None},
+        "rocks.mass_kg: rows 2, 3, 4, 5, 6: look like tonnes: mass and volume do not go together",
+    ),
+    "normal inward": (
+        {"impacts": setting("vn_in_mps", 5.0, [1])},
+        "impacts.vn_in_mps, vn_out_mps: row 3: the rock leaves the ground before it hits it "
+        "(found vn_in = 5 m/s; expected below zero",
+    ),
+    "energy gained": (
+        {"impacts": setting("vt_out_mps", 15.0, [4])},
+        "impacts.vt_out_mps: row 6: more energy after the impact than before (found 1.83 times; expected at most 1, 1.42 with",
+    ),
+    "before and after swapped": (
+        {
+            "impacts": lambda rows: [
+                r | {"vt_in_mps": 8, "vn_in_mps": -2, "vt_out_mps": 11, "vn_out_mps": 5,
+                     "omega_in_radps": 16, "omega_out_radps": 12}
+                for r in rows
+            ]
+        },
+        "before and after look swapped: more energy",
+    ),
+    "radians": ({"impacts": setting("slope_deg", 0.61)}, "impacts.slope_deg: rows 2, 3, 4, 5, 6: look like radians or tangents"),
+    "slope over the edge": ({"impacts": setting("slope_deg", 135, [0])}, "found 135; expected -90 to 90 °"),
+    "x and y swapped": (
+        {"deposits": lambda rows: [r | {"x": r["y"], "y": r["x"]} for r in rows[:-1]]},
+        "deposits.x, y: rows 2, 3, 4, 5, 6 and 1 more: no row lies on the DEM",
+    ),
+    "outside": (
+        {"deposits": lambda rows: setting("y", NORTH - 301.0, [0])(rows[:-1])},
+        "deposits.x, y: row 2: lies outside the DEM",
+    ),
+    "other heights": (
+        {"deposits": lambda rows: setting("z", lambda z: z + 48.0)(rows[:-1])},
+        "deposits.z: rows 2, 3, 4, 5, 6 and 1 more: heights are offset from the DEM: another height system? (found +48.00 m",
+    ),
+    "one stray height": (
+        {"deposits": lambda rows: setting("z", lambda z: z - 300.0, [0])(rows[:-1])},
+        "deposits.z: row 2: height is far from the DEM (found -300.0 m",
+    ),
+    "path under ground": (
+        {"trajectories": setting("z", lambda z: z - 10.0)},
+        "paths run under the ground",
+    ),
+    "listed upward": (
+        {"passages": lambda rows: [rows[1], rows[0], *rows[2:]]},
+        "passages.station: row 3: passages are not listed down the slope",
+    ),
+    "above the release": (
+        {"rocks": lambda rows: [rows[0] | dict(zip("xyz", at(2, 150), strict=True)), *rows[1:]],
+         "trajectories": None, "impacts": None},
+        "passages.station: row 2: passages lie above the release of the rock",
+    ),
+    "far from the station": (
+        {"passages": setting("x", lambda x: x + 90.0, [0])},
+        "passages.x, y: row 2: passages lie away from the station that they name (found up to 32.5 m",
+    ),
+    "pieces too heavy": (
+        {"deposits": lambda rows: setting("mass_kg", 500.0, [4])(rows[:-1])},
+        "deposits.mass_kg: rows 6, 7: blocks of R5 are more than the rock itself (found 700 kg; expected 540 kg",
+    ),
+    "pieces without suffix": (
+        {"deposits": lambda rows: setting("rock_id", "R5", [4, 5])(rows[:-1])},
+        "deposits.rock_id: row 7: several stops of one rock are taken to be its pieces (found 'R5'; expected names with a suffix, such as R5.1",
+    ),
+    "percent": (
+        {"metadata": setting("value", 5, [1])},
+        "metadata.value: row 3: speed_error_rel cannot be used: looks like percent (found '5'",
+    ),
+    "half a place": (
+        {"deposits": lambda rows: setting("y", "", [0])(rows[:-1])},
+        "deposits.x, y: row 2: x or y is missing; value left out",
+    ),
+    "empty table": ({"impacts": lambda rows: rows.clear() or [], }, "table has no rows"),
+    "no line": ({"stations": setting("x0", "", [0])}, "station has no line"),
+    "no time": ({"trajectories": setting("t_s", "", [3])}, "trajectories.t_s: row 5: point has no time; row left out"),
+    "no name": ({"trajectories": setting("rock_id", "", [3])}, "trajectories.rock_id: row 5: has no name; row left out"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_each_fault_is_found_once_and_named(case, folder, slope):
+    changes, text = CASES[case]
+    observed = read_observations(folder(**{**NO_LOOSE_BLOCK, **changes}), slope)
+    found = lines(observed, slope)
+    assert any(text in line for line in found), found
+    # The fault is told once, not in three ways.
+    assert len(found) <= (2 if case in ("other heights", "above the release") else 1), found
+
+
+def test_clean_observations_have_no_findings(folder, slope):
+    assert lines(read_observations(folder(**NO_LOOSE_BLOCK), slope), slope) == []
+
+
+def test_values_left_out_are_gone_and_the_rest_stays(folder, slope):
+    change = setting("speed_mps", lambda v: 3.6 * v)
+    observed = read_observations(folder(passages=change), slope)
+    assert "speed_mps" not in observed.passages.present
+    assert {"height_m", "rotation_hz"} <= observed.passages.present
+    # Findings survive the reading; a second look adds none.
+    assert validate_observations(observed, slope) == validate_observations(observed, slope)
+    assert sum("km/h" in line for line in lines(observed, slope)) == 1
+
+
+def test_findings_without_a_dem(folder):
+    observed = read_observations(folder(**NO_LOOSE_BLOCK, passages=setting("speed_mps", 60.0, [0])))
+    assert "faster than the drop allows" in only(observed)
+
+
+def test_a_rock_cannot_climb():
+    down = {"A": (80.0, 40.0), "B": (81.0, 41.0), "C": (79.0, 95.0)}
+    observed = Observations(
+        passages=Passages.of(
+            rock_id=[name for name in down for _ in (0, 1)],
+            station=["S1", "S2"] * 3,
+            z=[z for pair in down.values() for z in pair],
+        )
+    )
+    line = only(observed)
+    assert line.startswith("error: passages.z: row 6: the rock climbs from one station to the next")
+
+
+def test_made_up_observations_can_be_checked_too():
+    observed = Observations(
+        impacts=Impacts.of(
+            rock_id=["A", "A"],
+            impact=["1", "2"],
+            vt_in_mps=[5.0, 5.0],
+            vn_in_mps=[-2.0, 2.0],
+            vt_out_mps=[4.0, 4.0],
+            vn_out_mps=[1.0, 1.0],
+        )
+    )
+    assert only(observed).startswith("error: impacts.vn_in_mps, vn_out_mps: row 2: the rock leaves")
+    with pytest.raises(ValueError, match=r"speed_mps: 1 values, not 2"):
+        Passages.of(rock_id=["A", "B"], speed_mps=[1.0])
+    with pytest.raises(TypeError, match="no such column: speed"):
+        Passages.of(rock_id=["A"], speed=[1.0])
+
+
+def test_noise_of_the_stated_size_is_not_a_fault(folder, slope):
+    rng = np.random.default_rng(0)
+
+    def noisy(rows):
+        for row in rows:
+            for c in ("vt_in_mps", "vn_in_mps", "vt_out_mps"):
+                row[c] *= 1 + 0.05 * rng.normal()
+        return rows
+
+    path = folder(**NO_LOOSE_BLOCK, impacts=noisy)
+    assert lines(read_observations(path, slope), slope) == []
+
+
+# --- hopeless ------------------------------------------------------------------------------------
+
+
+def test_hopeless_input_is_one_error(folder, slope, tmp_path):
+    with pytest.raises(InputError, match=r"nowhere: observations: not found \(expected a GeoPack"):
+        read_observations(tmp_path / "nowhere")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(InputError, match="holds no table of observations"):
+        read_observations(empty)
+    text = tmp_path / "o.gpkg"
+    text.write_text("no database")
+    with pytest.raises(InputError, match=r"o.gpkg: observations: cannot be read"):
+        read_observations(text)
+    with pytest.raises(InputError, match="holds no observed rock"):
+        read_observations(observations_template(tmp_path / "template"))
+
+
+def degrees(rows):
+    return [r | {"x": 8.6, "y": 46.4} for r in rows]
+
+
+def test_everything_beside_the_dem_is_refused_with_a_guess(folder, slope):
+    tables = {k: degrees for k in ("rocks", "passages", "impacts", "deposits", "trajectories")}
+    with pytest.raises(InputError, match=r"rocks: no row lies on the DEM: .*look like degrees"):
+        read_observations(folder(**tables), slope)
+    local = Grid(slope.values, 0.0, 300.0, 2.0)
+    with pytest.raises(InputError, match="no row lies on the DEM: another coordinate system"):
+        read_observations(folder(), local)
+
+
+def test_unknown_tables_are_named(folder, slope):
+    path = folder(**NO_LOOSE_BLOCK)
+    (path / "passage.csv").write_text("rock_id\nR1\n")
+    line = only(read_observations(path, slope), slope)
+    assert "table passage is not one of observations" in line and "nearest: passages" in line
+
+
+# --- templates -----------------------------------------------------------------------------------
+
+
+def test_template_of_csv_files_has_all_columns(tmp_path):
+    path = observations_template(tmp_path / "new" / "observed")
+    for name, columns in KNOWN.items():
+        with (path / f"{name}.csv").open() as file:
+            assert next(csv.reader(file)) == [c.name for c in columns]
+    guide = (path / "README.txt").read_text("utf-8")
+    for columns in KNOWN.values():
+        for column in columns:
+            assert column.name in guide and column.meaning in guide
+    with pytest.raises(OutputError, match="exists already"):
+        observations_template(path)
+    with pytest.raises(OutputError, match="cannot tell what to write"):
+        observations_template(tmp_path / "observed.xlsx")
+
+
+def test_template_of_csv_files_can_be_filled_in(tmp_path, slope):
+    path = observations_template(tmp_path / "observed")
+    with (path / "deposits.csv").open("a") as file:
+        x, y, z = at(0, 250)
+        file.write(f"R1,{x},{y},{z},100,\n")
+    (path / "metadata.csv").write_text("key,value\nfps,50\nspeed_error_rel,\n")
+    observed = read_observations(path, slope)
+    assert observed.deposits.mass_kg.tolist() == [100.0]
+    assert observed.metadata.fps == 50.0
+    assert all("table has no rows" in line for line in lines(observed, slope))
+
+
+def test_template_of_a_geopackage_can_be_filled_in(tmp_path, slope):
+    path = observations_template(tmp_path / "observed.gpkg", crs=LV95)
+    layers = dict(pyogrio.list_layers(path).tolist())
+    assert layers["stations"] == "LineString" and layers["deposits"] == "Point Z"
+    assert layers["metadata"] is None
+    for name, columns in KNOWN.items():
+        fields = set(pyogrio.read_info(path, layer=name)["fields"])
+        places = {"x", "y", "x0", "y0", "x1", "y1"}
+        assert fields == {c.name for c in columns} - places
+    frame = gpd.GeoDataFrame(
+        {"rock_id": ["R1"], "mass_kg": [100.0]}, geometry=[shapely.Point(*at(0, 250))], crs=LV95
+    )
+    pyogrio.write_dataframe(frame, path, layer="deposits", append=True)
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE metadata SET value = '50' WHERE key = 'fps'")
+        (note,) = database.execute(
+            "SELECT title FROM gpkg_data_columns WHERE table_name = 'passages' "
+            "AND column_name = 'speed_mps'"
+        ).fetchone()
+        assert note == "speed_mps [m/s]"
+    observed = read_observations(path, slope)
+    assert observed.deposits.z.tolist() == [pytest.approx(TOP - 0.7 * 250)]
+    assert observed.metadata.fps == 50.0
+    with pytest.raises(OutputError, match="exists already"):
+        observations_template(path)
+
+
+# --- what can be told -----------------------------------------------------------------------------
+
+
+def test_full_data_can_tell_nearly_everything(folder, slope):
+    told = what_can_be_told(read_observations(folder(), slope))
+    assert told.rocks == 5 and told.unattributed == 1
+    kept = next(q for q in told.quantities if q.name == "energy_kept")
+    assert kept.phases == ("impact",) and kept.rocks == 5 and kept.values == 5
+    stops = next(q for q in told.quantities if q.name == "runout_m")
+    assert stops.values == 7 and stops.rocks == 5
+    text = " ".join(told.cannot_tell)
+    assert "5 rocks: a gap of the mean below 1.25 standard deviations" in text
+    assert "same mass" in text
+    assert "No " not in text
+
+
+def test_stops_alone_cannot_tell_much(folder, slope):
+    observed = read_observations(folder(), slope)
+    told = what_can_be_told(Observations(deposits=observed.deposits))
+    assert {q.name for q in told.quantities} == {
+        "runout_m",
+        "lateral_m",
+        "block_mass_kg",
+        "block_volume_m3",
+    }
+    text = " ".join(told.cannot_tell)
+    for missing in ("release points", "speeds at stations", "trajectories in time", "semi-axes"):
+        assert f"No {missing}" in text
+    assert "No deposits" not in text
+    nothing = what_can_be_told(Observations())
+    assert nothing.quantities == () and "No rocks" in nothing.cannot_tell[0]
+
+
+def test_masses_and_radii_from_what_is_there():
+    observed = Observations(
+        rocks=Rocks.of(
+            rock_id=["A", "B", "C", "D", "A.1"],
+            mass_kg=[100.0, np.nan, np.nan, np.nan, 3.0],
+            volume_m3=[9.9, 2.0, np.nan, np.nan, np.nan],
+            density_kgm3=[np.nan, 2500.0, np.nan, np.nan, np.nan],
+            semi_axis_a_m=[np.nan, np.nan, 0.5, np.nan, np.nan],
+            semi_axis_b_m=[np.nan, np.nan, 0.5, np.nan, np.nan],
+            semi_axis_c_m=[np.nan, np.nan, 0.5, np.nan, np.nan],
+        )
+    )
+    assert observed.rock_names == ("A", "B", "C", "D")
+    ball = 4 / 3 * np.pi * 0.125
+    np.testing.assert_allclose(rock_masses_kg(observed), [100.0, 5000.0, 2700 * ball, np.nan])
+    np.testing.assert_allclose(rock_radii_m(observed)[2], 0.5)
+
+
+# --- field data -----------------------------------------------------------------------------------
+
+
+def table(path, name, columns):
+    frame = pd.DataFrame(columns)
+    frame.to_csv(path / f"{name}.csv", index=False)
+
+
+def read_ascii(path):
+    text = path.read_text().split("\n")
+    head = {k.lower(): float(v) for k, v in (line.split() for line in text[:5])}
+    skip = 6 if text[5].lower().startswith("nodata") else 5
+    values = np.loadtxt(path, skiprows=skip)
+    size = head["cellsize"]
+    return Grid(values, head["xllcorner"], head["yllcorner"] + size * values.shape[0], size)
+
+
+def test_tschamut_can_be_held(shared_data, tmp_path):
+    source = shared_data / "tschamut2014"
+    start = pd.read_csv(source / "release_points.csv")
+    stop = pd.read_csv(source / "observed_deposition.csv")
+    blocks = pd.read_csv(source / "block_metadata.csv").set_index("block_id")
+    speed = np.sqrt(start.vx_mps**2 + start.vy_mps**2 + start.vz_mps**2)
+    size = blocks.loc[start.block_id]
+    table(
+        tmp_path,
+        "rocks",
+        {
+            "rock_id": start.trajectory_id,
+            "x": start.x_m,
+            "y": start.y_m,
+            "z": start.z_m,
+            "mass_kg": start.mass_kg,
+            "semi_axis_a_m": 0.5 * size.size_x_m.to_numpy(),
+            "semi_axis_b_m": 0.5 * size.size_y_m.to_numpy(),
+            "semi_axis_c_m": 0.5 * size.size_z_m.to_numpy(),
+            "release_speed_mps": speed,
+        },
+    )
+    table(
+        tmp_path,
+        "deposits",
+        {"rock_id": stop.trajectory_id, "x": stop.x_m, "y": stop.y_m, "z": stop.z_m},
+    )
+    grid = read_ascii(source / "terrain.asc")
+    observed = read_observations(tmp_path, grid)
+    assert len(observed.rocks) == len(start) == 62
+    assert (observed.rock_of("deposits") >= 0).all()
+    straight = np.hypot(stop.x_m - stop.release_x_m, stop.y_m - stop.release_y_m)
+    np.testing.assert_allclose(straight, stop.observed_runout_m, atol=0.02)
+    assert not [f for f in validate_observations(observed, grid) if f.level == "error"]
+
+
+def test_chant_sura_can_be_held(shared_data, tmp_path):
+    source = shared_data / "chant_sura_2020"
+    path = pd.read_csv(source / "observed_trajectories_contact_extended.csv")
+    spin = np.sqrt(path.omega_x_radps**2 + path.omega_y_radps**2 + path.omega_z_radps**2)
+    table(
+        tmp_path,
+        "trajectories",
+        {
+            # Each flight has a clock of its own.
+            "rock_id": path.segment_id.str.replace("_seg", "s"),
+            "t_s": path.time_s,
+            "x": path.x_m,
+            "y": path.y_m,
+            "z": path.z_m,
+            "speed_mps": path.speed_mps,
+            "rotation_hz": spin / (2 * np.pi),
+        },
+    )
+    observed = read_observations(tmp_path)
+    assert len(observed.trajectories) == len(path)
+    assert lines(observed) == []
+    told = what_can_be_told(observed)
+    assert told.has("flight_fit")
+    path_kmh = observed.trajectories.speed_mps * 3.6
+    frame = pd.read_csv(tmp_path / "trajectories.csv")
+    frame["speed_mps"] = path_kmh
+    frame.to_csv(tmp_path / "trajectories.csv", index=False)
+    assert "look like km/h" in only(read_observations(tmp_path))
+
+
+def test_authume_heights_are_found_to_be_offset(shared_data, tmp_path):
+    rasterio = pytest.importorskip("rasterio")
+    source = shared_data / "authume_quarry_p1"
+    stops = np.loadtxt(source / "Endpoints_P1.txt")
+    with rasterio.open(source / "derived_dtm_0p5m_local.tif") as data:
+        values = data.read(1).astype(float)
+        values[values == data.nodata] = np.nan
+        grid = Grid(values, data.transform.c, data.transform.f, data.transform.a)
+    table(
+        tmp_path,
+        "deposits",
+        {
+            "rock_id": [f"B{i}" for i in range(len(stops))],
+            "x": stops[:, 0],
+            "y": stops[:, 2],
+            "z": stops[:, 1],
+            "mass_kg": stops[:, 3],
+        },
+    )
+    observed = read_observations(tmp_path, grid)
+    assert len(observed.deposits) == 41
+    assert "heights are offset from the DEM" in only(observed, grid)
+    assert "+2.8" in only(observed, grid) or "+2.9" in only(observed, grid)
