@@ -206,7 +206,7 @@ class Fragmentation:
     cone_deg : float
         Pieces leave within this angle of the way of the whole (degrees), in the vertical plane.
     smallest_m3 : float
-        Smaller pieces are dust: they stop where they are made.
+        No smaller piece is made: fewer pieces, or the block stays whole (m³).
     """
 
     form: Literal["fractal", "threshold"] = "fractal"
@@ -216,7 +216,7 @@ class Fragmentation:
     pieces: int = 5
     loss: float = 0.1
     cone_deg: float = 20.0
-    smallest_m3: float = 0.001
+    smallest_m3: float = 0.02
 
     def __post_init__(self) -> None:
         _check(

@@ -38,7 +38,7 @@ from sassgis.engine.kernel import (
 from sassgis.engine.state import Physics
 
 #: Pieces and blocks set in motion that one rock may have.
-MOST_BIRTHS = 500
+MOST_BIRTHS = 5000
 
 #: Columns of a course of events.
 COURSE_COLUMNS = (

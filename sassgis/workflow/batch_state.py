@@ -186,7 +186,7 @@ def add_area(
         joined.rocks = tally.rocks
         total.sources[area, scenario] = joined
     first_point = int(np.flatnonzero(planned.points.area == area)[0])
-    first_line = first_point * run.spread.lines_per_point
+    first_line = first_point * run.lines_per_point
     total.lines += [_moved_lines(lines, first_point) for lines in own.lines]
     for rows in own.stops:
         kept = evenly_kept(rows, run.seed, share)

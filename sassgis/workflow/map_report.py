@@ -318,12 +318,6 @@ def map_report(
         (("reason", ""), ("lines", "")),
         tuple((text, int((lines.end == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
-    spread = (
-        "none: fall lines only; between lines that diverge the map has gaps"
-        if run.lines_per_point == 1
-        else f"{run.lines_per_point} lines per release point, heading evenly over a width "
-        f"of {run.spread.width_percent:g} % of their length; gullies hold them together"
-    )
     return ReportContext(
         title=config.project.name,
         subtitle="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986)",
@@ -335,7 +329,8 @@ def map_report(
             ("Release areas", ", ".join(a.name for a in run.areas)),
             ("Release points", len(planned.points)),
             ("Rocks", total),
-            ("Lateral spread", spread),
+            ("Lateral spread", run.lateral_spread),
+            ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),
             ("Reference width of the reach probability", f"{run.grid.cell_size:.4g} m (one cell)"),
             ("Smoothing of the terrain for fall lines", f"{run.fall_lines.smoothing_m:g} m"),
             ("Segments within", f"{run.segment_tolerance_m:g} m of the terrain, vertically"),

@@ -136,6 +136,24 @@ class MapRun:
         return lateral.lines_per_point or self.rocks_per_point
 
     @property
+    def lateral_spread(self) -> str:
+        """In words: how rocks leave the fall line."""
+        lateral = self.effects.lateral_deflection
+        if lateral is not None:
+            how = (
+                f"{lateral.angle_deg:g}° from the descent, drawn anew every {lateral.hop_m:g} m or so"
+                if lateral.form == "kicks"
+                else f"a deviation of its own within {lateral.width_percent:g} % of the length"
+            )
+            return f"{self.lines_per_point} random ways per release point: {how}"
+        if self.lines_per_point == 1:
+            return "none: fall lines only; between lines that diverge the map has gaps"
+        return (
+            f"{self.lines_per_point} lines per release point, heading evenly over a width of "
+            f"{self.spread.width_percent:g} % of their length; gullies hold them together"
+        )
+
+    @property
     def rocks_per_stratum(self) -> int:
         """Rocks of one stratum of the sample: of a line, or of a point where ways are random."""
         if self.effects.lateral_deflection is None:

@@ -554,6 +554,7 @@ def write_result(
         "fall_lines": sum(line_ends(progress).values()),
         "rocks": sample.rocks,
         "rocks_not_followed": progress.lost,
+        "pieces": progress.pieces,
         **{f"rocks_{r.name.lower()}": int(progress.reasons[r]) for r in StopReason},
         **{f"lines_{e.name.lower()}": n for e, n in line_ends(progress).items()},
     }
@@ -565,8 +566,8 @@ def write_result(
         "vertical_datum": job.grid.vertical_datum or "not stated",
         "seed": job.seed,
         "ref_width_m": job.grid.cell_size,
-        "lateral_spread": f"{job.spread.lines_per_point} lines per point, "
-        f"{job.spread.width_percent:g} % of the length",
+        "lateral_spread": job.lateral_spread,
+        "effects": ", ".join(job.effects.names) or "none",
         "settings_hash": settings_hash(config),
         **extras.facts,
         **counts,

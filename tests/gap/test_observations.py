@@ -458,7 +458,7 @@ def degrees(rows):
 
 
 def test_everything_beside_the_dem_is_refused_with_a_guess(folder, slope):
-    tables = {k: degrees for k in ("rocks", "passages", "impacts", "deposits", "trajectories")}
+    tables = dict.fromkeys(("rocks", "passages", "impacts", "deposits", "trajectories"), degrees)
     with pytest.raises(InputError, match=r"rocks: no row lies on the DEM: .*look like degrees"):
         read_observations(folder(**tables), slope)
     local = Grid(slope.values, 0.0, 300.0, 2.0)

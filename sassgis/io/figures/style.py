@@ -59,6 +59,7 @@ REASON_COLOURS = {
     StopReason.LEFT_PROFILE: ORANGE,
     StopReason.STEP_LIMIT: PURPLE,
     StopReason.NEVER_STARTED: "#8c8c8c",
+    StopReason.BROKEN: "#3d3d3d",
 }
 REASON_NAMES = {
     StopReason.REST: "came to rest",
@@ -66,6 +67,7 @@ REASON_NAMES = {
     StopReason.LEFT_PROFILE: "left the profile",
     StopReason.STEP_LIMIT: "given up (step limit)",
     StopReason.NEVER_STARTED: "never started",
+    StopReason.BROKEN: "broke into pieces",
 }
 
 _RC: dict[str, Any] = {
