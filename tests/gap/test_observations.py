@@ -16,9 +16,7 @@ from conftest import LV95, NORTH, TABLES, TOP, at, setting
 from sassgis.core.errors import InputError, OutputError
 from sassgis.core.grid import Grid
 from sassgis.gap.observations import (
-    TABLES as KNOWN,
-)
-from sassgis.gap.observations import (
+    METADATA_KEYS,
     Deposits,
     Impacts,
     Observations,
@@ -29,6 +27,9 @@ from sassgis.gap.observations import (
     rock_radii_m,
     root_of,
     what_can_be_told,
+)
+from sassgis.gap.observations import (
+    TABLES as KNOWN,
 )
 from sassgis.io.observations import (
     observations_template,
@@ -730,3 +731,16 @@ def test_authume_heights_are_found_to_be_offset(shared_data, tmp_path):
     assert len(observed.deposits) == 41
     assert "heights are offset from the DEM" in only(observed, grid)
     assert "+2.8" in only(observed, grid) or "+2.9" in only(observed, grid)
+
+
+# --- documentation --------------------------------------------------------------------------------
+
+
+def test_the_page_tells_every_column(repository):
+    text = (repository / "docs" / "observations.md").read_text("utf-8")
+    for name, columns in KNOWN.items():
+        part = text.partition(f"### `{name}`\n")[2].partition("\n### ")[0]
+        for c in columns:
+            assert f"| `{c.name}` | {c.unit or '–'} | {c.meaning} |" in part, f"{name}.{c.name}"
+    for key, (unit, meaning) in METADATA_KEYS.items():
+        assert f"| `{key}` | {unit or '–'} | {meaning} |" in text
