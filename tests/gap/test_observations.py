@@ -466,6 +466,14 @@ def test_made_up_observations_can_be_checked_too():
         Passages.of(rock_id=["A"], speed=[1.0])
 
 
+def test_rocks_may_be_let_go_above_the_ground(folder, slope):
+    for height, n in ((3.0, 0), (8.0, 1)):
+        raised = setting("z", lambda z, height=height: z + height)
+        found = lines(read_observations(folder(**NO_LOOSE_BLOCK, rocks=raised), slope), slope)
+        assert len(found) == n
+    assert "rocks.z" in found[0] and "heights are offset" in found[0]
+
+
 def test_noise_of_the_stated_size_is_not_a_fault(folder, slope):
     rng = np.random.default_rng(0)
 
