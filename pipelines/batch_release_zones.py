@@ -1,11 +1,10 @@
-"""What does each release area of a configuration do on its own?
+"""Which release area of many governs which hazard zones, and where do several meet?
 
-    python pipelines/batch_release_zones.py CONFIG -o OUT
+    python pipelines/batch_release_zones.py RELEASES -o OUT [--config CONFIG] [--dem DEM]
 
-Every release area gets its own result folder in OUT, and ``OUT/summary.csv`` a row: release points,
-rocks, longest run-out, stations and barriers that rocks come to, and how long it took. An area that
-cannot be run is reported there and skipped. The rocks of an area are those that it has in a run of
-all areas together.
+Runs ``sassgis batch`` and adds two tables beside its summary: ``OUT/shares.csv`` has a row per
+hazard level and release area, with the zones of the mosaic that the area governs and their size;
+``OUT/overlaps.csv`` has how much of the map the rocks of one area, of two, of three ... reach.
 """
 
 from __future__ import annotations
@@ -13,59 +12,62 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import geopandas as gpd
+import numpy as np
 import pandas as pd
+import rasterio
 
-from sassgis.core.errors import InputError, SassgisError
-from sassgis.io.config import load_config
-from sassgis.io.vectors import release_names
-from sassgis.workflow.map_report import file_stems
-from sassgis.workflow.run import RunResult, run
+from sassgis.core.errors import SassgisError
+from sassgis.workflow.batch import batch
 from sassgis.workflow.tables import write_table
 
 
-def row_of(result: RunResult) -> dict[str, object]:
-    """What the summary says of an area that was run."""
-    gates = result.progress.gates
-    came = [g.name for i, g in enumerate(gates.gates) if gates.arrivals(i)]
-    furthest = result.progress.furthest
-    return {
-        "points": len(result.planned.points),
-        "rocks": result.rocks,
-        "furthest_m": None if furthest is None else round(furthest[0], 2),
-        "reached": ";".join(came),
-        "status": "done",
-        "seconds": round(result.seconds, 2),
-    }
+def shares(mosaic: Path) -> pd.DataFrame:
+    """Zones of each hazard level by the area that governs them."""
+    zones = gpd.read_file(mosaic / "hazard.gpkg", layer="hazard_zones", ignore_geometry=True)
+    named = zones.rename(columns={"governing_area": "area"})
+    out = named.groupby(["hazard_level", "area"])["area_m2"].agg(zones="size", area_m2="sum")
+    return out.reset_index()
+
+
+def overlaps(folder: Path, areas: list[str]) -> pd.DataFrame:
+    """Size of the map by the number of areas whose rocks come there."""
+    with rasterio.open(folder / "mosaic" / "maps" / "passages.tif") as mosaic:
+        count = np.zeros(mosaic.shape, np.int64)
+        corner, cell = (mosaic.transform.c, mosaic.transform.f), mosaic.res[0]
+    for area in areas:
+        with rasterio.open(folder / area / "maps" / "passages.tif") as raster:
+            row = round((corner[1] - raster.transform.f) / cell)
+            col = round((raster.transform.c - corner[0]) / cell)
+            reached = raster.read(1, masked=True).filled(0) > 0
+        count[row : row + reached.shape[0], col : col + reached.shape[1]] += reached
+    number, cells = np.unique(count[count > 0], return_counts=True)
+    return pd.DataFrame({"areas": number, "area_m2": cells * cell * cell})
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Run area by area and write the summary."""
+    """Run the batch and write both tables."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("config", type=Path)
+    parser.add_argument("releases", type=Path)
     parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--config", type=Path, default=None)
+    parser.add_argument("--dem", type=Path, default=None)
     parser.add_argument("--jobs", type=int, default=None)
     parser.add_argument("--overwrite", action="store_true")
     given = parser.parse_args(argv)
-    config = load_config(given.config)
-    names = release_names(config.release)
-    rows: list[dict[str, object]] = []
-    for name, stem in zip(names, file_stems(names), strict=True):
-        row: dict[str, object] = {"area": name, "folder": stem}
-        try:
-            result = run(
-                config, given.output / stem, areas=[name], jobs=given.jobs,
-                overwrite=given.overwrite,
-            )  # fmt: skip
-            row |= row_of(result)
-        except InputError as error:
-            row |= {"status": f"skipped: {error}"}
-        rows.append(row)
-        print(f"{name}: {row['status']}")
-    columns = ["area", "folder", "points", "rocks", "furthest_m", "reached", "status", "seconds"]
-    summary = pd.DataFrame(rows, columns=columns).astype({"points": "Int64", "rocks": "Int64"})
-    write_table(given.output / "summary.csv", [summary])
-    if not any(row["status"] == "done" for row in rows):
-        raise InputError("no release area could be run", file=given.config)
+    result = batch(
+        given.releases, given.output, config=given.config, dem=given.dem, jobs=given.jobs,
+        overwrite=given.overwrite, say=print,
+    )  # fmt: skip
+    done = result.summary[result.summary["status"] == "done"]
+    by_level = shares(given.output / "mosaic")
+    met = overlaps(given.output, done["folder"].tolist())
+    write_table(given.output / "shares.csv", [by_level])
+    write_table(given.output / "overlaps.csv", [met])
+    for table in (done.drop(columns=["file", "folder", "status"]), by_level, met):
+        print(table.to_string(index=False))
+    for warning in result.warnings:
+        print(f"Note: {warning}")
 
 
 if __name__ == "__main__":

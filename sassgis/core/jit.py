@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-_COMPILED_ROOMS = ("core", "engine", "terrain")
+_COMPILED_ROOMS = ("core", "engine", "terrain", "worlds")
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -36,6 +36,8 @@ _SPEED_ERROR, _HEIGHT_ERROR_M, _POSITION_ERROR_M = 0.05, 0.25, 0.5
 _SIGMAS = 3.0
 #: Heights of the same ground in two height systems differ by more than this (m).
 _OFFSET_M = 1.5
+#: Rocks are let go up to this high above the ground (m).
+_LET_GO_M = 5.0
 #: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
 _FULL_AXES = 4.0
 #: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
@@ -803,6 +805,9 @@ def _offsets(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
             over = over - np.nan_to_num(numbers["height_m"])
             # Flying rocks may be high up: only those of known height tell.
             over = np.where(np.isfinite(numbers["height_m"]) | (over < 0.0), over, np.nan)
+        if table == "rocks":
+            # Let go from a bucket or a ledge: above the ground is no fault.
+            over = np.where((over > 0.0) & (over < _LET_GO_M), 0.0, over)
         known = np.isfinite(over)
         if not known.any():
             continue

@@ -72,6 +72,11 @@ def hazard_curves(
     Sums are made over the scenarios of each area first, and then over the areas in the order in
     which they first appear. So the rate of two areas is exactly the sum of the rates of each alone.
 
+    Sources are independent samples, and their variances add up. Not so the scenarios of an area
+    whose release points were drawn at random: they start from the same points, and where one is by
+    chance too often, the others are too. There the standard errors are added, which is the most
+    that they can come to.
+
     The rate of one rock is the largest of the scenarios of those areas from which any rock came:
     none of a few rocks of a frequent scenario says little against it where a rare one arrives.
 
@@ -93,6 +98,7 @@ def hazard_curves(
     if np.any(np.diff(energies) <= 0.0):
         raise ValueError("energies of the curves do not rise")
     largest = {s.area: max(t.rate_per_rock for t in sources if t.area == s.area) for s in sources}
+    same_points = {s.area for s in sources if s.random_points}
     areas: dict[str, list[HazardCurves]] = {}
     for source, own in zip(sources, counts, strict=True):
         if own.count.shape != (own.places.size, energies.size):
@@ -107,11 +113,12 @@ def hazard_curves(
                 per_rock,
             )
         )
-    return _joined([_joined(parts, energies) for parts in areas.values()], energies)
+    joined = [_joined(parts, energies, area in same_points) for area, parts in areas.items()]
+    return _joined(joined, energies, False)
 
 
-def _joined(parts: Sequence[HazardCurves], energies: FloatArray) -> HazardCurves:
-    """Sum of curves, added one after the other."""
+def _joined(parts: Sequence[HazardCurves], energies: FloatArray, together: bool) -> HazardCurves:
+    """Sum of curves, added one after the other; ``together`` if they share their chance."""
     if len(parts) == 1:
         return parts[0]
     places = (
@@ -123,7 +130,10 @@ def _joined(parts: Sequence[HazardCurves], energies: FloatArray) -> HazardCurves
     for part in parts:
         rows = np.searchsorted(places, part.places)
         rate[rows] += part.rate
-        variance[rows] += part.variance
+        if together:
+            variance[rows] = (np.sqrt(variance[rows]) + np.sqrt(part.variance)) ** 2
+        else:
+            variance[rows] += part.variance
         per_rock[rows] = np.maximum(per_rock[rows], part.rate_of_a_rock)
     return HazardCurves(places, energies, rate, variance, per_rock)
 

@@ -77,8 +77,8 @@ class RiskTable:
         return _sums(self.values[quantity].T)
 
     def standard_error(self, quantity: str) -> FloatArray:
-        """Upper bound of the standard error of :meth:`of_object`; sources are independent."""
-        error: FloatArray = np.sqrt(_sums(self.variances[quantity].T))
+        """Upper bound of the standard error of :meth:`of_object`; samples are independent."""
+        error: FloatArray = np.sqrt(_sums(by_sample(self.variances[quantity], self.sources).T))
         return error
 
     @property
@@ -126,6 +126,35 @@ class RiskTotal:
 def _sums(rows: FloatArray) -> FloatArray:
     """Correctly rounded sum of each row."""
     return np.array([math.fsum(row) for row in rows.tolist()], np.float64)
+
+
+def by_sample(variance: FloatArray, sources: Sequence[Source]) -> FloatArray:
+    """Variances of independent samples from those of sources.
+
+    Every source is a sample of its own, but scenarios of an area with random release points start
+    from the same points: their standard errors add up at most.
+
+    Parameters
+    ----------
+    variance : float64, shape (n_sources, n)
+    sources : sequence of Source
+
+    Returns
+    -------
+    float64, shape (n_samples, n)
+    """
+    rows = {(s.area, "" if s.random_points else s.scenario) for s in sources}
+    number = {key: i for i, key in enumerate(sorted(rows))}
+    of_source = [number[s.area, "" if s.random_points else s.scenario] for s in sources]
+    error = np.zeros((len(number), variance.shape[1]))
+    np.add.at(error, of_source, np.sqrt(variance))
+    # Alone, a source keeps its variance to the last bit.
+    alone = np.bincount(of_source, minlength=len(number)) == 1
+    out: FloatArray = error**2
+    for source, sample in enumerate(of_source):
+        if alone[sample]:
+            out[sample] = variance[source]
+    return out
 
 
 # ---------------------------------------------------------------------------------------------
@@ -401,7 +430,7 @@ def _total(
     for q in ADDITIVE:
         rows = table.of_object(q) if source is None else table.values[q][source]
         values[q] = math.fsum(rows[own].tolist())
-        variance = table.variances[q][chosen][:, own]
+        variance = by_sample(table.variances[q][chosen][:, own], table.sources[chosen])
         most[q] = math.sqrt(math.fsum((np.sqrt(variance).sum(axis=1) ** 2).tolist()))
         apart[q] = math.sqrt(math.fsum(variance.ravel().tolist()))
     individual = math.nan if source is not None else _largest_individual(table, own)

@@ -9,6 +9,7 @@ import logging
 import math
 import re
 import sqlite3
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -730,14 +731,17 @@ def _gpkg_template(path: Path, crs: str | None) -> Path:
             options = {"GEOMETRY_NAME": "geom", "FID": "fid"}
             if system is None:
                 options["SRID"] = "-1"
-            pyogrio.write_dataframe(
-                frame,
-                path,
-                layer=table,
-                driver="GPKG",
-                geometry_type="LineString" if line else "Point Z",
-                layer_options=options,
-            )
+            with warnings.catch_warnings():
+                # Local coordinates are a choice of the user.
+                warnings.filterwarnings("ignore", message="'crs' was not provided")
+                pyogrio.write_dataframe(
+                    frame,
+                    path,
+                    layer=table,
+                    driver="GPKG",
+                    geometry_type="LineString" if line else "Point Z",
+                    layer_options=options,
+                )
         _describe(path)
     return path
 

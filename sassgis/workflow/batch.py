@@ -210,15 +210,13 @@ def batch(
     candidates = find_areas(loaded)
     setting, notices = read_setting(loaded, candidates, first_margin_m)
     _check_folder(folder)
-    summary = _Summary(folder, loaded, candidates, setting.rules)
     kept = _kept_areas(setting, candidates, folder, overwrite, tell)
+    summary = _Summary(folder, loaded, candidates, setting.rules, kept)
     records: dict[str, Record] = {}
     for i, candidate in enumerate(candidates, start=1):
         record = kept.get(candidate.stem)
         title = f"Area {i} of {len(candidates)}: {candidate.name}"
-        if record is not None:
-            summary.done(candidate, record, None)
-        else:
+        if record is None:
             tell(title)
             began = time.perf_counter()
             try:
@@ -806,7 +804,12 @@ class _Summary:
     """The table of all areas, written anew whenever one is done."""
 
     def __init__(
-        self, folder: Path, config: Config, candidates: Sequence[Candidate], rules: Rules
+        self,
+        folder: Path,
+        config: Config,
+        candidates: Sequence[Candidate],
+        rules: Rules,
+        kept: dict[str, Record],
     ) -> None:
         self._path = folder / SUMMARY_NAME
         self._levels = [level.code for level in rules.preset.levels]
@@ -820,6 +823,9 @@ class _Summary:
             }
             for c in candidates
         }
+        for candidate in candidates:
+            if candidate.stem in kept:
+                self._note(candidate, kept[candidate.stem], None)
         self._write()
 
     def _seconds_before(self) -> dict[str, float]:
@@ -832,8 +838,13 @@ class _Summary:
         except (OSError, ValueError, KeyError):
             return {}
 
-    def done(self, candidate: Candidate, record: Record, seconds: float | None) -> None:
-        """Note an area that was run, or that was there already (``seconds`` None)."""
+    def done(self, candidate: Candidate, record: Record, seconds: float) -> None:
+        """Note an area that was run."""
+        self._note(candidate, record, seconds)
+        self._write()
+
+    def _note(self, candidate: Candidate, record: Record, seconds: float | None) -> None:
+        """An area that was run, or that was there already (``seconds`` None)."""
         own = f"{AREAS_NAME}/{candidate.stem}"
         self._rows[candidate.stem] |= {
             "status": "done",
@@ -844,7 +855,6 @@ class _Summary:
             **{f"{code}_m2": record.zones_m2.get(code) for code in self._levels},
             "seconds": self._before.get(own) if seconds is None else round(seconds, 1),
         }
-        self._write()
 
     def skipped(self, candidate: Candidate, reason: str) -> None:
         """Note an area that could not be run."""

@@ -18,7 +18,7 @@ from sassgis.workflow.map_run import MapRun, Plan, plan
 _FIRST_MARGIN_M = 200.0
 #: What the edge of a part does to the spline through its heights fades by 0.268 per cell: it is
 #: below the rounding of a double after 28 cells, and some more make the last bits the same.
-_SPLINE_CELLS = 64
+_SPLINE_CELLS = 48
 #: Standard deviations at which the Gaussian of the smoothing ends.
 _GAUSSIAN_ENDS = 4.0
 _POINTS = 256
@@ -58,7 +58,7 @@ def windowed(
     """Find the part of the terrain model that the fall lines of a release area need.
 
     A part is tried, all fall lines are traced on it, and on each side on which a line comes near a
-    cut edge (see edge_cells) the margin is doubled. So the lines are those of the whole terrain
+    cut edge (see edge_cells) the margin grows by half. So the lines are those of the whole terrain
     model: to the last bit where corners and sizes of cells are binary numbers (whole metres,
     halves, quarters, ...) and no nodata is near, else but for rounding.
 
@@ -100,7 +100,7 @@ def windowed(
         ]
         if not any(near):
             return Windowed(part, run, planned)
-        margins = [2 * m if grow else m for m, grow in zip(margins, near, strict=True)]
+        margins = [m + (m + 1) // 2 if grow else m for m, grow in zip(margins, near, strict=True)]
 
 
 def cut_sides(part: Part, terrain: Terrain) -> tuple[bool, bool, bool, bool]:

@@ -16,9 +16,7 @@ from conftest import LV95, NORTH, TABLES, TOP, at, setting
 from sassgis.core.errors import InputError, OutputError
 from sassgis.core.grid import Grid
 from sassgis.gap.observations import (
-    TABLES as KNOWN,
-)
-from sassgis.gap.observations import (
+    METADATA_KEYS,
     Deposits,
     Impacts,
     Observations,
@@ -29,6 +27,9 @@ from sassgis.gap.observations import (
     rock_radii_m,
     root_of,
     what_can_be_told,
+)
+from sassgis.gap.observations import (
+    TABLES as KNOWN,
 )
 from sassgis.io.observations import (
     observations_template,
@@ -229,10 +230,19 @@ CASES = {
         "passages.speed_kmh: column is not known and is not read "
         "(expected speed_mps: the values divided by 3.6)",
     ),
-    "column without unit": ({"passages": renamed("speed_mps", "speed")}, "expected speed_mps, with its unit"),
+    "column without unit": (
+        {"passages": renamed("speed_mps", "speed")},
+        "expected speed_mps, with its unit",
+    ),
     "misspelt column": ({"passages": renamed("height_m", "hieght_m")}, "nearest: height_m"),
-    "rock twice": ({"rocks": repeated(1)}, "rocks.rock_id: row 7: is there twice; the first one is taken (found 'R2'"),
-    "passage twice": ({"passages": repeated(2)}, "row 12: is there twice; the first one is taken (found 'R2 at S1'"),
+    "rock twice": (
+        {"rocks": repeated(1)},
+        "rocks.rock_id: row 7: is there twice; the first one is taken (found 'R2'",
+    ),
+    "passage twice": (
+        {"passages": repeated(2)},
+        "row 12: is there twice; the first one is taken (found 'R2 at S1'",
+    ),
     "station twice": ({"stations": repeated(0)}, "stations.station: row 4: is there twice"),
     "impact twice": ({"impacts": repeated(0)}, "impacts.impact: row 7: is there twice"),
     "stop twice": (
@@ -250,7 +260,9 @@ CASES = {
         "(found 'S3'; expected one of 'S1', 'S2'",
     ),
     "km/h": (
-        {"passages": setting("speed_mps", lambda v: 3.6 * v), },
+        {
+            "passages": setting("speed_mps", lambda v: 3.6 * v),
+        },
         "passages.speed_mps: rows 2, 3, 4, 5, 6 and 5 more: look like km/h",
     ),
     "km/h along a path": (
@@ -292,20 +304,34 @@ CASES = {
     ),
     "energy gained": (
         {"impacts": setting("vt_out_mps", 15.0, [4])},
-        "impacts.vt_out_mps: row 6: more energy after the impact than before (found 1.83 times; expected at most 1, 1.42 with",
+        "impacts.vt_out_mps: row 6: more energy after the impact than before (found 1.83 "
+        "times; expected at most 1, 1.42 with",
     ),
     "before and after swapped": (
         {
             "impacts": lambda rows: [
-                r | {"vt_in_mps": 8, "vn_in_mps": -2, "vt_out_mps": 11, "vn_out_mps": 5,
-                     "omega_in_radps": 16, "omega_out_radps": 12}
+                r
+                | {
+                    "vt_in_mps": 8,
+                    "vn_in_mps": -2,
+                    "vt_out_mps": 11,
+                    "vn_out_mps": 5,
+                    "omega_in_radps": 16,
+                    "omega_out_radps": 12,
+                }
                 for r in rows
             ]
         },
         "before and after look swapped: more energy",
     ),
-    "radians": ({"impacts": setting("slope_deg", 0.61)}, "impacts.slope_deg: rows 2, 3, 4, 5, 6: look like radians or tangents"),
-    "slope over the edge": ({"impacts": setting("slope_deg", 135, [0])}, "found 135; expected -90 to 90 °"),
+    "radians": (
+        {"impacts": setting("slope_deg", 0.61)},
+        "impacts.slope_deg: rows 2, 3, 4, 5, 6: look like radians or tangents",
+    ),
+    "slope over the edge": (
+        {"impacts": setting("slope_deg", 135, [0])},
+        "found 135; expected -90 to 90 °",
+    ),
     "x and y swapped": (
         {"deposits": lambda rows: [r | {"x": r["y"], "y": r["x"]} for r in rows[:-1]]},
         "deposits.x, y: rows 2, 3, 4, 5, 6 and 1 more: no row lies on the DEM",
@@ -316,7 +342,8 @@ CASES = {
     ),
     "other heights": (
         {"deposits": lambda rows: setting("z", lambda z: z + 48.0)(rows[:-1])},
-        "deposits.z: rows 2, 3, 4, 5, 6 and 1 more: heights are offset from the DEM: another height system? (found +48.00 m",
+        "deposits.z: rows 2, 3, 4, 5, 6 and 1 more: heights are offset from the DEM: "
+        "another height system? (found +48.00 m",
     ),
     "one stray height": (
         {"deposits": lambda rows: setting("z", lambda z: z - 300.0, [0])(rows[:-1])},
@@ -331,21 +358,27 @@ CASES = {
         "passages.station: row 3: passages are not listed down the slope",
     ),
     "above the release": (
-        {"rocks": lambda rows: [rows[0] | dict(zip("xyz", at(2, 150), strict=True)), *rows[1:]],
-         "trajectories": None, "impacts": None},
+        {
+            "rocks": lambda rows: [rows[0] | dict(zip("xyz", at(2, 150), strict=True)), *rows[1:]],
+            "trajectories": None,
+            "impacts": None,
+        },
         "passages.station: row 2: passages lie above the release of the rock",
     ),
     "far from the station": (
         {"passages": setting("x", lambda x: x + 90.0, [0])},
-        "passages.x, y: row 2: passages lie away from the station that they name (found up to 32.5 m",
+        "passages.x, y: row 2: passages lie away from the station that they name (found "
+        "up to 32.5 m",
     ),
     "pieces too heavy": (
         {"deposits": lambda rows: setting("mass_kg", 500.0, [4])(rows[:-1])},
-        "deposits.mass_kg: rows 6, 7: blocks of R5 are more than the rock itself (found 700 kg; expected 540 kg",
+        "deposits.mass_kg: rows 6, 7: blocks of R5 are more than the rock itself (found "
+        "700 kg; expected 540 kg",
     ),
     "pieces without suffix": (
         {"deposits": lambda rows: setting("rock_id", "R5", [4, 5])(rows[:-1])},
-        "deposits.rock_id: row 7: several stops of one rock are taken to be its pieces (found 'R5'; expected names with a suffix, such as R5.1",
+        "deposits.rock_id: row 7: several stops of one rock are taken to be its pieces "
+        "(found 'R5'; expected names with a suffix, such as R5.1",
     ),
     "percent": (
         {"metadata": setting("value", 5, [1])},
@@ -355,11 +388,22 @@ CASES = {
         {"deposits": lambda rows: setting("y", "", [0])(rows[:-1])},
         "deposits.x, y: row 2: x or y is missing; value left out",
     ),
-    "empty table": ({"impacts": lambda rows: rows.clear() or [], }, "table has no rows"),
+    "empty table": (
+        {
+            "impacts": lambda rows: rows.clear() or [],
+        },
+        "table has no rows",
+    ),
     "no line": ({"stations": setting("x0", "", [0])}, "station has no line"),
-    "no time": ({"trajectories": setting("t_s", "", [3])}, "trajectories.t_s: row 5: point has no time; row left out"),
-    "no name": ({"trajectories": setting("rock_id", "", [3])}, "trajectories.rock_id: row 5: has no name; row left out"),
-}  # fmt: skip
+    "no time": (
+        {"trajectories": setting("t_s", "", [3])},
+        "trajectories.t_s: row 5: point has no time; row left out",
+    ),
+    "no name": (
+        {"trajectories": setting("rock_id", "", [3])},
+        "trajectories.rock_id: row 5: has no name; row left out",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -420,6 +464,14 @@ def test_made_up_observations_can_be_checked_too():
         Passages.of(rock_id=["A", "B"], speed_mps=[1.0])
     with pytest.raises(TypeError, match="no such column: speed"):
         Passages.of(rock_id=["A"], speed=[1.0])
+
+
+def test_rocks_may_be_let_go_above_the_ground(folder, slope):
+    for height, n in ((3.0, 0), (8.0, 1)):
+        raised = setting("z", lambda z, height=height: z + height)
+        found = lines(read_observations(folder(**NO_LOOSE_BLOCK, rocks=raised), slope), slope)
+        assert len(found) == n
+    assert "rocks.z" in found[0] and "heights are offset" in found[0]
 
 
 def test_noise_of_the_stated_size_is_not_a_fault(folder, slope):
@@ -687,3 +739,16 @@ def test_authume_heights_are_found_to_be_offset(shared_data, tmp_path):
     assert len(observed.deposits) == 41
     assert "heights are offset from the DEM" in only(observed, grid)
     assert "+2.8" in only(observed, grid) or "+2.9" in only(observed, grid)
+
+
+# --- documentation --------------------------------------------------------------------------------
+
+
+def test_the_page_tells_every_column(repository):
+    text = (repository / "docs" / "observations.md").read_text("utf-8")
+    for name, columns in KNOWN.items():
+        part = text.partition(f"### `{name}`\n")[2].partition("\n### ")[0]
+        for c in columns:
+            assert f"| `{c.name}` | {c.unit or '–'} | {c.meaning} |" in part, f"{name}.{c.name}"
+    for key, (unit, meaning) in METADATA_KEYS.items():
+        assert f"| `{key}` | {unit or '–'} | {meaning} |" in text

@@ -157,13 +157,11 @@ def both(
 def test_there_is_something_to_count(both) -> None:
     zoned, rocks, _ = both
     assert len({r[:2] for r in rocks}) == 4
-    assert len(rocks) == sum(s.source.rocks for s in zoned.found.hazard.sampled) > 400
+    assert len(rocks) == sum(s.source.rocks for s in zoned.found.hazard.sampled) > 300
     assert (zoned.done.run.rocks_per_line, zoned.done.run.rounds) == (3, 2)
     assert max(max(r[4].values()) for r in rocks if r[4]) > 300.0
     # Rocks of both areas meet in the gully.
-    north, south = (
-        {c for r in rocks if r[0] == name for c in r[4]} for name in ("north", "south")
-    )
+    north, south = ({c for r in rocks if r[0] == name for c in r[4]} for name in ("north", "south"))
     assert len(north & south) > 20
 
 

@@ -124,7 +124,9 @@ class Case:
         """Write shapes with attributes to a GeoPackage."""
         file = self.folder / name
         file.unlink(missing_ok=True)
-        gpd.GeoDataFrame(dict(columns or {}), geometry=list(shapes), crs=crs).to_file(file, driver="GPKG")
+        gpd.GeoDataFrame(dict(columns or {}), geometry=list(shapes), crs=crs).to_file(
+            file, driver="GPKG"
+        )
 
     def write_text(self, name: str, *lines: str) -> None:
         (self.folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
