@@ -5,13 +5,21 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_type_hints
 
 from sassgis.core.errors import ConfigError
 
 
 def _check(settings: Any, limits: dict[str, tuple[float, float]]) -> None:
-    """Raise ConfigError unless every number lies between its limits."""
+    """Raise ConfigError unless the form is known and every number lies between its limits."""
+    forms = get_args(get_type_hints(type(settings))["form"])
+    if settings.form not in forms:
+        raise ConfigError(
+            "unknown form",
+            field="form",
+            found=repr(settings.form),
+            expected="one of " + ", ".join(forms),
+        )
     for name, (low, high) in limits.items():
         value = getattr(settings, name)
         if not (math.isfinite(value) and low <= value <= high):
@@ -77,6 +85,12 @@ class Trees:
             self,
             {"efficiency": (0.0, 10.0), "drag_kgps": (0.0, 1e5), "height_m": (0.0, 100.0)},
         )
+
+    @property
+    def takes_anything(self) -> bool:
+        """Whether a stand with these settings takes any energy."""
+        strength = self.drag_kgps if self.form == "viscous" else self.efficiency
+        return strength > 0.0 and self.height_m > 0.0
 
 
 @dataclass(frozen=True, slots=True)

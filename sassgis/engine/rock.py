@@ -63,6 +63,8 @@ _FIRST_TURN = 1e-4
 # A rock that bounces on one spot with less energy than this share of g r is at rest.
 _REST_SHARE = 1e-3
 _SAME_SPOT = 1e-3
+# Shortest way along the ground between two turns of a viscous force (m): at the pace of a crawl.
+_CREEP = 0.02
 # Effects cut a flight or a stretch of rolling into so many steps at most, on average.
 _STEPS_PER_EVENT = 50
 
@@ -198,12 +200,16 @@ def _set_off(
     number: int,
     lost: float,
     x: float,
-    z: float,
     way: int,
+    theta: float,
     ux: float,
     uz: float,
 ) -> None:
-    """Set blocks of the ground in motion with part of the energy that an impact took (J)."""
+    """Set blocks of the ground in motion with part of the energy that an impact took (J).
+
+    They leave the ground on which they lie flat, under the rock: without a height they get the one
+    at which they rest.
+    """
     n = entrainment.blocks_set_off(effects.set_off, block.key, number, lost)
     if n == 0:
         return
@@ -215,8 +221,8 @@ def _set_off(
         along = way * speed * math.cos(angle)
         up = speed * math.sin(angle)
         _bear(
-            births, x, z, along * ux - up * uz, along * uz + up * ux, 0.0, 0.0, size * block.a,
-            size * block.b, size * block.c, mass,
+            births, x, -np.inf, along * ux - up * uz, along * uz + up * ux, theta, 0.0,
+            size * block.a, size * block.b, size * block.c, mass,
         )  # fmt: skip
 
 
@@ -427,14 +433,21 @@ def follow(
                 if effects.drag.form != air_drag.OFF and effects.drag.step < limit:
                     limit = effects.drag.step
                     cut = True
-                if effects.stand.form != trees.OFF and abs(vx) > 1e-9:
-                    stem_cell, gap = _to_border(pieces, piece, x, 1 if vx > 0.0 else -1)
-                    here = _segment_at(profile, x, seg)
-                    above = z - sz[here] - (x - sx[here]) * tz[here] / tx[here]
-                    if above < effects.stand.height:
+                if effects.stand.form != trees.OFF:
+                    stem_cell, gap = _to_border(pieces, piece, x, 1 if vx >= 0.0 else -1)
+                    if trees.stands_on(effects.stand, stem_cell):
+                        here = _segment_at(profile, x, seg)
+                        slope = tz[here] / tx[here]
+                        under, ends = trees.time_to_height(
+                            effects.stand, z - sz[here] - (x - sx[here]) * slope, vz - slope * vx, g
+                        )
+                        if not under:
+                            stem_cell = -1
+                        ends = min(ends, trees.longest_step(effects.stand, stem_cell, block.mass))
+                        if ends < limit:
+                            limit = ends
+                            cut = True
                         stem_rate = trees.stems_per_metre(effects.stand, stem_cell, width)
-                    else:
-                        stem_cell = -1
                     if stem_rate * gap >= to_stem:
                         gap = to_stem / stem_rate
                         at_stem = True
@@ -443,9 +456,12 @@ def follow(
                         cut = True
                     else:
                         at_stem = False
-                # Half of the drag before the step and the rest after it: second order in its
-                # length.
+                # Half of a drag before the step and the rest after it: second order in its length.
+                had = vx * vx + vz * vz + 2.0 * g * z
                 vx, vz = air_drag.slowed(resistance, vx, vz, 0.5 * limit)
+                kept = trees.left_by_viscous(effects.stand, stem_cell, block.mass, 0.5 * limit)
+                vx *= kept
+                vz *= kept
             came_from = x
             until, hit, nx, nz = next_contact(
                 x, z, vx, vz, theta, omega, a, b, g, clear_from, limit,
@@ -484,6 +500,18 @@ def follow(
                 moved = True
             if effects is not None:
                 vx, vz = air_drag.slowed(resistance, vx, vz, until - 0.5 * limit)
+                kept = trees.left_by_viscous(
+                    effects.stand, stem_cell, block.mass, until - 0.5 * limit
+                )
+                vx *= kept
+                vz *= kept
+                # Of a step that ends early the drag before it is partly taken back, at a speed
+                # that may have grown: energy is not made.
+                has = vx * vx + vz * vz
+                if until < 0.5 * limit and (resistance > 0.0 or kept > 1.0) and has > 0.0:
+                    kept = min(math.sqrt(max(had - 2.0 * g * z, 0.0) / has), 1.0)
+                    vx *= kept
+                    vz *= kept
                 if effects.stand.form != trees.OFF:
                     to_stem -= stem_rate * abs(x - came_from)
                     if gate < 0 and hit < 0 and at_stem:
@@ -492,11 +520,9 @@ def follow(
                         stems_met += 1
                         to_stem = trees.to_next_stem(block.key, stems_met)
                         kept = math.sqrt(max(1.0 - taken / full, 0.0)) if full > 0.0 else 1.0
-                    else:
-                        kept = trees.left_by_viscous(effects.stand, stem_cell, block.mass, until)
-                    vx *= kept
-                    vz *= kept
-                    omega *= kept
+                        vx *= kept
+                        vz *= kept
+                        omega *= kept
                 if cut and gate < 0 and hit < 0:
                     # The same flight goes on, and is one event.
                     clear_from = max(clear_from - until, 0.0)
@@ -571,7 +597,7 @@ def follow(
                     kind = profile.ground[seg]
                     if effects.rough.form != roughness.OFF and effects.rough.on[kind]:
                         turn = roughness.tilt(effects.rough, block.key, impacts, radius)
-                        # Positive tilts rise towards where the rock comes from going.
+                        # A positive tilt faces the rock, whichever way it comes.
                         turn = turn if vx >= 0.0 else -turn
                         cosine = math.cos(turn)
                         sine = math.sin(turn)
@@ -620,8 +646,8 @@ def follow(
                         and effects.set_off.on[kind]
                     ):
                         _set_off(
-                            effects, births, block, impacts, lost * block.mass, x, z,
-                            1 if vx >= 0.0 else -1, tx[seg], tz[seg],
+                            effects, births, block, impacts, lost * block.mass, x,
+                            1 if vx >= 0.0 else -1, profile.angle[seg], tx[seg], tz[seg],
                         )  # fmt: skip
                     if (
                         effects.breaking.form != fragmentation.OFF
@@ -747,6 +773,11 @@ def follow(
             at_stem = stem_rate * gap >= to_stem
             if at_stem:
                 gap = to_stem / stem_rate
+            long = trees.longest_step(effects.stand, stem_cell, block.mass)
+            long = max((v + 0.5 * abs(pull) * long) * long, _CREEP) * ux
+            if long < gap:
+                gap = long
+                at_stem = False
             if gap < way_len * ux:
                 way_len = gap / ux
                 end_x = x + way * gap
@@ -781,7 +812,6 @@ def follow(
             0.5 * inert * dspin2, chord,
         )  # fmt: skip
         new_v = math.sqrt(max(v2 + dv2, 0.0))
-        began = t
         fast2 = max(v2, v2 + dv2)
         top_speed = max(top_speed, math.sqrt(fast2))
         top_energy = max(top_energy, 0.5 * fast2 + 0.5 * inert * max(spin2, spin2 + dspin2))
@@ -808,7 +838,7 @@ def follow(
                 to_stem = trees.to_next_stem(block.key, stems_met)
                 kept = math.sqrt(max(1.0 - taken / full, 0.0)) if full > 0.0 else 1.0
             else:
-                kept = trees.left_by_viscous(effects.stand, stem_cell, block.mass, t - began)
+                kept = trees.left_after_way(effects.stand, stem_cell, block.mass, v, way_len)
             v *= kept
             omega *= kept
         vx = way * v * ux

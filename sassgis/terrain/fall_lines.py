@@ -363,7 +363,8 @@ def _trace_line(
         s_old = line[size - 1, 2] + _length(u - line[size - 1, 0], v - line[size - 1, 1])
         # How fast the direction of descent changes along and across it (per cell).
         bend = _bend(gu, gv, huu, huv, hvv, slope)
-        step = min(longest, _POINT_DISTANCE - since_out)
+        # A step ends where the next hop begins, or coarse cells would make the hops longer.
+        step = min(longest, _POINT_DISTANCE - since_out, max(next_hop - s_old, _SHORTEST_STEP))
         limit = step
         following = attached
         ku, kv = hu, hv

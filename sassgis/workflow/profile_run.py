@@ -90,6 +90,9 @@ class ProfileResult:
     rocks : ROCK_DTYPE, shape (n_scenarios * n_rocks,)
     scenario : int64, same shape
         Position in the configuration's blocks.
+    pieces : ROCK_DTYPE
+        Pieces of broken rocks and blocks set in motion.
+    piece_scenario : int64, same shape
     passages : PASSAGE_DTYPE
     gates : GateSums
     paths : tuple of (s, z)
@@ -105,6 +108,8 @@ class ProfileResult:
     profile: ProfileInput
     rocks: NDArray[np.void]
     scenario: NDArray[np.int64]
+    pieces: NDArray[np.void]
+    piece_scenario: NDArray[np.int64]
     passages: NDArray[np.void]
     gates: GateSums
     paths: tuple[tuple[FloatArray, FloatArray], ...]
@@ -288,6 +293,8 @@ def simulate_profile(
         profile,
         np.concatenate([p.rocks for p in parts]),
         np.repeat(np.arange(len(parts), dtype=np.int64), [p.rocks.size for p in parts]),
+        np.concatenate([p.pieces for p in parts]),
+        np.repeat(np.arange(len(parts), dtype=np.int64), [p.pieces.size for p in parts]),
         np.concatenate([p.passages for p in parts]),
         sums,
         tuple(paths),
@@ -300,6 +307,7 @@ def simulate_profile(
 def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePanel:
     """The slope with trajectories, gates and stops, for one or several panels."""
     p = result.profile
+    ended = np.concatenate([result.rocks, result.pieces])
     return figures.ProfilePanel(
         s=p.s,
         z=p.z,
@@ -307,7 +315,9 @@ def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePane
         ground=p.ground.astype(np.int64),
         ground_names=p.table.names,
         gates=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.gates],
-        stops=result.rocks["runout_m"][result.rocks["rock"] < result.drawn],
+        stops=ended["runout_m"][
+            (ended["rock"] < result.drawn) & (ended["reason"] != StopReason.BROKEN)
+        ],
         title=title or p.name,
     )
 
@@ -394,6 +404,11 @@ def _write(
 ) -> None:
     p = result.profile
     total = result.rocks.size
+    born = int(result.pieces.size)
+    effects = config.effect_settings
+    if effects.lateral_deflection is not None:
+        warnings.append("A profile has no width: [effects.lateral_deflection] does nothing here.")
+    ended = np.concatenate([result.rocks, result.pieces])
     reasons = np.bincount(result.rocks["reason"], minlength=len(StopReason))
     for reason in (StopReason.LEFT_PROFILE, StopReason.STEP_LIMIT, StopReason.NEVER_STARTED):
         if reasons[reason]:
@@ -426,14 +441,18 @@ def _write(
             ),
         )  # fmt: skip
     add(
-        "runout", "Run-out", "Chainage at which rocks end, by the reason.",
-        figures.runout_figure(result.rocks["runout_m"], result.rocks["reason"].astype(np.int64)),
+        "runout", "Run-out",
+        "Chainage at which rocks end, by the reason"
+        + (", their pieces and the blocks that they set in motion too." if born else "."),
+        figures.runout_figure(ended["runout_m"], ended["reason"].astype(np.int64)),
     )  # fmt: skip
     drawn = station_figures(result.gates, total)
     for (name, figure), stem in zip(drawn, file_stems([n for n, _ in drawn]), strict=True):
         add(f"station_{stem}", f"At {name}", "First downhill passage.", figure)
-    scenario = np.array([b.name for b in config.blocks])[result.scenario]
-    rocks = pd.DataFrame({n: result.rocks[n] for n in result.rocks.dtype.names or ()})
+    scenario = np.array([b.name for b in config.blocks])[
+        np.concatenate([result.scenario, result.piece_scenario])
+    ]
+    rocks = pd.DataFrame({n: ended[n] for n in ended.dtype.names or ()})
     rocks["reason"] = [StopReason(int(r)).name.lower() for r in rocks["reason"]]
     rocks.insert(0, "scenario", scenario)
     write_table(work / "tables" / "rocks.csv", [rocks.drop(columns="line")])
@@ -461,6 +480,8 @@ def _write(
                  f"{p.z.max() - p.z.min():.0f} m of relief"),
                 ("Start", f"chainage {p.start[0]:g} to {p.start[1]:g} m"),
                 ("Rocks", int(total)),
+                ("Pieces and blocks set in motion", born),
+                ("Effects beyond the model of 1986", ", ".join(effects.names) or "none"),
             ),
             warnings=tuple(warnings),
             key_results=table,
@@ -488,6 +509,7 @@ def _write(
         settings=resolved(config),
         counts={
             "rocks": int(total),
+            "pieces": born,
             **{f"rocks_{r.name.lower()}": int(reasons[r]) for r in StopReason},
         },
         warnings=warnings,

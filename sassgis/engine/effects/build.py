@@ -75,7 +75,7 @@ def effects_of(
             DRAG_STEP_S,
         ),
         trees.Stand(trees.OFF, 0.0, 0.0, 0.0, none, none)
-        if wood is None or not (stems > 0.0).any()
+        if wood is None or not wood.takes_anything or not (stems > 0.0).any()
         else trees.Stand(
             {"stems": trees.STEMS, "full_stems": trees.FULL_STEMS, "viscous": trees.VISCOUS}[
                 wood.form

@@ -12,6 +12,11 @@ from sassgis.core import rng
 from sassgis.core.jit import kernel
 
 OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
+# Share of the speed that the viscous force takes in a step, and the shortest such step.
+_SHARE_PER_STEP = 0.02
+_SHORTEST_STEP_S = 0.005
+# A block within rounding of the height of the stems passes it in this time.
+_SHORTEST_CUT_S = 1e-6
 
 
 class Stand(NamedTuple):
@@ -23,6 +28,12 @@ class Stand(NamedTuple):
     height: float  # m
     stems: NDArray[np.float64]  # (n_cells,) per m²
     diameter: NDArray[np.float64]  # (n_cells,) at breast height (m)
+
+
+@kernel
+def stands_on(stand: Stand, cell: int) -> bool:
+    """Whether forest stands on a cell."""
+    return bool(cell >= 0 and stand.stems[cell] > 0.0)
 
 
 @kernel
@@ -51,8 +62,9 @@ def share_taken(offset: float) -> float:
     Parameters
     ----------
     offset : float
-        Distance of the way from the axis of the stem over half the diameter of the stem, limited
-        to 1: a block that comes from the side grazes it.
+        Distance of the way from the axis of the stem over the largest at which it is met; 0 to 1.
+        The tests behind the formula have half the diameter of the stem in its place: a block that
+        is much wider than the stem then counts as a smaller one.
     """
     share = -0.046 + (0.98 + 0.046) / (1.0 + 10.0 ** ((0.58 - offset) * -8.007))
     return float(min(max(share, 0.0), 1.0))
@@ -71,6 +83,46 @@ def stem_loss(stand: Stand, key: np.uint64, number: int, cell: int) -> float:
 @kernel
 def left_by_viscous(stand: Stand, cell: int, mass: float, time: float) -> float:
     """Share of the speed that the viscous forest leaves after a time."""
-    if cell < 0 or stand.form != VISCOUS or stand.stems[cell] <= 0.0:
+    if stand.form != VISCOUS or not stands_on(stand, cell):
         return 1.0
     return math.exp(-stand.drag * time / mass)
+
+
+@kernel
+def left_after_way(stand: Stand, cell: int, mass: float, speed: float, way: float) -> float:
+    """Share of the speed that it leaves after a way along the ground: dv = -k/m dx."""
+    if stand.form != VISCOUS or not stands_on(stand, cell) or speed <= 0.0:
+        return 1.0
+    return max(1.0 - stand.drag * way / (mass * speed), 0.0)
+
+
+@kernel
+def longest_step(stand: Stand, cell: int, mass: float) -> float:
+    """Longest time between two turns of the viscous force (s): 2 % of the speed, or 5 ms."""
+    if stand.form != VISCOUS or not stands_on(stand, cell):
+        return np.inf
+    return max(_SHARE_PER_STEP * mass / stand.drag, _SHORTEST_STEP_S)
+
+
+@kernel
+def time_to_height(
+    stand: Stand, above: float, climb: float, gravity: float
+) -> tuple[bool, float]:
+    """Whether a block in flight is below the height of the stems, and when that changes (s).
+
+    Parameters
+    ----------
+    above : float
+        Height of its centre above straight ground (m).
+    climb : float
+        How fast that grows (m/s).
+    gravity : float
+        (m/s²)
+    """
+    over = above - stand.height
+    square = climb * climb + 2.0 * gravity * over
+    if over >= 0.0:
+        return False, max((climb + math.sqrt(square)) / gravity, _SHORTEST_CUT_S)
+    if climb <= 0.0 or square <= 0.0:
+        return True, np.inf
+    return True, max((climb - math.sqrt(square)) / gravity, _SHORTEST_CUT_S)
