@@ -306,15 +306,12 @@ class LateralDeflection:
     hop_m : float
         Mean length of the hops in plan, exponential (m).
     width_percent : float
-    lines_per_point : int
-        Ways per release point and round; 0: one for each rock.
     """
 
     form: Literal["kicks", "constant"] = "kicks"
     angle_deg: float = 10.0
     hop_m: float = 10.0
     width_percent: float = 15.0
-    lines_per_point: int = 0
 
     def __post_init__(self) -> None:
         _check(
@@ -323,7 +320,6 @@ class LateralDeflection:
                 "angle_deg": (0.0, 60.0),
                 "hop_m": (0.5, 1000.0),
                 "width_percent": (0.0, 100.0),
-                "lines_per_point": (0, 100_000),
             },
         )
 

@@ -130,10 +130,10 @@ class MapRun:
     @property
     def lines_per_point(self) -> int:
         """Lines traced from each release point in each round."""
-        lateral = self.effects.lateral_deflection
-        if lateral is None:
-            return self.spread.lines_per_point
-        return lateral.lines_per_point or self.rocks_per_point
+        # Rocks that share a way come or stay away together: their errors would be understated.
+        if self.effects.lateral_deflection is not None:
+            return self.rocks_per_point
+        return self.spread.lines_per_point
 
     @property
     def lateral_spread(self) -> str:

@@ -121,6 +121,8 @@ def test_energy_never_grows_beyond_what_gravity_gives(line, blocks, effects, eta
     mean = effects.rock_shape is not None and effects.rock_shape.form == "mean_inertia"
     for rock, course in zip(out.rocks, out.courses, strict=True):
         assert course[-1, 0] == END
+        if len(course) < 2:
+            continue
         assert np.isfinite(course).all()
         a, b, c = (rock[f"{k}_m"] for k in "abc")
         moment = tumbling_inertia(a, b, c) if mean else inertia(a, b)
