@@ -437,7 +437,9 @@ def _contact(
     st[VY] = v_along * st[HY]
     st[VZ] = -vt_out * math.sin(slope) + vn_out * math.cos(slope)
     _face_velocity(st)
-    _write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
+    if vn_in < 0.0:
+        # A tip that strikes while the centre already leaves is no impact to an observer.
+        _write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
     if active(forces.breaking, s):
         volume = _mass(st) / st[DENSITY]
         if volume > 0.01 and draws.uniform(key, draws.BREAK, n) < break_chance(
@@ -533,6 +535,8 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
         st[MODE] = SLIDE
     elif st[MODE] == SLIDE and math.tan(slope) > law[3]:
         st[MODE] = ROLL
+        # Spin comes out of the speed: angular momentum about the contact is kept.
+        v /= 1.0 + inertia / (radius * radius)
     friction = law[3]
     if st[MODE] == ROLL:
         friction = rolling_friction(law[4], law[5], law[6], radius)
