@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.hazard import Source, SourceCounts
@@ -64,7 +64,9 @@ def onset_frequencies(
     for area in run.areas:
         for scenario in area.scenarios:
             from_table = (area.name, scenario) in single
-            onset = single.get((area.name, scenario), config.onsets[scenario])
+            onset = config.onsets[scenario]
+            if from_table:
+                onset = replace(single[area.name, scenario], share=onset.share)
             if onset.frequency is None:
                 raise ConfigError(
                     "missing key: zones need to know how often blocks are released",
