@@ -358,10 +358,6 @@ def _contact(
     before = kinetic(inertia, vt_in, vn_in, spin_in)
     st[COUNT] += 1.0
     n = int(st[COUNT])
-    if vn_in * vn_in < 2.0 * weight_on(slope) * SOFT_LANDING * radius:
-        _land(f, st, slope, vt_in, inertia)
-        return
-
     met = slope
     if slope > 0.0:
         u = law[1] + (law[2] - law[1]) * draws.uniform(key, draws.SLOPE, n)
@@ -377,6 +373,10 @@ def _contact(
         met = slope
         vt, vn = vt_in, vn_in
         x, y = lever(a, b, st[PHI] + met)
+    if vn * vn < 2.0 * weight_on(met) * SOFT_LANDING * radius:
+        # As soft as it is on the ground that is met.
+        _land(f, st, slope, vt_in, inertia)
+        return
     eta_max = law[0]
     if forces.wet.q > 0.0:
         eta_max *= 1.0 - forces.wet.q * (0.3 + 0.7 * campaign)
