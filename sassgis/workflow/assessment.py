@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.core.errors import ConfigError
+from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.exposure import Vulnerability
 from sassgis.core.hazard import HazardPreset
 from sassgis.hazard.risk import RiskTable, assess_risk
@@ -87,7 +87,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
     ------
     ConfigError, InputError
     """
-    preset = read_preset(config.hazard.preset)
+    preset = named_preset(config)
     frequencies = onset_frequencies(config, run)
     with collected_notices() as notices:
         parts = [
@@ -121,6 +121,28 @@ def read_rules(config: Config, run: MapRun) -> Rules:
     )
     width = ref_width(config, run.grid.cell_size)
     return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
+
+
+def named_preset(config: Config) -> HazardPreset:
+    """The preset that the configuration names.
+
+    Raises
+    ------
+    InputError
+        There is none, or it cannot be used.
+    """
+    try:
+        return read_preset(config.hazard.preset)
+    except InputError as error:
+        if error.field != "preset":
+            raise
+        raise InputError(
+            error.problem,
+            file=error.file or config.file,
+            field="hazard.preset",
+            found=error.found,
+            expected=error.expected,
+        ) from None
 
 
 def ref_width(config: Config, cell_size: float) -> float:

@@ -104,7 +104,7 @@ def intensity_maps(
     known = np.isfinite(grid.values)
     maps = [raster(grid, few.places, intensity_class(few, preset, t)) for t in years]
     drawn = nested_coverages(
-        generalised_series(maps, grid.cell_size, settings, known), grid, settings
+        generalised_series(maps, grid.cell_size, settings, known), grid, settings, known
     )
     return tuple(IntensityMap(t, zones) for t, zones in zip(years, drawn, strict=True))
 
@@ -116,7 +116,7 @@ def level_zones(
     levels = raster(grid, curves.places, hazard_level(curves, preset))
     known = np.isfinite(grid.values)
     smooth = generalised_series([levels], grid.cell_size, settings, known)
-    return nested_coverages(smooth, grid, settings)[0]
+    return nested_coverages(smooth, grid, settings, known)[0]
 
 
 def zone_facts(

@@ -161,9 +161,9 @@ BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
         hazard(frequencies="nowhere.csv"), "nowhere.csv", ["hazard.frequencies", "not found"]
     ),
     "unknown preset": (
-        hazard(preset="ch-fedral"), "", ["preset", "ch-fedral", "ch-federal"]
+        hazard(preset="ch-fedral"), "config.toml", ["hazard.preset", "ch-fedral", "ch-federal"]
     ),
-    "preset file missing": (hazard(preset="my.toml"), "my.toml", ["preset", "not found"]),
+    "preset file missing": (hazard(preset="my.toml"), "my.toml", ["hazard.preset", "not found"]),
     "matrix with a hole": (
         preset(ROW, 'levels = ["substantial", "mean", "mean"]'), "own.toml",
         ["matrix.mean", "hole", "3 levels", "4"],
@@ -198,7 +198,7 @@ BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
         hazard(ref_widht_m=10.0), "config.toml", ["ref_widht_m", "ref_width_m"]
     ),
     "objects in another system": (
-        houses(GERMAN, crs="EPSG:25832"), "houses.gpkg", ["25832", "2056"]
+        houses(GERMAN, crs="EPSG:25832"), "houses.gpkg", ["house 1", "outside", "2966045"]
     ),
     "objects outside": (houses(FAR), "houses.gpkg", ["house 1", "outside"]),
     "value missing": (
