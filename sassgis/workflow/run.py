@@ -493,6 +493,8 @@ class Extras:
         On top of the project.
     layouts : tuple of PrintLayout
     figures : tuple of ReportFigure
+    key_results : ReportTable or None
+        Heads the report, in place of how rocks end.
     tables : tuple of ReportTable
     facts : dict
         Added to those of the run.
@@ -511,6 +513,7 @@ class Extras:
     groups: tuple[LayerGroup, ...] = ()
     layouts: tuple[PrintLayout, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
+    key_results: ReportTable | None = None
     tables: tuple[ReportTable, ...] = ()
     facts: dict[str, object] = field(default_factory=dict)
     described: tuple[tuple[str, str], ...] = ()
@@ -596,6 +599,13 @@ def write_result(
         )
     tell("Drawing the figures")
     context = map_report(config, job, planned, progress, layers, warnings, facts, work / "figures")
+    if extras.key_results is not None:
+        assert context.key_results is not None
+        context = replace(
+            context,
+            key_results=extras.key_results,
+            tables=(context.key_results, *context.tables),
+        )
     context = replace(
         context,
         figures=(*extras.figures, *context.figures),

@@ -88,6 +88,7 @@ def zone_extras(
         groups=_groups(maps, own, risk, federal),
         layouts=_layouts(config, preset, rules.ref_width_m, found, done),
         figures=zone_figures(config, rules, found, done, maps, figures),
+        key_results=_level_table(preset, found.hazard.levels, found),
         tables=_report_tables(config, rules, found, design),
         facts={
             "preset": f"{preset.name}: {preset.title}",
@@ -161,7 +162,7 @@ def _report_tables(
     config: Config, rules: Rules, found: Assessment, design: pd.DataFrame
 ) -> tuple[ReportTable, ...]:
     preset, hazard = rules.preset, found.hazard
-    tables = [_level_table(preset, hazard.levels, found), _matrix_table(preset)]
+    tables = [_matrix_table(preset)]
     sources = source_table(hazard.sampled)
     tables.append(
         ReportTable(
