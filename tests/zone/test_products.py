@@ -312,10 +312,14 @@ def test_maps_are_in_the_files_what_they_are_in_memory(made: Result, tmp_path: P
 def test_export_in_switzerland(made: Result, tmp_path: Path, capsys) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(["export", str(made.folder), "--xtf", str(tmp_path / "z.xtf"), "--canton", "TI"])
-    assert stopped.value.code == 0, capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert stopped.value.code == 0, err
     text = (tmp_path / "z.xtf").read_text(encoding="utf-8")
-    for name in ("hazard_area", "synoptic_intensity"):
-        assert f"{len(made.layer(name))}" in capsys.readouterr().out or name in text.lower()
+    zones = 0
+    for name in ("assessment_area", "synoptic_intensity", "intensity_by_source", "hazard_area"):
+        assert f"{name} {len(made.layer(name))}" in out
+        zones += len(made.layer(name))
+    assert len(re.findall(r'<[^>]* TID="', text)) >= zones
 
 
 @pytest.mark.parametrize("crs", ["EPSG:31287"])
