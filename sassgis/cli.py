@@ -111,8 +111,14 @@ def validate(config: Path) -> None:
     from sassgis.io.check import check_inputs
     from sassgis.io.config import load_config
 
-    for line in check_inputs(load_config(config)).lines():
+    settings = load_config(config)
+    for line in check_inputs(settings).lines():
         click.echo(line)
+    if any(o.frequency is not None for o in settings.onsets.values()) or settings.objects:
+        from sassgis.workflow.assessment import check_rules
+
+        for line in check_rules(settings):
+            click.echo(line)
 
 
 @cli.command()

@@ -20,8 +20,15 @@ from sassgis.io.exposure import (
     read_vulnerability,
 )
 from sassgis.io.presets import read_preset
-from sassgis.workflow.hazard import Hazard, IntensityMap, by_area, hazard_of
-from sassgis.workflow.inputs import collected_notices
+from sassgis.workflow.hazard import (
+    Hazard,
+    IntensityMap,
+    by_area,
+    curves_of,
+    hazard_of,
+    level_zones,
+)
+from sassgis.workflow.inputs import collected_notices, read_map_run
 from sassgis.workflow.map_run import MapRun, bins_of
 from sassgis.workflow.run import Simulation
 from sassgis.workflow.sources import Sampled, onset_frequencies, sampled_sources
@@ -145,6 +152,27 @@ def named_preset(config: Config) -> HazardPreset:
         ) from None
 
 
+def check_rules(config: Config) -> list[str]:
+    """Read what zoning needs, and say what it holds.
+
+    Raises
+    ------
+    ConfigError, InputError
+        As for a zoning.
+    """
+    run = read_map_run(config)
+    rules = read_rules(config, run)
+    yearly = sum(rules.frequencies.values())
+    lines = [
+        f"zoning: preset {rules.preset.name} ({rules.preset.title})",
+        f"  onset: {yearly:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
+        f"  reference width: {rules.ref_width_m:.4g} m",
+    ]
+    if len(rules.placed):
+        lines.append(f"  exposed objects: {len(rules.placed)}")
+    return lines + [f"  note: {text}" for text in rules.notices]
+
+
 def ref_width(config: Config, cell_size: float) -> float:
     """Reference width of the hazard curves (m).
 
@@ -173,12 +201,15 @@ def assess(config: Config, rules: Rules, done: Simulation, bare: Simulation | No
     confidence = config.hazard.confidence
     grid = done.run.grid
 
-    def hazard(simulation: Simulation) -> Hazard:
-        sampled = sampled_sources(simulation.run, simulation.progress, rules.frequencies)
-        return hazard_of(sampled, energies, rules.preset, grid, rules.zones, confidence)
-
-    after = hazard(done)
-    before = None if bare is None else hazard(bare)
+    runs = [done] if bare is None else [done, bare]
+    sampled = [sampled_sources(s.run, s.progress, rules.frequencies) for s in runs]
+    curves = [curves_of(own, energies) for own in sampled]
+    zones = level_zones(curves, rules.preset, grid, rules.zones)
+    after, *others = (
+        hazard_of(*own, rules.preset, grid, rules.zones, confidence)
+        for own in zip(sampled, curves, zones, strict=True)
+    )
+    before = others[0] if others else None
     alone = (
         by_area(after.sampled, energies, rules.preset, grid, rules.zones)
         if config.hazard.by_source

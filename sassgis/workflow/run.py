@@ -622,7 +622,9 @@ def write_result(
         seed=job.seed,
         ref_width_m=job.grid.cell_size,
         preset=extras.preset,
-        settings=resolved(config) | ({} if areas is None else {"areas": sorted(areas)}),
+        settings=resolved(config)
+        | ({} if areas is None else {"areas": sorted(areas)})
+        | ({"zoning": extras.facts} if extras.facts else {}),
         counts=counts,
         warnings=warnings,
     )

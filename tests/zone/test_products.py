@@ -22,7 +22,7 @@ from zone_slope import CELL, VULNERABILITY, Case, Zoned, box, gully, place, two_
 from sassgis.cli import main
 from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.hazard.zones import ZoneSettings
-from sassgis.workflow.hazard import hazard_of, raster
+from sassgis.workflow.hazard import curves_of, hazard_of, level_zones, raster
 
 LEVELS = ["residual_hazard", "slight", "mean", "substantial"]
 INTENSITIES = ["low", "mean", "high"]
@@ -378,8 +378,9 @@ def test_whatever_the_settings(
         for s in simulated.found.hazard.sampled
     ]
     how = ZoneSettings(min_area, closing, width, tolerance)
-    energies = simulated.curves.energies_kj
-    found = hazard_of(sampled, energies, preset, grid, how, 0.95)
+    curves = curves_of(sampled, simulated.curves.energies_kj)
+    drawn_levels = level_zones([curves], preset, grid, how)[0]
+    found = hazard_of(sampled, curves, drawn_levels, preset, grid, how, 0.95)
     known = np.isfinite(grid.values)
     points = centres(grid.shape)
     before = np.zeros(grid.shape, np.int64)
