@@ -111,8 +111,14 @@ def validate(config: Path) -> None:
     from sassgis.io.check import check_inputs
     from sassgis.io.config import load_config
 
-    for line in check_inputs(load_config(config)).lines():
+    settings = load_config(config)
+    for line in check_inputs(settings).lines():
         click.echo(line)
+    if any(o.frequency is not None for o in settings.onsets.values()) or settings.objects:
+        from sassgis.workflow.assessment import check_rules
+
+        for line in check_rules(settings):
+            click.echo(line)
 
 
 @cli.command()
@@ -339,6 +345,49 @@ def export(
         click.echo(line)
     if not exported.accepted:
         raise OutputError(f"{xtf}: the validator does not accept it; its messages are above")
+
+
+@cli.group()
+def gap() -> None:
+    """Observations in the field, to be compared with the simulation."""
+
+
+@gap.command()
+@click.argument("path", type=click.Path(path_type=Path))
+def template(path: Path) -> None:
+    """Write empty tables of observations: a .gpkg, or a folder of CSV files."""
+    from sassgis.io.observations import observations_template
+
+    click.echo(f"Wrote {observations_template(path)}. Leave out what you did not measure.")
+
+
+@gap.command("validate")
+@click.argument("observations", type=click.Path(path_type=Path))
+@click.option("--config", type=click.Path(path_type=Path), help="Compare them with its terrain.")
+def validate_observations(observations: Path, config: Path | None) -> None:
+    """Read OBSERVATIONS and say what is wrong with them and what they can tell."""
+    from sassgis.gap.observations import what_can_be_told
+    from sassgis.io.config import load_config
+    from sassgis.io.mosaic import read_terrain
+    from sassgis.io.observations import read_observations
+    from sassgis.io.observations import validate_observations as check
+
+    grid = None
+    if config is not None:
+        settings = load_config(config)
+        terrain = settings.terrain
+        grid = read_terrain(settings.dem_path, terrain.crs, terrain.vertical_datum)
+    read = read_observations(observations, grid)
+    for finding in check(read, grid):
+        click.echo(f"{finding.level}: {finding}")
+    told = what_can_be_told(read)
+    click.echo(f"{told.rocks} rocks, {told.unattributed} blocks of unknown origin")
+    for quantity in told.quantities:
+        click.echo(
+            f"  {quantity.name} ({quantity.table}): {quantity.values} of {quantity.rocks} rocks"
+        )
+    for line in told.cannot_tell:
+        click.echo(f"cannot tell: {line}")
 
 
 @cli.command()

@@ -131,19 +131,19 @@ class BlockPopulation:
         axes = [0.5 * sum(limits) for limits in (self.axis_1_m, self.axis_2_m, self.axis_3_m)]
         if self.volume_m3 is None:
             return 2.0 * sum(axes) / 3.0
-        scale = (self._mean_volume_m3 / (4.0 / 3.0 * np.pi * axes[0] * axes[1] * axes[2])) ** (
-            1 / 3
-        )
-        return 2.0 * float(scale) * sum(axes) / 3.0
+        sphere = 4.0 / 3.0 * np.pi * axes[0] * axes[1] * axes[2]
+        return 2.0 * self._mean_root_volume_m / float(np.cbrt(sphere)) * sum(axes) / 3.0
 
     @property
-    def _mean_volume_m3(self) -> float:
+    def _mean_root_volume_m(self) -> float:
+        """Mean of the cube root of the volume (m): lengths go with it, not with the volume."""
         assert self.volume_m3 is not None
         low, high = self.volume_m3
-        b = self.volume_exponent
-        if b is None or high <= low:
-            return 0.5 * (low + high)
-        # Mean of the density ~ v^(-b-1) between the limits.
+        if high <= low:
+            return float(np.cbrt(low))
+        # Mean with the density ~ v^(-b-1) between the limits, b = -1 where all are equally likely.
+        b = -1.0 if self.volume_exponent is None else self.volume_exponent
         v = np.linspace(np.log(low), np.log(high), 2001)
         weight = np.exp(-b * (v - v[0]))
-        return float((weight * np.exp(v)).sum() / weight.sum())
+        weight[[0, -1]] *= 0.5
+        return float((weight * np.exp(v / 3.0)).sum() / weight.sum())

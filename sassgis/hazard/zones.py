@@ -392,7 +392,10 @@ def _polygons(outlines: Outlines, grid: Grid, precision_m: float) -> Coverage:
 
 
 def nested_coverages(
-    class_maps: Sequence[IntArray], grid: Grid, settings: ZoneSettings | None = None
+    class_maps: Sequence[IntArray],
+    grid: Grid,
+    settings: ZoneSettings | None = None,
+    known: BoolArray | None = None,
 ) -> list[Coverage]:
     """Draw the zones of several return periods, from the most frequent to the rarest.
 
@@ -403,6 +406,8 @@ def nested_coverages(
     grid : Grid
         Where the cells lie; its values are not used.
     settings : ZoneSettings, optional
+    known : bool, shape (n_rows, n_cols), optional
+        Where the terrain is known; no boundary is smoothed beyond it.
 
     Returns
     -------
@@ -437,10 +442,16 @@ def nested_coverages(
         return [Coverage(np.empty(0, object), np.empty(0, np.int64)) for _ in maps]
     smallest = settings.smallest_cells(grid.cell_size)
     tolerance = settings.tolerance_cells(grid.cell_size)
+    lid: Outlines | None = None
+    if known is not None and not known.all():
+        # The known terrain as it is, high enough for any class.
+        highest = int(maps[-1].max())
+        lid = smoothed(np.where(known | (maps[-1] > 0), highest, 0), 1, 0.0)
     drawn: list[Outlines] = []
     # The rarest goes first and has the most freedom; the others stay inside it, one by one.
     for classes in reversed(maps):
-        drawn.append(smoothed(classes, smallest, tolerance, drawn[-1] if drawn else None))
+        lid = smoothed(classes, smallest, tolerance, lid)
+        drawn.append(lid)
     return [_polygons(outlines, grid, settings.precision_m) for outlines in reversed(drawn)]
 
 

@@ -130,7 +130,7 @@ class TerrainSettings(Section):
     """``[terrain]``: the DEM and how fall lines are traced and flattened."""
 
     dem: FileName | None = Field(
-        default=None, description="terrain model: any raster that GDAL reads"
+        default=None, description="terrain model: any raster that GDAL reads, or a folder of tiles"
     )
     crs: str | None = Field(
         default=None,
@@ -467,7 +467,8 @@ class HazardSettings(Section):
     frequencies: FileName | None = Field(
         default=None,
         description="table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
-        "of single release areas, in place of those of [[blocks]]",
+        "of single release areas, in place of onset_frequency and onset_unit of [[blocks]]; "
+        "onset_above_m3 holds for them too",
     )
     ref_width_m: Annotated[Num, between(0, 1000, above=True)] | None = Field(
         default=None,

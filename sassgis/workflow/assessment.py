@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.core.errors import ConfigError
+from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.exposure import Vulnerability
 from sassgis.core.hazard import HazardPreset
 from sassgis.hazard.risk import RiskTable, assess_risk
@@ -20,8 +20,15 @@ from sassgis.io.exposure import (
     read_vulnerability,
 )
 from sassgis.io.presets import read_preset
-from sassgis.workflow.hazard import Hazard, IntensityMap, by_area, hazard_of
-from sassgis.workflow.inputs import collected_notices
+from sassgis.workflow.hazard import (
+    Hazard,
+    IntensityMap,
+    by_area,
+    curves_of,
+    hazard_of,
+    level_zones,
+)
+from sassgis.workflow.inputs import collected_notices, read_map_run
 from sassgis.workflow.map_run import MapRun, bins_of
 from sassgis.workflow.run import Simulation
 from sassgis.workflow.sources import Sampled, onset_frequencies, sampled_sources
@@ -87,7 +94,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
     ------
     ConfigError, InputError
     """
-    preset = read_preset(config.hazard.preset)
+    preset = named_preset(config)
     frequencies = onset_frequencies(config, run)
     with collected_notices() as notices:
         parts = [
@@ -123,6 +130,49 @@ def read_rules(config: Config, run: MapRun) -> Rules:
     return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
 
 
+def named_preset(config: Config) -> HazardPreset:
+    """The preset that the configuration names.
+
+    Raises
+    ------
+    InputError
+        There is none, or it cannot be used.
+    """
+    try:
+        return read_preset(config.hazard.preset)
+    except InputError as error:
+        if error.field != "preset":
+            raise
+        raise InputError(
+            error.problem,
+            file=error.file or config.file,
+            field="hazard.preset",
+            found=error.found,
+            expected=error.expected,
+        ) from None
+
+
+def check_rules(config: Config) -> list[str]:
+    """Read what zoning needs, and say what it holds.
+
+    Raises
+    ------
+    ConfigError, InputError
+        As for a zoning.
+    """
+    run = read_map_run(config)
+    rules = read_rules(config, run)
+    yearly = sum(rules.frequencies.values())
+    lines = [
+        f"zoning: preset {rules.preset.name} ({rules.preset.title})",
+        f"  onset: {yearly:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
+        f"  reference width: {rules.ref_width_m:.4g} m",
+    ]
+    if len(rules.placed):
+        lines.append(f"  exposed objects: {len(rules.placed)}")
+    return lines + [f"  note: {text}" for text in rules.notices]
+
+
 def ref_width(config: Config, cell_size: float) -> float:
     """Reference width of the hazard curves (m).
 
@@ -151,12 +201,15 @@ def assess(config: Config, rules: Rules, done: Simulation, bare: Simulation | No
     confidence = config.hazard.confidence
     grid = done.run.grid
 
-    def hazard(simulation: Simulation) -> Hazard:
-        sampled = sampled_sources(simulation.run, simulation.progress, rules.frequencies)
-        return hazard_of(sampled, energies, rules.preset, grid, rules.zones, confidence)
-
-    after = hazard(done)
-    before = None if bare is None else hazard(bare)
+    runs = [done] if bare is None else [done, bare]
+    sampled = [sampled_sources(s.run, s.progress, rules.frequencies) for s in runs]
+    curves = [curves_of(own, energies) for own in sampled]
+    zones = level_zones(curves, rules.preset, grid, rules.zones)
+    after, *others = (
+        hazard_of(*own, rules.preset, grid, rules.zones, confidence)
+        for own in zip(sampled, curves, zones, strict=True)
+    )
+    before = others[0] if others else None
     alone = (
         by_area(after.sampled, energies, rules.preset, grid, rules.zones)
         if config.hazard.by_source

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -104,19 +105,30 @@ def intensity_maps(
     known = np.isfinite(grid.values)
     maps = [raster(grid, few.places, intensity_class(few, preset, t)) for t in years]
     drawn = nested_coverages(
-        generalised_series(maps, grid.cell_size, settings, known), grid, settings
+        generalised_series(maps, grid.cell_size, settings, known), grid, settings, known
     )
     return tuple(IntensityMap(t, zones) for t, zones in zip(years, drawn, strict=True))
 
 
 def level_zones(
-    curves: HazardCurves, preset: HazardPreset, grid: Grid, settings: ZoneSettings
-) -> Coverage:
-    """Zones of hazard level."""
-    levels = raster(grid, curves.places, hazard_level(curves, preset))
+    curves: Sequence[HazardCurves], preset: HazardPreset, grid: Grid, settings: ZoneSettings
+) -> list[Coverage]:
+    """Zones of hazard level of several simulations, as with and without barriers.
+
+    Where no cell of a map is above that of the next, the zones of the first lie within those of the
+    next: drawn each for itself, smoothing alone would make zones higher here and lower there.
+    """
     known = np.isfinite(grid.values)
-    smooth = generalised_series([levels], grid.cell_size, settings, known)
-    return nested_coverages(smooth, grid, settings)[0]
+    maps = [raster(grid, c.places, hazard_level(c, preset)) for c in curves]
+    if all((one <= other).all() for one, other in pairwise(maps)):
+        smooth = generalised_series(maps, grid.cell_size, settings, known)
+        return nested_coverages(smooth, grid, settings, known)
+    return [
+        nested_coverages(
+            generalised_series([one], grid.cell_size, settings, known), grid, settings, known
+        )[0]
+        for one in maps
+    ]
 
 
 def zone_facts(
@@ -154,7 +166,8 @@ def zone_facts(
 
 def hazard_of(
     sampled: Sequence[Sampled],
-    energies_kj: np.ndarray,
+    curves: HazardCurves,
+    zones: Coverage,
     preset: HazardPreset,
     grid: Grid,
     settings: ZoneSettings,
@@ -165,16 +178,16 @@ def hazard_of(
     Parameters
     ----------
     sampled : sequence of Sampled
-    energies_kj : float64, shape (n_energies,)
-        Of the columns of the counts.
+    curves : HazardCurves
+        Of the cells, from all of them.
+    zones : Coverage
+        Of hazard level.
     preset : HazardPreset
     grid : Grid
     settings : ZoneSettings
     confidence : float
         Of the sampling interval.
     """
-    curves = curves_of(sampled, energies_kj)
-    zones = level_zones(curves, preset, grid, settings)
     return Hazard(
         tuple(sampled),
         curves,

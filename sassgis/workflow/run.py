@@ -339,6 +339,7 @@ def simulate_config(
     tell: Callable[[str], None],
     rounds_max: int = 1,
     enough: Callable[[MapRun, Progress], bool] | None = None,
+    schedule: str = "",
     part: str = "",
 ) -> Simulation:
     """Simulate a job; what is computed is kept in ``work`` whatever happens.
@@ -356,11 +357,14 @@ def simulate_config(
     enough : callable, optional
         Asked after one, two, four, ... rounds whether they are enough; without it ``rounds_max``
         rounds are run.
+    schedule : str
+        What the number of rounds hangs on: a saved state of another schedule is not used, as it may
+        hold more rounds than this one needs.
     part : str
         Tells the saved states of several simulations for one result apart.
     """
     run, planned = job.run, job.planned
-    fingerprint = _state_fingerprint(config, run)
+    fingerprint = _state_fingerprint(config, run, schedule)
     checkpoint = Checkpoint(work, fingerprint, part)
     began = time.perf_counter()
     resumed = checkpoint.restore(run)
@@ -393,7 +397,7 @@ def result_of(out: Path, done: Simulation, layers: tuple[RasterLayer, ...]) -> R
     )  # fmt: skip
 
 
-def _state_fingerprint(config: Config, job: MapRun) -> str:
+def _state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
     """Of all that a saved state hangs on, down to the version and to what is kept for tables."""
     parts = [
         sassgis.__version__,
@@ -404,6 +408,7 @@ def _state_fingerprint(config: Config, job: MapRun) -> str:
         [g.name for g, _ in job.gates],
         job.thresholds_kj,
         job.ref_width_m,
+        schedule,
     ]
     digest = hashlib.sha256(json.dumps(parts).encode())
     for array in (job.objects.cell, job.objects.number):
@@ -488,6 +493,8 @@ class Extras:
         On top of the project.
     layouts : tuple of PrintLayout
     figures : tuple of ReportFigure
+    key_results : ReportTable or None
+        Heads the report, in place of how rocks end.
     tables : tuple of ReportTable
     facts : dict
         Added to those of the run.
@@ -506,6 +513,7 @@ class Extras:
     groups: tuple[LayerGroup, ...] = ()
     layouts: tuple[PrintLayout, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
+    key_results: ReportTable | None = None
     tables: tuple[ReportTable, ...] = ()
     facts: dict[str, object] = field(default_factory=dict)
     described: tuple[tuple[str, str], ...] = ()
@@ -592,6 +600,13 @@ def write_result(
         )
     tell("Drawing the figures")
     context = map_report(config, job, planned, progress, layers, warnings, facts, work / "figures")
+    if extras.key_results is not None:
+        assert context.key_results is not None
+        context = replace(
+            context,
+            key_results=extras.key_results,
+            tables=(context.key_results, *context.tables),
+        )
     context = replace(
         context,
         figures=(*extras.figures, *context.figures),
@@ -608,7 +623,9 @@ def write_result(
         seed=job.seed,
         ref_width_m=job.grid.cell_size,
         preset=extras.preset,
-        settings=resolved(config) | ({} if areas is None else {"areas": sorted(areas)}),
+        settings=resolved(config)
+        | ({} if areas is None else {"areas": sorted(areas)})
+        | ({"zoning": extras.facts} if extras.facts else {}),
         counts=counts,
         warnings=warnings,
     )

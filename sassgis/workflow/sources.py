@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from sassgis.core.errors import ConfigError, InputError
+from sassgis.core.grid import Grid
 from sassgis.core.hazard import Source, SourceCounts
 from sassgis.hazard.gates import GateSums
 from sassgis.io.config import Config, Onset
@@ -64,7 +67,9 @@ def onset_frequencies(
     for area in run.areas:
         for scenario in area.scenarios:
             from_table = (area.name, scenario) in single
-            onset = single.get((area.name, scenario), config.onsets[scenario])
+            onset = config.onsets[scenario]
+            if from_table:
+                onset = replace(single[area.name, scenario], share=onset.share)
             if onset.frequency is None:
                 raise ConfigError(
                     "missing key: zones need to know how often blocks are released",
@@ -112,5 +117,14 @@ def sampled_sources(
             run.placement == "random",
             blocks.mean_width_m,
         )
-        out.append(Sampled(source, tally.cells.counts(), tally.objects.counts(), tally.gates))
+        cells = on_known_terrain(tally.cells.counts(), run.grid)
+        out.append(Sampled(source, cells, tally.objects.counts(), tally.gates))
     return out
+
+
+def on_known_terrain(counts: SourceCounts, grid: Grid) -> SourceCounts:
+    """The counts without cells of unknown height, which rocks beside them count for as well."""
+    known = np.isfinite(grid.values.ravel()[counts.places])
+    if known.all():
+        return counts
+    return SourceCounts(counts.places[known], counts.count[known], counts.square[known])

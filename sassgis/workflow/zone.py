@@ -169,10 +169,13 @@ def simulations(
         tell(f"{100 * share:.1f} % of the reached cells are undecided")
         return share <= limit
 
+    rounds_max = 1 if limit is None else config.hazard.rounds_max
+    schedule = ""
+    if rounds_max > 1:
+        schedule = repr((limit, rounds_max, confidence, rules.preset, rules.frequencies))
     done = simulate_config(
-        config, work, job, jobs=jobs, on_progress=on_progress, tell=tell,
-        rounds_max=1 if limit is None else config.hazard.rounds_max,
-        enough=None if limit is None else enough,
+        config, work, job, jobs=jobs, on_progress=on_progress, tell=tell, rounds_max=rounds_max,
+        enough=None if limit is None else enough, schedule=schedule,
     )  # fmt: skip
     barriers = any(g.kind != "station" for g, _ in job.run.gates)
     if not (barriers and config.hazard.compare_barriers):
@@ -180,6 +183,6 @@ def simulations(
     tell("Once more without walls and nets")
     bare = simulate_config(
         config, work, without_barriers(job), jobs=jobs, on_progress=on_progress, tell=tell,
-        rounds_max=done.run.rounds, part="without_barriers",
+        rounds_max=done.run.rounds, schedule=schedule, part="without_barriers",
     )  # fmt: skip
     return done, bare

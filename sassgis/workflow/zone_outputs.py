@@ -88,6 +88,7 @@ def zone_extras(
         groups=_groups(maps, own, risk, federal),
         layouts=_layouts(config, preset, rules.ref_width_m, found, done),
         figures=zone_figures(config, rules, found, done, maps, figures),
+        key_results=_level_table(preset, found.hazard.levels, found),
         tables=_report_tables(config, rules, found, design),
         facts={
             "preset": f"{preset.name}: {preset.title}",
@@ -99,7 +100,7 @@ def zone_extras(
         described=_described(config, preset, rules.ref_width_m, found, done),
         frames=frames,
         inputs=_inputs(config),
-        warnings=_warnings(config, rules, found),
+        warnings=_warnings(config, rules, found, done),
         preset=preset.name,
     )
 
@@ -161,7 +162,7 @@ def _report_tables(
     config: Config, rules: Rules, found: Assessment, design: pd.DataFrame
 ) -> tuple[ReportTable, ...]:
     preset, hazard = rules.preset, found.hazard
-    tables = [_level_table(preset, hazard.levels, found), _matrix_table(preset)]
+    tables = [_matrix_table(preset)]
     sources = source_table(hazard.sampled)
     tables.append(
         ReportTable(
@@ -408,7 +409,7 @@ def _inputs(config: Config) -> dict[str, Path]:
     return {role: path for role, path in files.items() if path is not None}
 
 
-def _warnings(config: Config, rules: Rules, found: Assessment) -> tuple[str, ...]:
+def _warnings(config: Config, rules: Rules, found: Assessment, done: Simulation) -> tuple[str, ...]:
     out = [f"{text[:1].upper()}{text[1:]}" for text in preset_unverified(rules.preset)]
     limit = config.hazard.undecided_share_max
     if limit is not None and found.hazard.undecided_share > limit:
@@ -416,6 +417,11 @@ def _warnings(config: Config, rules: Rules, found: Assessment) -> tuple[str, ...
             f"{100 * found.hazard.undecided_share:.1f} % of the reached cells are still undecided "
             f"after {config.hazard.rounds_max} rounds of rocks (hazard.undecided_share_max: "
             f"{100 * limit:g} %)."
+        )
+    if done.run.spread.lines_per_point == 1:
+        out.append(
+            "All rocks of a release point keep to one fall line: zones are too narrow where rocks "
+            "spread sideways. [spread] gives them a width."
         )
     idle = [s.source.label for s in found.hazard.sampled if s.source.frequency == 0.0]
     if idle:

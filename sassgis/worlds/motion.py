@@ -358,10 +358,6 @@ def _contact(
     before = kinetic(inertia, vt_in, vn_in, spin_in)
     st[COUNT] += 1.0
     n = int(st[COUNT])
-    if vn_in * vn_in < 2.0 * weight_on(slope) * SOFT_LANDING * radius:
-        _land(f, st, slope, vt_in, inertia)
-        return
-
     met = slope
     if slope > 0.0:
         u = law[1] + (law[2] - law[1]) * draws.uniform(key, draws.SLOPE, n)
@@ -377,6 +373,10 @@ def _contact(
         met = slope
         vt, vn = vt_in, vn_in
         x, y = lever(a, b, st[PHI] + met)
+    if vn * vn < 2.0 * weight_on(met) * SOFT_LANDING * radius:
+        # As soft as it is on the ground that is met.
+        _land(f, st, slope, vt_in, inertia)
+        return
     eta_max = law[0]
     if forces.wet.q > 0.0:
         eta_max *= 1.0 - forces.wet.q * (0.3 + 0.7 * campaign)
@@ -437,7 +437,9 @@ def _contact(
     st[VY] = v_along * st[HY]
     st[VZ] = -vt_out * math.sin(slope) + vn_out * math.cos(slope)
     _face_velocity(st)
-    _write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
+    if vn_in < 0.0:
+        # A tip that strikes while the centre already leaves is no impact to an observer.
+        _write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
     if active(forces.breaking, s):
         volume = _mass(st) / st[DENSITY]
         if volume > 0.01 and draws.uniform(key, draws.BREAK, n) < break_chance(
@@ -533,6 +535,8 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
         st[MODE] = SLIDE
     elif st[MODE] == SLIDE and math.tan(slope) > law[3]:
         st[MODE] = ROLL
+        # Spin comes out of the speed: angular momentum about the contact is kept.
+        v /= 1.0 + inertia / (radius * radius)
     friction = law[3]
     if st[MODE] == ROLL:
         friction = rolling_friction(law[4], law[5], law[6], radius)

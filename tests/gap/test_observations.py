@@ -11,7 +11,7 @@ import pandas as pd
 import pyogrio
 import pytest
 import shapely
-from conftest import LV95, NORTH, TABLES, TOP, at, setting
+from observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
 from sassgis.core.errors import InputError, OutputError
 from sassgis.core.grid import Grid

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conftest import NORTH, WEST, at, ground
+from observed_slope import NORTH, WEST, at, ground
 
 from sassgis.core.grid import Grid
 from sassgis.core.profiles import TraceSet

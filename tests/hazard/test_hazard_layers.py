@@ -61,7 +61,7 @@ def test_the_set_of_layers(layers: dict[str, RasterLayer]) -> None:
             assert np.isnan(nowhere).all(), (layer.stem, band.name)
         assert bool(layer.classes) != bool(layer.breaks)
         assert list(layer.breaks) == sorted(set(layer.breaks))
-        assert "Reference width 5 m (one cell)" in layer.note
+        assert "Reference width 5 m" in layer.note
 
 
 @pytest.mark.parametrize("stem", ["hazard_level", "confidence", "intensity_30"])

@@ -17,7 +17,7 @@ from rasterio.transform import from_origin
 from sassgis.core.hazard import HazardCurves
 from sassgis.io.config import Config, load_config
 from sassgis.workflow.assessment import Assessment, Rules, assess, read_rules
-from sassgis.workflow.run import Job, Simulation, configured, read_job
+from sassgis.workflow.run import Job, OnProgress, Simulation, configured, read_job
 from sassgis.workflow.zone import prepared, simulations
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0
@@ -36,7 +36,7 @@ def gully(rows: int = 70, cols: int = 90) -> np.ndarray:
     foot = 0.65 * CELL * cols
     fall = np.tan(np.radians(40.0)) * np.minimum(x, foot)
     fall += np.tan(np.radians(6.0)) * np.maximum(x - foot, 0.0)
-    return 1500.0 - fall[None, :] + 0.004 * y[:, None] ** 2
+    return 1500.0 - fall[None, :] + 0.012 * y[:, None] ** 2
 
 
 def place(col: float, row: float) -> tuple[float, float]:
@@ -189,6 +189,7 @@ def zoned(
     areas: Sequence[str] | None = None,
     seed: int | None = None,
     jobs: int = 1,
+    on_progress: OnProgress | None = None,
     say: Callable[[str], None] = lambda _text: None,
 ) -> Zoned:
     """Zoning as the command does it, apart from maps, figures and report."""
@@ -197,5 +198,5 @@ def zoned(
     rules = read_rules(config, job.run)
     job = prepared(job, rules)
     work.mkdir(parents=True, exist_ok=True)
-    done, bare = simulations(config, work, job, rules, jobs, None, say)
+    done, bare = simulations(config, work, job, rules, jobs, on_progress, say)
     return Zoned(job, rules, done, bare, assess(config, rules, done, bare))

@@ -30,7 +30,7 @@ FONT = "Arial"
 #: Taken where there is no Arial.
 _SUBSTITUTES = ("Liberation Sans", "Helvetica", "Nimbus Sans")
 #: Scales are these numbers times a power of ten.
-SCALE_NUMBERS = (1.0, 1.5, 2.0, 2.5, 4.0, 5.0, 7.5)
+SCALE_NUMBERS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.5)
 
 _MM_PER_POINT = 25.4 / 72.0
 _LINE = 1.22

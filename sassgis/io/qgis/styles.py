@@ -312,7 +312,8 @@ def graduated_style(
 
 
 RELEASE_AREA_STYLE = VectorStyle(
-    Symbol("fill", "#6a3d9a", opacity=0.25, outline="#4a1486", outline_mm=0.5),
+    # No filling: it would tint the zones under it.
+    Symbol("fill", "#6a3d9a", opacity=0.0, outline="#4a1486", outline_mm=0.5),
     label_column="name",
 )
 RELEASE_POINT_STYLE = VectorStyle(

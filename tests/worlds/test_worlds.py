@@ -1,0 +1,173 @@
+"""Worlds as a whole: fall lines, steps, strengths, observations, the battery."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sassgis.worlds
+from sassgis.core.errors import InputError
+from sassgis.worlds import (
+    EffectSpec,
+    WorldSpec,
+    battery,
+    fresh_rocks,
+    make_world,
+    observe,
+    setup,
+)
+from sassgis.worlds.relief import SLOPE_TYPES, descent, guide
+from sassgis.worlds.strength import BANDS, inhomogeneity
+from sassgis.worlds.world import FAMILIES, World, _base_world, draw_rocks, nominal_law, simulate
+
+
+@pytest.mark.parametrize("slope", SLOPE_TYPES)
+def test_without_effects_rocks_keep_to_the_fall_line(slope: str) -> None:
+    world = _base_world(WorldSpec(slope), 4)
+    rocks = draw_rocks(world, 24, 3)
+    run = simulate(world, rocks)
+    grid = world.relief.grid
+    gx, gy = guide(grid)
+    apart = []
+    for rock in range(24):
+        x, y = rocks.stated[rock, :2]
+        hx, hy = 0.0, 0.0
+        line = [(x, y)]
+        for _ in range(1600):
+            hx, hy = descent(gx, gy, grid.west, grid.north, 2.0, x, y, hx, hy)
+            x, y = x + 0.25 * hx, y + 0.25 * hy
+            line.append((x, y))
+        points = np.array(line)
+        hits = run.impacts[run.impacts[:, 0] == rock, 4:6]
+        d = np.sqrt(((hits[:, None] - points[None]) ** 2).sum(axis=2)).min(axis=1)
+        apart.append(d)
+    distance = np.concatenate(apart)
+    assert np.quantile(distance, 0.9) < 1.5
+
+
+def test_stops_do_not_move_with_the_time_step(null_world: World) -> None:
+    rocks = draw_rocks(null_world, 300, 9)
+    s = []
+    for dt in (0.004, 0.002, 0.001):
+        stops = simulate(null_world, rocks, dt).deposits
+        s.append(null_world.relief.frame.s(stops[:, 3], stops[:, 4])[:, None])
+    spread = s[2].std()
+    assert inhomogeneity(s[1] / spread, s[2] / spread) < 0.1
+    assert inhomogeneity(s[0] / spread, s[2] / spread) < 0.1
+
+
+def test_strengths_are_in_order_and_in_their_bands() -> None:
+    found = []
+    for strength in ("weak", "medium", "strong"):
+        spec = WorldSpec("forested_slope", (EffectSpec("trees", strength),))  # type: ignore[arg-type]
+        effect = make_world(spec, 3).effects[0]
+        low, _, high = BANDS[strength]
+        assert effect.strength == strength
+        assert low <= effect.size <= high
+        found.append(effect.magnitude)
+    assert found[0] < found[1] < found[2]
+
+
+def test_the_same_seed_gives_the_same_world_and_rocks() -> None:
+    spec = WorldSpec("gully", (EffectSpec("release_error", "medium"),))
+    one, other = make_world(spec, 8), make_world(spec, 8)
+    assert one.effects == other.effects
+    assert np.array_equal(one.relief.grid.values, other.relief.grid.values)
+    a, b = observe(one, "everything", 10, 1), observe(other, "everything", 10, 1)
+    for name, table in a.tables.items():
+        for column, values in table.items():
+            assert np.array_equal(values, b.tables[name][column]), (name, column)
+    fresh = fresh_rocks(one, 10)
+    assert not np.array_equal(fresh.tables["rocks"]["mass_kg"], a.tables["rocks"]["mass_kg"])
+
+
+def test_rocks_do_not_depend_on_their_company(null_world: World) -> None:
+    few, many = draw_rocks(null_world, 5, 3), draw_rocks(null_world, 5, 3)
+    whole = simulate(null_world, few).deposits
+    alone = simulate(
+        null_world,
+        type(many)(many.state[3:4], many.stated[3:4], many.keys[3:4], many.campaign[3:4]),
+    ).deposits
+    assert np.array_equal(whole[whole[:, 0] == 3, 1:], alone[:, 1:])
+
+
+def test_each_kind_shows_what_it_says(null_world: World) -> None:
+    shown = {
+        "stations": {"rocks", "stations", "passages"},
+        "stops": {"rocks", "deposits"},
+        "both": {"rocks", "stations", "passages", "deposits"},
+        "everything": {
+            "rocks",
+            "stations",
+            "passages",
+            "deposits",
+            "impacts",
+            "trajectories",
+        },
+    }
+    for kind, names in shown.items():
+        seen = observe(null_world, kind, 12, 2)  # type: ignore[arg-type]
+        assert set(seen.tables) == names
+        for table in seen.tables.values():
+            assert len({len(v) for v in table.values()}) == 1
+    impacts = seen.tables["impacts"]
+    assert (impacts["vn_in_mps"] < 0).all()
+    assert seen.metadata["speed_error_rel"] == 0.05
+    with pytest.raises(InputError, match="kind"):
+        observe(null_world, "all", 5, 1)  # type: ignore[arg-type]
+
+
+def test_measured_speeds_have_the_stated_error(null_world: World) -> None:
+    true = simulate(null_world, draw_rocks(null_world, 200, 1004)).passages[:, 7]
+    seen = observe(null_world, "stations", 200, 4).tables["passages"]["speed_mps"]
+    assert np.std(np.log(seen / true)) == pytest.approx(0.05, rel=0.15)
+
+
+def test_the_setup_tells_no_true_parameter(null_world: World) -> None:
+    told = setup(null_world)
+    assert not np.allclose(null_world.law, nominal_law())
+    assert told.class_codes.shape == told.dem.shape
+    assert told.class_codes.max() < len(told.class_names)
+    assert told.dem is null_world.relief.grid
+    col, row = told.dem.col_row(told.releases[:, 0], told.releases[:, 1])
+    assert (col > 2).all() and (row > 2).all()
+
+
+def test_a_missing_terrace_is_missing_from_the_survey_alone(with_magnitude) -> None:  # type: ignore[no-untyped-def]
+    world = with_magnitude("terrace", 2.0)
+    apart = np.abs(world.true_grid.values - world.relief.grid.values)
+    assert 1.0 < apart.max() < 2.0
+    assert setup(world).dem is world.relief.grid
+
+
+def test_the_battery_has_the_mix() -> None:
+    specs = battery(3, 150)
+    verdicts = Counter(
+        "none" if s.verdict == "none" else "unknown" if s.verdict == "unknown" else len(s.effects)
+        for s in specs
+    )
+    assert verdicts == {"none": 50, 1: 60, 2: 20, "unknown": 20}
+    singles = Counter(
+        (s.effects[0].name, s.effects[0].strength)
+        for s in specs
+        if len(s.effects) == 1 and s.verdict != "unknown"
+    )
+    assert len(singles) == 30 and set(singles.values()) == {2}
+    assert {n for n, _ in singles} == set(FAMILIES)
+    assert {s.n_rocks for s in specs} == {20, 40, 100, 300}
+    assert battery(3, 150) == specs != battery(4, 150)
+
+
+def test_worlds_share_no_code_with_what_they_check() -> None:
+    for path in Path(sassgis.worlds.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            for name in names:
+                if name.startswith("sassgis."):
+                    assert name.split(".")[1] in ("core", "worlds"), (path.name, name)

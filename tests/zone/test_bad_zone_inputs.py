@@ -1,0 +1,276 @@
+"""Bad input of a zoning: one clear line that names file and field, no traceback, no result."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from zone_slope import VULNERABILITY, Case, box, gully, place, two_areas
+
+FREQUENCIES = "area,scenario,frequency,unit"
+
+
+def preset_text() -> str:
+    """The federal preset, to be spoilt."""
+    folder = resources.files("sassgis") / "data" / "presets"
+    return (folder / "ch-federal.toml").read_text(encoding="utf-8")
+
+
+def hazard(**keys: object) -> Callable[[Case], None]:
+    return lambda case: case.sections["hazard"].update(keys)
+
+
+def block(**keys: object) -> Callable[[Case], None]:
+    def spoil(case: Case) -> None:
+        for key, value in keys.items():
+            if value is None:
+                del case.blocks[0][key]
+            else:
+                case.blocks[0][key] = value
+
+    return spoil
+
+
+def table(*rows: str, head: str = FREQUENCIES) -> Callable[[Case], None]:
+    def spoil(case: Case) -> None:
+        case.sections["hazard"]["frequencies"] = "frequencies.csv"
+        case.write_text("frequencies.csv", head, *rows)
+
+    return spoil
+
+
+def preset(old: str, new: str) -> Callable[[Case], None]:
+    def spoil(case: Case) -> None:
+        text = preset_text()
+        assert old in text
+        case.write_text("own.toml", text.replace(old, new, 1))
+        case.sections["hazard"]["preset"] = "own.toml"
+
+    return spoil
+
+
+def houses(*shapes: shapely.Geometry, crs: str = "EPSG:2056", **change: object):
+    """Buildings as they should be, with a change of the configuration (None: key left out)."""
+
+    def spoil(case: Case) -> None:
+        places = shapes or (box(60.0, 33.0, 3.0, 3.0),)
+        case.write_layer(
+            "houses.gpkg", places,
+            {"name": [f"house {i + 1}" for i in range(len(places))],
+             "worth": [None] * len(places)},
+            crs,
+        )  # fmt: skip
+        keys = {
+            "name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
+            "value": 1e6, "persons": 3.0, "presence": 0.7, **change,
+        }  # fmt: skip
+        case.lists["objects"] = [{k: v for k, v in keys.items() if v is not None}]
+        case.write_text("vulnerability.csv", VULNERABILITY.rstrip())
+        case.sections["risk"] = {"vulnerability": "vulnerability.csv"}
+
+    return spoil
+
+
+def vulnerability(old: str, new: str) -> Callable[[Case], None]:
+    def spoil(case: Case) -> None:
+        houses()(case)
+        assert old in VULNERABILITY
+        case.write_text("vulnerability.csv", VULNERABILITY.replace(old, new).rstrip())
+
+    return spoil
+
+
+def without_vulnerability(file: bool) -> Callable[[Case], None]:
+    def spoil(case: Case) -> None:
+        houses()(case)
+        (case.folder / "vulnerability.csv").unlink()
+        if not file:
+            del case.sections["risk"]
+
+    return spoil
+
+
+def twice(case: Case) -> None:
+    case.blocks.append(dict(case.blocks[0]))
+
+
+def lines_per_hectare(case: Case) -> None:
+    case.blocks[0]["onset_unit"] = "per_year_ha"
+    line = shapely.LineString([place(6, 20), place(6, 28)])
+    case.write_layer("release.gpkg", [line], {"name": ["north"]})
+
+
+ROW = 'levels = ["substantial", "mean", "mean", "residual_hazard"]'
+FAR = box(500.0, 33.0, 3.0, 3.0)
+GERMAN = shapely.transform(box(60.0, 33.0, 3.0, 3.0), lambda xy: xy - [1_950_000.0, -4_200_000.0])
+
+#: Name: what spoils the configuration, the file the line must name, patterns that it must hold.
+BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
+    "negative frequency": (
+        block(onset_frequency=-0.1), "config.toml",
+        [r"blocks\[frequent\].onset_frequency", "-0.1", "0 or more"],
+    ),
+    "no frequency": (
+        block(onset_frequency=None), "config.toml",
+        [r"blocks\[frequent\].onset_frequency", "missing"],
+    ),
+    "frequency is text": (
+        block(onset_frequency="often"), "config.toml", ["onset_frequency", "often"]
+    ),
+    "unknown unit": (
+        block(onset_unit="per_day"), "config.toml", ["onset_unit", "per_day", "per_year"]
+    ),
+    "unit does not fit": (
+        lines_per_hectare, "config.toml",
+        [r"blocks\[frequent\].onset_unit", "per_year_ha", "LineString", "polygons"],
+    ),
+    "above without a law": (
+        block(onset_above_m3=1.0), "config.toml", ["onset_above_m3", "volume_exponent"]
+    ),
+    "scenario twice": (twice, "config.toml", ["blocks", "frequent", "twice|unique|same|several"]),
+    "table: scenario twice": (
+        table("north,rare,0.1,per_year", "south,rare,0.1,per_year", "north,rare,0.2,per_year"),
+        "frequencies.csv", ["north, rare", "twice", "(row|line) [34]"],
+    ),
+    "table: negative": (
+        table("north,rare,-0.1,per_year"), "frequencies.csv", ["frequency", "-0.1", "0 or more"]
+    ),
+    "table: no number": (
+        table("north,rare,many,per_year"), "frequencies.csv", ["frequency", "many", "number"]
+    ),
+    "table: not finite": (table("north,rare,inf,per_year"), "frequencies.csv", ["frequency"]),
+    "table: empty cell": (table("north,rare,,per_year"), "frequencies.csv", ["frequency"]),
+    "table: unknown area": (
+        table("nort,rare,0.1,per_year"), "frequencies.csv", ["area", "nort'", "north"]
+    ),
+    "table: unknown scenario": (
+        table("north,rarer,0.1,per_year"), "frequencies.csv", ["scenario", "rarer", "rare"]
+    ),
+    "table: unknown unit": (
+        table("north,rare,0.1,yearly"), "frequencies.csv", ["unit", "yearly", "per_year"]
+    ),
+    "table: column missing": (
+        table("north,rare,0.1", head="area,scenario,frequency"), "frequencies.csv", ["unit"]
+    ),
+    "table: missing": (
+        hazard(frequencies="nowhere.csv"), "nowhere.csv", ["hazard.frequencies", "not found"]
+    ),
+    "unknown preset": (
+        hazard(preset="ch-fedral"), "config.toml", ["hazard.preset", "ch-fedral", "ch-federal"]
+    ),
+    "preset file missing": (hazard(preset="my.toml"), "my.toml", ["hazard.preset", "not found"]),
+    "matrix with a hole": (
+        preset(ROW, 'levels = ["substantial", "mean", "mean"]'), "own.toml",
+        ["matrix.mean", "hole", "3 levels", "4"],
+    ),
+    "matrix without a row": (
+        preset("[matrix.mean]", "[matrix.middle]"), "own.toml", ["matrix", "mean|middle"]
+    ),
+    "rarer is worse": (
+        preset(ROW, 'levels = ["mean", "mean", "substantial", "residual_hazard"]'), "own.toml",
+        ["matrix.mean", "contradicts itself", "rarer"],
+    ),
+    "stronger is milder": (
+        preset(ROW, 'levels = ["slight", "slight", "slight", "slight"]'), "own.toml",
+        ["matrix.mean", "contradicts itself", "stronger"],
+    ),
+    "limits fall": (
+        preset("from_kj = 300", "from_kj = 20"), "own.toml", ["intensity", "20", "rise"]
+    ),
+    "periods fall": (
+        preset("[30, 100, 300]", "[30, 300, 100]"), "own.toml", ["return_periods", "rise"]
+    ),
+    "unknown level": (
+        preset(ROW, ROW.replace('"substantial"', '"red"')), "own.toml", ["matrix.mean", "red"]
+    ),
+    "too narrow": (
+        hazard(ref_width_m=3.0), "config.toml", ["hazard.ref_width_m", "3 m", "2 m", "4 m"]
+    ),
+    "share of all": (
+        hazard(undecided_share_max=1.0), "config.toml", ["hazard.undecided_share_max", "below 1"]
+    ),
+    "unknown key": (
+        hazard(ref_widht_m=10.0), "config.toml", ["ref_widht_m", "ref_width_m"]
+    ),
+    "objects in another system": (
+        houses(GERMAN, crs="EPSG:25832"), "houses.gpkg", ["house 1", "outside", "2966045"]
+    ),
+    "objects outside": (houses(FAR), "houses.gpkg", ["house 1", "outside"]),
+    "value missing": (
+        houses(value=None, value_field="worth"), "houses.gpkg", ["house 1", "value|worth"]
+    ),
+    "presence above 1": (houses(presence=70.0), "houses", ["presence", "70", "at most 1"]),
+    "value without a field": (
+        houses(value=None, value_field="wort"), "houses.gpkg", ["wort", "worth"]
+    ),
+    "traffic of a house": (
+        houses(traffic_per_day=100.0), "houses", ["traffic_per_day", "building"]
+    ),
+    "no objects file": (
+        houses(file="none.gpkg"), "none.gpkg", [r"objects\[houses\]", "not found"]
+    ),
+    "vulnerability not named": (
+        without_vulnerability(False), "config.toml", ["risk.vulnerability", "missing"]
+    ),
+    "vulnerability file missing": (
+        without_vulnerability(True), "vulnerability.csv", ["risk.vulnerability", "not found"]
+    ),
+    "vulnerability above 1": (
+        vulnerability("building,high,0.5", "building,high,1.5"), "vulnerability.csv",
+        ["vulnerability", "1.5", "at most 1"],
+    ),
+    "vulnerability row missing": (
+        vulnerability("building,mean,0.1,0.1,invented\n", ""), "vulnerability.csv",
+        ["building", "mean"],
+    ),
+    "vulnerability row twice": (
+        vulnerability("building,mean,", "building,low,"), "vulnerability.csv", ["building", "low"]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_one_line_and_no_result(tmp_path: Path, call, name: str) -> None:
+    case = two_areas(tmp_path)
+    spoil, file, words = BAD[name]
+    spoil(case)
+    case.write()
+    out = tmp_path / "result"
+    code, printed, err = call("zone", case.config, "-o", out)
+    assert code == 2, err
+    lines = [line for line in err.splitlines() if not line.endswith("...")]
+    assert len(lines) == 1 and lines[0].startswith("Error: "), err
+    assert file in lines[0]
+    for word in words:
+        assert re.search(word, lines[0]), (word, lines[0])
+    assert "Traceback" not in err and printed == ""
+    assert not out.exists()
+
+
+def test_what_is_not_bad_goes_through(tmp_path: Path, call) -> None:
+    """The same files unspoilt, with objects: otherwise the lines above might mean anything."""
+    case = two_areas(tmp_path, hazard={"ref_width_m": 4.0})
+    houses()(case)
+    table("north,rare,0.1,per_year", "south,rare,2,per_year_ha")(case)
+    preset("Swiss", "Swiss")(case)
+    case.write()
+    code, printed, err = call("zone", case.config, "-o", tmp_path / "result", "--jobs", "1")
+    assert code == 0, err
+    assert re.search(r"^\d+ rocks, \d+ zones, [\d.]+ % of the reached cells undecided", printed)
+    assert (tmp_path / "result" / "hazard.gpkg").is_file()
+
+
+def test_objects_on_nodata_are_told(tmp_path: Path, call) -> None:
+    case = two_areas(tmp_path)
+    heights = gully()
+    heights[60:66, 70:80] = np.nan
+    case.write_dem(heights)
+    houses(box(73.0, 62.0, 2.0, 2.0))(case)
+    case.write()
+    code, _, err = call("zone", case.config, "-o", tmp_path / "result", "--jobs", "1")
+    assert code == 0 and "house 1 lies on nodata" in err
