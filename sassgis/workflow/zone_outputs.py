@@ -346,7 +346,9 @@ def _layouts(
     barriers = any(g.kind != "station" for g, _ in done.run.gates)
     on_top = ("vector_barriers",) if barriers else ()
     facts = (
-        ("Model", "SASS (Bozzolo and Pamini, 1986): rocks followed along fall lines"),
+        ("Model", "SASS (Bozzolo and Pamini, 1986): rocks followed along fall lines"
+         + (f"; with {', '.join(done.run.effects.names).replace('_', ' ')}"
+            if done.run.effects.names else "")),
         ("Terrain", f"{config.dem_path.name}, cells of {grid.cell_size:.4g} m; heights "
          f"{grid.vertical_datum or 'of an unstated datum'}"),
         ("Release areas", ", ".join(a.name for a in done.run.areas)),
@@ -418,10 +420,10 @@ def _warnings(config: Config, rules: Rules, found: Assessment, done: Simulation)
             f"after {config.hazard.rounds_max} rounds of rocks (hazard.undecided_share_max: "
             f"{100 * limit:g} %)."
         )
-    if done.run.spread.lines_per_point == 1:
+    if done.run.lines_per_point == 1:
         out.append(
             "All rocks of a release point keep to one fall line: zones are too narrow where rocks "
-            "spread sideways. [spread] gives them a width."
+            "spread sideways. [spread] or [effects.lateral_deflection] gives them a width."
         )
     idle = [s.source.label for s in found.hazard.sampled if s.source.frequency == 0.0]
     if idle:

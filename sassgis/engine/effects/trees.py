@@ -105,9 +105,7 @@ def longest_step(stand: Stand, cell: int, mass: float) -> float:
 
 
 @kernel
-def time_to_height(
-    stand: Stand, above: float, climb: float, gravity: float
-) -> tuple[bool, float]:
+def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> tuple[bool, float]:
     """Whether a block in flight is below the height of the stems, and when that changes (s).
 
     Parameters
