@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from effects_lab import COL, G, IMPACT, ellipsoid, first, plain, run, slope, sphere, sphere_mass
+from effects_lab import COL, IMPACT, G, ellipsoid, first, plain, run, slope, sphere, sphere_mass
 from scipy.integrate import solve_ivp
 
 from sassgis.core.effects import AirDrag, EffectSettings
@@ -34,7 +34,9 @@ def landing(effects, radius=0.05, drop=100.0, speed=0.0, rock=2700.0):
     return first(out.courses[0], IMPACT)
 
 
-@pytest.mark.parametrize(("radius", "rock", "coefficient"), [(0.05, 2700.0, 1.0), (0.02, 900.0, 2.0)])
+@pytest.mark.parametrize(
+    ("radius", "rock", "coefficient"), [(0.05, 2700.0, 1.0), (0.02, 900.0, 2.0)]
+)
 def test_a_fall_straight_down_follows_the_hyperbolic_tangent(radius, rock, coefficient):
     met = landing(drag_of(drag_coefficient=coefficient), radius, 100.0, rock=rock)
     terminal = math.sqrt(G / factor(radius, coefficient, rock=rock))

@@ -40,9 +40,7 @@ TILTED = ellipsoid(
 
 def first_impact(effects, blocks=TILTED, table=None, settings=None, line=FLAT, **more):
     """Rows of the first impact of a rock and of what follows."""
-    out = run(
-        line, table or plain(), blocks, effects, course_events=8, settings=settings, **more
-    )
+    out = run(line, table or plain(), blocks, effects, course_events=8, settings=settings, **more)
     course = out.courses[0]
     i = int(np.flatnonzero(course[:, 0] == IMPACT)[0])
     return course[i], course[i + 1], out.rocks[0]
@@ -93,7 +91,11 @@ def test_the_scar_takes_what_its_drag_takes(modulus, factor):
 def test_a_deeper_scar_takes_more_from_fast_and_large_blocks_and_on_softer_ground():
     def left(drop, size, modulus=10.0):
         blocks = ellipsoid(
-            1.5 * size, size, size, drop_m=(drop, drop), speed_mps=(12.0, 12.0),
+            1.5 * size,
+            size,
+            size,
+            drop_m=(drop, drop),
+            speed_mps=(12.0, 12.0),
             orientation_rad=(1.9, 1.9),
         )
         _, hard, _ = first_impact(None, blocks)

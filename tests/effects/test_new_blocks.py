@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from effects_lab import (
     BROKEN,
-    G,
     IMPACT,
     MIXED,
+    G,
     ellipsoid,
     ground,
     plain,
@@ -248,9 +248,7 @@ def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
 
 def test_passages_of_pieces_carry_their_mass():
     gates = GateCrossings.same_for_all([Gate("S", "station")], [60.0], 1)
-    out = run(
-        ROUGH, ground(), MIXED, breaking(energy_jkg=20.0), n=200, start=(3, 20), gates=gates
-    )
+    out = run(ROUGH, ground(), MIXED, breaking(energy_jkg=20.0), n=200, start=(3, 20), gates=gates)
     rows = np.concatenate([out.rocks, out.pieces])
     known = {(r["rock"], r["mass_kg"]) for r in rows}
     assert {(p["rock"], p["mass_kg"]) for p in out.passages} <= known

