@@ -64,7 +64,7 @@ _FIRST_TURN = 1e-4
 _REST_SHARE = 1e-3
 _SAME_SPOT = 1e-3
 # Shortest way along the ground between two turns of a viscous force (m): at the pace of a crawl.
-_CREEP = 0.02
+_CREEP = 0.1
 # Effects cut a flight or a stretch of rolling into so many steps at most, on average.
 _STEPS_PER_EVENT = 50
 
@@ -784,6 +784,10 @@ def follow(
                 what = PART
             else:
                 at_stem = False
+            # Half of the force before the stretch and half after it: second order in its length.
+            v_kept = trees.left_after_way(effects.stand, stem_cell, block.mass, v, 0.5 * way_len)
+            v *= v_kept
+            omega *= v_kept
         came_from = x
         v2 = v * v
         dv2 = 2.0 * pull * way_len
@@ -838,7 +842,7 @@ def follow(
                 to_stem = trees.to_next_stem(block.key, stems_met)
                 kept = math.sqrt(max(1.0 - taken / full, 0.0)) if full > 0.0 else 1.0
             else:
-                kept = trees.left_after_way(effects.stand, stem_cell, block.mass, v, way_len)
+                kept = trees.left_after_way(effects.stand, stem_cell, block.mass, v, 0.5 * way_len)
             v *= kept
             omega *= kept
         vx = way * v * ux

@@ -9,6 +9,7 @@ from typing import Annotated, Any, get_type_hints
 from pydantic import Field, create_model, model_validator
 
 from sassgis.core.effects import EffectSettings
+from sassgis.core.errors import ConfigError
 from sassgis.io.sections import FileName, Flag, Int, Num, Section, between, refuse
 
 
@@ -107,11 +108,19 @@ def effect_settings(section: Section) -> EffectSettings:
     Raises
     ------
     ConfigError
-        A number is out of range; the field is the key within the section.
+        A number is out of range; the field is family and key.
     """
     on = {}
     for name, cls in _SETTINGS.items():
         own = getattr(section, name)
         if own is not None:
-            on[name] = cls(**{f.name: getattr(own, f.name) for f in dataclasses.fields(cls)})
+            try:
+                on[name] = cls(**{f.name: getattr(own, f.name) for f in dataclasses.fields(cls)})
+            except ConfigError as error:
+                raise ConfigError(
+                    error.problem,
+                    field=f"{name}.{error.field}",
+                    found=error.found,
+                    expected=error.expected,
+                ) from None
     return EffectSettings(**on)

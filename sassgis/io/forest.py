@@ -97,7 +97,7 @@ def _from_polygons(trees: Any, grid: Grid) -> tuple[FloatArray, FloatArray]:
 def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
     west, _, _, north = grid.bounds
-    out = np.zeros(grid.shape)
+    out = np.full(grid.shape, np.nan)
     try:
         with rasterio.open(file) as raster:
             if grid.crs and raster.crs is None:
@@ -111,13 +111,15 @@ def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
                 src_crs=crs,
                 dst_crs=grid.crs or crs,
                 dst_transform=Affine(grid.cell_size, 0.0, west, 0.0, -grid.cell_size, north),
-                dst_nodata=0.0,
+                # Not 0: the warper shifts valid zeros by a hair where that means no value.
+                dst_nodata=np.nan,
                 resampling=Resampling.nearest,
             )
     except RasterioIOError as error:
         raise InputError(
             "cannot be read as a raster", file=file, field=field, found=str(error)
         ) from None
+    out = np.where(np.isnan(out), 0.0, out)
     if not np.isfinite(out).all() or (out < 0.0).any():
         raise InputError(
             "holds numbers that cannot be used", file=file, field=field, expected="0 or more"

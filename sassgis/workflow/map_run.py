@@ -141,7 +141,7 @@ class MapRun:
         lateral = self.effects.lateral_deflection
         if lateral is not None:
             how = (
-                f"{lateral.angle_deg:g}° off the descent, drawn anew every {lateral.hop_m:g} m"
+                f"{lateral.angle_deg:g}° off the descent, anew every {lateral.hop_m:g} m or so"
                 if lateral.form == "kicks"
                 else f"a deviation of its own within {lateral.width_percent:g} % of the length"
             )

@@ -115,10 +115,13 @@ def test_mean_inertia_of_a_sphere_is_its_own(base):
 
 def test_an_effect_leaves_the_draws_of_others_alone():
     # Weak drag moves every impact by rounding only: sizes, tilts and stems met stay the same.
-    one = play(EffectSettings(trees=Trees(), roughness=Roughness()), stems=0.05, course_events=400)
-    both = play(
-        EffectSettings(AirDrag(air_density_kgm3=1e-9), Trees(), roughness=Roughness()),
-        stems=0.05, course_events=400,
+    drag = AirDrag(air_density_kgm3=1e-9)
+    one, both = (
+        play(
+            EffectSettings(trees=Trees(), roughness=Roughness(), air_drag=air),
+            stems=0.05, course_events=400,
+        )
+        for air in (None, drag)
     )  # fmt: skip
     for name in ("start_m", "a_m", "b_m", "c_m", "density_kgm3", "mass_kg"):
         assert (one.rocks[name] == both.rocks[name]).all()

@@ -53,7 +53,7 @@ def energy_at(out, gate):
 
 
 def stems_met(effects, flat, stems, n=1500, chainages=(205.0,)):
-    """Stems that each rolling rock has met up to each station; each takes hardly any energy."""
+    """Stems that each rolling rock has met up to each station; each takes 1e-4 of its energy."""
     out = run(
         flat, EVEN, ROLLING, effects, n=n, start=5.0, gates=gates(*chainages),
         forest=forest(flat, stems),
@@ -183,9 +183,9 @@ def test_a_viscous_forest_slows_a_flight_exponentially():
         decay = math.exp(-k * t / MASS)
         assert decay < 0.4
         assert met[COL["vx_mps"]] == pytest.approx(speed * decay, rel=1e-9)
-        assert met[COL["vz_mps"]] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=2e-4)
+        assert met[COL["vz_mps"]] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=1e-3)
         way = MASS * G / k * (t - MASS / k * (1.0 - decay))
-        assert way == pytest.approx(drop, rel=2e-4)
+        assert way == pytest.approx(drop, rel=2e-3)
     flat = profile(slope((200.0, 0.0)), 2.0)
     still = run(
         flat, plain(), sphere(RADIUS, drop_m=(drop, drop)), effects, course_events=600,
@@ -209,7 +209,7 @@ def test_a_viscous_forest_stops_a_rolling_rock(cell):
     cosine = math.cos(math.radians(ANGLE))
     for gate, way in ((0, 50.0), (1, 100.0)):
         speed = out.passages["speed_mps"][out.passages["gate"] == gate]
-        assert speed == pytest.approx(V0 - k / MASS * way / cosine, rel=0.02)
+        assert speed == pytest.approx(V0 - k / MASS * way / cosine, abs=0.1)
     assert out.rocks["reason"][0] == REST
     end = 5.0 + MASS * V0 / k * cosine
     # Its centre starts and ends beside its foot.

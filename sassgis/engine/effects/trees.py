@@ -13,7 +13,7 @@ from sassgis.core.jit import kernel
 
 OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
 # Share of the speed that the viscous force takes in a step, and the shortest such step.
-_SHARE_PER_STEP = 0.02
+_SHARE_PER_STEP = 0.1
 _SHORTEST_STEP_S = 0.005
 # A block within rounding of the height of the stems passes it in this time.
 _SHORTEST_CUT_S = 1e-6
@@ -98,7 +98,7 @@ def left_after_way(stand: Stand, cell: int, mass: float, speed: float, way: floa
 
 @kernel
 def longest_step(stand: Stand, cell: int, mass: float) -> float:
-    """Longest time between two turns of the viscous force (s): 2 % of the speed, or 5 ms."""
+    """Longest time between two turns of the viscous force (s): a tenth of the speed, or 5 ms."""
     if stand.form != VISCOUS or not stands_on(stand, cell):
         return np.inf
     return max(_SHARE_PER_STEP * mass / stand.drag, _SHORTEST_STEP_S)
