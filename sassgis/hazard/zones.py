@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -442,8 +442,19 @@ def nested_coverages(
         return [Coverage(np.empty(0, object), np.empty(0, np.int64)) for _ in maps]
     smallest = settings.smallest_cells(grid.cell_size)
     tolerance = settings.tolerance_cells(grid.cell_size)
+    has_lid = known is not None and not known.all()
+    # Around the raster goes on what is in no zone: cells cut off at its edge are no small region.
+    rim = math.ceil(math.sqrt(smallest)) + 1
+    maps = [np.pad(m, rim) for m in maps]
+    known = np.pad(np.ones(grid.shape, np.bool_) if known is None else known, rim)
+    grid = replace(
+        grid,
+        values=np.zeros(maps[0].shape),
+        west=grid.west - rim * grid.cell_size,
+        north=grid.north + rim * grid.cell_size,
+    )
     lid: Outlines | None = None
-    if known is not None and not known.all():
+    if has_lid:
         # The known terrain as it is, high enough for any class.
         highest = int(maps[-1].max())
         lid = smoothed(np.where(known | (maps[-1] > 0), highest, 0), 1, 0.0)
