@@ -464,8 +464,8 @@ def run_lines(
     lines : Lines
     ground_table : float64, shape (n_classes, 7)
         core.ground.GroundTable.array.
-    limits : float64, shape (10, 2)
-        core.blocks.BlockPopulation.array.
+    limits : float64, shape (1, 10, 2) or (n_lines, 10, 2)
+        core.blocks.BlockPopulation.array, of all lines or of each.
     physics : Physics
     gate_table : GateTable
     bins : Bins
@@ -565,15 +565,16 @@ def run_lines(
             gate_table.capacity[gate], gate,
         )  # fmt: skip
         seen = np.zeros(g1 - g0, np.bool_)
+        own = limits[i if limits.shape[0] > 1 else 0]
         for r in range(n_rocks):
             rock = first_rock + r
             key = rng.rock_key(seed, lines.key[i], rock)
-            block, density = draw_block(limits, key)
+            block, density = draw_block(own, key)
             start = rng.between(key, rng.START, 0, lines.start[i, 0], lines.start[i, 1])
-            speed = rng.between(key, rng.SPEED, 0, limits[4, 0], limits[4, 1])
-            spin = rng.between(key, rng.SPIN, 0, limits[5, 0], limits[5, 1])
-            drop = rng.between(key, rng.DROP, 0, limits[6, 0], limits[6, 1])
-            orientation = rng.between(key, rng.ORIENTATION, 0, limits[7, 0], limits[7, 1])
+            speed = rng.between(key, rng.SPEED, 0, own[4, 0], own[4, 1])
+            spin = rng.between(key, rng.SPIN, 0, own[5, 0], own[5, 1])
+            drop = rng.between(key, rng.DROP, 0, own[6, 0], own[6, 1])
+            orientation = rng.between(key, rng.ORIENTATION, 0, own[7, 0], own[7, 1])
             seen[:] = False
             count[0] = 0
             if effects is not None and n_passages + seen.size > passages.shape[0]:

@@ -322,7 +322,7 @@ def _check(profiles: ProfileSet, table: GroundTable) -> None:
 def simulate(
     profiles: ProfileSet,
     table: GroundTable,
-    blocks: BlockPopulation,
+    blocks: BlockPopulation | Sequence[BlockPopulation],
     settings: EngineSettings,
     *,
     seed: int,
@@ -348,7 +348,7 @@ def simulate(
     ----------
     profiles : ProfileSet
     table : GroundTable
-    blocks : BlockPopulation
+    blocks : BlockPopulation, or one for each line
     settings : EngineSettings
     seed : int
         0 to 2**64 - 1.
@@ -436,6 +436,8 @@ def simulate(
     )
     centres, windows = _windows(window, cells)
     effects = effects or EffectSettings()
+    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
+    limits = np.array([population.array() for population in populations])
     stems = forest.stems_per_m2[cells] if forest is not None else np.zeros(0)
     diameter = forest.diameter_m[cells] if forest is not None else np.zeros(0)
     made = effects_of(effects, table, stems, diameter)
@@ -454,7 +456,7 @@ def simulate(
         filled, born = run_lines(
             lines,
             table.array(),
-            blocks.array(),
+            limits,
             _physics(settings),
             gate_table,
             bins,

@@ -1,0 +1,110 @@
+"""A case: what was observed on a slope, and the model's slope and rocks that go with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.blocks import BlockPopulation
+from sassgis.core.effects import EffectSettings
+from sassgis.core.grid import FloatArray, Grid, IntArray
+from sassgis.core.ground import GroundTable
+from sassgis.core.profiles import ProfileSet, TraceSet
+from sassgis.core.settings import EngineSettings
+from sassgis.engine.simulate import Forest
+from sassgis.gap.observations import Observations
+from sassgis.gap.projection import Projected, StationChainages
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Observations in the planes of fall lines, with all that is needed to simulate the rocks.
+
+    Attributes
+    ----------
+    observations : Observations
+    grid : Grid
+    table : GroundTable
+        Ground classes as configured.
+    engine : EngineSettings
+    effects : EffectSettings
+        Effects that the configuration has switched on already.
+    forest : Forest or None
+        Stems on the cells of the grid, if the configuration has any.
+    traces : TraceSet
+        Fall lines.
+    profiles : ProfileSet
+        The same unrolled, with a lead-in of ground behind the start (chainage below zero).
+    line : int64, shape (n_rocks,)
+        Fall line of each rock of ``observations.rock_names``.
+    blocks : tuple of BlockPopulation, length n_rocks
+        What is known of each rock as fixed values, the rest as the configuration draws it.
+    start : float64, shape (n_rocks, 2)
+        Limits of the chainage at which each rock starts (m).
+    mass_kg : float64, shape (n_rocks,)
+        As observed; NaN where unknown.
+    radius_m : float64, shape (n_rocks,)
+        Of the sphere of equal volume; where unknown, of the configured blocks.
+    stations : StationChainages
+        Where lines cross the stations, shape (n_lines, n_stations).
+    projected : mapping of table to Projected
+        Every observed point in the plane of its rock's line.
+    """
+
+    observations: Observations
+    grid: Grid
+    table: GroundTable
+    engine: EngineSettings
+    effects: EffectSettings
+    forest: Forest | None
+    traces: TraceSet
+    profiles: ProfileSet
+    line: IntArray
+    blocks: tuple[BlockPopulation, ...]
+    start: FloatArray
+    mass_kg: FloatArray
+    radius_m: FloatArray
+    stations: StationChainages
+    projected: Mapping[str, Projected]
+
+    @property
+    def n_rocks(self) -> int:
+        """Rocks: the units of resampling."""
+        return int(self.line.size)
+
+    @property
+    def station_names(self) -> tuple[str, ...]:
+        """Names of the stations that fall lines cross, from the top down."""
+        names = self.observations.stations.station
+        return tuple(str(names[j]) for j in self.station_order.tolist())
+
+    @property
+    def station_order(self) -> IntArray:
+        """Rows of the table of stations that fall lines cross, from the top down."""
+        crossed = (self.stations.crossings > 0).any(axis=0)
+        order: IntArray = self.stations.order[crossed[self.stations.order]]
+        return order
+
+    @property
+    def station_s(self) -> FloatArray:
+        """Chainage of the stations on the line of each rock (m), shape (n_rocks, n_stations).
+
+        In the order of ``station_names``; NaN where the line does not cross.
+        """
+        s: FloatArray = self.stations.s[self.line][:, self.station_order]
+        return s
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """Names of the stretches between release, stations and the end of the run-out."""
+        stops = ("release", *self.station_names, "end")
+        return tuple(f"{a}-{b}" for a, b in zip(stops[:-1], stops[1:], strict=True))
+
+    def leg_of(self, rock: IntArray, s: FloatArray) -> IntArray:
+        """Number of the leg in which points at chainage ``s`` of the lines of rocks lie."""
+        edges = self.station_s[rock]
+        below: NDArray[np.bool_] = edges <= np.asarray(s)[:, None]
+        return below.sum(axis=1)

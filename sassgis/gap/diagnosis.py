@@ -1,0 +1,272 @@
+"""What a diagnosis answers: where the gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from sassgis.core.effects import EffectSettings
+from sassgis.core.ground import GroundTable
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One gap between what was observed and what the model predicts, in the unit of the quantity.
+
+    Attributes
+    ----------
+    place : str
+        Station ("S3"), leg between stations ("S2-S3", "release-S1", "S4-end"), ground class
+        ("ground:talus") or "all".
+    phase : str
+        release, flight, impact, rolling or stopping.
+    quantity : str
+        With its unit in the name, as in the tables of observations.
+    gap : float
+        Observed less predicted, mean over rocks.
+    unit : str
+    ci95 : (low, high)
+        Bootstrap over rocks.
+    p_adjusted : float
+        Of the largest |t| over all findings (Westfall and Young 1993).
+    q_value : float
+        Benjamini and Hochberg (1995), for the map.
+    rocks : int
+        On which it rests.
+    observed, predicted : float
+        Means (unit).
+    test : str
+        "free run", "leg" (restart from what was observed at its upper end) or "one step".
+    s0_m, s1_m : float
+        Chainages between which the place lies, mean over lines (m).
+    x, y : float
+        Where to put it on the map (m).
+    """
+
+    place: str
+    phase: str
+    quantity: str
+    gap: float
+    unit: str
+    ci95: Range
+    p_adjusted: float
+    q_value: float
+    rocks: int
+    observed: float
+    predicted: float
+    test: str
+    s0_m: float
+    s1_m: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The answer in a word.
+
+    Attributes
+    ----------
+    effect : str
+        A family, two joined by "+", "none" or "unknown".
+    confidence : float
+        Share of such answers that were right on worlds with a known truth (0 to 1).
+    confusion_set : tuple of str
+        What these data cannot tell from it, itself included.
+    phase, segments
+        Where the effect acts, as far as it can be told: phase of motion and legs; "" and () where
+        it cannot.
+    reason : str
+        In a sentence.
+    """
+
+    effect: str
+    confidence: float
+    confusion_set: tuple[str, ...]
+    phase: str = ""
+    segments: tuple[str, ...] = ()
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """One explanation that was tried.
+
+    Attributes
+    ----------
+    effect : str
+        "none" (the base model, calibrated), a family, two joined by "+", or "unknown" (a flexible
+        correction of the base model).
+    form : str
+        Functional form that fits best.
+    score : float
+        Energy score of rocks left out of the calibration, mean over rocks; less is better.
+    gain : float
+        Score of the calibrated base less this one.
+    ci95 : (low, high)
+        Of the gain, bootstrap over rocks.
+    probability : float
+        Of being the cause, among all contenders.
+    parameters : mapping
+        Calibrated parameters by name, with their unit in the name.
+    intervals : mapping
+        95 % intervals of the parameters.
+    """
+
+    effect: str
+    form: str
+    score: float
+    gain: float
+    ci95: Range
+    probability: float
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    intervals: Mapping[str, Range] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Shrinkage:
+    """How far the gap shrinks on rocks left out, S = (D_base − D_effect)/(D_base − D_floor).
+
+    Attributes
+    ----------
+    effect : str
+    value : float or None
+        None where it is withheld: D_base is not significantly above the floor.
+    ci95 : (low, high) or None
+    distance_base, distance_effect, distance_floor : float
+        Energy distances, all quantities together.
+    by_quantity : mapping of quantity to {"base", "effect", "floor", "shrinkage"}
+    note : str
+        Why it is withheld, or what limits it.
+    """
+
+    effect: str
+    value: float | None
+    ci95: Range | None
+    distance_base: float
+    distance_effect: float
+    distance_floor: float
+    by_quantity: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrated:
+    """A model with calibrated parameters, ready to be used in a run.
+
+    Attributes
+    ----------
+    table : GroundTable
+        Ground classes with calibrated parameters.
+    effects : EffectSettings
+        The configured effects and the named one.
+    sections : mapping
+        ``[effects.*]`` sections of a configuration: family to key to value.
+    stand : (low, high) or None
+        Chainages between which a fitted forest stands (m).
+    stems_per_ha, dbh_cm : float or None
+        Of that forest.
+    """
+
+    table: GroundTable
+    effects: EffectSettings
+    sections: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    stand: Range | None = None
+    stems_per_ha: float | None = None
+    dbh_cm: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Distributions of one quantity for a figure: observed, base and effect.
+
+    Attributes
+    ----------
+    place, quantity, unit : str
+    observed, base, effect : tuple of float
+        Values; of the models, of replicates of the same rocks. ``effect`` is empty if none is
+        named.
+    """
+
+    place: str
+    quantity: str
+    unit: str
+    observed: tuple[float, ...]
+    base: tuple[float, ...]
+    effect: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """All that a diagnosis says.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    where : tuple of Finding
+        Most certain first.
+    which : tuple of Contender
+        Most probable first.
+    shrinkage : Shrinkage
+    rocks : int
+    tables : mapping of table to number of rows used
+    cannot_tell : tuple of str
+    measure_next : tuple of str
+        What further measurement would tell the confused effects apart.
+    comparisons : tuple of Comparison
+    base, effect : Calibrated
+        Calibrated models without and with the named effect; the same if none is named.
+    settings_hash : str
+    seed : int
+    """
+
+    verdict: Verdict
+    where: tuple[Finding, ...]
+    which: tuple[Contender, ...]
+    shrinkage: Shrinkage
+    rocks: int
+    tables: Mapping[str, int]
+    cannot_tell: tuple[str, ...]
+    measure_next: tuple[str, ...]
+    comparisons: tuple[Comparison, ...]
+    base: Calibrated
+    effect: Calibrated
+    settings_hash: str
+    seed: int
+
+
+def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
+    """The diagnosis as plain values, in the layout of ``diagnosis.json``.
+
+    Missing numbers (NaN) become None.
+    """
+    plain = asdict(diagnosis.verdict)
+    return _clean(
+        {
+            "verdict": plain,
+            "where": [asdict(f) for f in diagnosis.where],
+            "which": [asdict(c) for c in diagnosis.which],
+            "shrinkage": asdict(diagnosis.shrinkage),
+            "data": {
+                "rocks": diagnosis.rocks,
+                "tables": dict(diagnosis.tables),
+                "cannot_tell": list(diagnosis.cannot_tell),
+                "measure_next": list(diagnosis.measure_next),
+            },
+            "settings_hash": diagnosis.settings_hash,
+            "seed": diagnosis.seed,
+        }
+    )
+
+
+def _clean(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _clean(v) for k, v in value.items()}
+    if isinstance(value, tuple | list):
+        return [_clean(v) for v in value]
+    if isinstance(value, float) and value != value:
+        return None
+    return value
