@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sassgis.core.blocks import BlockPopulation
 from sassgis.core.effects import EffectSettings
@@ -84,9 +84,9 @@ class Case:
     @property
     def station_order(self) -> IntArray:
         """Rows of the table of stations that fall lines cross, from the top down."""
-        crossed = (self.stations.crossings > 0).any(axis=0)
-        order: IntArray = self.stations.order[crossed[self.stations.order]]
-        return order
+        order = self.stations.order
+        crossed = np.asarray((self.stations.crossings > 0).any(axis=0), np.bool_)
+        return np.asarray(order[crossed[order]], np.int64)
 
     @property
     def station_s(self) -> FloatArray:
@@ -101,10 +101,9 @@ class Case:
     def legs(self) -> tuple[str, ...]:
         """Names of the stretches between release, stations and the end of the run-out."""
         stops = ("release", *self.station_names, "end")
-        return tuple(f"{a}-{b}" for a, b in zip(stops[:-1], stops[1:], strict=True))
+        return tuple(f"{a}-{b}" for a, b in itertools.pairwise(stops))
 
     def leg_of(self, rock: IntArray, s: FloatArray) -> IntArray:
         """Number of the leg in which points at chainage ``s`` of the lines of rocks lie."""
         edges = self.station_s[rock]
-        below: NDArray[np.bool_] = edges <= np.asarray(s)[:, None]
-        return below.sum(axis=1)
+        return np.asarray((edges <= np.asarray(s)[:, None]).sum(axis=1), np.int64)

@@ -244,7 +244,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
     Missing numbers (NaN) become None.
     """
     plain = asdict(diagnosis.verdict)
-    return _clean(
+    cleaned: dict[str, Any] = _clean(
         {
             "verdict": plain,
             "where": [asdict(f) for f in diagnosis.where],
@@ -260,6 +260,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "seed": diagnosis.seed,
         }
     )
+    return cleaned
 
 
 def _clean(value: Any) -> Any:
