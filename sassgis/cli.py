@@ -6,6 +6,7 @@ import logging
 import sys
 import time
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +30,22 @@ _JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0:
 
 
 class _Progress:
-    """A bar with the time left on a terminal; a line now and then in a log."""
+    """A bar with the time left on a terminal; a line now and then in a log.
+
+    A context manager: the line of the bar ends with it, however it is left.
+    """
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
         self._began: tuple[float, int] | None = None
         self._told = time.monotonic()
         self._open = False
+
+    def __enter__(self) -> _Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def say(self, text: str) -> None:
         self.close()
@@ -72,6 +82,14 @@ class _Progress:
         if self._open:
             click.echo("", err=True)
             self._open = False
+
+
+def _conclude(warnings: Sequence[str], summary: str, folder: Path) -> None:
+    """Say how a simulation came out and where to look at it."""
+    for warning in warnings:
+        click.echo(f"Note: {warning}", err=True)
+    click.echo(summary)
+    click.echo(f"Open {folder / 'project.qgz'} in QGIS, {folder / 'report.html'} in a browser.")
 
 
 def _clock(seconds: float) -> str:
@@ -137,21 +155,9 @@ def run(
     overwrite: bool,
 ) -> None:
     """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
-    _run(config, out, areas, seed, jobs, overwrite)
-
-
-def _run(
-    config: Path,
-    out: Path,
-    areas: tuple[str, ...],
-    seed: int | None,
-    jobs: int | None,
-    overwrite: bool,
-) -> None:
     from sassgis.workflow.run import run as run_map
 
-    progress = _Progress()
-    try:
+    with _Progress() as progress:
         result = run_map(
             config,
             out,
@@ -162,12 +168,7 @@ def _run(
             on_progress=progress.step,
             say=progress.say,
         )
-    finally:
-        progress.close()
-    for warning in result.warnings:
-        click.echo(f"Note: {warning}", err=True)
-    click.echo(f"{result.rocks} rocks in {result.seconds:.1f} s.")
-    click.echo(f"Open {out / 'project.qgz'} in QGIS, {out / 'report.html'} in a browser.")
+    _conclude(result.warnings, f"{result.rocks} rocks in {result.seconds:.1f} s.", out)
 
 
 @cli.command()
@@ -199,8 +200,7 @@ def _zone(
 ) -> None:
     from sassgis.workflow.zone import zone as make_zones
 
-    progress = _Progress()
-    try:
+    with _Progress() as progress:
         result = make_zones(
             config,
             out,
@@ -211,16 +211,12 @@ def _zone(
             on_progress=progress.step,
             say=progress.say,
         )
-    finally:
-        progress.close()
-    for warning in result.run.warnings:
-        click.echo(f"Note: {warning}", err=True)
-    levels = result.found.hazard.levels
-    click.echo(
-        f"{result.run.rocks} rocks, {levels.polygons.size} zones, "
-        f"{100 * result.found.hazard.undecided_share:.1f} % of the reached cells undecided."
+    hazard = result.found.hazard
+    summary = (
+        f"{result.run.rocks} rocks, {hazard.levels.polygons.size} zones, "
+        f"{100 * hazard.undecided_share:.1f} % of the reached cells undecided."
     )
-    click.echo(f"Open {out / 'project.qgz'} in QGIS, {out / 'report.html'} in a browser.")
+    _conclude(result.run.warnings, summary, out)
 
 
 @cli.command()
@@ -258,8 +254,7 @@ def batch(
     """
     from sassgis.workflow.batch import batch as run_batch
 
-    progress = _Progress()
-    try:
+    with _Progress() as progress:
         result = run_batch(
             releases,
             out,
@@ -271,14 +266,9 @@ def batch(
             on_progress=progress.step,
             say=progress.say,
         )
-    finally:
-        progress.close()
-    for warning in result.warnings:
-        click.echo(f"Note: {warning}", err=True)
     done = int((result.summary["status"] == "done").sum())
-    click.echo(f"{done} of {len(result.summary)} areas done: {out / 'summary.csv'}")
-    mosaic = out / "mosaic"
-    click.echo(f"Open {mosaic / 'project.qgz'} in QGIS, {mosaic / 'report.html'} in a browser.")
+    summary = f"{done} of {len(result.summary)} areas done: {out / 'summary.csv'}"
+    _conclude(result.warnings, summary, out / "mosaic")
 
 
 @cli.command()
