@@ -4,7 +4,7 @@ This room shares no code with the engine: the same base law, written anew, in sm
 effects of nature in other functional forms than those that a diagnosis would try.
 """
 
-from sassgis.worlds.battery import battery
+from sassgis.worlds.battery import battery, quick_battery, world_seeds
 from sassgis.worlds.observe import ObservedTables, Setup, fresh_rocks, observe, setup
 from sassgis.worlds.world import EffectSpec, World, WorldSpec, make_world
 
@@ -18,5 +18,7 @@ __all__ = [
     "fresh_rocks",
     "make_world",
     "observe",
+    "quick_battery",
     "setup",
+    "world_seeds",
 ]

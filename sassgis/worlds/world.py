@@ -253,7 +253,7 @@ class Rocks:
     state : float64, shape (n, N_STATE)
         As the kernels take it; with the errors of the release, where the truth has them.
     stated : float64, shape (n, 4)
-        Release x, y, z (m) and speed (m/s) as they are written down.
+        Release x, y, z of the centre (m) and speed (m/s) as they are written down.
     keys : uint64, shape (n,)
     campaign : float64, shape (n,)
         When in the campaign each is let go, 0 to 1.
@@ -416,6 +416,8 @@ def draw_rocks(world: World, n: int, stream: int) -> Rocks:
     state[:, motion.Z] = (
         _heights(world.true_grid, x, y) + axes[:, 0] / np.cos(dip) + between(blocks.drop_m, 5)
     )
+    # Written down is where the centre was when it was let go: as high above the stated place.
+    stated[:, 2] += state[:, motion.Z] - _heights(world.true_grid, x, y)
     state[:, motion.HX], state[:, motion.HY] = hx / length, hy / length
     state[:, motion.VX] = speed * np.cos(dip) * state[:, motion.HX]
     state[:, motion.VY] = speed * np.cos(dip) * state[:, motion.HY]

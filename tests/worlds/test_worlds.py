@@ -20,6 +20,7 @@ from sassgis.worlds import (
     observe,
     setup,
 )
+from sassgis.worlds.battery import FULL, MODEST, quick_battery, world_seeds
 from sassgis.worlds.relief import SLOPE_TYPES, descent, guide
 from sassgis.worlds.strength import BANDS, inhomogeneity
 from sassgis.worlds.world import FAMILIES, World, _base_world, draw_rocks, nominal_law, simulate
@@ -146,20 +147,60 @@ def test_a_missing_terrace_is_missing_from_the_survey_alone(with_magnitude) -> N
 
 def test_the_battery_has_the_mix() -> None:
     specs = battery(3, 150)
-    verdicts = Counter(
-        "none" if s.verdict == "none" else "unknown" if s.verdict == "unknown" else len(s.effects)
-        for s in specs
-    )
-    assert verdicts == {"none": 50, 1: 60, 2: 20, "unknown": 20}
-    singles = Counter(
-        (s.effects[0].name, s.effects[0].strength)
-        for s in specs
-        if len(s.effects) == 1 and s.verdict != "unknown"
-    )
-    assert len(singles) == 30 and set(singles.values()) == {2}
-    assert {n for n, _ in singles} == set(FAMILIES)
-    assert {s.n_rocks for s in specs} == {20, 40, 100, 300}
+    verdicts = Counter(_part(s) for s in specs)
+    assert verdicts == {"none": 50, "single": 60, "pair": 20, "unknown": 20}
     assert battery(3, 150) == specs != battery(4, 150)
+    for part in ("none", "pair"):
+        designs = Counter((s.n_rocks, s.kind) for s in specs if _part(s) == part)
+        assert len(designs) == 16
+        assert max(designs.values()) - min(designs.values()) <= 1
+    unknown = [s for s in specs if _part(s) == "unknown"]
+    assert sum((s.n_rocks, s.kind) == FULL for s in unknown) == 14
+    assert max(Counter(s.effects[0].name for s in unknown).values()) == 3
+    assert "weak" not in {e.strength for s in specs if len(s.effects) == 2 for e in s.effects}
+    for spec in specs:
+        assert len({e.name for e in spec.effects}) == len(spec.effects)
+    assert max(Counter(s.slope for s in specs).values()) == 30
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_families_come_round_evenly_in_each_design(seed: int) -> None:
+    singles = [s for s in battery(seed, 150) if _part(s) == "single"]
+    rest = [s for s in singles if (s.n_rocks, s.kind) not in (FULL, MODEST)]
+    full = [s for s in singles if (s.n_rocks, s.kind) == FULL]
+    modest = [s for s in singles if (s.n_rocks, s.kind) == MODEST]
+    assert [len(full), len(modest), len(rest)] == [24, 20, 16]
+    for cell, most in ((full, 3), (modest, 2), (rest, 2), (singles, 6)):
+        families = Counter(s.effects[0].name for s in cell)
+        assert set(families) == set(FAMILIES)
+        assert max(families.values()) <= most
+    assert len({(s.n_rocks, s.kind) for s in rest}) == 14
+    assert Counter(s.effects[0].strength for s in singles) == {
+        "weak": 12,
+        "medium": 24,
+        "strong": 24,
+    }
+    weak = Counter(s.effects[0].name for s in singles if s.effects[0].strength == "weak")
+    assert set(weak) == set(FAMILIES)
+
+
+def test_the_quick_battery_is_small() -> None:
+    specs = quick_battery(3)
+    assert Counter(_part(s) for s in specs) == {"none": 2, "single": 3, "unknown": 1}
+    assert {s.n_rocks for s in specs} == {20, 40}
+    assert {e.strength for s in specs for e in s.effects} == {"strong"}
+
+
+def test_batteries_have_no_world_in_common() -> None:
+    one, other = world_seeds(1, 400), world_seeds(2, 400)
+    assert len({*one, *other}) == 800
+    assert world_seeds(1, 6) == one[:6]
+
+
+def _part(spec: WorldSpec) -> str:
+    if spec.verdict in ("none", "unknown"):
+        return spec.verdict
+    return "single" if len(spec.effects) == 1 else "pair"
 
 
 def test_worlds_share_no_code_with_what_they_check() -> None:
