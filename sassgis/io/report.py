@@ -70,6 +70,24 @@ class ReportTable:
 
 
 @dataclass(frozen=True, slots=True)
+class ReportAnswer:
+    """A part of the answer in plain words.
+
+    Attributes
+    ----------
+    heading : str
+    sentences : tuple of str
+        One paragraph.
+    points : tuple of str
+        A list below it.
+    """
+
+    heading: str
+    sentences: tuple[str, ...] = ()
+    points: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ReportContext:
     """All that a report says. Sections without content are left out.
 
@@ -80,6 +98,10 @@ class ReportContext:
         Terrain, release areas, blocks, number of rocks, settings.
     warnings : tuple of str
         What a reader must know before trusting the numbers; shown first.
+    verdict : str
+        The answer in a sentence; stands above all but the warnings.
+    answer : tuple of ReportAnswer
+        What follows from it, in plain words.
     key_results : ReportTable, optional
     figures : tuple of ReportFigure
     tables : tuple of ReportTable
@@ -93,6 +115,8 @@ class ReportContext:
     subtitle: str = ""
     what_was_run: tuple[tuple[str, Cell], ...] = ()
     warnings: tuple[str, ...] = ()
+    verdict: str = ""
+    answer: tuple[ReportAnswer, ...] = ()
     key_results: ReportTable | None = None
     figures: tuple[ReportFigure, ...] = ()
     tables: tuple[ReportTable, ...] = ()

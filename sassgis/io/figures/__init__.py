@@ -1,6 +1,13 @@
 """Figures: arrays in, a matplotlib Figure out; nothing is written until ``save``."""
 
 from sassgis.io.figures.energy import energy_profile_figure
+from sassgis.io.figures.gap import (
+    gap_contenders_figure,
+    gap_distributions_figure,
+    gap_map_figure,
+    gap_where_figure,
+    map_change_figure,
+)
 from sassgis.io.figures.hazard_curve import hazard_curve_figure
 from sassgis.io.figures.hazard_maps import change_figure, confidence_figure, intensity_figure
 from sassgis.io.figures.histograms import runout_counts_figure, runout_figure, station_figure
@@ -19,8 +26,13 @@ __all__ = [
     "convergence_figure",
     "energy_profile_figure",
     "fig9_figure",
+    "gap_contenders_figure",
+    "gap_distributions_figure",
+    "gap_map_figure",
+    "gap_where_figure",
     "hazard_curve_figure",
     "intensity_figure",
+    "map_change_figure",
     "map_figure",
     "profile_comparison_figure",
     "profile_figure",

@@ -1,0 +1,127 @@
+"""Names of effects, quantities and places as a reader knows them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from sassgis.gap.diagnosis import Finding
+
+#: Findings below this level count: of the largest gap over all (headline), or as a share of false
+#: ones among those shown (map).
+LEVEL = 0.05
+
+EFFECT_NAMES: Mapping[str, str] = {
+    "lateral_deflection": "lateral deflection",
+    "fragmentation": "fragmentation",
+    "soft_ground": "soft ground",
+    "entrainment": "entrainment",
+    "trees": "trees",
+    "air_drag": "air drag",
+    "roughness": "roughness of the ground",
+    "rock_shape": "shape of the rocks",
+    "release_error": "error of the release",
+    "measurement_error": "error of measurement",
+    "none": "calibration alone",
+    "unknown": "unknown effect",
+}
+
+#: What an effect does, to follow "The gap is best explained by".
+EFFECT_PHRASES: Mapping[str, str] = {
+    "lateral_deflection": "rocks that leave the fall line sideways",
+    "fragmentation": "blocks that break at impacts",
+    "soft_ground": "soft ground that yields at impacts and takes energy",
+    "entrainment": "blocks of the slope that passing rocks set in motion",
+    "trees": "trees that take energy from passing rocks",
+    "air_drag": "the drag of the air",
+    "roughness": "ground that is rougher than the terrain model shows",
+    "rock_shape": "the shape of the rocks, which the plane ellipse does not know",
+    "release_error": "an error in where or how fast the rocks are taken to start, not in the "
+    "motion below",
+    "measurement_error": "an error of the measurement, not of the motion",
+}
+
+_QUANTITIES: Mapping[str, str] = {
+    "release_speed_mps": "speed at the release",
+    "speed_mps": "speed",
+    "rotation_hz": "rotation",
+    "height_m": "passing height",
+    "lateral_m": "position to the side",
+    "energy_kept": "share of energy kept",
+    "spin_out_radps": "spin after the impact",
+    "turn_deg": "turn in plan",
+    "runout_m": "run-out",
+    "block_mass_kg": "mass of stopped blocks",
+    "block_volume_m3": "volume of stopped blocks",
+    "path_m": "length of path",
+    "flight_fit": "gravity from flights",
+    "stops_per_rock": "stopped blocks per rock",
+    "arrived": "share that arrives",
+}
+_UNIT_ENDS = (
+    "_mps2", "_mps", "_radps", "_hz", "_kgm3", "_kg", "_m3", "_m", "_deg", "_rel", "_kj", "_s",
+)  # fmt: skip
+
+_TESTS: Mapping[str, str] = {
+    "free run": "run from the release",
+    "leg": "restarted where the stretch begins",
+    "one step": "one step ahead",
+}
+
+
+def effect_name(effect: str) -> str:
+    """Name of a family, or of two joined by "+"."""
+    return " and ".join(EFFECT_NAMES.get(e, e.replace("_", " ")) for e in effect.split("+"))
+
+
+def effect_phrase(effect: str) -> str:
+    """What a family does, or two joined by "+"."""
+    return ", together with ".join(EFFECT_PHRASES.get(e, effect_name(e)) for e in effect.split("+"))
+
+
+def quantity_name(quantity: str) -> str:
+    """Name of a quantity, without its unit: "passing height" for ``height_m``."""
+    if quantity in _QUANTITIES:
+        return _QUANTITIES[quantity]
+    end = next((e for e in _UNIT_ENDS if quantity.endswith(e)), "")
+    return quantity.removesuffix(end).replace("_", " ") or quantity
+
+
+def tested_by(test: str) -> str:
+    """How a gap was tested, in words."""
+    return _TESTS.get(test, test)
+
+
+def place_words(place: str) -> str:
+    """Where: "at S3", "between S2 and S3", "below S4", "on talus", "on the whole slope"."""
+    if place == "all":
+        return "on the whole slope"
+    if place.startswith("ground:"):
+        return "on " + place.removeprefix("ground:").replace("_", " ")
+    upper, dash, lower = place.partition("-")
+    if not dash:
+        return f"at {place}"
+    # A name with a dash of its own cannot be taken apart.
+    if place.count("-") > 1:
+        return f"on the stretch {place}"
+    if upper == "release":
+        return "from the release to the stop" if lower == "end" else f"above {lower}"
+    return f"below {upper}" if lower == "end" else f"between {upper} and {lower}"
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number with its unit, if it has one."""
+    return f"{text} {unit}" if unit and unit != "1" else text
+
+
+def significance(finding: Finding) -> str:
+    """How sure a gap is: "sure" (headline), "likely" (among those on the map) or "open"."""
+    if finding.p_adjusted <= LEVEL:
+        return "sure"
+    return "likely" if finding.q_value <= LEVEL else "open"
+
+
+def finding_label(finding: Finding) -> str:
+    """A finding as a label on the map: "speed −2.1 m/s"."""
+    sign = "+" if finding.gap > 0.0 else "\u2212"
+    number = with_unit(f"{sign}{abs(finding.gap):.2g}", finding.unit)
+    return f"{quantity_name(finding.quantity)} {number}"
