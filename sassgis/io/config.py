@@ -31,6 +31,7 @@ from sassgis.core.settings import EngineSettings
 from sassgis.io.effect_sections import (
     EFFECT_SECTIONS,
     EffectsSection,
+    ForestPlace,
     effect_settings,
     model_of,
 )
@@ -170,6 +171,12 @@ class Config:
     def effect_settings(self) -> EffectSettings:
         """The effects that are on."""
         return effect_settings(self.effects)
+
+    @property
+    def trees(self) -> ForestPlace | None:
+        """Section ``[effects.trees]``, with where the forest stands."""
+        section: ForestPlace | None = getattr(self.effects, "trees", None)
+        return section
 
     @property
     def dem_path(self) -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rasterio
@@ -15,18 +14,23 @@ from rasterio.warp import Resampling, reproject
 from sassgis.core.errors import InputError
 from sassgis.core.grid import FloatArray, Grid
 from sassgis.io.csv_table import number
+from sassgis.io.effect_sections import ForestPlace
 from sassgis.io.vectors import read_features
 
 _HECTARE_M2 = 1e4
 
 
-def read_forest(trees: Any, grid: Grid) -> tuple[FloatArray, FloatArray]:
+def read_forest(
+    trees: ForestPlace, grid: Grid, whole: Grid | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Stems and diameters of each cell.
 
     Parameters
     ----------
     trees : section ``[effects.trees]`` of the configuration
     grid : Grid
+    whole : Grid, optional
+        The terrain model of which ``grid`` is a part: what the file holds must meet this one.
 
     Returns
     -------
@@ -41,7 +45,7 @@ def read_forest(trees: Any, grid: Grid) -> tuple[FloatArray, FloatArray]:
     stems = np.full(grid.shape, trees.stems_per_ha or 0.0)
     diameter = np.full(grid.shape, trees.dbh_cm or 0.0)
     if trees.file is not None:
-        stems, diameter = _from_polygons(trees, grid)
+        stems, diameter = _from_polygons(trees, trees.file, grid, whole or grid)
     if trees.stems_raster is not None:
         stems = _from_raster(trees.stems_raster, grid, "effects.trees.stems_raster")
     if trees.dbh_raster is not None:
@@ -51,10 +55,12 @@ def read_forest(trees: Any, grid: Grid) -> tuple[FloatArray, FloatArray]:
     return stems.ravel(), np.where(nothing, 0.0, diameter).ravel() / 100.0
 
 
-def _from_polygons(trees: Any, grid: Grid) -> tuple[FloatArray, FloatArray]:
+def _from_polygons(
+    trees: ForestPlace, file: Path, grid: Grid, whole: Grid
+) -> tuple[FloatArray, FloatArray]:
     features = read_features(
-        trees.file,
-        grid,
+        file,
+        whole,
         "effects.trees",
         layer=trees.layer,
         fields={"stems_field": trees.stems_field, "dbh_field": trees.dbh_field},
@@ -70,11 +76,11 @@ def _from_polygons(trees: Any, grid: Grid) -> tuple[FloatArray, FloatArray]:
         for feature in features:
             value = default
             if field is not None and feature.text(field) is not None:
-                value = number(feature.attributes[field], feature.label(), field, trees.file)
+                value = number(feature.attributes[field], feature.label(), field, file)
             if value is None or value < 0.0:
                 raise InputError(
                     f"{feature.label()} has no number that can be used",
-                    file=trees.file,
+                    file=file,
                     field=field,
                     found=value,
                     expected="0 or more",

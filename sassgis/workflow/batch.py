@@ -61,12 +61,18 @@ from sassgis.workflow.batch_state import (
 )
 from sassgis.workflow.batch_window import cut_sides, windowed
 from sassgis.workflow.checkpoint import Checkpoint
-from sassgis.workflow.inputs import collected_notices, map_run_of
+from sassgis.workflow.inputs import collected_notices, forest_of, map_run_of
 from sassgis.workflow.map_report import file_stems
 from sassgis.workflow.map_run import MapRun, Progress, plan
 from sassgis.workflow.run import Job, OnProgress, Simulation, warnings_of
 from sassgis.workflow.sources import onset_frequencies
-from sassgis.workflow.zone import prepared, simulations, without_barriers, write_zones
+from sassgis.workflow.zone import (
+    most_rounds,
+    prepared,
+    simulations,
+    without_barriers,
+    write_zones,
+)
 
 log = logging.getLogger(__name__)
 
@@ -330,6 +336,7 @@ def _release_files(config: Config) -> list[Path]:
         Path(f).resolve()
         for f in (
             config.ground.file,
+            config.trees.file if config.trees is not None else None,
             *(item.file for item in (*config.stations, *config.barriers)),
             *(item.file for item in config.objects),
         )
@@ -395,7 +402,7 @@ def read_setting(
         outline = terrain.outline()
         table = read_ground_table(config.ground.classes)
         gates = tuple(read_gates(config, outline))
-        bare = map_run_of(config, outline, _no_ground(outline), table, (), gates)
+        bare = map_run_of(config, outline, _no_ground(outline), table, (), gates, None)
         # The table of frequencies is read by area, with the names of all.
         hazard = config.hazard.model_copy(update={"frequencies": None})
         rules = read_rules(replace(config, hazard=hazard), bare)
@@ -462,10 +469,10 @@ def _objects_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
 
 
 def _area_run(setting: Setting, grid: Grid, area: ReleaseArea) -> MapRun:
-    """The run of an area on a part of the terrain, but for the ground."""
+    """The run of an area on a part of the terrain, but for the ground and the forest."""
     gates = [setting.gates[i] for i in _gates_in(setting, grid)]
     ground = _no_ground(grid)
-    return map_run_of(setting.config, grid, ground, setting.table, (area,), gates)
+    return map_run_of(setting.config, grid, ground, setting.table, (area,), gates, None)
 
 
 def _fingerprint(
@@ -553,7 +560,7 @@ def _run_area(
 
         def make(part: Part) -> MapRun:
             grid, area = _area_on(setting, candidate, feature, part)
-            # The ground is of no account for fall lines.
+            # Ground and forest are of no account for fall lines.
             return _area_run(setting, grid, area)
 
         cut = windowed(
@@ -561,11 +568,13 @@ def _run_area(
             feature.geometry.bounds,
             setting.rules.ref_width_m,
             make,
+            most_rounds(config),
             setting.first_margin_m,
         )
         run = replace(
             cut.run,
             ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline),
+            forest=forest_of(config, cut.run.grid, setting.outline),
         )
     frequencies = onset_frequencies(config, run, setting.names)
     objects = _objects_in(setting, run.grid)
@@ -734,7 +743,15 @@ def _mosaic_job(
         warn_of_overlaps(areas, config.release_path)
     ground = ground_raster(config.ground, grid, setting.table, setting.outline)
     run = replace(
-        map_run_of(config, grid, ground, setting.table, areas, setting.gates),
+        map_run_of(
+            config,
+            grid,
+            ground,
+            setting.table,
+            areas,
+            setting.gates,
+            forest_of(config, grid, setting.outline),
+        ),
         thresholds_kj=setting.rules.preset.thresholds_kj,
         ref_width_m=setting.rules.ref_width_m,
         rounds=max(r.rounds for r in own),

@@ -171,6 +171,7 @@ def add_area(
     total.gates.add_sums(own.gates, gates)
     total.reasons += own.reasons
     total.lost += own.lost
+    total.pieces += own.pieces
     total.runout = _sum_of(total.runout, own.runout)
     for (_, scenario), tally in sorted(own.sources.items()):
         joined = SourceTally.fresh(run)

@@ -45,10 +45,10 @@ def collected_notices() -> Iterator[list[str]]:
         logger.removeHandler(handler)
 
 
-def forest_of(config: Config, grid: Grid) -> Forest | None:
-    """The forest on the cells, if trees are on."""
-    trees = getattr(config.effects, "trees")  # noqa: B009
-    return None if trees is None else Forest(*read_forest(trees, grid))
+def forest_of(config: Config, grid: Grid, whole: Grid | None = None) -> Forest | None:
+    """The forest on the cells, if trees are on; ``whole`` as for ground_raster."""
+    trees = config.trees
+    return None if trees is None else Forest(*read_forest(trees, grid, whole))
 
 
 def fall_line_settings(config: Config) -> FallLineSettings:
@@ -84,7 +84,8 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     chosen = read_release(config.release, grid, config.block_names, areas)
     table = read_ground_table(config.ground.classes)
     ground = ground_raster(config.ground, grid, table)
-    return map_run_of(config, grid, ground, table, chosen, read_gates(config, grid))
+    gates = read_gates(config, grid)
+    return map_run_of(config, grid, ground, table, chosen, gates, forest_of(config, grid))
 
 
 def map_run_of(
@@ -94,6 +95,7 @@ def map_run_of(
     table: GroundTable,
     areas: Sequence[ReleaseArea],
     gates: Sequence[tuple[Gate, FloatArray]],
+    forest: Forest | None,
 ) -> MapRun:
     """A run with the settings of the configuration and inputs that have been read."""
     return MapRun(
@@ -113,7 +115,7 @@ def map_run_of(
         seed=config.run.seed,
         stop_points_max=config.output.stop_points_max,
         effects=config.effect_settings,
-        forest=forest_of(config, grid),
+        forest=forest,
     )
 
 
@@ -127,6 +129,9 @@ def input_files(config: Config) -> dict[str, Path]:
         "ground classes": config.ground.classes,
         "profile": config.profile.file if config.profile else None,
     }
+    if config.trees is not None:
+        for key in ("file", "stems_raster", "dbh_raster"):
+            candidates[f"trees {key}"] = getattr(config.trees, key)
     for item in (*config.stations, *config.barriers):
         candidates[item.name] = item.file
     files.update({role: path for role, path in candidates.items() if path is not None})

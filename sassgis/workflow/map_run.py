@@ -579,8 +579,11 @@ def joined_rows(parts: list[Rows]) -> Rows:
 
 
 def kept_stops(run: MapRun, progress: Progress) -> Rows:
-    """The rocks that are kept one by one, ``stop_points_max`` at most."""
+    """The rocks that are kept one by one, ``stop_points_max`` at most, round by round."""
     rows = joined_rows(progress.stops)
+    # A run has them in this order; the sums of several areas were added up area by area.
+    round_ = rows.rocks["rock"] // run.rocks_per_line
+    rows = _rocks_alone(rows, np.argsort(round_, kind="stable"))
     if rows.rocks.size <= run.stop_points_max:
         return rows
     # The share that is kept is right on average only.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -143,7 +143,7 @@ def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
 
 def _even_forest(config: Config, s: FloatArray) -> Forest | None:
     """The same forest all along a profile that lies on no map."""
-    trees: Any = getattr(config.effects, "trees")  # noqa: B009
+    trees = config.trees
     if trees is None:
         return None
     for key in ("file", "stems_raster", "dbh_raster"):

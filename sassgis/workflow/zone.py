@@ -147,6 +147,11 @@ def write_zones(
     return found, write_result(work, done, areas, tell, extras), extras.warnings
 
 
+def most_rounds(config: Config) -> int:
+    """Rounds of rocks that a zoning may take."""
+    return 1 if config.hazard.undecided_share_max is None else config.hazard.rounds_max
+
+
 def simulations(
     config: Config,
     work: Path,
@@ -169,7 +174,7 @@ def simulations(
         tell(f"{100 * share:.1f} % of the reached cells are undecided")
         return share <= limit
 
-    rounds_max = 1 if limit is None else config.hazard.rounds_max
+    rounds_max = most_rounds(config)
     schedule = ""
     if rounds_max > 1:
         schedule = repr((limit, rounds_max, confidence, rules.preset, rules.frequencies))

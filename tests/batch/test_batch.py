@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import rasterio
+import shapely
 from cut_valley import GOOD, Stopped, Valley, write_vrt
 
 from sassgis.cli import main
@@ -84,7 +85,39 @@ def joint(valley: Valley, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_mosaic_is_one_run_of_all_areas_to_the_last_bit(done: Stopped, joint: Path) -> None:
-    mosaic = done.folder / "mosaic"
+    assert_same_result(done.folder / "mosaic", joint)
+
+
+def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path) -> None:
+    """Ways that leave the fall line, rounds, pieces, and a forest that one area never meets."""
+    inputs = tmp_path / "inputs"
+    shutil.copytree(valley.config.parent, inputs)
+    good = gpd.read_file(valley.releases).set_index("name").loc[["Mitte", "Nord"]].reset_index()
+    good.to_file(inputs / "two.gpkg", driver="GPKG")
+    _west, south, east, north = good[good["name"] == "Nord"].total_bounds
+    stand = shapely.box(east, south + 30.0, east + 150.0, north)
+    gpd.GeoDataFrame(geometry=[stand], crs=good.crs).to_file(inputs / "stand.gpkg", driver="GPKG")
+    config = inputs / valley.config.name
+    rounds = "[hazard]\nundecided_share_max = 0.0001\nrounds_max = 2\n"
+    config.write_text(config.read_text().replace("[hazard]\n", rounds))
+    with config.open("a") as text:
+        text.write("[effects.lateral_deflection]\nangle_deg = 8.0\n[effects.fragmentation]\n")
+        text.write('[effects.trees]\nfile = "stand.gpkg"\nstems_per_ha = 300.0\ndbh_cm = 30.0\n')
+    batch(inputs / "two.gpkg", tmp_path / "out", config=config, dem=inputs / "tiles")
+    together = load_config(config, {"release.file": str(inputs / "two.gpkg")})
+    whole = zone(together, tmp_path / "joint")
+    assert whole.run.progress.pieces > 100
+    own = json.loads((tmp_path / "out" / "areas" / "mitte" / "area.json").read_text())
+    assert own["rounds"] == 2 and own["north"] < south + 30.0
+    assert_same_result(tmp_path / "out" / "mosaic", tmp_path / "joint")
+    told = [
+        json.loads((tmp_path / f / "manifest.json").read_text()) for f in ("out/mosaic", "joint")
+    ]
+    assert told[0]["counts"]["pieces"] == told[1]["counts"]["pieces"]
+    assert all("trees file" in str(t["inputs"]) for t in told)
+
+
+def assert_same_result(mosaic: Path, joint: Path) -> None:
     for file in sorted((joint / "maps").glob("*.tif")):
         with rasterio.open(file) as raster:
             bands = [raster.tags(i)["NAME"] for i in raster.indexes]
@@ -181,6 +214,10 @@ def test_files_of_a_folder_name_areas_that_have_no_name(valley: Valley, tmp_path
     own = load_config(valley.config, {"release.file": str(valley.config.parent)})
     assert {c.release.file for c in find_areas(own)} >= {valley.releases}
     assert not any("buildings" in str(c.release.file) for c in find_areas(own))
+    (tmp_path / "Wand.gpkg").rename(tmp_path / "Wald.gpkg")
+    trees = {"file": str(tmp_path / "Wald.gpkg"), "stems_per_ha": 300.0, "dbh_cm": 30.0}
+    wooded = load_config(valley.config, {"release.file": str(tmp_path), "effects.trees": trees})
+    assert [c.name for c in find_areas(wooded)] == ["Rinne 1", "Rinne 2", "broken"]
 
 
 def test_the_configuration_is_the_one_beside_the_areas(valley: Valley, tmp_path: Path) -> None:
