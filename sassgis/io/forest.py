@@ -18,6 +18,9 @@ from sassgis.io.effect_sections import ForestPlace
 from sassgis.io.vectors import read_features
 
 _HECTARE_M2 = 1e4
+#: Stands for local coordinates, which have no system: the warper will not work without one, and as
+#: source and target are then told the same, any plane system in metres leaves them what they are.
+_ANY_PLANE = "EPSG:2056"
 
 
 def read_forest(
@@ -110,7 +113,7 @@ def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
                 raise InputError(
                     "states no coordinate system", file=file, field=field, expected="one"
                 )
-            crs = raster.crs or "EPSG:2056"
+            crs = raster.crs or _ANY_PLANE
             reproject(
                 rasterio.band(raster, 1),
                 out,
