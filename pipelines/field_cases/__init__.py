@@ -1,0 +1,1 @@
+"""What the pipelines of the field cases share: folders, tables of observations, splits, scores."""

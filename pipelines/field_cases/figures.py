@@ -1,0 +1,152 @@
+"""Figures of the field cases."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sassgis.io.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    SKY,
+    SMALL,
+    VERMILION,
+    WIDTH_IN,
+    new_figure,
+    styled,
+)
+
+FloatArray = NDArray[np.float64]
+
+_LABELS = ("run-out along the fall line (m)", "distance aside of it (m), positive to the right")
+
+
+@styled
+def stops_figure(seen: FloatArray, made: FloatArray, labels: Sequence[str], title: str) -> Figure:
+    """Stops by group: what was observed, over the range of what is predicted.
+
+    Parameters
+    ----------
+    seen : float64, shape (n, 2)
+        Chainage and distance aside (m).
+    made : float64, shape (n, m, 2)
+    labels : sequence of str, length n
+        Group of each rock.
+    title : str
+    """
+    groups = sorted(set(labels))
+    own = np.array([groups.index(label) for label in labels])
+    figure = new_figure(WIDTH_IN, 0.95 + 0.5 * len(groups))
+    axes = figure.subplots(1, 2, sharey=True)
+    for q, ax in enumerate(axes):
+        for g in range(len(groups)):
+            rows = own == g
+            low, first, middle, third, high = np.quantile(
+                made[rows, :, q], [0.05, 0.25, 0.5, 0.75, 0.95]
+            )
+            ax.plot([low, high], [g - 0.14] * 2, color=BLUE, lw=1.2, solid_capstyle="butt")
+            ax.plot([first, third], [g - 0.14] * 2, color=BLUE, lw=6, solid_capstyle="butt")
+            ax.plot([middle] * 2, [g - 0.26, g - 0.02], color=INK, lw=1.2)
+            # Points that fall together are told apart by a little height.
+            lift = 0.16 + 0.06 * (np.arange(rows.sum()) % 4)
+            ax.plot(
+                seen[rows, q], g + lift, "D", ms=3, mfc=ORANGE, mec=INK, mew=0.3, ls="none"
+            )  # fmt: skip
+        ax.set_xlabel(_LABELS[q])
+        ax.set_ylim(-0.5, len(groups) - 0.4)
+    axes[0].set_yticks(range(len(groups)))
+    axes[0].set_yticklabels([f"{g}\n{(own == i).sum()} rocks" for i, g in enumerate(groups)])
+    figure.suptitle(title, x=0.01, ha="left", weight="bold")
+    figure.supxlabel(
+        "diamonds: observed; below them the predictions: 5 to 95 %, 25 to 75 %, median",
+        size=SMALL, color=GREY, x=0.01, ha="left",
+    )  # fmt: skip
+    return figure
+
+
+_FORM_COLOURS = {"base": INK, "velocity_scaled": BLUE, "scar": GREEN, "slip": VERMILION}
+_PANELS = ("v_t after (m/s)", "v_n after (m/s)", "spin after (rad/s)", "energy kept")
+
+
+@styled
+def contacts_figure(
+    seen: FloatArray, left_out: Mapping[str, Mapping[str, Any]], names: Sequence[str]
+) -> Figure:
+    """Contacts after which was observed what, and what each form predicts when they are left out.
+
+    Parameters
+    ----------
+    seen : float64, shape (n, 5)
+    left_out : mapping of form to its predictions
+        "mean", "q05", "q95", each of shape (n, 5).
+    names : sequence of str
+        Of the contacts.
+    """
+    figure = new_figure(WIDTH_IN, 2.9)
+    at = np.arange(len(seen))
+    for q, ax in enumerate(figure.subplots(1, 4)):
+        for f, (form, found) in enumerate(left_out.items()):
+            colour = _FORM_COLOURS[form]
+            x = at - 0.25 + 0.14 * f
+            low, middle, high = (np.array(found[k])[:, q] for k in ("q05", "mean", "q95"))
+            ax.vlines(x, low, high, color=colour, lw=1.2)
+            ax.plot(x, middle, "o", ms=3, color=colour, ls="none", label=form)
+        ax.plot(
+            at + 0.34, seen[:, q], "D", ms=4, mfc=ORANGE, mec=INK, mew=0.4, ls="none",
+            label="observed",
+        )  # fmt: skip
+        ax.set_title(_PANELS[q])
+        ax.set_xticks(at)
+        ax.set_xticklabels([n.replace(" ", " / ") for n in names], rotation=90)
+        ax.set_xlim(-0.5, len(seen) - 0.4)
+        ax.axhline(0.0, color=GREY, lw=0.6)
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=5)
+    figure.suptitle(
+        "Chant Sura: contacts predicted from their own state before", x=0.01, ha="left",
+        weight="bold",
+    )  # fmt: skip
+    return figure
+
+
+@styled
+def scars_figure(
+    normal: FloatArray,
+    depth: Mapping[str, FloatArray],
+    predicted: FloatArray,
+    run: Sequence[str],
+    length: FloatArray,
+    chord: FloatArray,
+) -> Figure:
+    """Depth of scars over the normal speed, and their length against the chord of the form."""
+    figure = new_figure(WIDTH_IN, 3.3)
+    left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+    order = np.argsort(normal)
+    left.plot(normal[order], predicted[order], color=GREEN, label="scar form as it comes")
+    for (name, values), mark, colour in zip(depth.items(), "os", (ORANGE, SKY), strict=True):
+        for number, filled in zip(sorted(set(run)), (True, False), strict=True):
+            own = np.array(run) == number
+            left.plot(
+                normal[own], values[own], mark, ms=4.5, mec=INK if filled else colour, mew=0.8,
+                mfc=colour if filled else "white", ls="none", label=f"{name}, run {number}",
+            )  # fmt: skip
+    left.set_xlabel("normal speed from the jump height (m/s)")
+    left.set_ylabel("depth of the scar (m)")
+    left.set_ylim(0.0, None)
+    at = np.arange(length.size)
+    right.bar(at - 0.18, length, 0.34, color=ORANGE, label="observed")
+    right.bar(at + 0.18, chord, 0.34, color=GREEN, label="chord at the observed depth")
+    right.set_xticks(at)
+    right.set_xticklabels([f"impact {i + 1}" for i in at])
+    right.set_ylabel("length of the scar (m)")
+    for ax, columns in ((left, 2), (right, 1)):
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=columns)
+    figure.suptitle("Chant Sura: scars of the block of 780 kg", x=0.01, ha="left", weight="bold")
+    return figure

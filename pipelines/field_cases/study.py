@@ -1,0 +1,277 @@
+"""A field case from end to end: untuned gap, diagnosis, and its score on rocks left out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import sassgis
+from field_cases.figures import stops_figure
+from field_cases.tables import FieldCase
+from sassgis.gap.case import Case
+from sassgis.gap.diagnosis import Calibrated, Diagnosis
+from sassgis.gap.replicas import Aside, Model, Stand, campaigns, ways_of
+from sassgis.gap.sample import main_blocks, observed_sample
+from sassgis.gap.scores import (
+    bootstrap_interval,
+    bootstrap_rows,
+    energy_distance,
+    energy_scores,
+    mean_gap_tests,
+    observed_scale,
+)
+from sassgis.io.figures import save
+from sassgis.workflow.gap_case import read_case
+
+FloatArray = NDArray[np.float64]
+
+#: Campaigns that each model is let go in.
+CAMPAIGNS = 60
+DRAWS = 1000
+QUANTITIES = ("runout_m", "aside_m")
+
+
+def study(
+    case: FieldCase,
+    given: argparse.Namespace,
+    groups: Mapping[str, str],
+    more: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Write ``results.json`` and figures.
+
+    Parameters
+    ----------
+    case : FieldCase
+    given : Namespace
+        Arguments of the pipeline.
+    groups : mapping of rock to group
+        In which the untuned gap is told apart.
+    more : mapping, optional
+        Results of the pipeline's own.
+
+    Returns
+    -------
+    dict
+        What ``results.json`` holds.
+    """
+    out: Path = given.output
+    everything = read_case(case.config, case.observations["all"])
+    results: dict[str, Any] = {
+        "program": f"sassgis {sassgis.__version__}",
+        "seed": given.seed,
+        "notes": list(case.notes),
+        "rocks": everything.n_rocks,
+        **(more or {}),
+    }
+    if len(everything.observations.deposits):
+        model = Model(everything.table, replace(everything.effects, lateral_deflection=None))
+        seen, made = stops(everything, model, given.seed)
+        labels = [groups[name] for name in everything.observations.rock_names]
+        results["untuned"] = compare(seen, made, labels, given.seed)
+        title = f"{case.name}: stops of the untuned model"
+        save(stops_figure(seen, made, labels, title), out / "untuned.png")
+    if not given.case_only:
+        for split, (fit, left_out) in case.splits.items():
+            results[split] = diagnosed(case, split, fit, left_out, given)
+    (out / "results.json").write_text(json.dumps(_plain(results), indent=1) + "\n", "utf-8")
+    print(json.dumps(_plain(results), indent=1))
+    return results
+
+
+def stops(case: Case, model: Model, seed: int) -> tuple[FloatArray, FloatArray]:
+    """Chainage and distance aside of stops (m).
+
+    Returns
+    -------
+    observed : float64, shape (n_rocks, 2)
+    predicted : float64, shape (n_rocks, CAMPAIGNS, 2)
+        With the stated errors of position.
+    """
+    n = case.n_rocks
+    made = campaigns(case, ways_of(case), model, count=CAMPAIGNS, seed=seed)
+    samples = [observed_sample(case), *made]
+    found = np.full((len(samples), n, 2), np.nan)
+    for k, sample in enumerate(samples):
+        if sample.deposits is None:
+            continue
+        row = main_blocks(sample.deposits, n)
+        known = row >= 0
+        found[k, known] = np.c_[sample.deposits.s, sample.deposits.aside_m][row[known]]
+    return found[0], found[1:].transpose(1, 0, 2)
+
+
+def compare(
+    seen: FloatArray, made: FloatArray, labels: list[str], seed: int
+) -> dict[str, dict[str, Any]]:
+    """Observed and predicted stops, all together and by group.
+
+    The gap of a rock is what was observed less the mean of its own predictions; intervals are
+    bootstrapped over rocks, p is adjusted for the number of groups.
+    """
+    rng = np.random.default_rng(seed)
+    gap = seen - made.mean(axis=1)
+    names = ["all", *sorted(set(labels))]
+    member = np.array([[g in ("all", label) for g in names] for label in labels])
+    columns = np.where(member[:, 1:, None], gap[:, None, :], np.nan).reshape(len(gap), -1)
+    _, _, adjusted = mean_gap_tests(columns, draws=DRAWS, rng=rng)
+    p_of = adjusted.reshape(-1, 2)
+    report: dict[str, dict[str, Any]] = {}
+    for g, name in enumerate(names):
+        rows = np.flatnonzero(member[:, g])
+        one: dict[str, Any] = {"rocks": rows.size}
+        for q, quantity in enumerate(QUANTITIES):
+            own = gap[rows, q]
+
+            def mean(k: NDArray[np.int64], own: FloatArray = own) -> float:
+                return float(own[k].mean())
+
+            interval = bootstrap_interval(mean, np.arange(rows.size), draws=DRAWS, rng=rng)
+            values, drawn = seen[rows, q], made[rows, :, q].ravel()
+            one[quantity] = {
+                "observed": np.quantile(values, [0.1, 0.5, 0.9]),
+                "predicted": np.quantile(drawn, [0.1, 0.5, 0.9]),
+                "gap": interval.value,
+                "ci95": [interval.low, interval.high],
+                "p_adjusted": p_of[g - 1, q] if g else None,
+                "energy_distance_m": energy_distance(values, drawn, scale=np.ones(1)),
+                "observed_abs_median": float(np.median(np.abs(values))),
+                "predicted_abs_median": float(np.median(np.abs(drawn))),
+            }
+        report[name] = one
+    return report
+
+
+def diagnosed(
+    case: FieldCase, split: str, fit: str, left_out: str, given: argparse.Namespace
+) -> dict[str, Any]:
+    """Diagnose on the rocks to fit on, score on those left out."""
+    from sassgis.workflow.gap_diagnose import diagnose
+
+    folder = given.output / f"diagnosis_{split}"
+    answer = diagnose(
+        case.config, case.observations[fit], folder, jobs=given.jobs, seed=given.seed,
+        overwrite=True,
+    )  # fmt: skip
+    verdict, shrinkage = answer.verdict, answer.shrinkage
+    report: dict[str, Any] = {
+        "fitted_on": answer.rocks,
+        "verdict": verdict.effect,
+        "confidence": verdict.confidence,
+        "confusion_set": verdict.confusion_set,
+        "reason": verdict.reason,
+        "which": [
+            {"effect": c.effect, "form": c.form, "gain": c.gain, "probability": c.probability}
+            for c in answer.which
+        ],
+        "shrinkage": {"value": shrinkage.value, "ci95": shrinkage.ci95, "note": shrinkage.note},
+        "where": [
+            {"place": f.place, "quantity": f.quantity, "test": f.test, "gap": f.gap,
+             "unit": f.unit, "ci95": f.ci95, "p_adjusted": f.p_adjusted, "rocks": f.rocks}
+            for f in answer.where[:12]
+        ],
+        "cannot_tell": answer.cannot_tell,
+        "measure_next": answer.measure_next,
+    }  # fmt: skip
+    other = read_case(case.config, case.observations[left_out])
+    if len(other.observations.deposits):
+        report["left_out"] = held_out(other, answer, given.seed)
+    return report
+
+
+def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
+    """How far the gap shrinks on rocks that the diagnosis has not seen.
+
+    S = (D_base − D_effect)/(D_base − D_floor), D the energy distance of stops (chainage and
+    distance aside over their observed spread) of all rocks left out, D_floor the mean of it where
+    campaigns of the model with the effect stand in for what was observed. Base: the calibrated one.
+    """
+    rng = np.random.default_rng([seed, 5])
+    untuned = Model(case.table, replace(case.effects, lateral_deflection=None))
+    models = {
+        "untuned": untuned, "base": model_of(answer.base), "effect": model_of(answer.effect)
+    }  # fmt: skip
+    made: dict[str, FloatArray] = {}
+    for name, model in models.items():
+        seen, made[name] = stops(case, model, seed)
+    scale = observed_scale(seen)
+    rocks = np.arange(case.n_rocks)
+
+    def distances(rows: NDArray[np.int64]) -> dict[str, float]:
+        found = {k: _distance(seen[rows], v[rows], scale) for k, v in made.items()}
+        alike = [
+            _distance(made["effect"][rows, k], np.delete(made["effect"][rows], k, axis=1), scale)
+            for k in range(0, CAMPAIGNS, 6)
+        ]
+        return {**found, "floor": float(np.mean(alike))}
+
+    drawn = [distances(rows) for rows, _ in bootstrap_rows(rocks, 200, rng)]
+    point = distances(rocks)
+    shrinkage = np.array([_shrinkage(d) for d in drawn])
+    above = np.quantile([d["base"] - d["floor"] for d in drawn], 0.05)
+    return {
+        "rocks": case.n_rocks,
+        "energy_distance": {
+            k: {"value": v, "ci95": np.quantile([d[k] for d in drawn], [0.025, 0.975])}
+            for k, v in point.items()
+        },
+        "energy_score": {
+            k: float(np.mean(energy_scores(v, seen, scale=scale))) for k, v in made.items()
+        },
+        "shrinkage": _shrinkage(point) if above > 0.0 else None,
+        "shrinkage_ci95": np.quantile(shrinkage, [0.025, 0.975]) if above > 0.0 else None,
+        "by_quantity_m": {
+            q: {
+                k: energy_distance(seen[:, i], v[:, :, i].ravel(), scale=np.ones(1))
+                for k, v in made.items()
+            }
+            for i, q in enumerate(QUANTITIES)
+        },
+        "gap_m": {
+            q: {k: float((seen - v.mean(axis=1))[:, i].mean()) for k, v in made.items()}
+            for i, q in enumerate(QUANTITIES)
+        },
+    }
+
+
+def _distance(seen: FloatArray, made: FloatArray, scale: FloatArray) -> float:
+    return energy_distance(seen, made.reshape(-1, 2), scale=scale)
+
+
+def _shrinkage(d: Mapping[str, float]) -> float:
+    return (d["base"] - d["effect"]) / (d["base"] - d["floor"])
+
+
+def model_of(found: Calibrated) -> Model:
+    """A calibrated model as campaigns take it; errors of the observation are not in it."""
+    way = found.effects.lateral_deflection
+    aside = Aside()
+    if way is not None and way.form == "kicks":
+        aside = Aside(angle_deg=way.angle_deg, hop_m=way.hop_m)
+    elif way is not None:
+        aside = Aside(width_percent=way.width_percent)
+    stand = None
+    if found.stand is not None and found.stems_per_ha is not None and found.dbh_cm is not None:
+        stand = Stand(*found.stand, found.stems_per_ha, found.dbh_cm)
+    return Model(
+        found.table, replace(found.effects, lateral_deflection=None), stand=stand, aside=aside
+    )
+
+
+def _plain(item: Any) -> Any:
+    """Plain values, numbers to four digits: more would be noise."""
+    if isinstance(item, Mapping):
+        return {str(k): _plain(v) for k, v in item.items()}
+    if isinstance(item, np.ndarray):
+        return _plain(item.tolist())
+    if isinstance(item, list | tuple):
+        return [_plain(v) for v in item]
+    if isinstance(item, float | np.floating):
+        return float(f"{item:.4g}") if np.isfinite(item) else None
+    return int(item) if isinstance(item, np.integer) else item

@@ -1,0 +1,231 @@
+"""Field data as a configuration and folders of observations, some rocks of which are left out."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import rasterio
+import rasterio.features
+import shapely
+
+from sassgis.core.errors import InputError, OutputError
+from sassgis.core.grid import Grid
+from sassgis.io.config import load_config
+from sassgis.io.mosaic import read_terrain
+from sassgis.io.observations import read_observations, validate_observations
+
+#: Beside the repository.
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+#: Of the splits; stated, and never changed for a result.
+SEED = 2014
+#: What marks a folder as one that a field case was written to.
+_NOTES = "notes.txt"
+
+Tables = Mapping[str, pd.DataFrame]
+
+
+@dataclass(frozen=True)
+class FieldCase:
+    """What one field case was written to.
+
+    Attributes
+    ----------
+    name : str
+    config : Path
+    observations : mapping
+        Folder of each set: "all", and of each split the rocks to fit on and those left out.
+    splits : mapping of name to (str, str)
+        Names of its two sets.
+    notes : tuple of str
+        What was left out or decided while reading.
+    """
+
+    name: str
+    config: Path
+    observations: Mapping[str, Path]
+    splits: Mapping[str, tuple[str, str]]
+    notes: tuple[str, ...]
+
+
+def parser(doc: str | None) -> argparse.ArgumentParser:
+    """Arguments that all field cases take."""
+    made = argparse.ArgumentParser(description=(doc or "").splitlines()[0])
+    made.add_argument("data", type=Path, nargs="?", default=DATA, help="folder of the field data")
+    made.add_argument("-o", "--output", type=Path, required=True)
+    made.add_argument("--overwrite", action="store_true")
+    made.add_argument("--jobs", type=int, default=1)
+    made.add_argument("--seed", type=int, default=1986)
+    made.add_argument("--case-only", action="store_true", help="write the case, diagnose nothing")
+    return made
+
+
+def field_file(data: Path, folder: str, file: str) -> Path:
+    """A file of the field data.
+
+    Raises
+    ------
+    InputError
+        If it is not there.
+    """
+    path = data / folder / file
+    if not path.is_file():
+        raise InputError(
+            "the field data are not here",
+            file=path,
+            field="data",
+            expected=f"a folder that holds {folder}/{file}",
+        )
+    return path
+
+
+def fresh(folder: Path, overwrite: bool) -> Path:
+    """An empty folder for what comes out.
+
+    Raises
+    ------
+    OutputError
+        If there is something in it and it may not go.
+    """
+    if folder.exists() and any(folder.iterdir()):
+        # Only what such a pipeline wrote is ever removed.
+        if not (overwrite and (folder / _NOTES).is_file()):
+            raise OutputError(
+                f"{folder}: is not empty; expected an empty folder, or one that a field case was "
+                "written to and --overwrite"
+            )
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def split_in_two(strata: Mapping[str, str], seed: int = SEED) -> tuple[list[str], list[str]]:
+    """Rocks to fit on and rocks to score on, half of each stratum as near as may be.
+
+    Parameters
+    ----------
+    strata : mapping of rock to stratum
+    seed : int
+
+    Returns
+    -------
+    fit, left_out : list of str
+        In the order of the mapping. Odd ones go to either side in turn.
+    """
+    rng = np.random.default_rng(seed)
+    chosen: set[str] = set()
+    spare = 0
+    for stratum in sorted(set(strata.values())):
+        names = [r for r, s in strata.items() if s == stratum]
+        take, odd = divmod(len(names), 2)
+        if odd:
+            take += spare == 0
+            spare = 1 - spare
+        chosen.update(rng.permutation(names)[:take].tolist())
+    return [r for r in strata if r in chosen], [r for r in strata if r not in chosen]
+
+
+def write_tables(folder: Path, tables: Tables, metadata: Mapping[str, object]) -> Path:
+    """Tables of observations as CSV files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, frame in tables.items():
+        frame.to_csv(folder / f"{name}.csv", index=False, float_format="%.10g")
+    rows = pd.DataFrame({"key": list(metadata), "value": list(metadata.values())})
+    rows.to_csv(folder / "metadata.csv", index=False)
+    return folder
+
+
+def of_rocks(tables: Tables, rocks: Sequence[str]) -> dict[str, pd.DataFrame]:
+    """The tables with the rows of some rocks alone."""
+    wanted = set(rocks)
+    return {
+        name: frame[frame["rock_id"].isin(wanted)] if "rock_id" in frame else frame
+        for name, frame in tables.items()
+    }
+
+
+def write_case(
+    name: str,
+    out: Path,
+    config: str,
+    tables: Tables,
+    metadata: Mapping[str, object],
+    splits: Mapping[str, tuple[Sequence[str], Sequence[str]]],
+    notes: Sequence[str],
+) -> FieldCase:
+    """Write configuration and observations, and check them.
+
+    Raises
+    ------
+    InputError
+        If the check finds an error in them.
+    """
+    (out / _NOTES).write_text("\n".join(notes) + "\n", encoding="utf-8")
+    file = out / "config.toml"
+    file.write_text(config, encoding="utf-8")
+    sets = {"all": write_tables(out / "observed", tables, metadata)}
+    names = {}
+    for key, sides in splits.items():
+        names[key] = (f"{key}_fit", f"{key}_left_out")
+        for side, rocks in zip(names[key], sides, strict=True):
+            sets[side] = write_tables(out / f"observed_{side}", of_rocks(tables, rocks), metadata)
+    case = FieldCase(name, file, sets, names, tuple(notes))
+    check(case)
+    return case
+
+
+def terrain_of(config: Path) -> Grid:
+    """The terrain model of a configuration."""
+    settings = load_config(config)
+    terrain = settings.terrain
+    return read_terrain(settings.dem_path, terrain.crs, terrain.vertical_datum)
+
+
+def check(case: FieldCase) -> list[str]:
+    """What the check of the observations warns of.
+
+    Raises
+    ------
+    InputError
+        If it finds an error.
+    """
+    grid = terrain_of(case.config)
+    warnings = []
+    for name, folder in case.observations.items():
+        for finding in validate_observations(read_observations(folder, grid), grid):
+            if finding.level == "error":
+                raise InputError(f"observations do not pass the check: {finding}", file=folder)
+            warnings.append(f"{name}: {finding}")
+    return warnings
+
+
+def write_dem(source: Path, target: Path, within: shapely.Geometry | None = None) -> Path:
+    """A terrain model as GeoTIFF; what lies outside of an area is left without heights."""
+    with rasterio.open(source) as read:
+        profile = {**read.profile, "driver": "GTiff", "compress": "deflate"}
+        heights = read.read()
+        if within is not None:
+            outside = rasterio.features.geometry_mask([within], heights.shape[1:], read.transform)
+            heights[:, outside] = read.nodata
+    with rasterio.open(target, "w", **profile) as written:
+        written.write(heights)
+    return target
+
+
+def write_areas(target: Path, areas: Mapping[str, shapely.Geometry], crs: str | None) -> Path:
+    """Release areas as GeoPackage."""
+    import warnings
+
+    import geopandas as gpd
+
+    with warnings.catch_warnings():
+        # Local coordinates have no system to state.
+        warnings.filterwarnings("ignore", "'crs' was not provided", UserWarning)
+        frame = gpd.GeoDataFrame({"name": list(areas)}, geometry=list(areas.values()), crs=crs)
+        frame.to_file(target)
+    return target
