@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -352,7 +353,7 @@ def reliability(pairs: Sequence[Pair]) -> tuple[ReliabilityRow, ...]:
     """Share of right answers by bins of their confidence."""
     rows = []
     stated = [p for p in pairs if math.isfinite(p[1].confidence)]
-    for low, high in zip(CONFIDENCE_BINS[:-1], CONFIDENCE_BINS[1:], strict=True):
+    for low, high in itertools.pairwise(CONFIDENCE_BINS):
         last = high == CONFIDENCE_BINS[-1]
         within = [
             (t, a)

@@ -1,0 +1,238 @@
+"""The blind check: sealed labels, fenced processes, resuming, what is written."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sassgis.core.errors import InputError, OutputError
+from sassgis.gap import check_scores
+from sassgis.workflow import gap_check
+from sassgis.workflow.gap_check import check, read_thresholds
+from sassgis.workflow.gap_check_crew import Crew, Task
+from sassgis.workflow.gap_check_worlds import labels_text, seal_of
+from sassgis.worlds import quick_battery
+
+SEED = 5
+
+
+@pytest.fixture(scope="session")
+def thresholds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("thresholds") / "thresholds.json"
+    file.write_text(json.dumps({"battery_seeds": [1, 2]}))
+    return file
+
+
+def run(out: Path, thresholds: Path, **changes: Any) -> gap_check.CheckResult:
+    options: dict[str, Any] = {
+        "quick": True,
+        "seed": SEED,
+        "jobs": 2,
+        "thresholds": thresholds,
+        "diagnoser": "check_stubs:all_none",
+        "measurer": "check_stubs:measured",
+    }
+    return check(out, **{**options, **changes})
+
+
+@pytest.fixture(scope="session")
+def done(tmp_path_factory: pytest.TempPathFactory, thresholds: Path) -> Path:
+    """A check whose diagnoser fell over once, and that was gone on with."""
+    out = tmp_path_factory.mktemp("check") / "out"
+    with pytest.raises(OutputError, match=r"world 004 ended unexpectedly \(exit code 3\)"):
+        run(out, thresholds, jobs=1, diagnoser="check_stubs:stops_at_four")
+    assert (out / "labels.sha256").exists()
+    assert [p.name for p in (out / "sealed").iterdir()] == ["salt.txt"]
+    assert not (out / "answers.sha256").exists()
+    there = {p: p.stat().st_mtime_ns for p in (out / "answers").glob("*/diagnosis.json")}
+    assert [p.parent.name for p in sorted(there)] == ["001", "002", "003"]
+    cases = {p: p.stat().st_mtime_ns for p in (out / "cases").rglob("*")}
+    run(out, thresholds, diagnoser="check_stubs:stops_at_four")
+    assert all(p.stat().st_mtime_ns == t for p, t in {**there, **cases}.items())
+    return out
+
+
+@pytest.fixture
+def copy(done: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(done, tmp_path / "out"))
+
+
+def without_answers(out: Path) -> Path:
+    """Back to where the worlds are made and nothing is answered."""
+    shutil.rmtree(out / "answers")
+    (out / "answers").mkdir()
+    for name in ("answers.sha256", "sealed/labels.json"):
+        (out / name).unlink()
+    return out
+
+
+def test_a_silent_diagnosis_is_right_at_null_alone(done: Path) -> None:
+    scores = json.loads((done / "scores.json").read_text())
+    found = {k: (m["hits"], m["trials"]) for k, m in scores["measures"].items()}
+    assert found["null_right"] == (2, 2)
+    assert found["top1_single"] == (0, 3)
+    assert found["unknown_not_named"] == (1, 1)
+    assert found["top1_all"] == (2, 6)
+    assert scores["quick"] and not scores["development"] and scores["failed"] == 0
+    assert len(scores["thresholds_sha256"]) == 64
+    assert any("quick" in line for line in scores["warnings"])
+    for name in ("report.html", "confusion.png", "reliability.png"):
+        assert (done / name).stat().st_size > 5000
+    rows = list(csv.DictReader((done / "worlds.csv").open()))
+    assert [r["case"] for r in rows] == [f"00{k}" for k in range(1, 7)]
+    assert [r["truth"] for r in rows] == [s.verdict for s in quick_battery(SEED)]
+
+
+def test_the_labels_have_the_hash_that_was_written_before(done: Path) -> None:
+    text = (done / "sealed" / "labels.json").read_text()
+    salt = (done / "sealed" / "salt.txt").read_text().strip()
+    sealed, answered = done / "labels.sha256", done / "answers" / "001.json"
+    assert sealed.read_text().split()[0] == seal_of(salt, text)
+    assert sealed.stat().st_mtime_ns < answered.stat().st_mtime_ns
+    assert (done / "answers.sha256").stat().st_mtime_ns < (
+        done / "sealed" / "labels.json"
+    ).stat().st_mtime_ns
+    assert labels_text(json.loads(text)[::-1]) == text
+
+
+def test_cases_tell_nothing_of_the_truth(done: Path) -> None:
+    truths = {e.name for s in quick_battery(SEED) for e in s.effects}
+    seeds = {str(label["seed"]) for label in json.loads((done / "sealed/labels.json").read_text())}
+    files = [p for p in (done / "cases").rglob("*") if p.is_file()]
+    assert {p.suffix for p in files} == {".toml", ".tif", ".gpkg", ".csv"}
+    for path in files:
+        content = path.read_bytes()
+        for word in truths | seeds | {"strong", "effect"}:
+            assert word.encode() not in content, (path, word)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("sealed/labels.json", lambda t: t.replace('"none"', '"trees"'), "not those that were"),
+        ("sealed/salt.txt", lambda t: t[::-1], "not those that were sealed"),
+        ("labels.sha256", lambda t: "0" * 64 + t[64:], "not those that were sealed"),
+        ("answers/002/diagnosis.json", lambda t: t.replace("none", "trees"), "were changed"),
+        ("answers/002.json", lambda t: t.replace('""', '"x"'), "were changed"),
+        ("cases/003/observations/rocks.csv", lambda t: t + "R99\n", "not the one that was made"),
+    ],
+)
+def test_tampering_is_found_out(
+    copy: Path, thresholds: Path, name: str, change: Callable[[str], str], message: str
+) -> None:
+    text = (copy / name).read_text()
+    changed = change(text)
+    assert changed != text
+    (copy / name).write_text(changed)
+    with pytest.raises(InputError, match=message):
+        run(copy, thresholds)
+
+
+def test_labels_made_anew_must_have_the_sealed_hash(copy: Path, thresholds: Path) -> None:
+    (copy / "sealed" / "labels.json").unlink()
+    (copy / "labels.sha256").write_text("0" * 64 + "  forged\n")
+    with pytest.raises(InputError, match="labels made anew"):
+        run(copy, thresholds)
+    assert not (copy / "sealed" / "labels.json").exists()
+
+
+def test_an_answer_that_is_gone_is_not_given_again(copy: Path, thresholds: Path) -> None:
+    (copy / "answers" / "002.json").unlink()
+    with pytest.raises(InputError, match=r"002\.json"):
+        run(copy, thresholds)
+    (copy / "answers.sha256").unlink()
+    with pytest.raises(InputError, match="labels have been opened"):
+        run(copy, thresholds)
+
+
+def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
+    copy: Path, thresholds: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gap_check, "SHRINKAGE_ROCKS", 40)
+    monkeypatch.setattr(gap_check, "FRESH_ROCKS", 30)
+    monkeypatch.setattr(check_scores, "SHRINKAGE_ROCKS", 40)
+    specs = quick_battery(SEED)
+    said: dict[str, dict[str, Any]] = {}
+    for k, spec in enumerate(specs):
+        answer = {"effect": spec.verdict, "confidence": 0.9, "shrinkage": 0.1}
+        if spec.verdict == "none":
+            answer = {"effect": "none", "confidence": 0.9}
+        said[f"00{k + 1}"] = answer
+    broken = next(f"00{k + 1}" for k, s in enumerate(specs) if s.verdict == "none")
+    said[broken] = {"effect": "break"}
+    (copy.parent / "told.json").write_text(json.dumps(said))
+    result = run(without_answers(copy), thresholds, diagnoser="check_stubs:told")
+    measures = result.scores.measures
+    assert (measures["top1_single"].hits, measures["top1_single"].trials) == (3, 3)
+    assert (measures["null_right"].hits, measures["null_right"].trials) == (1, 2)
+    assert measures["unknown_right"].hits == 1
+    assert measures["false_alarm"].hits == 0
+    assert result.scores.failed == 1
+    assert any("failed" in line for line in result.warnings)
+    record = json.loads((copy / "answers" / f"{broken}.json").read_text())
+    assert record["failure"] == "ZeroDivisionError: no way"
+    # 30 fresh rocks: the stub measures 0.015, stated is 0.1.
+    large = [k for k, s in enumerate(specs) if s.n_rocks >= 40 and s.verdict != "none"]
+    assert measures["shrinkage_near"].hits == measures["shrinkage_near"].trials == len(large) > 0
+    measured = json.loads((copy / "shrinkage" / f"00{large[0] + 1}.json").read_text())
+    assert measured == {"failure": "", "S": 0.015, "D_base": 1.0, "D_effect": 0.5, "D_floor": None}
+    assert not (copy / "fresh").exists()
+
+
+def task(root: Path, stub: str) -> Task:
+    for number in ("001", "002"):
+        (root / "cases" / number).mkdir(parents=True)
+        (root / "cases" / number / "config.toml").write_text("")
+    for name in ("check.json", "sealed/salt.txt"):
+        (root / name).parent.mkdir(exist_ok=True)
+        (root / name).write_text("{}")
+    (root / "answers").mkdir()
+    case, out = root / "cases" / "001", root / "answers" / "001"
+    return Task("001", f"check_stubs:{stub}", (str(case), str(case), str(out)), {}, (case, out))
+
+
+def test_the_diagnosing_process_cannot_load_the_worlds(tmp_path: Path) -> None:
+    with Crew(1, tmp_path) as crew:
+        (outcome,) = crew.run([task(tmp_path, "peeks_at_modules")])
+    assert outcome.failure == ""
+    assert "sassgis.worlds" in (tmp_path / "answers/001/refused.txt").read_text()
+
+
+def test_the_diagnosing_process_sees_its_own_case_alone(tmp_path: Path) -> None:
+    with Crew(1, tmp_path) as crew:
+        (outcome,) = crew.run([task(tmp_path, "peeks_at_files")])
+    assert outcome.failure == ""
+    refused = json.loads((tmp_path / "answers/001/refused.json").read_text())
+    assert refused == ["check.json", "sealed/salt.txt", "cases/002/config.toml", "cases"]
+
+
+def test_a_battery_that_thresholds_were_chosen_on_is_refused(
+    tmp_path: Path, thresholds: Path
+) -> None:
+    with pytest.raises(InputError, match="--development"):
+        run(tmp_path / "out", thresholds, seed=2)
+    assert not (tmp_path / "out").exists()
+
+
+def test_thresholds_must_say_where_they_come_from(tmp_path: Path) -> None:
+    file = tmp_path / "t.json"
+    file.write_text("{}")
+    with pytest.raises(InputError, match="battery_seeds"):
+        read_thresholds(file)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_thresholds(tmp_path / "none.json")
+
+
+def test_another_check_is_not_mixed_in(copy: Path, thresholds: Path, tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="another check"):
+        run(copy, thresholds, seed=7)
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "notes.txt").write_text("mine")
+    with pytest.raises(OutputError, match="is no check"):
+        run(tmp_path / "own", thresholds)

@@ -1,0 +1,217 @@
+"""Scores of a check, by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from sassgis.gap.check_scores import (
+    AIMS,
+    ANSWERS,
+    Answer,
+    Truth,
+    acceptance,
+    answer_from,
+    is_covered,
+    is_right,
+    score,
+    scores_as_json,
+)
+
+LEGS = ("release-S1", "S1-S2", "S2-end")
+
+
+def truth(case: str, verdict: str, strength: str = "strong", **changes: object) -> Truth:
+    names = () if verdict == "none" else tuple(verdict.split("+"))
+    if verdict == "unknown":
+        names = ("snow",)
+    values: dict[str, object] = {
+        "case": case,
+        "verdict": verdict,
+        "effects": names,
+        "strengths": (strength,) * len(names),
+        "phase": "impact" if len(names) == 1 else "",
+        "segments": LEGS if len(names) == 1 else (),
+        "legs": LEGS,
+        "slope": "gully",
+        "rocks": 100,
+        "kind": "everything",
+    }
+    return Truth(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def said(case: str, effect: str, confidence: float = 0.7, **changes: object) -> Answer:
+    return Answer(case, effect, confidence, **{"confusion_set": (effect,), **changes})  # type: ignore[arg-type]
+
+
+def test_each_share_as_counted_by_hand() -> None:
+    truths = [
+        truth("1", "none"),
+        truth("2", "none"),
+        truth("3", "none"),
+        truth("4", "trees", "weak", phase="flight", segments=("S1-S2",)),
+        truth("5", "trees", "strong", phase="flight", segments=("S1-S2",)),
+        truth("6", "air_drag", "medium", rocks=40, kind="both"),
+        truth("7", "soft_ground", "medium", segments=("S2-end",), kind="stops"),
+        truth("8", "air_drag+trees"),
+        truth("9", "fragmentation+trees"),
+        truth("A", "unknown"),
+        truth("B", "unknown"),
+    ]
+    answers = [
+        said("1", "none", 0.9),
+        said("2", "trees", 0.65, confusion_set=("trees", "none")),
+        said("3", "unknown", 0.4),
+        said("4", "none", 0.3, confusion_set=("none", "trees")),
+        said("5", "trees", 0.95, phase="flight", segments=("S1-S2", "S2-end")),
+        said("6", "trees", 0.6),
+        said("7", "soft_ground", 0.5, phase="impact", segments=("release-end",)),
+        said("8", "trees+air_drag", 0.8),
+        said("9", "trees", 0.55, confusion_set=("trees", "fragmentation")),
+        said("A", "unknown", 0.7),
+        said("B", "roughness", 0.2),
+    ]
+    measures = score(truths, answers).measures
+    found = {key: (share.hits, share.trials) for key, share in measures.items()}
+    assert found == {
+        # Worlds 5 and 7; 7 was seen at its stops only.
+        "top1_full": (1, 1),
+        "top1_modest": (0, 1),
+        "top1_clear": (2, 3),
+        "top1_single": (2, 4),
+        "top1_all": (5, 11),
+        "false_alarm": (1, 3),
+        "null_unknown": (1, 3),
+        "null_right": (1, 3),
+        "covered_single": (3, 4),
+        "covered_all": (8, 11),
+        # 1, 2, 5, 6, 8, A have confidence: 2 and 6 are wrong.
+        "confident_right": (4, 6),
+        # 2, 5, 6, 7, 8, 9, B name something: 5, 7, 8 are right.
+        "named_right": (3, 7),
+        "confident_named_right": (2, 4),
+        "unknown_not_named": (1, 2),
+        "unknown_right": (1, 2),
+        "pair_one": (2, 2),
+        "pair_both": (1, 2),
+        "pair_wrong": (0, 2),
+        "shrinkage_near": (0, 0),
+        # 4 and 5 are local and were seen at stations.
+        "location_hit": (1, 2),
+        "location_hit_named": (1, 1),
+    }
+
+
+def test_a_perfect_and_a_silent_diagnosis() -> None:
+    verdicts = ["none"] * 4 + ["trees", "roughness", "air_drag+trees", "unknown"]
+    truths = [truth(str(k), v) for k, v in enumerate(verdicts)]
+    perfect = score(truths, [said(str(k), v, 1.0) for k, v in enumerate(verdicts)])
+    assert perfect.measures["top1_all"].value == 1.0
+    assert perfect.measures["false_alarm"].value == 0.0
+    assert perfect.confusion.sum() == perfect.confusion.trace() == len(verdicts)
+    silent = score(truths, [said(str(k), "none", 1.0) for k in range(len(verdicts))])
+    assert silent.measures["top1_single"].hits == 0
+    assert silent.measures["false_alarm"].hits == 0
+    assert silent.measures["unknown_not_named"].value == 1.0
+    assert silent.measures["confident_right"].hits == 4
+    assert silent.confusion[:, 0].sum() == len(verdicts)
+
+
+def test_intervals_are_those_of_clopper_and_pearson() -> None:
+    truths = [truth(str(k), "none") for k in range(10)]
+    answers = [said(str(k), "trees" if k < 2 else "none") for k in range(10)]
+    alarm = score(truths, answers).measures["false_alarm"]
+    # 2 of 10: 2.5 % to 55.6 % in any table of exact binomial limits.
+    assert (alarm.value, round(alarm.low, 3), round(alarm.high, 3)) == (0.2, 0.025, 0.556)
+
+
+def test_confidence_falls_into_bins_and_one_into_the_last() -> None:
+    truths = [truth(str(k), "none") for k in range(5)]
+    stated = [0.19, 0.6, 0.79, 0.8, 1.0]
+    answers = [said(str(k), "none" if c > 0.7 else "trees", c) for k, c in enumerate(stated)]
+    rows = score(truths, answers).reliability
+    assert [(r.right.hits, r.right.trials) for r in rows] == [
+        (0, 1), (0, 0), (0, 0), (1, 2), (2, 2),
+    ]  # fmt: skip
+    assert rows[3].confidence == pytest.approx(0.695)
+
+
+def test_a_pair_is_the_same_in_any_order() -> None:
+    pair = truth("1", "air_drag+trees")
+    assert is_right(pair, said("1", "trees+air_drag"))
+    assert not is_right(pair, said("1", "trees"))
+    assert is_covered(pair, said("1", "none", confusion_set=("trees", "air_drag")))
+    assert not is_covered(pair, said("1", "none", confusion_set=("trees",)))
+
+
+def test_no_answer_is_a_wrong_one() -> None:
+    truths = [truth("1", "none"), truth("2", "trees")]
+    failed = [Answer(c, "no answer", math.nan, failure="broke") for c in "12"]
+    scores = score(truths, failed)
+    assert scores.failed == 2
+    assert scores.measures["top1_all"].hits == 0
+    assert scores.measures["false_alarm"].hits == 0
+    assert scores.measures["unknown_not_named"].trials == 0
+    assert scores.confusion[:, ANSWERS.index("no answer")].sum() == 2
+
+
+def test_shrinkage_is_compared_where_both_are_given() -> None:
+    truths = [truth(str(k), "trees") for k in range(5)] + [truth("5", "trees", rocks=40)]
+    stated = [0.80, 0.80, None, 0.5, None, 0.5]
+    answers = [said(str(k), "trees", shrinkage=s) for k, s in enumerate(stated)]
+    fresh = {"0": 0.65, "1": 0.60, "2": 0.9, "3": None, "4": None, "5": 0.5}
+    scores = score(truths, answers, fresh)
+    near = scores.measures["shrinkage_near"]
+    assert (near.hits, near.trials) == (1, 2)
+    check = scores.shrinkage
+    assert (check.worlds, check.compared) == (5, 2)
+    assert (check.only_stated, check.only_measured, check.neither) == (1, 1, 1)
+    assert check.bias == pytest.approx(0.175)
+
+
+def test_groups_hold_every_single_effect_once() -> None:
+    truths = [
+        truth("1", "trees", "weak", rocks=20, kind="stops"),
+        truth("2", "trees", "strong", rocks=300),
+        truth("3", "air_drag", "strong"),
+        truth("4", "none"),
+    ]
+    answers = [said(t.case, "trees") for t in truths]
+    groups = score(truths, answers).groups
+    assert all(sum(s.trials for s in rows) == 3 for rows in groups.values())
+    assert [(s.measure, s.hits) for s in groups["sample size"]] == [
+        ("20 rocks", 1),
+        ("100 rocks", 0),
+        ("300 rocks", 1),
+    ]
+    assert [s.measure for s in groups["strength"]] == ["weak", "strong"]
+
+
+def test_what_is_asked_for_is_met_only_where_it_is() -> None:
+    truths = [truth(str(k), "none") for k in range(60)]
+    limit = next(aim.limit for aim in AIMS if aim.key == "false_alarm")
+    wrong = int(limit * 60) + 1
+    answers = [said(str(k), "trees" if k < wrong else "none") for k in range(60)]
+    rows = {row["key"]: row for row in acceptance(score(truths, answers))}
+    assert rows["false_alarm"]["met"] is False
+    answers = [said(str(k), "trees" if k < wrong - 1 else "none") for k in range(60)]
+    rows = {row["key"]: row for row in acceptance(score(truths, answers))}
+    assert rows["false_alarm"]["met"] is True and rows["false_alarm"]["sure"] is False
+    assert rows["top1_full"]["met"] is None
+
+
+def test_worlds_and_answers_must_be_the_same() -> None:
+    with pytest.raises(ValueError, match="2"):
+        score([truth("1", "none")], [said("1", "none"), said("2", "none")])
+
+
+def test_scores_are_plain_json() -> None:
+    plain = scores_as_json(score([truth("1", "none")], [said("1", "none")]))
+    assert json.loads(json.dumps(plain, allow_nan=False)) == plain
+
+
+def test_an_answer_without_a_verdict_is_none() -> None:
+    with pytest.raises(KeyError):
+        answer_from("1", {"shrinkage": {"value": None}})
