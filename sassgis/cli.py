@@ -380,6 +380,53 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         click.echo(f"cannot tell: {line}")
 
 
+@gap.command("check")
+@_OUT
+@click.option("--worlds", type=click.IntRange(1), default=150, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    default=1986,
+    show_default=True,
+    help="Of the battery.",
+)
+@_JOBS
+@click.option("--quick", is_flag=True, help="Six small worlds, to see whether everything runs.")
+@click.option(
+    "--development", is_flag=True, help="Allow a battery on which the thresholds were chosen."
+)
+def check_diagnosis(
+    out: Path, worlds: int, seed: int, jobs: int | None, quick: bool, development: bool
+) -> None:
+    """Let the diagnosis answer on made worlds with sealed labels, and score it.
+
+    The same command goes on after an interruption.
+    """
+    from sassgis.gap.check_scores import acceptance
+    from sassgis.workflow.gap_check import check
+
+    with _Progress() as progress:
+        result = check(
+            out,
+            worlds=worlds,
+            seed=seed,
+            jobs=jobs,
+            quick=quick,
+            development=development,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    for warning in result.warnings:
+        click.echo(f"Note: {warning}", err=True)
+    for row in acceptance(result.scores):
+        share = f"{100 * row['reached']:.0f} %" if row["worlds"] else "-"
+        click.echo(
+            f"{row['measure']}: {share} ({row['hits']} of {row['worlds']}; "
+            f"asked for: {row['asked_is']} {100 * row['asked']:.0f} %)"
+        )
+    click.echo(f"Open {out / 'report.html'} in a browser.")
+
+
 @cli.command()
 @_OUT
 @_JOBS
