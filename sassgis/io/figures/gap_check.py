@@ -139,13 +139,16 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
         x, y, yerr=[below, above], fmt="o", color=BLUE, markersize=5, capsize=3, linewidth=1.1
     )
     for row in told:
+        beside = 1.0 if row.confidence < 0.85 else -1.0
         ax.annotate(
             f"{row.right.hits} of {row.right.trials}",
             (row.confidence, row.right.value),
-            xytext=(6, 0),
+            xytext=(7.0 * beside, 0),
             textcoords="offset points",
+            ha="left" if beside > 0.0 else "right",
             va="center",
             size=SMALL,
+            bbox={"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none"},
         )
     ax.set_ylim(0.0, 1.0)
     ax.set_xlim(0.0, 1.0)
@@ -189,20 +192,13 @@ def shrinkage_figure(stated: Sequence[float], measured: Sequence[float], near: f
     values = [*stated, *measured, 0.0, 1.0]
     low, high = min(values) - 0.05, max(values) + 0.05
     ends = np.array([low, high])
-    ax.fill_between(ends, ends - near, ends + near, color=LIGHT, linewidth=0.0)
+    ax.fill_between(
+        ends, ends - near, ends + near, color=LIGHT, linewidth=0.0, label=f"within {near:g}"
+    )
     ax.plot(ends, ends, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
     ax.plot(measured, stated, "o", color=BLUE, markersize=4, alpha=0.8)
     ax.set_xlim(low, high)
     ax.set_ylim(low, high)
     ax.set_aspect("equal")
-    ax.annotate(
-        f"within {near:g}",
-        (high, high - near),
-        xytext=(-3, -2),
-        textcoords="offset points",
-        ha="right",
-        va="top",
-        size=SMALL,
-        color=GREY,
-    )
+    ax.legend(loc="upper left")
     return figure
