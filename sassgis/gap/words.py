@@ -62,9 +62,9 @@ _UNIT_ENDS = (
 )  # fmt: skip
 
 _TESTS: Mapping[str, str] = {
-    "free run": "run from the release",
-    "leg": "restarted where the stretch begins",
-    "one step": "one step ahead",
+    "free run": "from the release",
+    "leg": "from where the stretch begins",
+    "one step": "from one state to the next",
 }
 
 

@@ -57,8 +57,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     sure = f"Confidence {100 * verdict.confidence:.0f} %."
     if verdict.effect == "none":
         return (
-            "Calibrating the ground is enough: what then is left between observed and simulated "
-            f"rocks is no more than chance among {diagnosis.rocks} rocks. {sure}"
+            "No effect has to be added: once the ground is calibrated, what is left between "
+            f"observed and simulated rocks is no more than chance among {diagnosis.rocks} rocks. "
+            f"{sure}"
         )
     if verdict.effect == "unknown":
         return (
@@ -210,7 +211,8 @@ def _share(value: float) -> str:
 
 
 def _interval(span: tuple[float, float], digits: int = 3) -> str:
-    return f"{sensible(span[0], digits)} to {sensible(span[1], digits)}"
+    # Not to be broken at the end of a line.
+    return f"{sensible(span[0], digits)}\u00a0to\u00a0{sensible(span[1], digits)}"
 
 
 def _p(value: float) -> str:
@@ -267,18 +269,22 @@ def map_parts(
     first = headline(diagnosis.where)
     chosen = _one_per_place(diagnosis.where, first)
     stretches = [
-        GapStretch(course, f.gap)
+        GapStretch(course, f.gap, significance(f) != "open")
         for f in chosen
         if is_stretch(f)
         for i in used_lines(case)
         if len(course := line_stretch(case.traces, i, *limits_on(case, f, i))) > 1
     ]
-    at_station = {f.place: f.gap for f in chosen if not is_stretch(f)}
+    at_station = {f.place: f for f in chosen if not is_stretch(f)}
     table = case.observations.stations
-    stations = {
-        str(name): GapStretch(vertices, at_station.get(str(name), math.nan))
-        for name, vertices in zip(table.station, table.vertices, strict=True)
-    }
+    stations = {}
+    for name, vertices in zip(table.station.tolist(), table.vertices, strict=True):
+        own = at_station.get(name)
+        stations[name] = (
+            GapStretch(vertices, math.nan, False)
+            if own is None
+            else GapStretch(vertices, own.gap, significance(own) != "open")
+        )
     return lines, stretches, stations, first
 
 
@@ -384,21 +390,21 @@ def _where_table(findings: tuple[Finding, ...]) -> ReportTable:
     return ReportTable(
         "Where the gap lies",
         (
-            ("place", ""), ("phase", ""), ("quantity", ""), ("unit", ""), ("observed", ""),
-            ("predicted", ""), ("gap", ""), ("95 % interval", ""), ("p", "adjusted"), ("q", ""),
-            ("rocks", ""), ("tested by", ""),
+            ("place", ""), ("phase", ""), ("quantity", ""), ("observed", ""), ("predicted", ""),
+            ("gap", "95 % interval"), ("p", ""), ("q", ""), ("rocks", ""), ("tested", ""),
         ),
         tuple(
             (
-                f.place, f.phase, quantity_name(f.quantity), f.unit, f.observed, f.predicted,
-                f.gap, _interval(f.ci95), _p(f.p_adjusted), _p(f.q_value), f.rocks,
-                tested_by(f.test),
+                f.place.removeprefix("ground:"), f.phase,
+                quantity_name(f.quantity) + (f" ({f.unit})" if f.unit else ""), f.observed,
+                f.predicted, f"{sensible(f.gap)} ({_interval(f.ci95)})", _p(f.p_adjusted),
+                _p(f.q_value), f.rocks, tested_by(f.test),
             )
             for f in findings
         ),
         "Gap: observed less predicted, mean over rocks. Interval: rocks resampled. p: chance that "
         "the largest of all these gaps would be as large without any. q: share of false findings "
-        "among those listed down to this one.",
+        "among those that are as sure.",
     )  # fmt: skip
 
 

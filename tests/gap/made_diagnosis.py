@@ -118,7 +118,7 @@ def write_observations(
         for i in range(rocks):
             x, y, z = at(aside[i] + rng.normal(0, 6), rng.uniform(205, 270))
             name = f"R{i}" if i else "R0.1"
-            lines.append(f"{name},{x},{y},{z},500,0.2")
+            lines.append(f"{name},{x},{y},{z},250,0.1")
         x, y, z = at(30.0, 150.0)
         lines.append(f",{x},{y},{z},20,0.01")
         (folder / "deposits.csv").write_text("\n".join(lines) + "\n")

@@ -62,14 +62,15 @@ _ROW_IN = 0.2
 _HALO = [withStroke(linewidth=2.0, foreground="white")]
 
 
-def _heading(figure: Figure, title: str, note: str) -> None:
+def _heading(figure: Figure, title: str, note: str, room: float = WIDTH_IN) -> None:
+    """Write the title above and the note below, the note within a width (in)."""
     width, height = figure.get_size_inches()
     figure.text(
         0.1 / width, 1.0 - 0.08 / height, wrap(title, width, TITLE), size=TITLE, weight="bold",
         va="top", gid="title",
     )  # fmt: skip
     figure.text(
-        0.1 / width, 0.07 / height, wrap(note, width - 0.2), size=SMALL, color=GREY, va="bottom",
+        0.1 / width, 0.07 / height, wrap(note, room - 0.2), size=SMALL, color=GREY, va="bottom",
         gid="note",
     )  # fmt: skip
 
@@ -422,10 +423,13 @@ class GapStretch:
         Coordinates (m).
     gap : float
         NaN where nothing was compared.
+    sure : bool
+        Whether the gap is told from chance; others are drawn thin.
     """
 
     course: FloatArray
     gap: float
+    sure: bool = True
 
 
 @styled
@@ -482,7 +486,7 @@ def gap_map_figure(
         keys.insert(
             0,
             f"Colour: {quantity_name(quantity)}, observed less predicted; vermilion: more was "
-            "observed, blue: less.",
+            "observed, blue: less; thin: not told from chance.",
         )
     text = " ".join(part for part in (*keys, note) if part)
     top, bottom = 0.52, 0.5 + _note_height(text)
@@ -500,16 +504,16 @@ def gap_map_figure(
     )  # fmt: skip
     for part, width, z in ((stretches, 2.4, 6), (tuple(stations.values()), 3.2, 8)):
         known = [s for s in part if math.isfinite(s.gap) and len(s.course) > 1]
-        courses_ = [s.course for s in known]
-        ax.add_collection(
-            LineCollection(courses_, colors=INK, linewidths=width + 0.8, alpha=0.55, zorder=z)
-        )
-        ax.add_collection(
-            LineCollection(
-                courses_, colors=GAP_COLOURS(norm([s.gap for s in known])) if known else INK,
-                linewidths=width, zorder=z + 1, gid="gaps",
-            )
-        )  # fmt: skip
+        widths = np.array([width if s.sure else 0.45 * width for s in known])
+        colours = GAP_COLOURS(norm([s.gap for s in known])) if known else INK
+        for edge, paint, extra in ((True, INK, 0.8), (False, colours, 0.0)):
+            ax.add_collection(
+                LineCollection(
+                    [s.course for s in known], colors=paint, linewidths=widths + extra,
+                    alpha=0.55 if edge else None, zorder=z if edge else z + 1,
+                    gid=None if edge else "gaps",
+                )
+            )  # fmt: skip
     for name, station in stations.items():
         if len(station.course) > 1 and not math.isfinite(station.gap):
             ax.plot(
@@ -605,10 +609,11 @@ def map_change_figure(
     if map_h > 6.0:
         map_w, map_h = 6.0 / aspect, 6.0
     text = " ".join(p for p in (note, "Black outline: release area." if len(release) else "") if p)
-    top, bottom = 0.66, 1.0 + _note_height(text)
+    room = WIDTH_IN - relief.FURNITURE_IN[0] - 0.4
+    top, bottom = 0.66, 1.0 + max(_note_height(text, room), relief.FURNITURE_IN[1] + 0.1)
     height = top + map_h + bottom
     figure = new_figure(WIDTH_IN, height, constrained=False)
-    _heading(figure, title, text)
+    _heading(figure, title, text, room)
     known = np.concatenate([scale * m[np.isfinite(m)] for m in (before, after)])
     # One cell must not take all the colour; the bar says that it is cut.
     high = float(np.quantile(known, 0.995)) if known.size else 1.0
@@ -657,8 +662,24 @@ def map_change_figure(
                 picture, cax=bar, orientation="horizontal", extend="max" if first else "both"
             ).outline.set_linewidth(0.5)
             bar.tick_params(labelsize=SMALL)
-            bar.set_xlabel(shown_unit if first else f"change ({shown_unit})", size=SMALL)
+            bar.set_xlabel(
+                shown_unit if first else f"change ({unit or 'percentage points'})", size=SMALL
+            )
             bar.grid(False)
-        if i == 0:
-            relief.draw_furniture(ax, box, map_w, right=False, top=False)
+    # Below the maps, where it hides nothing.
+    size = (relief.FURNITURE_IN[0] + 0.1, relief.FURNITURE_IN[1] + 0.1)
+    corner = figure.add_axes(
+        (
+            (WIDTH_IN - right - size[0]) / WIDTH_IN, 0.04 / height,
+            size[0] / WIDTH_IN, size[1] / height,
+        ),
+        label="scale",
+    )  # fmt: skip
+    corner.set_axis_off()
+    inch = (box[2] - box[0]) / map_w
+    corner.set_xlim(0.0, size[0] * inch)
+    corner.set_ylim(0.0, size[1] * inch)
+    relief.draw_furniture(
+        corner, (0.0, 0.0, size[0] * inch, size[1] * inch), size[0], right=True, top=True
+    )
     return figure

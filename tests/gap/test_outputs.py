@@ -1,0 +1,711 @@
+from __future__ import annotations
+
+import json
+import math
+import re
+import sqlite3
+import tomllib
+from contextlib import closing
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+from typing import Any, get_args
+
+import geopandas as gpd
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from made_diagnosis import (
+    CONFIG,
+    FINDINGS,
+    calibrated,
+    finding,
+    made_case,
+    unnamed,
+    with_trees,
+    write_slope,
+)
+from observed_slope import NORTH
+
+from sassgis.core.effects import EffectSettings
+from sassgis.core.errors import ConfigError, OutputError
+from sassgis.core.grid import Grid
+from sassgis.gap.case import Case
+from sassgis.gap.diagnosis import Calibrated, Contender
+from sassgis.gap.families import FAMILIES
+from sassgis.gap.places import limits_on, line_stretch, used_lines
+from sassgis.gap.words import (
+    EFFECT_NAMES,
+    EFFECT_PHRASES,
+    effect_name,
+    place_words,
+    quantity_name,
+    significance,
+)
+from sassgis.io import figures
+from sassgis.io.config import SECTIONS, load_config
+from sassgis.io.effect_sections import ForestPlace
+from sassgis.io.figures.gap import GapStretch, _band
+from sassgis.io.gap_files import (
+    _FILE_KEYS,
+    _TREE_FILE_KEYS,
+    stand_polygon,
+    toml_text,
+    write_config_back,
+    write_diagnosis_json,
+    write_gap_gpkg,
+)
+from sassgis.io.ground import read_ground_table
+from sassgis.io.sections import FileName
+from sassgis.workflow.gap_map_change import difference, map_change
+from sassgis.workflow.gap_outputs import write_outputs
+from sassgis.workflow.gap_report import answer, finding_sentence, map_parts, verdict_sentence
+from sassgis.workflow.inputs import read_map_run
+from sassgis.workflow.run import run
+
+Made = tuple[Path, Case]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
+    return made_case(tmp_path_factory.mktemp("made"), slope)
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
+    return made_case(tmp_path_factory.mktemp("few"), slope, 15)
+
+
+@pytest.fixture(scope="module")
+def stops_only(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
+    return made_case(tmp_path_factory.mktemp("stops"), slope, 15, passages=False)
+
+
+@pytest.fixture(scope="module")
+def written(made: Made, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    config, case = made
+    folder = tmp_path_factory.mktemp("written") / "out"
+    write_outputs(folder, case, with_trees(case), config)
+    return folder
+
+
+def words_of(page: Path) -> str:
+    """What a reader of the page sees."""
+    text = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page.read_text(), flags=re.S)
+    return " ".join(unescape(text).split())
+
+
+# --- all of it -------------------------------------------------------------------------------
+
+
+def test_everything_is_written_and_listed(written: Path) -> None:
+    manifest = json.loads((written / "manifest.json").read_text())
+    listed = {entry["path"] for entry in manifest["files"]}
+    assert {
+        "diagnosis.json", "gap.gpkg", "report.html", "model/config.toml", "model/forest.gpkg",
+        "model/ground_classes.csv", "figures/gap_map.png", "figures/gap_where.png",
+        "figures/gap_distributions.png", "figures/gap_contenders.png",
+    } == listed  # fmt: skip
+    roles = {entry["role"] for entry in manifest["inputs"]}
+    assert {"config", "dem", "release", "observations rocks.csv"} <= roles
+    assert manifest["counts"]["rocks"] == 40
+
+
+def test_equal_diagnoses_give_equal_files(made: Made, written: Path, tmp_path: Path) -> None:
+    config, case = made
+    # As deep as the first, so that relative paths are the same.
+    again = written.parent / "again"
+    write_outputs(again, case, with_trees(case), config)
+    files = [p.relative_to(written) for p in written.rglob("*") if p.is_file()]
+    assert all((again / f).read_bytes() == (written / f).read_bytes() for f in files)
+
+
+@pytest.mark.parametrize("effect", ["none", "unknown"])
+def test_nothing_named_is_written_too(few: Made, tmp_path: Path, effect: str) -> None:
+    config, case = few
+    diagnosis = unnamed(case, effect)
+    write_outputs(tmp_path / "out", case, diagnosis, config)
+    words = words_of(tmp_path / "out" / "report.html")
+    assert verdict_sentence(diagnosis) in words
+    assert "Only 15 rocks were observed" in words
+    document = tomllib.loads((tmp_path / "out" / "model" / "config.toml").read_text())
+    assert "effects" not in document
+    assert not (tmp_path / "out" / "model" / "forest.gpkg").exists()
+
+
+def test_stops_alone_are_enough(stops_only: Made, tmp_path: Path) -> None:
+    config, case = stops_only
+    diagnosis = replace(
+        with_trees(case), where=(finding("all", "stopping", "runout_m", -21.0),), which=()
+    )
+    write_outputs(tmp_path / "out", case, diagnosis, config)
+    assert not (tmp_path / "out" / "figures" / "gap_contenders.png").exists()
+    assert len(gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stations")) == 0
+    assert len(gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stops")) == 16
+
+
+def test_a_diagnosis_that_found_nothing_at_all_is_written(few: Made, tmp_path: Path) -> None:
+    config, case = few
+    diagnosis = replace(
+        unnamed(case, "none"), where=(), which=(), comparisons=(), cannot_tell=(),
+        measure_next=(), tables={},
+    )  # fmt: skip
+    write_outputs(tmp_path / "out", case, diagnosis, config)
+    assert "Nothing could be compared" in words_of(tmp_path / "out" / "report.html")
+
+
+# --- diagnosis.json --------------------------------------------------------------------------
+
+
+def test_json_holds_the_agreed_keys_and_no_nan(made: Made, tmp_path: Path) -> None:
+    _, case = made
+    diagnosis = with_trees(case)
+    broken = replace(diagnosis, where=(*FINDINGS, finding("all", "release", "speed_mps", math.inf)))
+    write_diagnosis_json(tmp_path / "deep" / "d.json", broken)
+
+    def refuse(name: str) -> Any:
+        raise AssertionError(name)
+
+    read = json.loads((tmp_path / "deep" / "d.json").read_text(), parse_constant=refuse)
+    assert read["verdict"]["effect"] == "trees"
+    assert read["verdict"]["confusion_set"] == ["trees", "soft_ground"]
+    assert read["where"][0]["ci95"] == [pytest.approx(-2.75), pytest.approx(-1.45)]
+    assert read["where"][8]["x"] is None
+    assert read["where"][-1]["gap"] == "inf"
+    assert read["which"][0]["parameters"]["stems_per_ha"] == 420.0
+    assert read["shrinkage"]["value"] == 0.74
+    assert read["data"]["rocks"] == 40 and read["data"]["cannot_tell"]
+    assert read["seed"] == 1 and len(read["settings_hash"]) == 64
+
+
+# --- the map ---------------------------------------------------------------------------------
+
+
+def test_every_finding_is_on_one_layer_of_the_map(written: Path) -> None:
+    points = gpd.read_file(written / "gap.gpkg", layer="gap_points")
+    stretches = gpd.read_file(written / "gap.gpkg", layer="gap_stretches")
+    assert len(points) + len(stretches) == len(FINDINGS)
+    assert set(points.place) == {"S1", "S2", "ground:debris"}
+    assert set(stretches.place) == {"release-S1", "S1-S2", "S2-end", "all"}
+    # Kinds of ground have no place of their own here.
+    assert points.geometry.isna().tolist() == (points.place == "ground:debris").tolist()
+
+
+def test_stretches_lie_between_the_stations(written: Path) -> None:
+    stretches = gpd.read_file(written / "gap.gpkg", layer="gap_stretches")
+    leg = stretches[stretches.place == "S1-S2"].geometry.iloc[0]
+    _, low, _, high = leg.bounds
+    # S1 lies 100 m, S2 190 m below the northern edge.
+    assert low == pytest.approx(NORTH - 190.0, abs=0.01)
+    assert high == pytest.approx(NORTH - 100.0, abs=0.01)
+    assert len(leg.geoms) == 40
+
+
+def test_what_is_surest_lies_on_top_and_has_the_label(written: Path) -> None:
+    points = gpd.read_file(written / "gap.gpkg", layer="gap_points")
+    at_s2 = points[points.place == "S2"]
+    assert at_s2.shown_as.tolist() == ["less_likely", "less"]
+    assert at_s2.label.iloc[-1] == "speed −2.1 m/s"
+    assert at_s2.label.isna().tolist() == [True, False]
+    # Not told from chance: no label, however it ranks.
+    assert points[points.place == "S1"].label.isna().all()
+
+
+def test_layers_bring_their_styles(written: Path) -> None:
+    with closing(sqlite3.connect(written / "gap.gpkg")) as database:
+        styles = dict(database.execute("SELECT f_table_name, styleQML FROM layer_styles"))
+        facts = dict(database.execute("SELECT key, value FROM run_metadata"))
+    assert set(styles) == {
+        "gap_points", "gap_stretches", "stations", "fall_lines", "stops", "impacts", "stand",
+    }  # fmt: skip
+    assert 'label="less observed, significant"' in styles["gap_points"]
+    assert facts["effect"] == "trees" and facts["confusion_set"] == "trees, soft_ground"
+
+
+def test_stops_tell_what_they_are(made: Made, written: Path) -> None:
+    _, case = made
+    stops = gpd.read_file(written / "gap.gpkg", layer="stops")
+    assert stops.kind.value_counts().to_dict() == {"rock": 39, "piece": 1, "unattributed": 1}
+    assert stops[stops.kind == "piece"].rock.tolist() == ["R0"]
+    runout = next(c for c in with_trees(case).comparisons if c.quantity == "runout_m")
+    expected = stops.runout_m - np.mean(runout.base)
+    assert np.allclose(stops.residual_m, expected, atol=0.02)
+
+
+def test_impacts_tell_the_energy_kept(written: Path) -> None:
+    impacts = gpd.read_file(written / "gap.gpkg", layer="impacts")
+    assert len(impacts) == 20
+    before = math.hypot(10.0, 5.0)
+    assert np.allclose(impacts.speed_in_mps, before, atol=1e-3)
+    assert np.allclose(impacts.energy_kept, (impacts.speed_out_mps / before) ** 2, atol=1e-3)
+
+
+def test_stations_count_the_rocks_that_were_seen(written: Path) -> None:
+    stations = gpd.read_file(written / "gap.gpkg", layer="stations")
+    assert stations.name.tolist() == ["S1", "S2"]
+    assert stations.rocks.tolist() == [40, 40]
+    assert stations.chainage_m.tolist() == [pytest.approx(80, abs=1), pytest.approx(170, abs=1)]
+
+
+def test_the_gpkg_is_not_overwritten(made: Made, written: Path) -> None:
+    _, case = made
+    with pytest.raises(OutputError, match=r"gap\.gpkg: exists already"):
+        write_gap_gpkg(written / "gap.gpkg", case, with_trees(case))
+
+
+def test_legs_of_a_line_end_at_its_own_crossings(made: Made) -> None:
+    _, case = made
+    line = used_lines(case)[3]
+    low, high = limits_on(case, finding("S1-S2", "flight", "speed_mps", -1.0), line)
+    assert (low, high) == tuple(case.stations.s[line])
+    part = line_stretch(case.traces, line, low, high)
+    length = np.hypot(*np.diff(part, axis=0).T).sum()
+    assert length == pytest.approx(high - low, rel=1e-6)
+    assert line_stretch(case.traces, line, 1e5, 2e5).shape == (0, 2)
+
+
+# --- the calibrated model --------------------------------------------------------------------
+
+
+def test_the_calibrated_model_runs(made: Made, written: Path, tmp_path: Path) -> None:
+    _, case = made
+    result = run(written / "model" / "config.toml", tmp_path / "out", jobs=1)
+    assert result.rocks == 12
+    job = result.run
+    own = job.table.classes[job.table.index("debris")]
+    assert (own.eta_max, own.mu_f, own.verified) == (0.612346, 0.75, False)
+    assert "Calibrated to observations of 40 rocks" in own.source
+    assert "eta_max 0.55, mu_f 0.8" in own.source
+    # The other classes are as they were.
+    rest = [c for c in job.table.classes if c.name != "debris"]
+    assert rest == [c for c in case.table.classes if c.name != "debris"]
+    assert job.effects.trees is not None and job.effects.trees.efficiency == 0.8
+    assert job.seed == 3
+
+
+def test_the_stand_lies_between_its_chainages(made: Made, written: Path) -> None:
+    _, case = made
+    job = read_map_run(load_config(written / "model" / "config.toml"))
+    assert job.forest is not None
+    stems = job.forest.stems_per_m2.reshape(job.grid.shape)
+    assert np.unique(stems).tolist() == [0.0, pytest.approx(0.042)]
+    for line in used_lines(case):
+        own = slice(case.traces.offset[line], case.traces.offset[line + 1])
+        s, x, y = (getattr(case.traces, c)[own] for c in "sxy")
+        under = stems.ravel()[job.grid.cell_of(x, y)] > 0
+        assert under[(s > 95) & (s < 155)].all()
+        # Cells of 2 m on lines that lie askew.
+        assert not under[(s < 85) | (s > 165)].any()
+
+
+def test_neighbouring_lines_share_one_stand(made: Made) -> None:
+    _, case = made
+    area = stand_polygon(case, (90.0, 160.0))
+    assert len(area.geoms) == 1
+    assert area.bounds[3] - area.bounds[1] == pytest.approx(70.0, abs=3.0)
+    assert stand_polygon(case, (1e5, 2e5)).is_empty
+
+
+def test_a_stand_joins_lines_that_lie_apart(made: Made) -> None:
+    _, case = made
+    order = np.argsort([line_stretch(case.traces, i, 50.0, 60.0)[0, 0] for i in used_lines(case)])
+    ends = np.array(used_lines(case))[order[[0, -1]]]
+    apart = replace(case, line=np.resize(ends, case.n_rocks))
+    parts = [shapely.LineString(line_stretch(case.traces, i, 90.0, 160.0)) for i in ends]
+    assert parts[0].distance(parts[1]) > 15.0
+    area = stand_polygon(apart, (90.0, 160.0))
+    assert len(area.geoms) == 1
+    assert all(area.buffer(0.01).contains(p) for p in parts)
+
+
+def test_paths_hold_in_the_new_place(slope: Grid, tmp_path: Path) -> None:
+    text = CONFIG.replace('default = "debris"', 'default = "debris"\nclasses = "my.csv"')
+    text += '\n[hazard]\npreset = "./rules.toml"\nfrequencies = "deep/f.csv"\n'
+    text += '\n[risk]\nvulnerability = "v.csv"\n'
+    text += '\n[[objects]]\nname = "h"\nkind = "building"\nfile = "h.gpkg"\n'
+    text += '\n[effects.trees]\nfile = "wood.gpkg"\nstems_field = "n"\ndbh_cm = 30\n'
+    (tmp_path / "a").mkdir()
+    file = write_slope(tmp_path / "a", slope)
+    _, case = made_case(tmp_path / "b", slope, 3)
+    file.write_text(text)
+    (tmp_path / "a" / "my.csv").write_text(
+        "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m\nscree,0.4,0.1,0.2,0.7,0.5,0.2,0.3\n"
+    )
+    before = load_config(file)
+    new = write_config_back(
+        tmp_path / "x" / "y" / "z" / "config.toml", file, unnamed(case, "none"), case
+    )
+    after = load_config(new)
+
+    def same(a: Path | str | None, b: Path | str | None) -> bool:
+        return a is not None and b is not None and Path(a).resolve() == Path(b).resolve()
+
+    assert same(before.terrain.dem, after.terrain.dem) and after.dem_path.is_file()
+    assert same(before.release.file, after.release.file)
+    assert same(before.hazard.preset, after.hazard.preset)
+    assert same(before.hazard.frequencies, after.hazard.frequencies)
+    assert same(before.risk.vulnerability, after.risk.vulnerability)
+    assert same(before.objects[0].file, after.objects[0].file)
+    assert before.trees is not None and after.trees is not None
+    assert same(before.trees.file, after.trees.file)
+    assert not Path(tomllib.loads(new.read_text())["terrain"]["dem"]).is_absolute()
+    assert same(after.ground.classes, new.parent / "ground_classes.csv")
+
+
+def test_every_key_that_names_a_file_is_known() -> None:
+    def file_keys(model: Any) -> set[str]:
+        anchor = get_args(FileName)[1]
+        return {
+            key
+            for key, info in model.model_fields.items()
+            if anchor in info.metadata
+            or any(anchor in get_args(part)[1:] for part in get_args(info.annotation))
+        }
+
+    for name, model in SECTIONS.items():
+        assert file_keys(model) == set(_FILE_KEYS.get(name, ())), name
+    assert file_keys(ForestPlace) == set(_TREE_FILE_KEYS)
+
+
+def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> None:
+    text = CONFIG + '\n[effects.trees]\nform = "viscous"\nstems_per_ha = 300\ndbh_cm = 25\n'
+    file, case = made_case(tmp_path, slope, 4, config=text)
+    effect = Calibrated(
+        case.table, EffectSettings(), {"trees": {"form": "stems", "efficiency": 0.7}}
+    )
+    new = write_config_back(
+        tmp_path / "m" / "config.toml", file, replace(with_trees(case), effect=effect), case
+    )
+    trees = load_config(new).trees
+    assert trees is not None
+    assert (trees.stems_per_ha, trees.dbh_cm, trees.file) == (300.0, 25.0, None)
+    section = tomllib.loads(new.read_text())["effects"]["trees"]
+    assert (section["form"], section["efficiency"]) == ("stems", 0.7)
+
+
+def test_a_bundle_of_lines_gives_way_to_lateral_deflection(slope: Grid, tmp_path: Path) -> None:
+    text = CONFIG + "\n[spread]\nlines_per_point = 3\nwidth_percent = 10.0\n"
+    file, case = made_case(tmp_path, slope, 4, config=text)
+    effect = Calibrated(
+        case.table,
+        EffectSettings(),
+        {"lateral_deflection": {"form": "kicks", "angle_deg": 12.0}},
+    )
+    new = write_config_back(
+        tmp_path / "m" / "config.toml", file, replace(with_trees(case), effect=effect), case
+    )
+    assert load_config(new).spread.lines_per_point == 1
+    assert "[spread] is left out" in new.read_text()
+
+
+def test_a_section_that_cannot_be_used_is_told(made: Made, tmp_path: Path) -> None:
+    config, case = made
+    effect = Calibrated(case.table, EffectSettings(), {"air_drag": {"drag_coefficient": -1.0}})
+    with pytest.raises(ConfigError, match=r"effects\.air_drag\.drag_coefficient"):
+        write_config_back(
+            tmp_path / "config.toml", config, replace(with_trees(case), effect=effect), case
+        )
+
+
+def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> None:
+    config, case = made
+    write_config_back(tmp_path / "config.toml", config, with_trees(case), case)
+    text = (tmp_path / "config.toml").read_text()
+    assert text.startswith("# Made by sassgis")
+    assert "Named: trees, with a confidence of 0.71; section [effects.trees] is fitted." in text
+    assert "do not tell apart: trees, soft ground" in text
+    error = replace(
+        unnamed(case, "none"), verdict=replace(with_trees(case).verdict, effect="release_error")
+    )
+    write_config_back(tmp_path / "b.toml", config, error, case)
+    assert "not a part of the motion" in (tmp_path / "b.toml").read_text()
+
+
+def test_toml_is_read_back_as_it_was() -> None:
+    document = {
+        "project": {"name": 'a "b" \\ ü \x7f\n'},
+        "ground": {"raster_classes": {"1": "rock", "a b": "talus"}, "x": 1e-12, "y": 3.0},
+        "blocks": [{"name": "a", "shape": [1.0, [0.7, 1.0]]}, {"name": "b", "n": 3, "t": True}],
+        "effects": {"trees": {"form": "stems"}, "soft_ground": {"classes": ["a", "b"]}},
+        "engine": {},
+        "objects": [],
+    }
+    assert tomllib.loads(toml_text(document)) == document
+
+
+def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
+    config, case = made
+    table = calibrated(case.table, eta_max=0.4, dp_max=0.55, d_star_m=0.123456)
+    diagnosis = replace(with_trees(case), effect=Calibrated(table, EffectSettings()))
+    write_config_back(tmp_path / "config.toml", config, diagnosis, case)
+    read = read_ground_table(tmp_path / "ground_classes.csv")
+    assert read.names == table.names
+    assert np.array_equal(read.array(), table.array())
+
+
+# --- words -----------------------------------------------------------------------------------
+
+
+def test_all_families_have_names() -> None:
+    assert set(FAMILIES) | {"none", "unknown"} == set(EFFECT_NAMES)
+    assert set(FAMILIES) == set(EFFECT_PHRASES)
+    assert effect_name("trees+air_drag") == "trees and air drag"
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("S3", "at S3"), ("S2-S3", "between S2 and S3"), ("release-S1", "above S1"),
+        ("S4-end", "below S4"), ("release-end", "from the release to the stop"),
+        ("all", "on the whole slope"), ("ground:soft_meadow", "on soft meadow"),
+        ("A-1-B-2", "on the stretch A-1-B-2"),
+    ],
+)  # fmt: skip
+def test_places_in_words(place: str, words: str) -> None:
+    assert place_words(place) == words
+
+
+def test_quantities_in_words() -> None:
+    assert quantity_name("height_m") == "passing height"
+    assert quantity_name("peak_energy_kj") == "peak energy"
+    assert quantity_name("odd") == "odd"
+
+
+def test_a_finding_as_a_sentence() -> None:
+    text = finding_sentence(finding("S2", "flight", "speed_mps", -2.1, observed=11.9))
+    assert "Speed at S2: observed 11.9 m/s, predicted 11.1 m/s" in text
+    assert "2.1 m/s less (95 % interval 1.5 to 2.8; 38 rocks" in text
+    open_ = finding("S1", "flight", "speed_mps", 0.2, ci95=(-0.3, 0.7), p_adjusted=0.6)
+    assert "0.2 m/s more (95 % interval −0.3\u00a0to\u00a00.7;" in finding_sentence(open_)
+
+
+def test_significance_has_two_levels() -> None:
+    sure = finding("S1", "flight", "speed_mps", 1.0)
+    assert significance(sure) == "sure"
+    assert significance(replace(sure, p_adjusted=0.051)) == "likely"
+    assert significance(replace(sure, p_adjusted=0.051, q_value=0.06)) == "open"
+
+
+def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) -> None:
+    words = words_of(written / "report.html")
+    places = [
+        words.index(text)
+        for text in (
+            "The gap is best explained by trees that take energy from passing rocks.",
+            "Confidence 71 %.",
+            "71 in 100 answers of this kind were right",
+            "These data cannot tell it from: soft ground.",
+            "Speeds of rocks of different mass in the stand.",
+            "3 of 11 comparisons differ",
+            "Speed at S2",
+            "74 % of the gap that is not chance closes (95 % interval 60 % to 85 %)",
+            "No turns in plan",
+            "Figure 1.",
+            "Table 1.",
+        )
+    ]
+    assert places == sorted(places)
+    page = (written / "report.html").read_text()
+    assert "http" not in re.sub(r"data:image/png;base64,[^\"]+", "", page).replace("http-equiv", "")
+
+
+def test_withheld_shrinkage_is_told(made: Made) -> None:
+    _, case = made
+    diagnosis = with_trees(case)
+    withheld = replace(diagnosis.shrinkage, value=None, ci95=None, note="the gap is small")
+    parts = {p.heading: p for p in answer(replace(diagnosis, shrinkage=withheld))}
+    text = " ".join(parts["How far the gap shrinks"].sentences)
+    assert "is not given" in text and "1 with the calibrated base model" in text
+    assert "%" not in text and text.endswith("The gap is small.")
+
+
+def test_no_place_is_named_where_none_is_sure(few: Made) -> None:
+    _, case = few
+    parts = {p.heading: p for p in answer(unnamed(case, "none"))}
+    where = parts["Where the gap lies"]
+    assert "cannot be placed" in where.sentences[0] and not where.points
+
+
+def test_tables_tell_what_changed(written: Path) -> None:
+    words = words_of(written / "report.html")
+    assert "debris 0.55 → 0.612" in words
+    assert "efficiency 0.8 0.5 to 1.2" in words
+    assert "80 passages" in words
+
+
+# --- figures ---------------------------------------------------------------------------------
+
+
+def texts(figure: Any) -> str:
+    figure.canvas.draw()
+    shown = figure.findobj(lambda a: hasattr(a, "get_text") and a.get_visible())
+    return " | ".join(" ".join(t.get_text().split()) for t in shown if t.get_text())
+
+
+def marked(figure: Any, gid: str) -> list[Any]:
+    return list(figure.findobj(lambda artist: artist.get_gid() == gid))
+
+
+def test_dots_are_filled_by_significance() -> None:
+    figure = figures.gap_where_figure(FINDINGS)
+    assert [len(marked(figure, f"gap-{s}")) for s in ("sure", "likely", "open")] == [3, 2, 6]
+    words = texts(figure)
+    assert "speed (m/s)" in words and "S2-end · stopping" in words and "38" in words
+
+
+def test_many_comparisons_are_cut_and_the_figure_says_so() -> None:
+    many = [finding("S1", f"phase{i}", "speed_mps", 1.0, p_adjusted=0.01 * i) for i in range(40)]
+    figure = figures.gap_where_figure(many)
+    assert "14 of 40 are shown" in texts(figure)
+    assert "S1 · phase0" in texts(figure) and "S1 · phase39" not in texts(figure)
+
+
+def test_few_rocks_are_steps(few: Made) -> None:
+    _, case = few
+    comparison = with_trees(case).comparisons[0]
+    figure = figures.gap_distributions_figure([comparison], effect="trees")
+    (line,) = marked(figure, "observed")
+    x, y = line.get_data()
+    assert np.array_equal(x[1:], np.sort(comparison.observed))
+    assert np.allclose(y, np.arange(16) / 15)
+    assert line.get_drawstyle() == "steps-post"
+    (dots,) = marked(figure, "observed-values")
+    assert len(dots.get_xdata()) == 15
+    assert len(marked(figure, "effect")) == 1
+    assert "n = 15" in texts(figure)
+
+
+def test_the_band_holds_samples_of_the_base_model() -> None:
+    rng = np.random.default_rng(8)
+    base = rng.normal(0.0, 1.0, 4000)
+    x, low, high = _band(base, 15)
+    at = np.searchsorted(x, [-1.0, 0.0, 1.0])
+    shares = (rng.normal(0.0, 1.0, (4000, 15))[:, :, None] <= x[at]).mean(axis=1)
+    inside = ((shares >= low[at]) & (shares <= high[at])).mean(axis=0)
+    # Counts are whole numbers: the band holds at least 95 %.
+    assert (inside >= 0.94).all()
+
+
+def test_effect_is_left_out_where_none_is_named(few: Made) -> None:
+    _, case = few
+    figure = figures.gap_distributions_figure(unnamed(case, "none").comparisons)
+    assert not marked(figure, "effect") and "→" not in texts(figure)
+
+
+def test_unobserved_quantities_are_empty_panels(few: Made) -> None:
+    _, case = few
+    comparison = replace(with_trees(case).comparisons[0], observed=(math.nan,))
+    assert "not observed" in texts(figures.gap_distributions_figure([comparison]))
+    assert "nothing to compare" in texts(figures.gap_distributions_figure([]))
+
+
+def test_contenders_show_what_is_confused(made: Made) -> None:
+    _, case = made
+    diagnosis = with_trees(case)
+    figure = figures.gap_contenders_figure(
+        diagnosis.which, verdict="trees", confusion=("trees", "soft_ground")
+    )
+    (named,) = marked(figure, "share-trees")
+    (confused,) = marked(figure, "share-soft_ground")
+    (other,) = marked(figure, "share-roughness")
+    colours = {b.get_facecolor() for b in (named, confused, other)}
+    assert len(colours) == 3
+    assert named.get_width() == 0.71
+    assert "71 %" in texts(figure) and "< 1 %" in texts(figure)
+
+
+def test_contenders_without_intervals_are_drawn() -> None:
+    lone = Contender("none", "", 1.0, 0.0, (math.nan, math.nan), math.nan)
+    figure = figures.gap_contenders_figure([lone], verdict="none")
+    assert not marked(figure, "interval") and len(marked(figure, "gain")) == 1
+
+
+def test_map_colours_lie_about_zero(made: Made) -> None:
+    _, case = made
+    lines, stretches, stations, first = map_parts(case, with_trees(case))
+    assert first is FINDINGS[0]
+    assert len(lines) == 40
+    assert {s.gap for s in stretches} == {-1.6, 0.1, 0.9}
+    assert {name: s.gap for name, s in stations.items()} == {"S1": -0.2, "S2": -2.1}
+    assert [stations[n].sure for n in ("S1", "S2")] == [False, True]
+    figure = figures.gap_map_figure(
+        case.grid, lines=lines, stretches=stretches, stations=stations,
+        release=np.empty((0, 2)), stops=np.empty((0, 2)), quantity="speed_mps", unit="m/s",
+    )  # fmt: skip
+    assert len(marked(figure, "gaps")) == 2
+    bar = next(a for a in figure.axes if a.get_label() == "legend")
+    low, high = bar.get_ylim()
+    assert -low == high == pytest.approx(2.1)
+
+
+def test_map_without_a_gap_has_no_colours(made: Made) -> None:
+    _, case = made
+    lines, stretches, stations, first = map_parts(case, replace(with_trees(case), where=()))
+    assert first is None and not stretches
+    figure = figures.gap_map_figure(
+        case.grid, lines=lines, stretches=stretches, stations=stations,
+        release=np.empty((0, 2)), stops=np.empty((0, 2)), quantity="", unit="",
+    )  # fmt: skip
+    assert "Colour:" not in texts(figure)
+    assert [a.get_label() for a in figure.axes] == ["map"]
+
+
+def test_a_station_alone_can_be_drawn(slope: Grid) -> None:
+    line = np.array([[2_700_050.0, 1_149_900.0], [2_700_150.0, 1_149_900.0]])
+    figure = figures.gap_map_figure(
+        slope, lines=[], stretches=[], stations={"S1": GapStretch(line, 0.0)},
+        release=np.empty((0, 2)), stops=np.empty((0, 2)), quantity="speed_mps", unit="m/s",
+    )  # fmt: skip
+    assert "S1" in texts(figure)
+
+
+# --- the change of the map -------------------------------------------------------------------
+
+
+def test_difference_counts_unreached_cells_as_zero() -> None:
+    before = np.array([0.2, np.nan, 0.5, np.nan])
+    after = np.array([0.1, 0.3, np.nan, np.nan])
+    assert np.allclose(difference(before, after), [-0.1, 0.3, -0.5, np.nan], equal_nan=True)
+
+
+@pytest.mark.slow
+def test_change_of_the_map(made: Made, written: Path, tmp_path: Path) -> None:
+    config, _ = made
+    change = map_change(config, written / "model" / "config.toml", tmp_path / "map", 1)
+    folder = change.folder
+    maps = {}
+    for when in ("before", "after"):
+        with rasterio.open(folder / when / "maps" / "energy.tif") as raster:
+            maps[when] = raster.read(1, masked=True).filled(np.nan)
+    with rasterio.open(folder / "maps" / "energy_change.tif") as raster:
+        energy = raster.read(1, masked=True).filled(np.nan)
+        assert raster.profile["tiled"] or raster.width <= 256
+        assert raster.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+    assert np.allclose(energy, difference(maps["before"], maps["after"]), equal_nan=True)
+    assert np.nanmin(energy) < 0.0, "trees take energy"
+    reached = [np.isfinite(maps[when]).sum() * 4.0 for when in ("before", "after")]
+    assert [change.area_before_m2, change.area_after_m2] == reached
+    both = np.isfinite(maps["before"]) & np.isfinite(maps["after"])
+    assert change.energy_change_kj == pytest.approx(energy[both].mean(), rel=1e-5)
+    assert len(change.lines()) == 3 and "m²" in change.lines()[0]
+    assert (folder / "figures" / "energy_change.png").is_file()
+    assert (folder / "figures" / "reach_probability_change.png").is_file()
+    assert json.loads((folder / "manifest.json").read_text())["counts"]["rocks_before"] == 12
+
+
+def test_no_release_areas_no_map(slope: Grid, tmp_path: Path) -> None:
+    text = re.sub(r"(?m)^file = .*\nname_field.*\n", "", CONFIG) + "\n[profile]\n"
+    config = write_slope(tmp_path, slope, config=text)
+    with pytest.raises(ConfigError, match=r"release\.file: has no release areas"):
+        map_change(config, config, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_maps_of_different_terrain_are_refused(slope: Grid, made: Made, tmp_path: Path) -> None:
+    config, _ = made
+    smaller = replace(slope, values=slope.values[:140])
+    other = write_slope(tmp_path, smaller)
+    with pytest.raises(ConfigError, match="different terrain models"):
+        map_change(config, other, tmp_path / "out", 1)
+    assert not (tmp_path / "out").exists()
