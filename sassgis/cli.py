@@ -130,12 +130,13 @@ def validate(config: Path) -> None:
     from sassgis.io.config import load_config
 
     settings = load_config(config)
-    for line in check_inputs(settings).lines():
+    report = check_inputs(settings)
+    for line in report.lines():
         click.echo(line)
     if any(o.frequency is not None for o in settings.onsets.values()) or settings.objects:
         from sassgis.workflow.assessment import check_rules
 
-        for line in check_rules(settings):
+        for line in check_rules(settings, report.terrain):
             click.echo(line)
 
 

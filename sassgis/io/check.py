@@ -6,7 +6,7 @@ import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +92,8 @@ class InputReport:
         What was done to the inputs, such as reprojection.
     warnings : tuple of str
         What deserves a look before results are trusted.
+    terrain : Grid or None
+        The DEM as it was read, for whoever has more to check against it.
     """
 
     config: Path
@@ -103,6 +105,7 @@ class InputReport:
     blocks: tuple[str, ...]
     notices: tuple[str, ...]
     warnings: tuple[str, ...]
+    terrain: Grid | None = field(default=None, repr=False, compare=False)
 
     @property
     def points(self) -> int:
@@ -172,6 +175,7 @@ def check_inputs(config: Config) -> InputReport:
     InputError, ConfigError
         Whatever would stop a run.
     """
+    grid: Grid | None = None
     dem: DemSummary | None = None
     profile: ProfileSummary | None = None
     areas: tuple[AreaSummary, ...] = ()
@@ -207,6 +211,7 @@ def check_inputs(config: Config) -> InputReport:
         blocks=config.block_names,
         notices=tuple(notices),
         warnings=tuple(warnings + _doubts(table, shares)),
+        terrain=grid,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from sassgis.core.errors import ConfigError, InputError
 from sassgis.core.exposure import Vulnerability
+from sassgis.core.grid import Grid
 from sassgis.core.hazard import HazardPreset
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.zones import ZoneSettings
@@ -152,15 +153,21 @@ def named_preset(config: Config) -> HazardPreset:
         ) from None
 
 
-def check_rules(config: Config) -> list[str]:
+def check_rules(config: Config, grid: Grid | None = None) -> list[str]:
     """Read what zoning needs, and say what it holds.
+
+    Parameters
+    ----------
+    config : Config
+    grid : Grid, optional
+        The DEM, if it has been read already.
 
     Raises
     ------
     ConfigError, InputError
         As for a zoning.
     """
-    run = read_map_run(config)
+    run = read_map_run(config, grid=grid)
     rules = read_rules(config, run)
     yearly = sum(rules.frequencies.values())
     lines = [

@@ -61,7 +61,9 @@ def fall_line_settings(config: Config) -> FallLineSettings:
     )
 
 
-def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
+def read_map_run(
+    config: Config, areas: Sequence[str] | None = None, grid: Grid | None = None
+) -> MapRun:
     """Read every file that the configuration names.
 
     Parameters
@@ -69,6 +71,8 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     config : Config
     areas : sequence of str, optional
         Names of the release areas to run; default: all.
+    grid : Grid, optional
+        The DEM, if it has been read already.
 
     Raises
     ------
@@ -80,7 +84,8 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
             "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
         )
     terrain = config.terrain
-    grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
+    if grid is None:
+        grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
     chosen = read_release(config.release, grid, config.block_names, areas)
     table = read_ground_table(config.ground.classes)
     ground = ground_raster(config.ground, grid, table)

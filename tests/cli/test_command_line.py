@@ -15,10 +15,13 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 from small_slope import SASSGIS, Slope, release_box
 
 import sassgis
+from sassgis.core.grid import Grid
 from sassgis.core.results import StopReason
+from sassgis.io.mosaic import read_terrain
 
 
 def test_help_is_quick_because_it_imports_nothing_heavy() -> None:
@@ -50,6 +53,24 @@ def test_from_the_template_to_a_result(slope: Slope, call) -> None:
     rocks = manifest["counts"]["rocks"]
     assert rocks > 0 and f"{rocks} rocks in" in out
     assert sum(manifest["counts"][f"rocks_{r.name.lower()}"] for r in StopReason) == rocks
+
+
+def test_validate_reads_the_terrain_once(
+    slope: Slope, call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = slope.config.read_text()
+    slope.config.write_text(re.sub(r"(\[\[blocks\]\]\n)", r"\1onset_frequency = 0.5\n", text))
+    opened = []
+
+    def counted(path: object, *args: object, **kwargs: object) -> Grid:
+        opened.append(path)
+        return read_terrain(path, *args, **kwargs)
+
+    for module in ("io.check", "workflow.inputs"):
+        monkeypatch.setattr(f"sassgis.{module}.read_terrain", counted)
+    code, out, err = call("validate", slope.config)
+    assert code == 0, err
+    assert "onset: 0.5 blocks a year" in out and len(opened) == 1
 
 
 def test_seed_and_area_are_passed_on(slope: Slope, call) -> None:
