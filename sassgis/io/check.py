@@ -17,6 +17,7 @@ from sassgis.core.ground import GroundTable
 from sassgis.core.results import Gate
 from sassgis.io.config import Config, profile_gates
 from sassgis.io.dem import crs_name
+from sassgis.io.forest import read_forest
 from sassgis.io.ground import built_in_table, default_class, ground_raster, read_ground_table
 from sassgis.io.mosaic import read_terrain
 from sassgis.io.profile_csv import check_on_profile, read_profile
@@ -194,6 +195,8 @@ def check_inputs(config: Config) -> InputReport:
             areas = _areas(config, grid)
             gates = tuple(gate for gate, _ in read_gates(config, grid))
             shares = _shares(ground_raster(config.ground, grid, table), grid)
+            if config.trees is not None:
+                read_forest(config.trees, grid)
     classes = tuple(
         ClassSummary(c.name, shares[i], c.verified, c.source)
         for i, c in enumerate(table.classes)

@@ -10,6 +10,7 @@ from affine import Affine
 from shapely import box
 
 from sassgis.core.errors import SassgisError
+from sassgis.io.check import check_inputs
 from sassgis.io.config import load_config
 from sassgis.io.effect_sections import EFFECT_SECTIONS
 from sassgis.workflow.inputs import read_map_run
@@ -116,6 +117,12 @@ def test_polygons_give_each_cell_its_stand(valley):
     with pytest.raises(SassgisError) as caught:
         valley('[effects.trees]\nfile = "forest.gpkg"\nstems_field = "stems"\ndbh_cm = 30\n')
     assert "forest.gpkg" in str(caught.value) and "stems" in str(caught.value)
+
+
+def test_validate_reads_the_forest(valley):
+    config = valley(f'[effects.trees]\nfile = "nowhere.gpkg"\n{TREES}', whole=False)
+    with pytest.raises(SassgisError, match=r"nowhere\.gpkg"):
+        check_inputs(config)
 
 
 def test_rasters_are_read_at_the_nearest_cell(valley):
