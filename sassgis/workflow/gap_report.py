@@ -47,6 +47,8 @@ from sassgis.workflow.map_report import save_figure
 _TOLD = 4
 #: Below this number of rocks the report warns of it.
 _FEW_ROCKS = 20
+#: Findings in the table of the report.
+_ROWS = 40
 
 # --- the answer ------------------------------------------------------------------------------
 
@@ -391,20 +393,26 @@ def _where_table(findings: tuple[Finding, ...]) -> ReportTable:
         "Where the gap lies",
         (
             ("place", ""), ("phase", ""), ("quantity", ""), ("observed", ""), ("predicted", ""),
-            ("gap", "95 % interval"), ("p", ""), ("q", ""), ("rocks", ""), ("tested", ""),
+            ("gap", "95 % interval"), ("p", ""), ("q", ""), ("rocks", ""), ("test", ""),
         ),
         tuple(
             (
                 f.place.removeprefix("ground:"), f.phase,
                 quantity_name(f.quantity) + (f" ({f.unit})" if f.unit else ""), f.observed,
-                f.predicted, f"{sensible(f.gap)} ({_interval(f.ci95)})", _p(f.p_adjusted),
-                _p(f.q_value), f.rocks, tested_by(f.test),
+                f.predicted, f"{sensible(f.gap, 2)} ({_interval(f.ci95, 2)})", _p(f.p_adjusted),
+                _p(f.q_value), f.rocks, f.test,
             )
-            for f in findings
+            for f in findings[:_ROWS]
         ),
         "Gap: observed less predicted, mean over rocks. Interval: rocks resampled. p: chance that "
         "the largest of all these gaps would be as large without any. q: share of false findings "
-        "among those that are as sure.",
+        "among those that are as sure. Test: free run: from the release; leg: from what was "
+        "observed where the stretch begins; one step: from one observed state to the next."
+        + (
+            f" The {_ROWS} most certain of {len(findings)}; all are in diagnosis.json."
+            if len(findings) > _ROWS
+            else ""
+        ),
     )  # fmt: skip
 
 
