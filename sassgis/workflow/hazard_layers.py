@@ -213,11 +213,8 @@ def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
     return both[both.geometry.area > 0.0].reset_index(drop=True)
 
 
-def level_changes(
-    before: Coverage, after: Coverage, preset: HazardPreset, grid: Grid
-) -> VectorLayer:
-    """What walls and nets make of the hazard level."""
-    both = changes(before, after)
+def level_changes(both: gpd.GeoDataFrame, preset: HazardPreset, grid: Grid) -> VectorLayer:
+    """What walls and nets make of the hazard level; ``both`` from changes, without and with."""
     codes = [_NO_LEVEL, *(level.code for level in preset.levels)]
     frame = gpd.GeoDataFrame(
         {
@@ -248,9 +245,8 @@ def level_changes(
     )
 
 
-def change_table(before: Coverage, after: Coverage, preset: HazardPreset) -> pd.DataFrame:
-    """Area by level without (rows) and with walls and nets (columns), m²."""
-    both = changes(before, after)
+def change_table(both: gpd.GeoDataFrame, preset: HazardPreset) -> pd.DataFrame:
+    """Area by level without (rows) and with walls and nets (columns), m²; ``both`` from changes."""
     labels = ["none", *(level.label for level in preset.levels)]
     area = np.zeros((len(labels), len(labels)))
     np.add.at(area, (both["before"].to_numpy(), both["after"].to_numpy()), both.geometry.area)

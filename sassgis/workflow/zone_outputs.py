@@ -26,6 +26,7 @@ from sassgis.io.risk_layers import risk_frames, risk_vectors
 from sassgis.workflow.assessment import Assessment, Rules
 from sassgis.workflow.hazard_layers import (
     change_table,
+    changes,
     federal_layers,
     hazard_zones,
     level_changes,
@@ -60,12 +61,6 @@ def zone_extras(
     zones = hazard_zones(found.hazard, preset, grid, rules.ref_width_m, confidence)
     unsure = found.hazard.curves.places[undecided(found.hazard.curves, preset, confidence)]
     own = [zones, undecided_zones(unsure, grid, confidence)]
-    if found.without is not None:
-        before = hazard_zones(found.without, preset, grid, rules.ref_width_m, confidence)
-        own += [
-            without_barriers(before),
-            level_changes(found.without.levels, found.hazard.levels, preset, grid),
-        ]
     risk = []
     frames = {"zones": pd.DataFrame(zones.frame.drop(columns="geometry"))}
     frames["zone_sources"] = zone_sources(found.hazard)
@@ -74,7 +69,10 @@ def zone_extras(
     if len(design):
         frames["design"] = design
     if found.without is not None:
-        frames["level_changes"] = change_table(found.without.levels, found.hazard.levels, preset)
+        before = hazard_zones(found.without, preset, grid, rules.ref_width_m, confidence)
+        both = changes(found.without.levels, found.hazard.levels)
+        own += [without_barriers(before), level_changes(both, preset, grid)]
+        frames["level_changes"] = change_table(both, preset)
     if found.risk is not None:
         risk = risk_vectors(found.risk, rules.placed, grid.crs, config.risk.currency)
         frames |= risk_frames(found.risk, config.risk.currency)
