@@ -13,7 +13,13 @@ from sassgis.core.hazard import HazardCurves, HazardPreset
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
 from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class, undecided
-from sassgis.hazard.zones import Coverage, ZoneSettings, generalised_series, nested_coverages
+from sassgis.hazard.zones import (
+    BoolArray,
+    Coverage,
+    ZoneSettings,
+    generalised_series,
+    nested_coverages,
+)
 from sassgis.workflow.sources import Sampled
 
 
@@ -63,8 +69,8 @@ class Hazard:
         Of the zones of ``levels``.
     intensities : tuple of IntensityMap
         From frequent to rare; class k is the preset's intensity k - 1.
-    undecided_share : float
-        Of the cells that rocks reach.
+    undecided : bool, shape (n_cells,)
+        Whether another sample of rocks might change the level of a cell of ``curves``.
     """
 
     sampled: tuple[Sampled, ...]
@@ -72,7 +78,12 @@ class Hazard:
     levels: Coverage
     facts: ZoneFacts
     intensities: tuple[IntensityMap, ...]
-    undecided_share: float
+    undecided: BoolArray
+
+    @property
+    def undecided_share(self) -> float:
+        """Share of the cells that rocks reach whose level another sample might change."""
+        return _share(self.undecided)
 
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
@@ -89,8 +100,11 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
 
 def share_undecided(curves: HazardCurves, preset: HazardPreset, confidence: float) -> float:
     """Share of the reached cells whose level another sample might change."""
-    unsure = undecided(curves, preset, confidence)
-    return float(unsure.mean()) if unsure.size else 0.0
+    return _share(undecided(curves, preset, confidence))
+
+
+def _share(cells: BoolArray) -> float:
+    return float(cells.mean()) if cells.size else 0.0
 
 
 def intensity_maps(
@@ -137,9 +151,9 @@ def zone_facts(
     preset: HazardPreset,
     zones: Coverage,
     grid: Grid,
-    confidence: float,
+    unsure: BoolArray,
 ) -> ZoneFacts:
-    """Attribution and confidence of zones of hazard level."""
+    """Attribution and confidence of zones of hazard level; ``unsure`` cells of the curves."""
     n = zones.polygons.size
     zone = zone_of_cells(zones, grid, curves.places)
     inside = zone >= 0
@@ -152,13 +166,11 @@ def zone_facts(
         n,
     )
     cells = np.bincount(zone[inside], minlength=n)
-    unsure = np.bincount(
-        zone[inside], weights=undecided(curves, preset, confidence)[inside], minlength=n
-    )
+    unsure_cells = np.bincount(zone[inside], weights=unsure[inside], minlength=n)
     return ZoneFacts(
         np.array([p.area for p in zones.polygons], np.float64),
         cells,
-        np.where(cells > 0, unsure / np.maximum(cells, 1), np.nan),
+        np.where(cells > 0, unsure_cells / np.maximum(cells, 1), np.nan),
         shares,
         governing(shares)[0],
     )
@@ -188,13 +200,14 @@ def hazard_of(
     confidence : float
         Of the sampling interval.
     """
+    unsure = undecided(curves, preset, confidence)
     return Hazard(
         tuple(sampled),
         curves,
         zones,
-        zone_facts(sampled, curves, preset, zones, grid, confidence),
+        zone_facts(sampled, curves, preset, zones, grid, unsure),
         intensity_maps(curves, preset, grid, settings),
-        share_undecided(curves, preset, confidence),
+        unsure,
     )
 
 

@@ -13,7 +13,6 @@ from sassgis.core.hazard import HazardPreset
 from sassgis.core.results import RasterLayer
 from sassgis.hazard.design import Arrivals, arrivals, quantile, rocks_beyond, value_at_rate
 from sassgis.hazard.hazard_layers import hazard_layers
-from sassgis.hazard.levels import undecided
 from sassgis.hazard.risk import risk_totals
 from sassgis.hazard.rules import energy_labels, period_labels, preset_unverified
 from sassgis.hazard.zones import Coverage
@@ -59,7 +58,7 @@ def zone_extras(
         confidence=confidence,
     )
     zones = hazard_zones(found.hazard, preset, grid, rules.ref_width_m, confidence)
-    unsure = found.hazard.curves.places[undecided(found.hazard.curves, preset, confidence)]
+    unsure = found.hazard.curves.places[found.hazard.undecided]
     own = [zones, undecided_zones(unsure, grid, confidence)]
     risk = []
     frames = {"zones": pd.DataFrame(zones.frame.drop(columns="geometry"))}
