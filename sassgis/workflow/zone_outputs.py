@@ -11,7 +11,7 @@ import shapely
 from sassgis.core.grid import Grid
 from sassgis.core.hazard import HazardPreset
 from sassgis.core.results import RasterLayer
-from sassgis.hazard.design import Arrivals, arrivals, quantile, rocks_beyond, value_at_rate
+from sassgis.hazard.design import arrivals, quantile, rocks_beyond, value_at_rate
 from sassgis.hazard.hazard_layers import hazard_layers
 from sassgis.hazard.risk import risk_totals
 from sassgis.hazard.rules import energy_labels, period_labels, preset_unverified
@@ -39,8 +39,6 @@ from sassgis.workflow.sources import Sampled
 from sassgis.workflow.zone_figures import zone_figures
 
 _VECTORS = "hazard.gpkg"
-#: Fewer simulated rocks than this behind a design value are worth a warning.
-_FEW_ROCKS = 20
 
 
 def zone_extras(
@@ -85,7 +83,7 @@ def zone_extras(
         groups=_groups(maps, own, risk, federal),
         layouts=_layouts(config, preset, rules.ref_width_m, found, done),
         figures=zone_figures(config, rules, found, done, maps, figures),
-        key_results=_level_table(preset, found.hazard.levels, found),
+        key_results=_level_table(preset, found),
         tables=_report_tables(config, rules, found, design),
         facts={
             "preset": f"{preset.name}: {preset.title}",
@@ -138,13 +136,9 @@ def design_table(config: Config, bare: tuple[Sampled, ...], done: Simulation) ->
                 row[f"{name}_q{100 * p:.0f}_{unit}"] = rounded(quantile(curve, p), 4)
             for years in config.hazard.design_return_periods_years:
                 row[f"{name}_{years:g}y_{unit}"] = rounded(value_at_rate(curve, 1.0 / years), 4)
-                row[f"{name}_{years:g}y_rocks_beyond"] = _beyond(curve, years)
+                row[f"{name}_{years:g}y_rocks_beyond"] = rocks_beyond(curve, 1.0 / years)
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _beyond(curve: Arrivals, years: float) -> int:
-    return rocks_beyond(curve, 1.0 / years)
 
 
 def _cells(frame: pd.DataFrame) -> tuple[tuple[object, ...], ...]:
@@ -177,7 +171,9 @@ def _report_tables(
     return tuple(tables)
 
 
-def _level_table(preset: HazardPreset, zones: Coverage, found: Assessment) -> ReportTable:
+def _level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
+    zones = found.hazard.levels
+
     def areas(coverage: Coverage) -> list[float]:
         return [
             float(sum(p.area for p in coverage.polygons[coverage.classes == k + 1]))
