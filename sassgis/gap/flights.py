@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.core.effects import EffectSettings
 from sassgis.core.grid import FloatArray, IntArray
-from sassgis.core.ground import GroundTable
+from sassgis.core.results import Gate
+from sassgis.engine.simulate import GateCrossings, simulate
 from sassgis.gap.case import Case
+from sassgis.gap.legs import Model, repeated
 from sassgis.gap.one_step import ground_at
-from sassgis.gap.residuals import Residual
+from sassgis.gap.residuals import Residual, mean_of_draws
 from sassgis.gap.sample import errors_of
 
 #: Effects that act between impacts; the flights that are compared here have none of them.
@@ -31,7 +32,13 @@ _LEAST_POINTS = 8
 _TRIM = 1
 #: Shortest stretch along the ground (s).
 _LEAST_ROLLING_S = 0.8
-_LEAST_SPEED_MPS = 0.5
+_LEAST_WAY_M, _LEAST_SPEED_MPS = 2.0, 0.5
+#: A rock that turns by less than this share of rolling slides.
+_SLIDES = 0.3
+#: Accelerations along the ground, from speeds and positions with errors, are known to this (m/s²).
+_ROLLING_MPS2 = 0.2
+#: Runs of each stretch along the ground, in each of two orientations.
+_ROLLED = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,20 +51,18 @@ class _Piece:
 
 
 def path_residuals(
-    case: Case, table: GroundTable, edges: FloatArray, radius_m: FloatArray, effects: EffectSettings
+    case: Case, model: Model, edges: FloatArray, axes_m: FloatArray
 ) -> list[Residual]:
     """Residuals of flights and of stretches along the ground, by leg and over all.
 
     Parameters
     ----------
     case : Case
-    table : GroundTable
+    model : Model
     edges : float64, shape (n_legs, 2)
         Limits of the legs (m).
-    radius_m : float64, shape (n_rocks,)
-        Of the rocks as the model has them.
-    effects : EffectSettings
-        Of the model.
+    axes_m : float64, shape (n_rocks, k, 3)
+        Semi-axes of each rock as the model draws them, longest first (m).
 
     Returns
     -------
@@ -67,17 +72,19 @@ def path_residuals(
     if not len(case.observations.trajectories):
         return []
     flights: list[_Piece] = []
-    rolling: list[_Piece] = []
+    # A rolling rock stands on a circle between its two longer axes.
+    round_m = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
+    rolling: list[_Stretch] = []
     for rock, rows, impacted in _paths(case):
-        own = _Path.of(case, rock, rows, radius_m[rock])
+        own = _Path.of(case, rock, rows, float(round_m[rock]))
         bounds = _bounds(case, rock, own)
         flights += _flights(case, own, bounds, impacted)
-        rolling += _along_ground(case, table, own, bounds, radius_m[rock])
+        rolling += _along_ground(own, bounds, float(round_m[rock]))
     found = []
-    if not any(e in effects.names for e in FLIGHT_EFFECTS):
+    if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
         found += _by_leg(case, edges, flights, "flight")
-    if not effects.trees:
-        found += _by_leg(case, edges, rolling, "rolling")
+    if not model.effects.trees:
+        found += _by_leg(case, edges, _rolled(case, model, rolling, round_m), "rolling")
     return found
 
 
@@ -218,33 +225,114 @@ def _fitted(case: Case, path: _Path, own: slice) -> _Piece:
     return _Piece(path.rock, float(path.s[own].mean()), values)
 
 
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """A stretch along the ground: chainages (m) and speeds (m/s) at its ends, points on it."""
+
+    rock: int
+    s0: float
+    s1: float
+    v0: float
+    v1: float
+    points: int
+    sliding: bool
+
+
 def _along_ground(
-    case: Case, table: GroundTable, path: _Path, bounds: tuple[IntArray, IntArray], radius_m: float
-) -> list[_Piece]:
-    """Stretches along the ground: acceleration by speed against that by slope and friction."""
+    path: _Path, bounds: tuple[IntArray, IntArray], radius_m: float
+) -> list[_Stretch]:
+    """Stretches on which a rock stays low and does not strike."""
     low = np.abs(path.above) < CLEAR_M
     low &= np.isfinite(path.speed) & (path.speed > _LEAST_SPEED_MPS)
     for first, last in zip(*bounds, strict=True):
         low[first : last + 1] = False
     found = []
-    law = table.array()
     for a, b in _runs(low):
         own = slice(a + _TRIM, b - _TRIM)
         t = path.t[own]
         if t.size < 2 * _LEAST_POINTS or t[-1] - t[0] < _LEAST_ROLLING_S:
             continue
-        v = path.speed[own]
-        seen = float(np.polyfit(t, v, 1)[0])
-        kind, dip = ground_at(case, np.full(t.size, path.rock), path.s[own])
-        turning = 2.0 * math.pi * path.rotation[own] * radius_m
-        sliding = np.isfinite(turning).any() and np.nanmedian(turning / v) < 0.3
-        row = law[kind]
-        mu = row[:, 3] if sliding else row[:, 4] + row[:, 5] * row[:, 6] / (2.0 * radius_m)
-        pull = case.engine.gravity_mps2 * (np.sin(dip) - mu * np.cos(dip))
-        weight = float(((t - t.mean()) ** 2).sum())
-        values = {"rolling_acceleration_mps2": (seen, float(pull.mean()), weight)}
-        found.append(_Piece(path.rock, float(path.s[own].mean()), values))
+        v0, v1 = np.polyval(np.polyfit(t, path.speed[own], 2), t[[0, -1]]).tolist()
+        s0, s1 = np.polyval(np.polyfit(t, path.s[own], 2), t[[0, -1]]).tolist()
+        turning = 2.0 * math.pi * path.rotation[own] * radius_m / path.speed[own]
+        known = turning[np.isfinite(turning)]
+        sliding = bool(known.size and np.median(known) < _SLIDES)
+        if s1 - s0 > _LEAST_WAY_M and s0 > 0.0 and v0 > _LEAST_SPEED_MPS:
+            found.append(_Stretch(path.rock, s0, s1, v0, max(v1, 0.0), t.size, sliding))
     return found
+
+
+def _rolled(
+    case: Case, model: Model, stretches: list[_Stretch], round_m: FloatArray
+) -> list[_Piece]:
+    """Acceleration on stretches along the ground, against that of the model's rocks.
+
+    ``round_m``: radius at which they roll, by rock (m). Accelerations are along the chainage.
+    """
+    if not stretches:
+        return []
+    n = len(stretches)
+    rock = np.array([p.rock for p in stretches], np.int64)
+    blocks = []
+    for orientation in (0.0, 0.5 * math.pi):
+        for p in stretches:
+            spin = 0.0 if p.sliding else p.v0 / float(round_m[p.rock])
+            blocks.append(
+                replace(
+                    case.blocks[p.rock],
+                    speed_mps=(p.v0, p.v0),
+                    spin_radps=(spin, spin),
+                    drop_m=(0.0, 0.0),
+                    orientation_rad=(orientation, orientation),
+                )
+            )
+    twice = np.concatenate([rock, rock])
+    start = np.tile([p.s0 for p in stretches], 2)
+    end = np.minimum(np.tile([p.s1 for p in stretches], 2), model.ways.end[twice] - 0.1)
+    done = simulate(
+        repeated(model.ways.bare, twice),
+        model.table,
+        blocks,
+        case.engine,
+        seed=model.seed + 501,
+        rocks_per_line=_ROLLED,
+        line_keys=np.arange(2 * n, dtype=np.uint64),
+        starts=np.column_stack([start, start]),
+        gates=GateCrossings(
+            (Gate("end", "station"),),
+            np.arange(2 * n + 1, dtype=np.int64),
+            end,
+            np.zeros(2 * n, np.int64),
+        ),
+        effects=model.effects,
+    )
+    # What it loses on the way to the end, or to where it comes to rest before.
+    square = np.zeros((2 * n, _ROLLED))
+    square[done.passages["line"], done.passages["rock"]] = done.passages["speed_mps"] ** 2
+    stop = np.minimum(done.rocks["runout_m"].reshape(2 * n, _ROLLED), end[:, None])
+    way = np.maximum(stop - start[:, None], 0.05)
+    fast = np.tile([p.v0 for p in stretches], 2)[:, None]
+    pull = (square - fast**2) / (2.0 * way)
+    # As the observed rocks, those of the model are to have gone without striking, if any can.
+    struck = done.rocks["impacts"].reshape(2 * n, _ROLLED) > 0
+    pull = np.concatenate([np.where(struck, np.nan, pull), pull], axis=1)
+    pull = np.stack([pull[:n], pull[n:]], axis=1).reshape(n, 2, 2, _ROLLED)
+    free, every = (mean_of_draws(pull[:, :, k].reshape(n, -1)) for k in (0, 1))
+    mean = np.where(np.isfinite(free), free, every)
+    return [
+        _Piece(
+            p.rock,
+            0.5 * (p.s0 + p.s1),
+            {
+                "acceleration_mps2": (
+                    (p.v1**2 - p.v0**2) / (2.0 * (p.s1 - p.s0)),
+                    a,
+                    p.points * (p.s1 - p.s0) ** 2 / max(p.v0, p.v1) ** 2,
+                )
+            },
+        )
+        for p, a in zip(stretches, mean.tolist(), strict=True)
+    ]
 
 
 def _by_leg(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> list[Residual]:
@@ -272,3 +360,10 @@ def _by_leg(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> 
                 Residual(place, phase, name, "one step", means[0], means[1], s0, s1, weight=sums[2])
             )
     return found
+
+
+def _tolerated(residual: Residual) -> float:
+    """Part of the mean gap of an acceleration along the ground that its measurement may make."""
+    values = residual.tested()
+    known = values[np.isfinite(values)]
+    return float(np.clip(known.mean(), -_ROLLING_MPS2, _ROLLING_MPS2)) if known.size else 0.0

@@ -24,15 +24,17 @@ from sassgis.core.results import Gate, StopReason
 from sassgis.engine.simulate import Forest, GateCrossings, Simulated, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.replicas import Ways, dips_at, ways_of
-from sassgis.gap.residuals import Residual, mean_of_draws, only_above, spread
+from sassgis.gap.residuals import Residual, beyond, mean_of_draws, only_above, spread
 from sassgis.gap.sample import errors_of, main_blocks, observed_sample
+from sassgis.gap.scores import t_statistics
 
 BoolArray = NDArray[np.bool_]
 
 #: Height above the resting position from which most rocks at a station count as flying (m).
 FLYING_M = 0.3
-#: Rocks of the model among which one is drawn that came to a station like the observed one.
-_LIKE = 12
+#: Rocks of the model among which one is drawn that came to a station like the observed one, and
+#: how many there must be.
+_LIKE, _LEAST_LIKE = 150, 24
 #: Longest time along a flight to where it runs parallel to the ground (s), and its steps.
 _LONGEST_S, _STEP_S = 1.5, 0.02
 #: Least height of a restart in flight above the resting position, and of a start above zero (m).
@@ -330,12 +332,11 @@ def _sides(
 ) -> list[Residual]:
     """Position beside the fall line, which a plane model cannot leave; mean and scatter."""
     none = np.where(np.isfinite(aside), 0.0, np.nan)
-    # Rocks of one release share the error of their fall line, which is no error of theirs.
     size = np.abs(aside)
-    beyond = np.sign(aside) * np.maximum(size - error, 0.0)
     usual = error * math.sqrt(2.0 / math.pi)
     return [
-        Residual(place, phase, "lateral_m", "free run", aside, none, *span, beyond),
+        # Rocks of one release share the error of their fall line, which is no error of theirs.
+        Residual(place, phase, "lateral_m", "free run", aside, none, *span, beyond(aside, error)),
         Residual(
             place, phase, "lateral_m_spread", "free run", size, none + usual, *span,
             only_above(size - usual),
@@ -399,8 +400,8 @@ def leg_residuals(
 ) -> list[Residual]:
     """Residuals of every leg, and the part of the first that the others do not have.
 
-    The first leg is the run from the release. Where it is wrong and those below are right, what is
-    wrong is the release: that is the finding of the phase "release".
+    The first leg is the run from the release. Where it is wrong, and more so than those below, what
+    is wrong is the release: that is the finding of the phase "release", which both must support.
     """
     names = case.legs
     n_stations = len(case.station_names)
@@ -429,8 +430,29 @@ def leg_residuals(
     if len(speeds) > 1:
         others = mean_of_draws(np.column_stack(speeds[1:]), least=1)
         span = (float(edges[0, 0]), float(edges[0, 1]))
-        found.append(Residual(names[0], "release", "speed_mps", "leg", speeds[0], others, *span))
+        found.append(
+            Residual(
+                names[0],
+                "release",
+                "speed_mps",
+                "leg",
+                speeds[0],
+                others,
+                *span,
+                score=_weaker(speeds[0], speeds[0] - others),
+            )
+        )
     return found
+
+
+def _weaker(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Of two gaps that must both be there and of one sign, the one that is less sure."""
+    known = np.isfinite(first) & np.isfinite(second)
+    a, b = np.where(known, first, np.nan), np.where(known, second, np.nan)
+    t_a, t_b = t_statistics(np.column_stack([a, b])).tolist()
+    if not t_a * t_b > 0.0:
+        return np.where(known, 0.0, np.nan)
+    return a if abs(t_a) < abs(t_b) else b
 
 
 def _restarted(
@@ -454,7 +476,7 @@ def _restarted(
     states = _states(case, model.ways, seen, run, k, rock, draw, rng)
     axes = run.axes_m[rock, draw]
     done = simulate(
-        _repeated(model.profiles, rock),
+        repeated(model.profiles, rock),
         model.table,
         _blocks(case, rock, axes, states),
         case.engine,
@@ -513,24 +535,21 @@ def _states(
     dip = dips_at(ways.bare, rock, s)
     a, b, _ = np.moveaxis(run.axes_m[rock, draw], -1, 0)
     radius = np.cbrt(run.axes_m[rock, draw].prod(axis=1))
-    # What was measured is the true state times a factor, or plus an error.
-    speed = seen.speed_mps[rock, k] / _factor(rng, error.speed_rel, size)
-    rotation = seen.rotation_hz[rock, k] / _factor(rng, error.rotation_rel, size)
-    centre = seen.height_m[rock, k] + error.height_m * rng.standard_normal(size)
-    above = np.maximum(centre - b / np.cos(dip), 0.0)
-    like = _like(run, k, speed, above, rotation, radius, dip, rng)
-    if like is None:
-        ground = np.nan_to_num(above) < 0.1
-        way, turning = np.zeros(size), np.ones(size)
-        height = np.nan_to_num(above)
-    else:
-        ground, way, turning, height = like
-    above = np.where(np.isfinite(above), above, height)
-    spin = (
-        2.0
-        * math.pi
-        * np.where(np.isfinite(rotation), rotation, turning * speed / (2.0 * math.pi * radius))
-    )
+    speed = seen.speed_mps[rock, k]
+    turning = 2.0 * math.pi * seen.rotation_hz[rock, k] * radius / speed
+    above = np.maximum(seen.height_m[rock, k] - b / np.cos(dip), 0.0)
+    ground = np.nan_to_num(above) < 0.1
+    way = np.zeros(size)
+    donors = _came(run, k, dip)
+    if donors is not None:
+        blur = (error.speed_rel, math.hypot(error.speed_rel, error.rotation_rel), error.height_m)
+        near = donors.like(speed, turning, above, blur, rng)
+        ground, way = donors.ground[near], donors.way[near]
+        speed = _towards(speed, donors.speed[near], error.speed_rel * speed)
+        turning = _towards(turning, donors.turning[near], blur[1] * donors.turning[near])
+        above = _towards(above, donors.above[near], np.full(size, error.height_m))
+    above = np.where(ground, 0.0, np.nan_to_num(above))
+    spin = np.where(np.isfinite(turning), turning, 1.0) * speed / radius
     orientation = rng.uniform(0.0, math.pi, size)
     # On the ground it stands so that its spin needs no lever: on its flat or its narrow side.
     orientation = np.where(ground, 0.5 * math.pi * rng.integers(0, 2, size), orientation)
@@ -549,51 +568,82 @@ def _states(
     )
 
 
-def _like(
-    run: FreeRun,
-    k: int,
-    speed: FloatArray,
-    above: FloatArray,
-    rotation: FloatArray,
-    radius: FloatArray,
-    dip: FloatArray,
-    rng: np.random.Generator,
-) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray] | None:
-    """What rocks of the model do at a station at about the same speed, height and rotation.
+def _towards(seen: FloatArray, usual: FloatArray, error: FloatArray) -> FloatArray:
+    """What was seen, moved by up to its error towards what the model has; that if nothing was."""
+    moved = usual + np.sign(seen - usual) * np.maximum(np.abs(seen - usual) - error, 0.0)
+    result: FloatArray = np.where(np.isfinite(seen), moved, usual)
+    return result
 
-    Returns
-    -------
-    ground, way, turning, above
-        Of one of the nearest ones each: whether it rolls or slides, the angle of its velocity above
-        the ground (rad), ω r/v, and its height above the resting position (m). None if the model
-        brings too few rocks there.
+
+@dataclass(frozen=True, slots=True)
+class _Came:
+    """Rocks that the model brings to a station; arrays of shape (n,).
+
+    Attributes
+    ----------
+    ground : bool
+        Whether they roll or slide.
+    way : float64
+        Angle of the velocity above the ground (rad).
+    speed, turning, above : float64
+        Speed (m/s), ω r/v, height above the resting position (m).
     """
+
+    ground: BoolArray
+    way: FloatArray
+    speed: FloatArray
+    turning: FloatArray
+    above: FloatArray
+
+    def like(
+        self,
+        speed: FloatArray,
+        turning: FloatArray,
+        above: FloatArray,
+        blur: tuple[float, float, float],
+        rng: np.random.Generator,
+    ) -> IntArray:
+        """Number of one of the rocks that are most like each of some that were seen.
+
+        ``blur``: relative errors of speed and turning, and the error of the height (m), within
+        which rocks are alike.
+        """
+        pairs = (
+            (np.log(np.maximum(self.speed, 0.1)), np.log(np.maximum(speed, 0.1)), blur[0]),
+            (self.turning, turning, blur[1]),
+            (self.above, above, blur[2]),
+        )
+        data, asked = [], []
+        for own, other, error in pairs:
+            # Where a value was not measured it does not count.
+            known = np.where(np.isfinite(other), other, float(np.median(own)))
+            scale = math.hypot(error, 0.1 * float(own.std())) + 1e-9
+            data.append(own / scale)
+            asked.append(known / scale)
+        count = min(_LIKE, self.speed.size)
+        far, near = cKDTree(np.column_stack(data)).query(np.column_stack(asked), k=count)
+        # Each with the likelihood of what was seen, up to a factor.
+        total = np.cumsum(np.exp(0.5 * (far[:, :1] ** 2 - far**2)), axis=1)
+        pick = (total < rng.random(speed.size)[:, None] * total[:, -1:]).sum(axis=1)
+        chosen: IntArray = near[np.arange(speed.size), pick]
+        return chosen
+
+
+def _came(run: FreeRun, k: int, dip: FloatArray) -> _Came | None:
+    """What the model brings to a station; None if that is too little."""
     i, j = np.nonzero(run.at.came[:, :, k] == 1.0)
-    if i.size < 2 * _LIKE:
+    if i.size < _LEAST_LIKE:
         return None
-    own_speed = run.at.speed_mps[i, j, k]
-    own_radius = np.cbrt(run.axes_m[i, j].prod(axis=1))
-    turning = 2.0 * math.pi * run.at.rotation_hz[i, j, k] * own_radius / np.maximum(own_speed, 0.1)
+    speed = run.at.speed_mps[i, j, k]
+    radius = np.cbrt(run.axes_m[i, j].prod(axis=1))
+    ground = run.ground[i, j, k]
     rest = run.axes_m[i, j, 1] / math.cos(float(np.median(dip)))
-    height = np.where(run.ground[i, j, k], 0.0, np.maximum(run.at.height_m[i, j, k] - rest, 0.0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        asked_turning = 2.0 * math.pi * rotation * radius / np.maximum(speed, 0.1)
-    columns, asked = [own_speed], [speed]
-    if np.isfinite(above).all():
-        columns.append(np.sqrt(height))
-        asked.append(np.sqrt(above))
-    if np.isfinite(asked_turning).all():
-        columns.append(turning)
-        asked.append(asked_turning)
-    data, target = np.column_stack(columns), np.column_stack(asked)
-    scale = np.maximum(data.std(axis=0), 1e-6)
-    _, near = cKDTree(data / scale).query(target / scale, k=_LIKE)
-    chosen = near[np.arange(speed.size), rng.integers(0, _LIKE, speed.size)]
-    return (
-        run.ground[i, j, k][chosen],
-        run.way[i, j, k][chosen],
-        turning[chosen],
-        height[chosen],
+    return _Came(
+        ground,
+        run.way[i, j, k],
+        speed,
+        2.0 * math.pi * run.at.rotation_hz[i, j, k] * radius / np.maximum(speed, 0.1),
+        np.where(ground, 0.0, np.maximum(run.at.height_m[i, j, k] - rest, 0.0)),
     )
 
 
@@ -636,11 +686,6 @@ def _parallel(
     return start, speed, height, dips_at(ways.bare, rock, start)
 
 
-def _factor(rng: np.random.Generator, error: float, size: int) -> FloatArray:
-    factor: FloatArray = np.maximum(1.0 + error * rng.standard_normal(size), 0.2)
-    return factor
-
-
 def _blocks(case: Case, rock: IntArray, axes: FloatArray, states: _States) -> list[BlockPopulation]:
     """One population of fixed values for each restart."""
     a, b, c = axes.T.tolist()
@@ -677,7 +722,7 @@ def _gates_below(case: Case, k: int, rock: IntArray) -> GateCrossings:
     )
 
 
-def _repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
+def repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
     """Profiles by number, each as often as it is named."""
     offset, vertex = _gather(profiles.offset, which)
     cell_offset, cell = _gather(profiles.cell_offset, which)

@@ -146,3 +146,18 @@ def only_above(score: FloatArray) -> FloatArray:
     """Scores of a scatter of which only an upper bound is known: less than that is no gap."""
     known = score[np.isfinite(score)]
     return score if known.size and known.mean() > 0.0 else np.where(np.isfinite(score), 0.0, score)
+
+
+def beyond(gap: FloatArray, tolerance: float) -> FloatArray:
+    """Gaps moved together towards zero by a tolerance: what is tested is how far they exceed it.
+
+    Parameters
+    ----------
+    gap : float64, shape (n,)
+        NaN where there is none.
+    tolerance : float
+        Mean gap that can be an error of the comparison itself.
+    """
+    known = gap[np.isfinite(gap)]
+    mean = float(known.mean()) if known.size else 0.0
+    return gap - np.clip(mean, -tolerance, tolerance)

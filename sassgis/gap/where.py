@@ -39,6 +39,8 @@ LEAST_ROCKS = 5
 IMPACT_DRAWS = 64
 #: Chance of a false finding among all that is taken for the place of the gap.
 LEVEL = 0.05
+#: Legs in which the gap is less sure than this share of the surest are not where it begins.
+_SHARE = 0.4
 
 
 def where(
@@ -81,7 +83,7 @@ def where(
     residuals = [
         *free_run_residuals(case, seen, run, rng=rng),
         *leg_residuals(case, model, seen, run, edges, rng=rng),
-        *path_residuals(case, table, edges, run.radius_m, model.effects),
+        *path_residuals(case, model, edges, run.axes_m),
     ]
     if not any(name in model.effects.names for name in IMPACT_EFFECTS):
         residuals += impact_residuals(case, table, run.axes_m, edges, draws=IMPACT_DRAWS, rng=rng)
@@ -223,9 +225,17 @@ def locate(
         if test != "one step" and phases:
             phase = phases[0] if phase not in phases else phase
         same = [f for f in own if test != "one step" or f.phase == phase]
-        legs = {f.place: f.s0_m for f in same if "-" in f.place and f.s0_m < f.s1_m}
+        same = [f for f in same if "-" in f.place and f.s0_m < f.s1_m]
+        strongest = max((_strength(f) for f in same), default=0.0)
+        legs = {f.place: f.s0_m for f in same if _strength(f) >= _SHARE * strongest}
         return phase, tuple(sorted(legs, key=lambda name: legs[name]))
     return "", ()
+
+
+def _strength(finding: Finding) -> float:
+    """Gap over its standard error."""
+    low, high = finding.ci95
+    return abs(finding.gap) / (high - low) if high > low else math.inf
 
 
 def _may_be(finding: Finding, phases: tuple[str, ...] | None) -> bool:

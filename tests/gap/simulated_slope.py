@@ -16,6 +16,7 @@ from sassgis.core.results import Gate
 from sassgis.core.settings import EngineSettings
 from sassgis.engine.simulate import Forest, GateCrossings, simulate
 from sassgis.gap.case import Case
+from sassgis.gap.legs import repeated
 from sassgis.gap.observations import (
     Deposits,
     Impacts,
@@ -141,7 +142,7 @@ def observed(
         release_speed_mps=speed,
     )  # fmt: skip
     which = np.array(line)
-    own = _taken(lines, which)
+    own = repeated(lines, which)
     forest = None
     if stand is not None:
         s0, s1, stems, girth = stand
@@ -207,12 +208,6 @@ def observed(
         stations=station_chainages(traces, stations),
         projected=project_observations(observations, traces, line, grid=grid, profiles=flat),
     )
-
-
-def _taken(lines: Any, which: np.ndarray) -> Any:
-    from sassgis.gap.legs import _repeated
-
-    return _repeated(lines, which)
 
 
 def _impacts(
