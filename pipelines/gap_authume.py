@@ -57,7 +57,7 @@ def write(data: Path, out: Path) -> FieldCase:
         {"rock_id": ids, "x": seen.stops[:, 0], "y": seen.stops[:, 1], "mass_kg": seen.mass_kg}
     )
     heavy = np.where(seen.mass_kg > np.median(seen.mass_kg), "heavy", "light")
-    splits = {"rocks": split_in_two(dict(zip(ids, heavy.tolist(), strict=True)))}
+    splits = {"halves": split_in_two(dict(zip(ids, heavy.tolist(), strict=True)))}
     plan = np.hypot(*(seen.stops - seen.corners.mean(axis=0)).T)
     groups = pd.DataFrame(
         {"rock_id": ids, "mass": heavy, "where": np.where(plan > authume.EDGE_M, "beyond", "above")}

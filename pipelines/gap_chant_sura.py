@@ -88,7 +88,7 @@ def write(data: Path, out: Path) -> FieldCase:
     tables: dict[str, pd.DataFrame] = {"rocks": rocks, "impacts": impacts}
     with_contact = {r: "run" for r in rocks["rock_id"] if r in set(used["rock_id"])}
     return write_case(
-        "chant_sura", out, CONFIG, tables, meta, {"runs": split_in_two(with_contact)}, notes
+        "chant_sura", out, CONFIG, tables, meta, {"halves": split_in_two(with_contact)}, notes
     )
 
 

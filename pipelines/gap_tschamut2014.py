@@ -88,7 +88,7 @@ def write(data: Path, out: Path) -> tables.FieldCase:
     runs.assign(rock_id=ids, block=block)[["rock_id", "block"]].to_csv(out / "groups.csv")
     plate = (runs["block_id"] == 4).to_numpy()
     splits = {
-        "runs": tables.split_in_two(dict(zip(ids, block, strict=True))),
+        "halves": tables.split_in_two(dict(zip(ids, block, strict=True))),
         "plate": (ids[~plate].tolist(), ids[plate].tolist()),
     }
     notes = [

@@ -232,6 +232,12 @@ def left_out_scores(
     return report
 
 
+def summary(found: Mapping[str, Any]) -> dict[str, Any]:
+    """What is kept of the predictions of a form: their mean over the contacts, and the choices."""
+    kept = {k: v for k, v in found.items() if k not in ("mean", "q05", "q95", "scores")}
+    return {**kept, "mean": np.mean(found["mean"], axis=0)}
+
+
 def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
     """Contacts of the flights, predicted with each form; writes ``contacts.png``."""
     contacts, rocks = read_contacts(folder)
@@ -274,14 +280,14 @@ def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
             [m.mean(axis=0) for m in made], axis=0
         )
         report[name] = {
-            "contacts": [f"{r} {i}" for r, i in zip(runs, rows["impact"], strict=True)],
+            "contacts": len(rows),
             "quantities": QUANTITIES,
-            "before": [[s.vt, s.vn, s.omega] for s in states],
-            "observed": seen,
+            "before_mean": np.mean([[s.vt, s.vn, s.omega] for s in states], axis=0),
             "observed_mean": seen.mean(axis=0),
             "untuned_mean": untuned,
-            "left_out": scored,
+            "left_out": {form: summary(found) for form, found in scored.items()},
         }
         if name == "used":
-            save(contacts_figure(seen, scored, report[name]["contacts"]), out / "contacts.png")
+            names = [f"{r} {i}" for r, i in zip(runs, rows["impact"], strict=True)]
+            save(contacts_figure(seen, scored, names), out / "contacts.png")
     return report

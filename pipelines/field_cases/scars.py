@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from field_cases.contacts import plate_axes
 from field_cases.figures import scars_figure
-from field_cases.impact_law import State, left_out_scores, numbers_of
+from field_cases.impact_law import State, left_out_scores, numbers_of, summary
 from sassgis.core.effects import SoftGround
 from sassgis.engine.effects import soft_ground
 from sassgis.engine.ellipse import inertia
@@ -92,7 +92,7 @@ def scar_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
             for name, v in shares.items()
         },
         "dip_taken_deg": math.degrees(dip),
-        "energy_kept_left_out": law,
+        "energy_kept_left_out": {form: summary(found) for form, found in law.items()},
         "lu": {
             "impacts": len(four),
             "scar_length_m": length,

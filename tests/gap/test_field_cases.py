@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -277,3 +279,43 @@ def test_held_out_shrinkage_is_withheld_where_nothing_is_to_gain(
     monkeypatch.setattr(module, "model_of", lambda name: name)
     report = module.held_out(read, SimpleNamespace(base="base", effect="effect"), 1)
     assert 0.9 < report["shrinkage"] < 1.1
+
+
+def test_the_ground_is_calibrated_on_the_rocks_to_fit_on_alone(
+    written: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import field_cases.study as module
+
+    case = written("tschamut2014")
+    _, left_out = case.splits["plate"]
+    scored = len(pd.read_csv(case.observations[left_out] / "rocks.csv"))
+    wanted = {"fit": 0.3, "left_out": 0.6}
+
+    def stops(read: Any, model: Any, seed: int) -> tuple[Any, Any]:
+        """Rocks that come as far as 100 m times μ_0, and were seen at 30 m or 60 m."""
+        n = read.n_rocks
+        side = "left_out" if n == scored else "fit"
+        mu_0 = model.table.classes[model.table.index("soft_meadow")].mu_0
+        rng = np.random.default_rng(seed)
+        made = 100.0 * mu_0 + rng.normal(size=(n, module.CAMPAIGNS, 2))
+        return 100.0 * wanted[side] + rng.normal(size=(n, 2)), made
+
+    monkeypatch.setattr(module, "stops", stops)
+    report = module.recalibrated(case, *case.splits["plate"], 3)
+    assert report["mu_0"] == 0.3
+    assert report["recalibrated"]["gap_m"] == pytest.approx(30.0, abs=1.0)
+    assert abs(report["untuned"]["gap_m"]) < 1.0
+
+
+def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
+    folder = repository / "docs" / "studies"
+    spec = importlib.util.spec_from_file_location("gap_tables", folder / "gap_tables.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    seen = set()
+    for page in folder.glob("gap_*.md"):
+        text = page.read_text(encoding="utf-8")
+        seen |= set(re.findall(r"<!-- gap: (.+?) -->", text))
+        assert module.filled(text) == text, f"{page.name}: run python docs/studies/gap_tables.py"
+    assert seen == set(module.TABLES)

@@ -1,0 +1,231 @@
+"""Put the tables of the field cases into their pages.
+
+``python docs/studies/gap_tables.py`` rewrites what stands between ``<!-- gap: NAME -->`` and
+``<!-- end gap -->`` in the pages ``gap_*.md`` of this folder from the committed ``results.json``,
+which ``python pipelines/gap_NAME.py DATA -o OUT`` writes.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+
+
+def results(case: str) -> dict[str, Any]:
+    """What the pipeline of a case found."""
+    file = HERE / f"gap_{case}" / "results.json"
+    found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return found
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A few significant digits; a dash where there is none."""
+    if value is None:
+        return "–"
+    if value == 0.0 or abs(value) >= 10 ** (digits - 1):
+        return f"{value:.0f}"
+    text = f"{value:.{digits}g}"
+    return (f"{float(text):f}".rstrip("0").rstrip(".") if "e" in text else text).replace("-", "−")
+
+
+def metres(value: float | None) -> str:
+    """To the decimetre."""
+    return "–" if value is None else f"{value:.1f}".replace("-0.0", "0.0").replace("-", "−")
+
+
+def pair(interval: list[float] | None, digits: int = 3) -> str:
+    """An interval in words."""
+    return (
+        "–"
+        if interval is None
+        else f"{number(interval[0], digits)} to {number(interval[1], digits)}"
+    )
+
+
+def markdown(head: list[str], body: list[list[str]]) -> str:
+    """A table in Markdown."""
+    lines = [head, ["---"] * len(head), *body]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def untuned(case: str) -> str:
+    """Observed and predicted stops by group."""
+    found = results(case)
+    body = []
+    for group, one in found["untuned"].items():
+        for quantity, word in (("runout_m", "run-out"), ("aside_m", "aside")):
+            q = one[quantity]
+            body.append(
+                [
+                    f"{group} ({one['rocks']})" if quantity == "runout_m" else "",
+                    word,
+                    " / ".join(metres(v) for v in q["observed"]),
+                    " / ".join(metres(v) for v in q["predicted"]),
+                    f"{metres(q['gap'])} ({metres(q['ci95'][0])} to {metres(q['ci95'][1])})",
+                    number(q["p_adjusted"], 2),
+                ]
+            )
+    head = ["rocks", "(m)", "observed 10 / 50 / 90 %", "predicted", "gap of the mean (95 %)", "p"]
+    return markdown(head, body)
+
+
+def recalibrated(case: str) -> str:
+    """One class of ground calibrated widely, on rocks left out."""
+    body = []
+    for split, one in results(case)["recalibrated"].items():
+        for model, word in (
+            ("untuned", "untuned"),
+            ("recalibrated", f"η_max {number(one['eta_max'])}, μ_0 {number(one['mu_0'])}"),
+        ):
+            q = one[model]
+            body.append(
+                [
+                    f"{split} ({one['rocks']})" if model == "untuned" else "",
+                    word,
+                    " / ".join(metres(v) for v in q["predicted"]),
+                    f"{metres(q['gap_m'])} ({metres(q['ci95'][0])} to {metres(q['ci95'][1])})",
+                    metres(q["crps_m"]),
+                    metres(q["energy_distance_m"]),
+                    f"{100.0 * q['to_the_end']:.0f} %",
+                ]
+            )
+        seen = one["untuned"]["observed"]
+        body.append(["", "*observed*", " / ".join(metres(v) for v in seen), "", "", "", ""])
+    head = ["left out", "soft_meadow", "run-out 10 / 50 / 90 % (m)", "mean gap (m, 95 %)"]
+    return markdown([*head, "CRPS (m)", "energy distance (m)", "to the end of the line"], body)
+
+
+def which(case: str, split: str) -> str:
+    """Contenders of a diagnosis, most probable first."""
+    found = results(case).get("splits", {}).get(split)
+    if found is None:
+        return "*Not diagnosed.*"
+    body = [
+        [c["effect"], c["form"], number(c["gain"], 2), number(c["probability"], 2)]
+        for c in found["which"][:6]
+    ]
+    return markdown(["effect", "form", "gain in energy score", "probability"], body)
+
+
+def verdict(case: str) -> str:
+    """What was named on each split."""
+    found = results(case)
+    body = [
+        [
+            split,
+            str(one["fitted_on"]),
+            one["verdict"],
+            number(one["confidence"], 2),
+            ", ".join(one["confusion_set"]),
+        ]
+        for split, one in found.get("splits", {}).items()
+    ]
+    if not body:
+        return "*Not diagnosed.*"
+    return markdown(["split", "rocks fitted", "named", "confidence", "confusion set"], body)
+
+
+def left_out(case: str) -> str:
+    """Scores on rocks left out."""
+    body = []
+    for split, one in results(case).get("splits", {}).items():
+        held = one["left_out"]
+        for model in ("untuned", "base", "effect", "floor"):
+            distance = held["energy_distance"][model]
+            gap = held["gap_m"]
+            cells = ["–", "–", "–"]
+            if model != "floor":
+                cells = [
+                    number(held["energy_score"][model]),
+                    metres(gap["runout_m"][model]),
+                    number(held["by_quantity_m"]["aside_m"][model]),
+                ]
+            name = f"{split} ({held['rocks']})" if model == "untuned" else ""
+            word = {
+                "untuned": "untuned",
+                "base": "base, calibrated",
+                "effect": f"with {one['verdict']}",
+                "floor": "replicates of the last",
+            }[model]
+            body.append(
+                [name, word, f"{number(distance['value'])} ({pair(distance['ci95'])})", *cells]
+            )
+        body.append(
+            [
+                "",
+                "**shrinkage**",
+                f"**{number(held['shrinkage'], 2)}** ({pair(held['shrinkage_ci95'], 2)})",
+                "", "", "",
+            ]
+        )  # fmt: skip
+    if not body:
+        return "*Not diagnosed.*"
+    head = ["left out", "model", "energy distance (95 %)", "energy score", "mean gap (m)"]
+    return markdown([*head, "distance aside (m)"], body)
+
+
+def contacts(which_ones: str) -> str:
+    """Means over contacts: observed, untuned, and calibrated on the contacts of other runs."""
+    found = results("chant_sura")["contacts"][which_ones]
+
+    def cells(values: list[float]) -> list[str]:
+        return [number(v, 2) for v in values[:4]]
+
+    body = [["observed", *cells(found["observed_mean"]), ""]]
+    for form, mean in found["untuned_mean"].items():
+        body.append([f"as it comes: {form}", *cells(mean), ""])
+    for form, one in found["left_out"].items():
+        score = number(one["energy_score"])
+        body.append([f"left out: {form}", *cells(one["mean"]), score])
+    return markdown(
+        ["", "v_t′ (m/s)", "v_n′ (m/s)", "ω′ (rad/s)", "energy kept", "energy score"], body
+    )
+
+
+def scars() -> str:
+    """Energy of translation that is kept, of impacts left out."""
+    found = results("chant_sura")["scars"]["energy_kept_left_out"]
+    body = []
+    for form, one in found.items():
+        chosen = {k: v for k, v in one.items() if k not in ("energy_score", "mean")}
+        words = "; ".join(f"{k} {', '.join(number(x) for x in v)}" for k, v in chosen.items())
+        body.append([form, number(one["mean"][4], 2), number(one["energy_score"]), words])
+    return markdown(["form", "energy kept, mean", "energy score", "chosen on the other run"], body)
+
+
+TABLES = {
+    **{f"{c} untuned": (lambda c=c: untuned(c)) for c in ("tschamut", "authume")},
+    **{f"{c} verdict": (lambda c=c: verdict(c)) for c in ("tschamut", "authume", "chant_sura")},
+    **{f"{c} recalibrated": (lambda c=c: recalibrated(c)) for c in ("tschamut", "authume")},
+    **{f"{c} left out": (lambda c=c: left_out(c)) for c in ("tschamut", "authume")},
+    "tschamut which": lambda: which("tschamut", "halves"),
+    "authume which": lambda: which("authume", "halves"),
+    "chant_sura contacts": lambda: contacts("used"),
+    "chant_sura all contacts": lambda: contacts("all with a spin"),
+    "chant_sura scars": scars,
+}
+
+
+def filled(text: str) -> str:
+    """A page with its tables made anew."""
+
+    def table(match: re.Match[str]) -> str:
+        return f"<!-- gap: {match[1]} -->\n\n{TABLES[match[1]]()}\n\n<!-- end gap -->"
+
+    return re.sub(r"<!-- gap: (.+?) -->\n.*?<!-- end gap -->", table, text, flags=re.S)
+
+
+def main() -> None:
+    """Rewrite the pages."""
+    for page in sorted(HERE.glob("gap_*.md")):
+        text = page.read_text(encoding="utf-8")
+        if (new := filled(text)) != text:
+            page.write_text(new, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
