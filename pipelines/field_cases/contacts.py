@@ -22,12 +22,14 @@ OFF_GROUND_M = 0.3
 PLATE_M, PLATE_KG = (0.93, 0.93, 0.47), 780.0
 
 
-def read_contacts(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+def read_contacts(folder: Path, reach_m: float = REACH_M) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Contacts and rocks in the columns of tables of observations.
 
     Parameters
     ----------
     folder : Path
+    reach_m : float
+        Ground about a contact through which its plane is laid (m).
 
     Returns
     -------
@@ -42,7 +44,7 @@ def read_contacts(folder: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
     starts = pd.read_csv(folder / "release_points_contact_extended.csv")
     spin = np.linalg.norm(flights[[f"omega_{c}_radps" for c in "xyz"]].to_numpy(), axis=1)
     by_flight = flights.assign(spin=spin).groupby("trajectory_id")["spin"]
-    ground = Ground(folder / "terrain_rf16_contact_extended.asc")
+    ground = Ground(folder / "terrain_rf16_contact_extended.asc", reach_m)
     rows = []
     for event in events.to_dict("records"):
         into = np.array([event[f"incoming_v{c}_mps"] for c in "xyz"])
@@ -111,7 +113,8 @@ def plate_axes(mass_kg: float) -> tuple[float, float, float]:
 class Ground:
     """Planes through a terrain model."""
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, reach_m: float = REACH_M) -> None:
+        self._reach = reach_m
         with rasterio.open(file) as source:
             self._z = source.read(1).astype(np.float64)
             rows, cols = np.indices(self._z.shape)
@@ -120,7 +123,7 @@ class Ground:
 
     def plane(self, x: float, y: float) -> tuple[FloatArray, float]:
         """Outward normal and height of the plane through the ground about a point."""
-        near = np.hypot(self._x - x, self._y - y) < REACH_M
+        near = np.hypot(self._x - x, self._y - y) < self._reach
         dx, dy = self._x[near] - x, self._y[near] - y
         fit = np.linalg.lstsq(np.c_[np.ones(dx.size), dx, dy], self._z[near], rcond=None)[0]
         normal = np.array([-fit[1], -fit[2], 1.0])

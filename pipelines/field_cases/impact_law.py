@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from field_cases.contacts import read_contacts
+from field_cases.contacts import REACH_M, read_contacts
 from field_cases.figures import contacts_figure
 from sassgis.core.effects import SoftGround
 from sassgis.core.ground import GroundClass
@@ -238,6 +238,13 @@ def summary(found: Mapping[str, Any]) -> dict[str, Any]:
     return {**kept, "mean": np.mean(found["mean"], axis=0)}
 
 
+def _means(states: Sequence[State], law: Law, seed: int) -> FloatArray:
+    """Mean prediction over all contacts."""
+    made = [predict(s, law, np.random.default_rng([seed, i])) for i, s in enumerate(states)]
+    means: FloatArray = np.mean([m.mean(axis=0) for m in made], axis=0)
+    return means
+
+
 def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
     """Contacts of the flights, predicted with each form; writes ``contacts.png``."""
     contacts, rocks = read_contacts(folder)
@@ -247,9 +254,17 @@ def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
     }
     spun = contacts["omega_in_radps"].notna() & contacts["omega_out_radps"].notna()
     ahead = contacts["vn_in_mps"] < 0.0
-    report: dict[str, Any] = {}
+    near, _ = read_contacts(folder, 0.6 * REACH_M)
+    columns = ["vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"]
+    used = (contacts["left_out"] == "").to_numpy()
+    report: dict[str, Any] = {
+        "speeds_by_reach_of_the_ground": {
+            f"{reach:g} m": dict(zip(columns, frame.loc[used, columns].mean(), strict=True))
+            for reach, frame in ((REACH_M, contacts), (0.6 * REACH_M, near))
+        }
+    }
     for name, rows in (
-        ("used", contacts[contacts["left_out"] == ""]),
+        ("used", contacts[used]),
         ("all with a spin", contacts[spun & ahead]),
     ):
         states = [
@@ -266,19 +281,14 @@ def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
             seen[i, 4] = (v[0] ** 2 + v[1] ** 2) / (s.vt**2 + s.vn**2)
         runs = rows["rock_id"].tolist()
         scored = left_out_scores(states, seen, runs, (0, 1, 2), seed)
-        untuned = {}
-        for form, law in defaults(ground_class()).items():
-            made = [predict(s, law, np.random.default_rng([seed, i])) for i, s in enumerate(states)]
-            untuned[form] = np.mean([m.mean(axis=0) for m in made], axis=0)
+        untuned = {
+            form: _means(states, law, seed) for form, law in defaults(ground_class()).items()
+        }
         # The block of the model turns about its shortest axis; these are plates, and may tumble.
         tumbling = [replace(s, axes=(s.axes[0], s.axes[2], s.axes[1])) for s in states]
-        made = [
-            predict(s, defaults(ground_class())["base"], np.random.default_rng([seed, i]))
-            for i, s in enumerate(tumbling)
-        ]
-        untuned["base, shortest axis in the plane"] = np.mean(
-            [m.mean(axis=0) for m in made], axis=0
-        )
+        untuned["base, shortest axis in the plane"] = _means(tumbling, Law(ground_class()), seed)
+        for other in ("debris", "rock"):
+            untuned[f"base on {other}"] = _means(states, Law(ground_class(other)), seed)
         report[name] = {
             "contacts": len(rows),
             "quantities": QUANTITIES,
