@@ -55,7 +55,17 @@ _QUANTITIES: Mapping[str, str] = {
     "path_m": "length of path",
     "flight_fit": "gravity from flights",
     "stops_per_rock": "stopped blocks per rock",
-    "arrived": "share that arrives",
+    "largest_share": "share of the largest piece",
+    "arrived": "share of rocks that arrive",
+    "vt_out_mps": "speed along the ground after the impact",
+    "vn_out_mps": "speed off the ground after the impact",
+    "omega_out_radps": "spin after the impact",
+    "spin_ratio": "surface speed over speed after the impact",
+    "rebound_deg": "angle of the rebound",
+    "vertical_acceleration_mps2": "vertical acceleration in flight",
+    "horizontal_acceleration_mps2": "horizontal acceleration in flight",
+    "speed_change_mps": "speed gained in flight without gravity",
+    "acceleration_mps2": "acceleration on the ground",
 }
 _UNIT_ENDS = (
     "_mps2", "_mps", "_radps", "_hz", "_kgm3", "_kg", "_m3", "_m", "_deg", "_rel", "_kj", "_s",
@@ -80,6 +90,8 @@ def effect_phrase(effect: str) -> str:
 
 def quantity_name(quantity: str) -> str:
     """Name of a quantity, without its unit: "passing height" for ``height_m``."""
+    if quantity.endswith("_spread"):
+        return "scatter of " + quantity_name(quantity.removesuffix("_spread"))
     if quantity in _QUANTITIES:
         return _QUANTITIES[quantity]
     end = next((e for e in _UNIT_ENDS if quantity.endswith(e)), "")
@@ -111,6 +123,11 @@ def place_words(place: str) -> str:
 def with_unit(text: str, unit: str) -> str:
     """A number with its unit, if it has one."""
     return f"{text} {unit}" if unit and unit != "1" else text
+
+
+def with_unit_in_brackets(text: str, unit: str) -> str:
+    """The name of a quantity with its unit, if it has one: "speed (m/s)"."""
+    return f"{text} ({unit})" if unit and unit != "1" else text
 
 
 def significance(finding: Finding) -> str:

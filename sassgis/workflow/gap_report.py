@@ -28,6 +28,7 @@ from sassgis.gap.words import (
     significance,
     tested_by,
     with_unit,
+    with_unit_in_brackets,
 )
 from sassgis.io import figures
 from sassgis.io.config import Config
@@ -47,6 +48,8 @@ from sassgis.workflow.map_report import save_figure
 _TOLD = 4
 #: Below this number of rocks the report warns of it.
 _FEW_ROCKS = 20
+#: What the map shows, if it is told from chance somewhere: reach and energy before the rest.
+_MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "lateral_m")
 #: Findings in the table of the report.
 _ROWS = 40
 
@@ -134,7 +137,7 @@ def finding_sentence(finding: Finding) -> str:
     )
     place = place_words(finding.place)
     return (
-        f"{quantity_name(finding.quantity).capitalize()} {place}: observed "
+        f"{_capital(quantity_name(finding.quantity))} {place}: observed "
         f"{with_unit(sensible(finding.observed), finding.unit)}, predicted "
         f"{with_unit(sensible(finding.predicted), finding.unit)}, that is "
         f"{with_unit(sensible(abs(finding.gap), 2), finding.unit)} {more} "
@@ -158,14 +161,23 @@ def _where(findings: tuple[Finding, ...]) -> ReportAnswer:
         if likely:
             text += f" {len(likely)} are likely (see the figure)."
         return ReportAnswer(heading, (text,))
-    sure.sort(key=lambda f: f.p_adjusted)
+    told = _one_per_quantity(sure)[:_TOLD]
     text = (
         f"{len(sure)} of {len(findings)} comparisons differ by more than chance would let one of "
         "so many differ"
         + (f", {len(likely)} more are likely" if likely else "")
-        + (". The most certain:" if len(sure) > _TOLD else ":")
+        + (". The most certain, one of each quantity:" if len(sure) > len(told) else ":")
     )
-    return ReportAnswer(heading, (text,), tuple(finding_sentence(f) for f in sure[:_TOLD]))
+    return ReportAnswer(heading, (text,), tuple(finding_sentence(f) for f in told))
+
+
+def _one_per_quantity(findings: Iterable[Finding]) -> list[Finding]:
+    """The most certain finding of each quantity; those that matter most for the hazard first."""
+    found: dict[str, Finding] = {}
+    for finding in sorted(findings, key=lambda f: f.p_adjusted):
+        found.setdefault(finding.quantity, finding)
+    order = [q for q in _MATTERS if q in found] + [q for q in found if q not in _MATTERS]
+    return [found[q] for q in order]
 
 
 def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
@@ -204,8 +216,12 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
 
 def _sentence(text: str) -> str:
     text = text.strip()
-    text = text[:1].upper() + text[1:]
+    text = _capital(text)
     return text if text.endswith((".", "!", "?")) else text + "."
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _share(value: float) -> str:
@@ -257,9 +273,24 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
 
 
 def headline(findings: Iterable[Finding]) -> Finding | None:
-    """The most certain finding that has a place along the fall lines."""
+    """The finding whose quantity the map shows.
+
+    Of quantities that are told from chance somewhere along the fall lines the one that matters most
+    for the hazard; if there is none, the most certain.
+    """
     placed = [f for f in findings if math.isfinite(f.gap) and math.isfinite(f.s0_m)]
-    return min(placed, key=lambda f: (f.p_adjusted, f.q_value, -f.rocks), default=None)
+
+    def rank(finding: Finding) -> tuple[bool, bool, int, float, float]:
+        known = finding.quantity in _MATTERS
+        return (
+            significance(finding) == "open",
+            finding.place == "all" or finding.place.startswith("ground:"),
+            _MATTERS.index(finding.quantity) if known else len(_MATTERS),
+            finding.p_adjusted,
+            finding.q_value,
+        )
+
+    return min(placed, key=rank, default=None)
 
 
 def map_parts(
@@ -328,10 +359,9 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         "gap_map",
         "Where the gap lies",
         (
-            f"{quantity_name(first.quantity).capitalize()}: the most certain gap and the same "
-            "quantity elsewhere. Across the slope: at a station; along the fall lines: on the "
-            "stretch below, as a rule with the rocks started anew where it begins, so that what "
-            "went wrong above does not count again."
+            f"{_capital(quantity_name(first.quantity))}. Across the slope: at a station; along the "
+            "fall lines: on that stretch, as a rule with the rocks started anew where it begins, "
+            "so that what went wrong above does not count again."
             if first is not None and coloured
             else "No gap has a place along the fall lines."
         ),
@@ -398,7 +428,7 @@ def _where_table(findings: tuple[Finding, ...]) -> ReportTable:
         tuple(
             (
                 f.place.removeprefix("ground:"), f.phase,
-                quantity_name(f.quantity) + (f" ({f.unit})" if f.unit else ""), f.observed,
+                with_unit_in_brackets(quantity_name(f.quantity), f.unit), f.observed,
                 f.predicted, f"{sensible(f.gap, 2)} ({_interval(f.ci95, 2)})", _p(f.p_adjusted),
                 _p(f.q_value), f.rocks, f.test,
             )

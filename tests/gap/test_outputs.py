@@ -42,6 +42,7 @@ from sassgis.gap.words import (
     place_words,
     quantity_name,
     significance,
+    with_unit_in_brackets,
 )
 from sassgis.io import figures
 from sassgis.io.config import SECTIONS, load_config
@@ -60,7 +61,13 @@ from sassgis.io.ground import read_ground_table
 from sassgis.io.sections import FileName
 from sassgis.workflow.gap_map_change import difference, map_change
 from sassgis.workflow.gap_outputs import write_outputs
-from sassgis.workflow.gap_report import answer, finding_sentence, map_parts, verdict_sentence
+from sassgis.workflow.gap_report import (
+    answer,
+    finding_sentence,
+    headline,
+    map_parts,
+    verdict_sentence,
+)
 from sassgis.workflow.inputs import read_map_run
 from sassgis.workflow.run import run
 
@@ -470,6 +477,9 @@ def test_quantities_in_words() -> None:
     assert quantity_name("height_m") == "passing height"
     assert quantity_name("peak_energy_kj") == "peak energy"
     assert quantity_name("odd") == "odd"
+    assert quantity_name("runout_m_spread") == "scatter of run-out"
+    assert with_unit_in_brackets("speed", "m/s") == "speed (m/s)"
+    assert with_unit_in_brackets("share", "1") == "share"
 
 
 def test_a_finding_as_a_sentence() -> None:
@@ -534,6 +544,27 @@ def test_tables_tell_what_changed(written: Path) -> None:
     assert "80 passages" in words
 
 
+def test_the_map_shows_what_matters_most_of_what_is_sure() -> None:
+    height = finding("S1", "flight", "height_m", 0.3, p_adjusted=0.001)
+    speed = finding("S2", "flight", "speed_mps", -2.0, p_adjusted=0.01)
+    everywhere = finding("all", "stopping", "runout_m", -9.0, p_adjusted=0.001)
+    assert headline([height, everywhere, speed]) is speed
+    unsure = replace(speed, p_adjusted=0.5, q_value=0.4)
+    assert headline([unsure, height, everywhere]) is height
+    assert headline([unsure, everywhere]) is everywhere
+    assert headline([replace(speed, s0_m=math.nan)]) is None
+
+
+def test_one_sentence_for_each_quantity(few: Made) -> None:
+    _, case = few
+    many = tuple(finding(p, "flight", "speed_mps", -2.0) for p in ("S1", "S2", "S1-S2"))
+    many += (finding("S1", "flight", "height_m", 0.3, p_adjusted=0.0005),)
+    parts = {p.heading: p for p in answer(replace(with_trees(case), where=many))}
+    points = parts["Where the gap lies"].points
+    assert [p.split(":")[0] for p in points] == ["Speed at S1", "Passing height at S1"]
+    assert "p < 0.001" in points[1]
+
+
 # --- figures ---------------------------------------------------------------------------------
 
 
@@ -558,6 +589,9 @@ def test_many_comparisons_are_cut_and_the_figure_says_so() -> None:
     many = [finding("S1", f"phase{i}", "speed_mps", 1.0, p_adjusted=0.01 * i) for i in range(40)]
     figure = figures.gap_where_figure(many)
     assert "14 of 40 are shown" in texts(figure)
+    kinds = [replace(many[0], quantity=f"kind{i:02d}_m") for i in range(20)]
+    words = texts(figures.gap_where_figure(kinds))
+    assert "12 of 20 are shown" in words and "kind11" in words and "kind12" not in words
     assert "S1 · phase0" in texts(figure) and "S1 · phase39" not in texts(figure)
 
 

@@ -25,7 +25,7 @@ from sassgis.gap.words import (
     quantity_name,
     significance,
     tested_by,
-    with_unit,
+    with_unit_in_brackets,
 )
 from sassgis.io.figures import relief
 from sassgis.io.figures.map import draw_release, footprint
@@ -50,6 +50,7 @@ from sassgis.io.figures.style import (
 
 #: Rows of one quantity beyond this number are left out, the least certain first.
 MAX_ROWS = 14
+#: Panels of one figure beyond this number are left out.
 MAX_PANELS = 12
 #: Up to this many observed values each is marked on the curve.
 _MARKED = 60
@@ -110,13 +111,13 @@ def gap_where_figure(
     Parameters
     ----------
     findings : sequence of Finding
-        Of a quantity with more than ``MAX_ROWS`` the least certain are left out, and the figure
-        says so.
+        The most certain first. Quantities beyond ``MAX_PANELS`` and rows of one beyond ``MAX_ROWS``
+        are left out, and the figure says so.
     title : str
     """
     groups = {
         key: sorted(sorted(rows, key=lambda f: (f.p_adjusted, f.q_value))[:MAX_ROWS], key=_order)
-        for key, rows in _by_quantity(findings).items()
+        for key, rows in list(_by_quantity(findings).items())[:MAX_PANELS]
     }
     shown = sum(len(rows) for rows in groups.values())
     note = (
@@ -127,15 +128,20 @@ def gap_where_figure(
     if shown < len(findings):
         note += f" {shown} of {len(findings)} are shown, the most certain."
     columns = 1 if len(groups) < 2 else 2
-    heads, gaps = 0.32, 0.34
-    heights = {key: heads + _ROW_IN * len(rows) + gaps for key, rows in groups.items()}
+    width = WIDTH_IN / columns
+    titles = {
+        key: wrap(with_unit_in_brackets(quantity_name(key[0]), key[1]), width - 0.3, TEXT + 1.0)
+        for key in groups
+    }
+    heads, gaps = {key: 0.06 + 0.15 * lines_in(text) for key, text in titles.items()}, 0.36
+    heights = {key: heads[key] + _ROW_IN * len(rows) + gaps for key, rows in groups.items()}
     filled = [0.0] * columns
     places: list[tuple[tuple[str, str], int, float]] = []
     for key in groups:
         column = int(np.argmin(filled))
         places.append((key, column, filled[column]))
         filled[column] += heights[key]
-    top, bottom = 0.3, _note_height(note) + 0.05
+    top, bottom = 0.36, _note_height(note) + 0.05
     height = top + max(max(filled), 1.0) + bottom
     figure = new_figure(WIDTH_IN, height, constrained=False)
     _heading(figure, title, note)
@@ -144,12 +150,15 @@ def gap_where_figure(
             figure.add_axes((0.05, bottom / height, 0.9, 1.0 / height)), "nothing was compared"
         )
         return figure
-    width = WIDTH_IN / columns
     longest = max(len(_row_label(f, rows)) for rows in groups.values() for f in rows)
     label_w = min(0.45 * width, 0.066 * longest + 0.2)
     for key, column, used in places:
         rows = groups[key]
-        y = height - top - used - heads - _ROW_IN * len(rows)
+        y = height - top - used - heads[key] - _ROW_IN * len(rows)
+        figure.text(
+            (column * width + 0.1) / WIDTH_IN, (height - top - used) / height, titles[key],
+            size=TEXT, weight="bold", va="top",
+        )  # fmt: skip
         ax = figure.add_axes(
             (
                 (column * width + label_w) / WIDTH_IN,
@@ -159,13 +168,11 @@ def gap_where_figure(
             ),
             label=key[0],
         )
-        _draw_gaps(ax, rows, key)
+        _draw_gaps(ax, rows)
     return figure
 
 
-def _draw_gaps(ax: Axes, rows: Sequence[Finding], key: tuple[str, str]) -> None:
-    quantity, unit = key
-    ax.set_title(with_unit(quantity_name(quantity), f"({unit})" if unit else ""), size=TEXT, pad=3)
+def _draw_gaps(ax: Axes, rows: Sequence[Finding]) -> None:
     ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
     ax.grid(axis="y", visible=False)
     ax.spines["left"].set_visible(False)
@@ -189,7 +196,7 @@ def _draw_gaps(ax: Axes, rows: Sequence[Finding], key: tuple[str, str]) -> None:
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.margins(x=0.08)
-    ax.locator_params(axis="x", nbins=5)
+    ax.locator_params(axis="x", nbins=4)
 
 
 # --- before and after ------------------------------------------------------------------------
@@ -280,8 +287,8 @@ def gap_distributions_figure(
 def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: bool) -> None:
     seen, base = _known(comparison.observed), _known(comparison.base)
     with_effect = _known(comparison.effect) if after else np.empty(0)
-    unit = f" ({comparison.unit})" if comparison.unit else ""
-    words = f"{quantity_name(comparison.quantity)} {place_words(comparison.place)}{unit}"
+    words = f"{quantity_name(comparison.quantity)} {place_words(comparison.place)}"
+    words = with_unit_in_brackets(words, comparison.unit)
     ax.set_title(wrap(words, width_in, SMALL + 0.5), size=SMALL + 0.5, pad=3)
     ax.set_ylim(-0.02, 1.04)
     ax.yaxis.set_major_formatter(_share_formatter())
