@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from types import TracebackType
+from types import ModuleType, TracebackType
 from typing import Any
 
 from sassgis.core.errors import InputError, OutputError, SassgisError
@@ -89,12 +89,12 @@ class Fence:
     """
 
     def __init__(self, root: Path) -> None:
-        self._root = os.path.abspath(root)
+        self._root = os.path.realpath(root)
         self._allowed: tuple[str, ...] = ()
 
     def allow(self, folders: Sequence[Path]) -> None:
         """Name the folders beneath the root that may be used from now on."""
-        self._allowed = tuple(os.path.abspath(folder) for folder in folders)
+        self._allowed = tuple(os.path.realpath(folder) for folder in folders)
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
         """Hear of an event, as ``sys.addaudithook`` tells it."""
@@ -105,7 +105,7 @@ class Fence:
         elif event in ("open", "os.listdir", "os.scandir", "sqlite3.connect"):
             path = args[0]
             if isinstance(path, str | bytes | os.PathLike):
-                self._pass(os.path.abspath(os.fsdecode(path)))
+                self._pass(os.path.realpath(os.fsdecode(path)))
 
     def _pass(self, path: str) -> None:
         if _within(path, self._root) and not any(_within(path, own) for own in self._allowed):
@@ -195,7 +195,7 @@ class Crew:
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
         process = context.Process(target=_member, args=(there, self._fenced), daemon=True)
-        with _single_threaded():
+        with _single_threaded(), _bare_main():
             process.start()
         there.close()
         return process, here
@@ -264,6 +264,17 @@ def _forbidden(name: str) -> bool:
 
 def _within(path: str, folder: str) -> bool:
     return path == folder or path.startswith(folder.rstrip(os.sep) + os.sep)
+
+
+@contextmanager
+def _bare_main() -> Iterator[None]:
+    """Hide the program that is running: a new process would load it, and all that it loads."""
+    before = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = before
 
 
 @contextmanager

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -255,3 +257,21 @@ def test_another_check_is_not_mixed_in(copy: Path, thresholds: Path, tmp_path: P
     (tmp_path / "own" / "notes.txt").write_text("mine")
     with pytest.raises(OutputError, match="is no check"):
         run(tmp_path / "own", thresholds)
+
+
+def test_what_the_calling_program_has_loaded_does_not_pass_the_fence(tmp_path: Path) -> None:
+    script = tmp_path / "program.py"
+    script.write_text(
+        "import sys\n"
+        "from pathlib import Path\n"
+        "import sassgis.worlds\n"
+        "from sassgis.workflow.gap_check_crew import Crew, Task\n"
+        "if __name__ == '__main__':\n"
+        "    with Crew(1, Path(sys.argv[1])) as crew:\n"
+        "        (outcome,) = crew.run([Task('1', 'os.path:basename', ('a/b',))])\n"
+        "    print(outcome.value)\n"
+    )
+    ran = subprocess.run(
+        [sys.executable, str(script), str(tmp_path / "out")], capture_output=True, text=True
+    )
+    assert (ran.returncode, ran.stdout) == (0, "b\n"), ran.stderr
