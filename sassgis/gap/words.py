@@ -54,6 +54,11 @@ _QUANTITIES: Mapping[str, str] = {
     "block_volume_m3": "volume of stopped blocks",
     "path_m": "length of path",
     "flight_fit": "gravity from flights",
+    # Quantities of the calibration, without units.
+    "runout": "run-out",
+    "aside": "position to the side",
+    "blocks": "number of stopped blocks",
+    "height": "passing height",
     "stops_per_rock": "stopped blocks per rock",
     "largest_share": "share of the largest piece",
     "arrived": "share of rocks that arrive",
@@ -90,6 +95,9 @@ def effect_phrase(effect: str) -> str:
 
 def quantity_name(quantity: str) -> str:
     """Name of a quantity, without its unit: "passing height" for ``height_m``."""
+    if quantity.startswith("stop "):
+        name = quantity_name(quantity.removeprefix("stop "))
+        return f"{name} of stops" if name.startswith("position") else name
     if quantity.endswith("_spread"):
         return "scatter of " + quantity_name(quantity.removesuffix("_spread"))
     if quantity in _QUANTITIES:

@@ -478,6 +478,8 @@ def test_quantities_in_words() -> None:
     assert quantity_name("peak_energy_kj") == "peak energy"
     assert quantity_name("odd") == "odd"
     assert quantity_name("runout_m_spread") == "scatter of run-out"
+    assert quantity_name("stop runout") == "run-out"
+    assert quantity_name("stop aside") == "position to the side of stops"
     assert with_unit_in_brackets("speed", "m/s") == "speed (m/s)"
     assert with_unit_in_brackets("share", "1") == "share"
 
