@@ -217,19 +217,23 @@ def locate(
         From the top down; empty if the place cannot be told.
     """
     sure = [f for f in findings if f.p_adjusted < LEVEL]
+    phase = ""
     for test in ("one step", "leg", "free run"):
         own = [f for f in sure if f.test == test and _may_be(f, phases)]
         if not own:
             continue
-        phase = own[0].phase
-        if test != "one step" and phases:
-            phase = phases[0] if phase not in phases else phase
-        same = [f for f in own if test != "one step" or f.phase == phase]
-        same = [f for f in same if "-" in f.place and f.s0_m < f.s1_m]
-        strongest = max((_strength(f) for f in same), default=0.0)
-        legs = {f.place: f.s0_m for f in same if _strength(f) >= _SHARE * strongest}
-        return phase, tuple(sorted(legs, key=lambda name: legs[name]))
-    return "", ()
+        if not phase:
+            phase = own[0].phase
+            if phases and phase not in phases:
+                phase = phases[0]
+        if test == "one step" or phase == "release":
+            own = [f for f in own if f.phase == phase]
+        own = [f for f in own if "-" in f.place and f.s0_m < f.s1_m]
+        strongest = max((_strength(f) for f in own), default=0.0)
+        legs = {f.place: f.s0_m for f in own if _strength(f) >= _SHARE * strongest}
+        if legs:
+            return phase, tuple(sorted(legs, key=lambda name: legs[name]))
+    return phase, ()
 
 
 def _strength(finding: Finding) -> float:
