@@ -58,6 +58,8 @@ _GAP_CLASSES = (
     ("more", "more observed, significant", "#d55e00"),
 )
 _LEG_WIDTH_MM = 1.4
+#: How far drawn stretches may lie from the fall lines, in cells.
+_DRAWN_CELLS = 0.1
 #: A forest along fall lines reaches this far to their sides, and further to join (m).
 _STAND_SIDE_M, _STAND_SIDE_MAX_M = 15.0, 60.0
 
@@ -250,7 +252,9 @@ def _gap_stretches(case: Case, diagnosis: Diagnosis) -> VectorLayer:
         parts = [p for p in parts if len(p) > 1]
         if parts:
             rows.append(finding)
-            shapes.append(shapely.MultiLineString(parts))
+            # Drawn alike, and many findings share a stretch.
+            lines = shapely.MultiLineString(parts)
+            shapes.append(shapely.simplify(lines, _DRAWN_CELLS * case.grid.cell_size))
     columns = _finding_columns(rows, _most_certain(rows))
     columns["s0_m"] = np.array([round(f.s0_m, 2) for f in rows], float)
     columns["s1_m"] = np.array([round(f.s1_m, 2) for f in rows], float)

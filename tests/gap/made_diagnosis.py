@@ -72,7 +72,7 @@ def write_slope(folder: Path, grid: Grid, *, config: str = CONFIG) -> Path:
     frame = gpd.GeoDataFrame(
         {"name": ["top"]},
         geometry=[shapely.box(WEST + 85.0, NORTH - 25.0, WEST + 115.0, NORTH - 15.0)],
-        crs=LV95,
+        crs=LV95 if grid.crs else None,
     )
     frame.to_file(folder / "files" / "release.gpkg", driver="GPKG", layer="release")
     path = folder / "config.toml"

@@ -162,6 +162,17 @@ def test_a_diagnosis_that_found_nothing_at_all_is_written(few: Made, tmp_path: P
     assert "Nothing could be compared" in words_of(tmp_path / "out" / "report.html")
 
 
+def test_local_coordinates_are_written(slope: Grid, tmp_path: Path) -> None:
+    text = CONFIG.replace("[terrain]", '[terrain]\ncrs = "local"')
+    config, case = made_case(tmp_path, replace(slope, crs=""), 6, config=text)
+    write_outputs(tmp_path / "out", case, with_trees(case), config)
+    stops = gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stops")
+    assert stops.crs.name == "Undefined Cartesian SRS"
+    assert "local coordinates" in words_of(tmp_path / "out" / "report.html")
+    stand = read_map_run(load_config(tmp_path / "out" / "model" / "config.toml")).forest
+    assert stand is not None and stand.stems_per_m2.max() > 0.0
+
+
 # --- diagnosis.json --------------------------------------------------------------------------
 
 

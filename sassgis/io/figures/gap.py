@@ -617,7 +617,7 @@ def map_change_figure(
         map_w, map_h = 6.0 / aspect, 6.0
     text = " ".join(p for p in (note, "Black outline: release area." if len(release) else "") if p)
     room = WIDTH_IN - relief.FURNITURE_IN[0] - 0.4
-    top, bottom = 0.66, 1.0 + max(_note_height(text, room), relief.FURNITURE_IN[1] + 0.1)
+    top, bottom = 0.55, 1.0 + max(_note_height(text, room), relief.FURNITURE_IN[1] + 0.1)
     height = top + map_h + bottom
     figure = new_figure(WIDTH_IN, height, constrained=False)
     _heading(figure, title, text, room)
