@@ -40,7 +40,7 @@ EFFECT_PHRASES: Mapping[str, str] = {
     "measurement_error": "an error of the measurement, not of the motion",
 }
 
-_QUANTITIES: Mapping[str, str] = {
+QUANTITY_NAMES: Mapping[str, str] = {
     "release_speed_mps": "speed at the release",
     "speed_mps": "speed",
     "rotation_hz": "rotation",
@@ -62,11 +62,10 @@ _QUANTITIES: Mapping[str, str] = {
     "stops_per_rock": "stopped blocks per rock",
     "largest_share": "share of the largest piece",
     "arrived": "share of rocks that arrive",
-    "vt_out_mps": "speed along the ground after the impact",
-    "vn_out_mps": "speed off the ground after the impact",
-    "omega_out_radps": "spin after the impact",
+    "tangential_speed_mps": "speed along the ground after the impact",
+    "normal_speed_mps": "speed off the ground after the impact",
     "spin_ratio": "surface speed over speed after the impact",
-    "rebound_deg": "angle of the rebound",
+    "rebound_angle_deg": "angle of the rebound",
     "vertical_acceleration_mps2": "vertical acceleration in flight",
     "horizontal_acceleration_mps2": "horizontal acceleration in flight",
     "speed_change_mps": "speed gained in flight without gravity",
@@ -100,8 +99,8 @@ def quantity_name(quantity: str) -> str:
         return f"{name} of stops" if name.startswith("position") else name
     if quantity.endswith("_spread"):
         return "scatter of " + quantity_name(quantity.removesuffix("_spread"))
-    if quantity in _QUANTITIES:
-        return _QUANTITIES[quantity]
+    if quantity in QUANTITY_NAMES:
+        return QUANTITY_NAMES[quantity]
     end = next((e for e in _UNIT_ENDS if quantity.endswith(e)), "")
     return quantity.removesuffix(end).replace("_", " ") or quantity
 

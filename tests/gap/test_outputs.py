@@ -35,9 +35,11 @@ from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Contender
 from sassgis.gap.families import FAMILIES
 from sassgis.gap.places import limits_on, line_stretch, used_lines
+from sassgis.gap.where import where
 from sassgis.gap.words import (
     EFFECT_NAMES,
     EFFECT_PHRASES,
+    QUANTITY_NAMES,
     effect_name,
     place_words,
     quantity_name,
@@ -493,6 +495,14 @@ def test_quantities_in_words() -> None:
     assert quantity_name("stop aside") == "position to the side of stops"
     assert with_unit_in_brackets("speed", "m/s") == "speed (m/s)"
     assert with_unit_in_brackets("share", "1") == "share"
+
+
+def test_all_that_is_compared_has_a_name(few: Made) -> None:
+    _, case = few
+    found = where(case, case.table, seed=1, replicates=4, draws=19)
+    quantities = {f.quantity.removesuffix("_spread") for f in found}
+    assert len(quantities) > 5
+    assert quantities <= set(QUANTITY_NAMES)
 
 
 def test_a_finding_as_a_sentence() -> None:
