@@ -36,7 +36,7 @@ _LEAST_WAY_M, _LEAST_SPEED_MPS = 2.0, 0.5
 #: A rock that turns by less than this share of rolling slides.
 _SLIDES = 0.3
 #: Accelerations along the ground, from speeds and positions with errors, are known to this (m/s²).
-_ROLLING_MPS2 = 0.2
+_ROLLING_MPS2 = 0.3
 #: Runs of each stretch along the ground, in each of two orientations.
 _ROLLED = 5
 
@@ -75,9 +75,10 @@ def path_residuals(
     # A rolling rock stands on a circle between its two longer axes.
     round_m = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
     rolling: list[_Stretch] = []
+    hit, none = _impact_points(case), np.empty(0)
     for rock, rows, impacted in _paths(case):
         own = _Path.of(case, rock, rows, float(round_m[rock]))
-        bounds = _bounds(case, rock, own)
+        bounds = _bounds(own, *hit.get(rock, (none, none)), errors_of(case).position_m)
         flights += _flights(case, own, bounds, impacted)
         rolling += _along_ground(own, bounds, float(round_m[rock]))
     found = []
@@ -150,8 +151,22 @@ def _smooth(values: FloatArray) -> FloatArray:
     return smoothed
 
 
-def _bounds(case: Case, rock: int, path: _Path) -> tuple[IntArray, IntArray]:
-    """Points next to which impacts of the rock happened, rising; empty if none are known.
+def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """X and y of the impacts of each whole rock (m)."""
+    impacts = case.observations.impacts
+    if not len(impacts):
+        return {}
+    rock = case.observations.rock_of("impacts")
+    own = (rock >= 0) & ~case.observations.is_piece("impacts")
+    own &= np.isfinite(impacts.x + impacts.y)
+    return {
+        i: (impacts.x[own & (rock == i)], impacts.y[own & (rock == i)])
+        for i in np.unique(rock[own]).tolist()
+    }
+
+
+def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> tuple[IntArray, IntArray]:
+    """Points of a path between which its impacts happened, rising; empty if none are known.
 
     An impact is known by its position: among points that lie closer than the error of positions it
     may have happened at any.
@@ -160,20 +175,12 @@ def _bounds(case: Case, rock: int, path: _Path) -> tuple[IntArray, IntArray]:
     -------
     first, last : int64
     """
-    impacts = case.observations.impacts
-    none = np.empty(0, np.int64)
-    if not len(impacts):
-        return none, none
-    own = (case.observations.rock_of("impacts") == rock) & ~case.observations.is_piece("impacts")
-    own &= np.isfinite(impacts.x + impacts.y)
-    far = np.hypot(
-        path.x[None, :] - impacts.x[own][:, None], path.y[None, :] - impacts.y[own][:, None]
-    )
-    if not far.size:
-        return none, none
+    if not x.size:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    far = np.hypot(path.x[None, :] - x[:, None], path.y[None, :] - y[:, None])
     at = np.unique(far.argmin(axis=1))
-    error = 2.0 * math.sqrt(2.0) * errors_of(case).position_m
     step = np.hypot(np.gradient(_smooth(path.x)), np.gradient(_smooth(path.y)))
+    error = 2.0 * math.sqrt(2.0) * error_m
     reach = np.ceil(error / np.maximum(_smooth(step)[at], 1e-3)).astype(np.int64)
     return np.maximum(at - reach, 0), np.minimum(at + reach, path.t.size - 1)
 

@@ -278,7 +278,7 @@ def _ends(
 
 
 def free_run_residuals(
-    case: Case, seen: AtStations, run: FreeRun, *, rng: np.random.Generator
+    case: Case, model: Model, seen: AtStations, run: FreeRun, *, rng: np.random.Generator
 ) -> list[Residual]:
     """Residuals of runs from the release: stations, sides, run-out and blocks."""
     found: list[Residual] = []
@@ -286,7 +286,7 @@ def free_run_residuals(
     for k, name in enumerate(case.station_names):
         where = (mean_s[k], mean_s[k])
         found += _at_station(case, seen, run, run.at, k, name, "free run", where)
-    sides = case.effects.lateral_deflection is None
+    sides = model.effects.lateral_deflection is None
     error = errors_of(case)
     # The fall line starts where the rock was seen to start, and is known to half a cell.
     side_error = math.hypot(math.sqrt(2.0) * error.position_m, 0.5 * case.grid.cell_size)

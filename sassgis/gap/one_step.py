@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.core.effects import EffectSettings
 from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.ground import GroundTable
 from sassgis.engine.impact import COULOMB, SCALE
@@ -48,6 +49,7 @@ def impact_residuals(
     table: GroundTable,
     axes_m: FloatArray,
     edges: FloatArray,
+    effects: EffectSettings,
     *,
     draws: int,
     rng: np.random.Generator,
@@ -62,6 +64,9 @@ def impact_residuals(
         Semi-axes of each rock as the model draws them, longest first (m); NaN for rocks without.
     edges : float64, shape (n_legs, 2)
         Limits of the legs (m).
+    effects : EffectSettings
+        Of the model. Where some act in impacts, these are left out: what is compared is the law of
+        1986 alone. Where ways leave the fall line, turns are left out.
     draws : int
         Orientations and slopes drawn for each impact.
     rng : numpy.random.Generator
@@ -84,9 +89,9 @@ def impact_residuals(
     turned = whole & np.isfinite(impacts.turn_deg)
     turned[turned] &= case.line[rock[turned]] >= 0
     found: list[Residual] = []
-    if use.any():
+    if use.any() and not any(name in effects.names for name in IMPACT_EFFECTS):
         found += _rebounds(case, table, axes_m, edges, np.flatnonzero(use), draws, rng)
-    if turned.any() and case.effects.lateral_deflection is None:
+    if turned.any() and effects.lateral_deflection is None:
         rows = np.flatnonzero(turned)
         found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], n)
     return found
@@ -176,12 +181,12 @@ def _rebounds(
     angle = np.degrees(np.arctan2(out[..., 1], out[..., 0]))
     angle_seen = np.degrees(np.arctan2(vn, vt))
     pairs: list[tuple[str, FloatArray, FloatArray]] = [
-        ("vt_out_mps", vt, out[..., 0]),
-        ("vn_out_mps", vn, out[..., 1]),
-        ("omega_out_radps", omega, out[..., 2]),
+        ("tangential_speed_mps", vt, out[..., 0]),
+        ("normal_speed_mps", vn, out[..., 1]),
+        ("spin_out_radps", omega, out[..., 2]),
         ("energy_kept", energy_seen, energy),
         ("spin_ratio", ratio_seen, ratio),
-        ("rebound_deg", angle_seen, angle),
+        ("rebound_angle_deg", angle_seen, angle),
     ]
     middle = {name: mean_of_draws(draws, least=3) for name, _, draws in pairs}
     away, usual, pit = spread(angle_seen, angle)
@@ -211,7 +216,7 @@ def _rebounds(
             )
 
         found += [residual(name, seen, middle[name]) for name, seen, _ in pairs]
-        found.append(residual("rebound_deg_spread", away, usual, pit))
+        found.append(residual("rebound_angle_deg_spread", away, usual, pit))
     return found
 
 

@@ -28,7 +28,7 @@ from sassgis.gap.legs import (
     leg_residuals,
     observed_at_stations,
 )
-from sassgis.gap.one_step import IMPACT_EFFECTS, impact_residuals
+from sassgis.gap.one_step import impact_residuals
 from sassgis.gap.residuals import Residual
 from sassgis.gap.scores import benjamini_hochberg, mean_gap_tests
 from sassgis.terrain.flatten import chainage_to_xy
@@ -81,12 +81,13 @@ def where(
     seen = observed_at_stations(case)
     edges = leg_edges(case, run)
     residuals = [
-        *free_run_residuals(case, seen, run, rng=rng),
+        *free_run_residuals(case, model, seen, run, rng=rng),
         *leg_residuals(case, model, seen, run, edges, rng=rng),
         *path_residuals(case, model, edges, run.axes_m),
     ]
-    if not any(name in model.effects.names for name in IMPACT_EFFECTS):
-        residuals += impact_residuals(case, table, run.axes_m, edges, draws=IMPACT_DRAWS, rng=rng)
+    residuals += impact_residuals(
+        case, table, run.axes_m, edges, model.effects, draws=IMPACT_DRAWS, rng=rng
+    )
     return findings_of(case, residuals, draws=draws, rng=rng)
 
 
@@ -121,8 +122,10 @@ def findings_of(
     q = benjamini_hochberg(p)
     # A scatter known from above only is tested by scores that may all be zero.
     size = np.abs(np.nan_to_num(t, posinf=np.inf, neginf=-np.inf))
+    n = case.n_rocks
+    times = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(np.float64)
     findings = [
-        _finding(case, r, values[:, i], float(adjusted[i]), float(q[i]), draws, rng)
+        _finding(case, r, values[:, i], float(adjusted[i]), float(q[i]), times)
         for i, (r, _) in enumerate(tested)
     ]
     order = np.lexsort((-size, adjusted))
@@ -135,8 +138,7 @@ def _finding(
     tested: FloatArray,
     adjusted: float,
     q: float,
-    draws: int,
-    rng: np.random.Generator,
+    times: FloatArray,
 ) -> Finding:
     own = np.isfinite(tested)
     weight = np.ones(int(own.sum())) if residual.weight is None else residual.weight[own]
@@ -148,7 +150,7 @@ def _finding(
         quantity=residual.quantity,
         gap=float(np.average(gap, weights=weight)),
         unit=residual.unit,
-        ci95=_interval(gap, weight, draws, rng),
+        ci95=_interval(gap, weight, times[:, own]),
         p_adjusted=adjusted,
         q_value=q,
         rocks=int(own.sum()),
@@ -162,12 +164,13 @@ def _finding(
     )
 
 
-def _interval(gap: FloatArray, weight: FloatArray, draws: int, rng: np.random.Generator) -> Range:
-    """Percentiles of the mean over bootstrapped rocks."""
-    n = gap.size
-    times = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(np.float64)
+def _interval(gap: FloatArray, weight: FloatArray, times: FloatArray) -> Range:
+    """Percentiles of the mean over bootstrapped rocks; ``times``: how often each was drawn."""
     below = times @ weight
-    means = (times @ (weight * gap))[below > 0.0] / below[below > 0.0]
+    drawn = below > 0.0
+    if not drawn.any():
+        return math.nan, math.nan
+    means = (times @ (weight * gap))[drawn] / below[drawn]
     low, high = np.quantile(means, (0.025, 0.975)).tolist()
     return low, high
 

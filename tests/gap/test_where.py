@@ -137,7 +137,7 @@ def test_weights_of_residuals():
     )
     assert np.nanmean(r.tested()) == pytest.approx((1.0 + 3.0 * 2.0) / 4.0)
     assert r.unit == "m/s"
-    assert dataclasses.replace(r, quantity="rebound_deg_spread").unit == "°"
+    assert dataclasses.replace(r, quantity="rebound_angle_deg_spread").unit == "°"
     assert dataclasses.replace(r, quantity="energy_kept").unit == "1"
     assert dataclasses.replace(r, quantity="runout_m").unit == "m"
     assert dataclasses.replace(r, quantity="acceleration_mps2").unit == "m/s²"
@@ -280,15 +280,16 @@ def test_stops_alone_say_where_rocks_come_to_rest():
     f = found(case)
     own = one(f, "all", "runout_m", "free run")
     assert own.p_adjusted < 0.05 and own.gap > 3.0 and own.phase == "stopping"
-    assert {x.test for x in f} == {"free run"}
-    assert locate(f) == ("stopping", ())
+    assert {x.quantity for x in f if x.test == "leg"} == {"arrived"}
+    assert locate(f)[0] == "stopping"
 
 
 def test_effects_in_impacts_are_not_compared_with_a_law_without_them():
     soft = EffectSettings(soft_ground=SoftGround(classes=("talus",)))
     case = observed(20, 17, effects=soft, tables=("passages", "impacts"))
     f = found(case, effects=soft)
-    assert not [x for x in f if x.phase == "impact" and x.test == "one step"]
+    steps = {x.quantity for x in f if x.phase == "impact" and x.test == "one step"}
+    assert steps == {"turn_deg", "turn_deg_spread"}
 
 
 def test_few_rocks_and_nothing():
