@@ -257,7 +257,8 @@ def _impacts(run: Run, rng: np.random.Generator) -> Table:
         table[f"vt_{side}_mps"] = i[:, vt] * error
         table[f"vn_{side}_mps"] = i[:, vn] * error
         table[f"omega_{side}_radps"] = i[:, spin] * _factor(rng, n, ROTATION_ERROR_REL)
-    table["turn_deg"] = i[:, 14] + rng.normal(0.0, 1.5, n)
+    turn = i[:, 14] + rng.normal(0.0, 1.5, n)
+    table["turn_deg"] = (turn + 180.0) % 360.0 - 180.0
     table["mass_kg"] = i[:, 15] * _factor(rng, n, MASS_ERROR_REL)
     return table
 

@@ -117,6 +117,11 @@ def test_each_kind_shows_what_it_says(null_world: World) -> None:
             assert len({len(v) for v in table.values()}) == 1
     impacts = seen.tables["impacts"]
     assert (impacts["vn_in_mps"] < 0).all()
+    assert (np.abs(impacts["turn_deg"]) <= 180.0).all()
+    # Where the centre was let go, not the ground beneath it.
+    rocks = seen.tables["rocks"]
+    ground = setup(null_world).releases[np.arange(12) % 12, 2]
+    assert (rocks["z"] - ground > rocks["semi_axis_a_m"]).all()
     assert seen.metadata["speed_error_rel"] == 0.05
     with pytest.raises(InputError, match="kind"):
         observe(null_world, "all", 5, 1)  # type: ignore[arg-type]
