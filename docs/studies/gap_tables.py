@@ -99,6 +99,30 @@ def recalibrated(case: str) -> str:
     return markdown([*head, "CRPS (m)", "energy distance (m)", "to the end of the line"], body)
 
 
+def deflected(case: str) -> str:
+    """Distance aside of rocks left out, with an angle from the rocks to fit on."""
+    body = []
+    for split, one in results(case)["recalibrated"].items():
+        for model, word in (
+            ("recalibrated", "on the fall line"),
+            ("deflected", f"{number(one['angle_deg'])}° per hop of 10 m"),
+        ):
+            q = one[model]["aside"]
+            body.append(
+                [
+                    f"{split} ({one['rocks']})" if model == "recalibrated" else "",
+                    word,
+                    " / ".join(metres(v) for v in q["predicted"]),
+                    metres(q["crps_m"]),
+                    metres(q["energy_distance_m"]),
+                ]
+            )
+        seen = one["untuned"]["aside"]["observed"]
+        body.append(["", "*observed*", " / ".join(metres(v) for v in seen), "", ""])
+    head = ["left out", "ways", "aside 10 / 50 / 90 % (m)", "CRPS (m)", "energy distance (m)"]
+    return markdown(head, body)
+
+
 def which(case: str, split: str) -> str:
     """Contenders of a diagnosis, most probable first."""
     found = results(case).get("splits", {}).get(split)
@@ -137,9 +161,10 @@ def left_out(case: str) -> str:
         for model in ("untuned", "base", "effect", "floor"):
             distance = held["energy_distance"][model]
             gap = held["gap_m"]
-            cells = ["–", "–", "–"]
+            cells = ["–", "–", "–", "–"]
             if model != "floor":
                 cells = [
+                    pair(held["above_floor_ci95"][model], 2),
                     number(held["energy_score"][model]),
                     metres(gap["runout_m"][model]),
                     number(held["by_quantity_m"]["aside_m"][model]),
@@ -151,21 +176,19 @@ def left_out(case: str) -> str:
                 "effect": f"with {one['verdict']}",
                 "floor": "replicates of the last",
             }[model]
-            body.append(
-                [name, word, f"{number(distance['value'])} ({pair(distance['ci95'])})", *cells]
-            )
+            body.append([name, word, f"{number(distance)}", *cells])
         body.append(
             [
                 "",
                 "**shrinkage**",
-                f"**{number(held['shrinkage'], 2)}** ({pair(held['shrinkage_ci95'], 2)})",
+                f"**{number(held['shrinkage'], 2)}**", pair(held["shrinkage_ci95"], 2),
                 "", "", "",
             ]
         )  # fmt: skip
     if not body:
         return "*Not diagnosed.*"
-    head = ["left out", "model", "energy distance (95 %)", "energy score", "mean gap (m)"]
-    return markdown([*head, "distance aside (m)"], body)
+    head = ["left out", "model", "energy distance", "above the floor (95 %)"]
+    return markdown([*head, "energy score", "mean gap (m)", "distance aside (m)"], body)
 
 
 def contacts(which_ones: str) -> str:
@@ -201,6 +224,7 @@ TABLES = {
     **{f"{c} untuned": (lambda c=c: untuned(c)) for c in ("tschamut", "authume")},
     **{f"{c} verdict": (lambda c=c: verdict(c)) for c in ("tschamut", "authume", "chant_sura")},
     **{f"{c} recalibrated": (lambda c=c: recalibrated(c)) for c in ("tschamut", "authume")},
+    **{f"{c} aside": (lambda c=c: deflected(c)) for c in ("tschamut", "authume")},
     **{f"{c} left out": (lambda c=c: left_out(c)) for c in ("tschamut", "authume")},
     "tschamut which": lambda: which("tschamut", "halves"),
     "authume which": lambda: which("authume", "halves"),
