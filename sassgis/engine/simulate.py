@@ -301,14 +301,20 @@ def _gate_rule(gate: Gate) -> int:
 
 def _check(profiles: ProfileSet, table: GroundTable) -> None:
     """Raise InputError for profiles that the kernel cannot take."""
-    for i in range(len(profiles)):
-        s, z = profiles.vertices(i)
-        if s.size < 2:
-            raise InputError(f"profile {i} has fewer than two vertices", found=s.size)
-        if not (np.isfinite(s).all() and np.isfinite(z).all()):
-            raise InputError(f"profile {i} has vertices that are not numbers")
-        if not (np.diff(s) > 0.0).all():
-            raise InputError(f"profile {i}: chainage must rise", found="equal or falling values")
+    few = np.flatnonzero(np.diff(profiles.offset) < 2)
+    if few.size:
+        i = int(few[0])
+        size = int(profiles.offset[i + 1] - profiles.offset[i])
+        raise InputError(f"profile {i} has fewer than two vertices", found=size)
+    owner = np.repeat(np.arange(len(profiles)), np.diff(profiles.offset))
+    odd = np.flatnonzero(~(np.isfinite(profiles.s) & np.isfinite(profiles.z)))
+    if odd.size:
+        raise InputError(f"profile {owner[odd[0]]} has vertices that are not numbers")
+    falling = np.flatnonzero((np.diff(profiles.s) <= 0.0) & (owner[1:] == owner[:-1]))
+    if falling.size:
+        raise InputError(
+            f"profile {owner[falling[0]]}: chainage must rise", found="equal or falling values"
+        )
     if profiles.ground.size and not (
         profiles.ground.min() >= 0 and profiles.ground.max() < len(table.classes)
     ):

@@ -308,7 +308,7 @@ def make_world(spec: WorldSpec, seed: int) -> World:
     world = _base_world(spec, seed)
     for number, wanted in enumerate(spec.effects):
         effect = _place(world, wanted, seed + 7919 * (number + 1))
-        world = replace(world, effects=(*world.effects, calibrated(world, effect)))
+        world = with_effects(world, (*world.effects, calibrated(world, effect)))
     return with_effects(world, world.effects)
 
 

@@ -23,7 +23,15 @@ from sassgis.worlds import (
 from sassgis.worlds.battery import FULL, MODEST, quick_battery, world_seeds
 from sassgis.worlds.relief import SLOPE_TYPES, descent, guide
 from sassgis.worlds.strength import BANDS, inhomogeneity
-from sassgis.worlds.world import FAMILIES, World, _base_world, draw_rocks, nominal_law, simulate
+from sassgis.worlds.world import (
+    FAMILIES,
+    World,
+    _base_world,
+    draw_rocks,
+    nominal_law,
+    simulate,
+    with_effects,
+)
 
 
 @pytest.mark.parametrize("slope", SLOPE_TYPES)
@@ -217,3 +225,14 @@ def test_worlds_share_no_code_with_what_they_check() -> None:
             for name in names:
                 if name.startswith("sassgis."):
                     assert name.split(".")[1] in ("core", "worlds"), (path.name, name)
+
+
+@pytest.mark.parametrize("name", ["trees", "terrace", "collisions"])
+def test_what_stands_on_the_slope_is_there_after_a_world_is_made(name: str) -> None:
+    world = make_world(WorldSpec("cliff_talus_meadow", (EffectSpec(name, "strong"),)), 50)  # type: ignore[arg-type]
+    rocks = draw_rocks(world, 60, 5)
+    made = simulate(world, rocks)
+    bare = simulate(with_effects(world, ()), rocks)
+    assert made.passages.shape != bare.passages.shape
+    fresh = with_effects(with_effects(world, ()), world.effects)
+    np.testing.assert_array_equal(made.passages, simulate(fresh, rocks).passages)

@@ -1,0 +1,198 @@
+"""Observed and simulated campaigns in one form: what each rock was seen to do, in its plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.core.grid import FloatArray, IntArray
+from sassgis.gap.case import Case
+
+#: Kinds of block: the rock itself, a piece of it, a block that belongs to no rock.
+WHOLE, PIECE, LOOSE = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class PassageRows:
+    """Passages at stations; NaN where a number was not measured.
+
+    Attributes
+    ----------
+    rock : int64, shape (n,)
+        Rock, -1 for a loose block.
+    station : int64, shape (n,)
+        Position in ``Case.station_names``.
+    kind : int64, shape (n,)
+    aside_m, speed_mps, rotation_hz, height_m, mass_kg : float64, shape (n,)
+        Height: of the centre above the ground.
+    """
+
+    rock: IntArray
+    station: IntArray
+    kind: IntArray
+    aside_m: FloatArray
+    speed_mps: FloatArray
+    rotation_hz: FloatArray
+    height_m: FloatArray
+    mass_kg: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class DepositRows:
+    """Blocks where they lie; columns as in PassageRows, ``s`` the chainage (m)."""
+
+    rock: IntArray
+    kind: IntArray
+    s: FloatArray
+    aside_m: FloatArray
+    mass_kg: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class ImpactRows:
+    """Impacts of whole rocks in the order of time, before and after.
+
+    Attributes
+    ----------
+    rock : int64, shape (n,)
+    s, z : float64, shape (n,)
+        Chainage and height of the point or the centre (m).
+    vt_in, vn_in, spin_in, vt_out, vn_out, spin_out : float64, shape (n,)
+        Along the ground and its outward normal (m/s), spin (rad/s).
+    turn_deg : float64, shape (n,)
+    """
+
+    rock: IntArray
+    s: FloatArray
+    z: FloatArray
+    vt_in: FloatArray
+    vn_in: FloatArray
+    spin_in: FloatArray
+    vt_out: FloatArray
+    vn_out: FloatArray
+    spin_out: FloatArray
+    turn_deg: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One campaign; a table that was not observed is None."""
+
+    n_rocks: int
+    passages: PassageRows | None
+    deposits: DepositRows | None
+    impacts: ImpactRows | None
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Standard errors of measurement: as stated in the metadata, else what is usual."""
+
+    speed_rel: float = 0.05
+    rotation_rel: float = 0.06
+    height_m: float = 0.15
+    position_m: float = 0.5
+    turn_deg: float = 2.0
+    mass_rel: float = 0.05
+
+
+def errors_of(case: Case) -> Errors:
+    """Errors of measurement of the observations of a case."""
+    meta, usual = case.observations.metadata, Errors()
+
+    def or_usual(stated: float, default: float) -> float:
+        return stated if np.isfinite(stated) else default
+
+    return Errors(
+        or_usual(meta.speed_error_rel, usual.speed_rel),
+        or_usual(meta.rotation_error_rel, usual.rotation_rel),
+        or_usual(meta.height_error_m, usual.height_m),
+        or_usual(meta.position_error_m, usual.position_m),
+    )
+
+
+def observed_sample(case: Case) -> Sample:
+    """The observed campaign of a case."""
+    seen = case.observations
+    return Sample(
+        case.n_rocks,
+        _passages(case) if len(seen.passages) and case.station_names else None,
+        _deposits(case) if len(seen.deposits) else None,
+        _impacts(case) if len(seen.impacts) else None,
+    )
+
+
+def _kinds(case: Case, table: str) -> tuple[IntArray, IntArray]:
+    rock = case.observations.rock_of(table)
+    kind = np.where(rock < 0, LOOSE, np.where(case.observations.is_piece(table), PIECE, WHOLE))
+    return rock, kind.astype(np.int64)
+
+
+def _passages(case: Case) -> PassageRows:
+    table = case.observations.passages
+    rock, kind = _kinds(case, "passages")
+    place = {name: k for k, name in enumerate(case.station_names)}
+    station = np.array([place.get(name, -1) for name in table.station.tolist()], np.int64)
+    known = station >= 0
+    return PassageRows(
+        rock[known],
+        station[known],
+        kind[known],
+        case.projected["passages"].aside_m[known],
+        table.speed_mps[known],
+        table.rotation_hz[known],
+        table.height_m[known],
+        table.mass_kg[known],
+    )
+
+
+def _deposits(case: Case) -> DepositRows:
+    table = case.observations.deposits
+    rock, kind = _kinds(case, "deposits")
+    put = case.projected["deposits"]
+    density = 2700.0
+    mass = np.where(np.isfinite(table.mass_kg), table.mass_kg, density * table.volume_m3)
+    return DepositRows(rock, kind, put.s, put.aside_m, mass)
+
+
+def _impacts(case: Case) -> ImpactRows:
+    table = case.observations.impacts
+    rock, kind = _kinds(case, "impacts")
+    put = case.projected["impacts"]
+    number = np.array([_number(name) for name in table.impact.tolist()], np.float64)
+    order = np.lexsort((np.arange(rock.size), number, rock))
+    order = order[(rock[order] >= 0) & (kind[order] == WHOLE)]
+    z = np.where(np.isfinite(table.z), table.z, put.ground_m)
+    columns = (
+        "vt_in_mps", "vn_in_mps", "omega_in_radps", "vt_out_mps", "vn_out_mps", "omega_out_radps",
+        "turn_deg",
+    )  # fmt: skip
+    return ImpactRows(
+        rock[order],
+        put.s[order],
+        z[order],
+        *(np.asarray(getattr(table, c), np.float64)[order] for c in columns),
+    )
+
+
+def _number(name: str) -> float:
+    try:
+        return float(name)
+    except ValueError:
+        return float("nan")
+
+
+def main_blocks(rows: DepositRows, n_rocks: int) -> NDArray[np.int64]:
+    """Row of the largest block that is left of each rock; -1 where none was found.
+
+    Where masses are unknown the whole rock, or the first piece, counts.
+    """
+    best = np.full(n_rocks, -1, np.int64)
+    own = np.flatnonzero(rows.rock >= 0)
+    mass = np.where(np.isfinite(rows.mass_kg), rows.mass_kg, 0.0)[own]
+    # Written last: the heaviest, and among equals the first row.
+    for i in own[np.lexsort((-own, mass))].tolist():
+        best[rows.rock[i]] = i
+    return best
