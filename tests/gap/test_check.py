@@ -173,13 +173,14 @@ def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
     monkeypatch.setattr(gap_check, "SHRINKAGE_ROCKS", 40)
     monkeypatch.setattr(gap_check, "FRESH_ROCKS", 30)
     monkeypatch.setattr(check_scores, "SHRINKAGE_ROCKS", 40)
+    labels = json.loads((copy / "sealed" / "labels.json").read_text())
     said: dict[str, dict[str, Any]] = {
         "001": {"effect": "none", "confidence": 0.9},
         "002": {
             "effect": "trees",
             "confidence": 0.9,
             "phase": "flight",
-            "segments": ["S1-S2", "S2-S3"],
+            "segments": labels[1]["effects"][0]["segments"][:1],
             "shrinkage": 0.1,
         },
         "003": {"effect": "break"},
