@@ -352,6 +352,69 @@ def template(path: Path) -> None:
     click.echo(f"Wrote {observations_template(path)}. Leave out what you did not measure.")
 
 
+@gap.command()
+@_CONFIG
+@click.option(
+    "--observations",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="A GeoPackage, or a folder of CSV files.",
+)
+@_OUT
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True)
+@_JOBS
+@click.option(
+    "--draws",
+    type=click.IntRange(8, 1000),
+    help="Parameter sets of each contender; more take longer and tell effects apart better.",
+)
+@click.option(
+    "--map", "with_map", is_flag=True, help="Run the map with the calibrated model, too."
+)
+@_OVERWRITE
+def diagnose(
+    config: Path,
+    observations: Path,
+    out: Path,
+    seed: int,
+    jobs: int | None,
+    draws: int | None,
+    with_map: bool,
+    overwrite: bool,
+) -> None:
+    """Say where simulation and OBSERVATIONS differ, which effect causes it, and how far it helps.
+
+    The same command goes on after an interruption.
+    """
+    from sassgis.workflow.gap_diagnose import DRAWS
+    from sassgis.workflow.gap_diagnose import diagnose as run_diagnosis
+    from sassgis.workflow.gap_report import verdict_sentence
+
+    with _Progress() as progress:
+        result = run_diagnosis(
+            config,
+            observations,
+            out,
+            jobs=jobs,
+            seed=seed,
+            overwrite=overwrite,
+            draws=draws or DRAWS,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    click.echo(verdict_sentence(result))
+    click.echo(f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS.")
+    if with_map:
+        from sassgis.workflow.gap_map_change import map_change
+
+        with _Progress() as progress:
+            change = map_change(
+                config, out / "model" / "config.toml", out / "map", jobs, say=progress.say
+            )
+        for line in change.lines():
+            click.echo(line)
+
+
 @gap.command("validate")
 @click.argument("observations", type=click.Path(path_type=Path))
 @click.option("--config", type=click.Path(path_type=Path), help="Compare them with its terrain.")

@@ -42,7 +42,8 @@ class AirDrag:
         from a sphere, 0.43 · 10^(1.8148 (−log ψ)^0.5743) (Ganser 1993, Powder Technology 77, for
         fast flow; from memory), times ``drag_coefficient`` over 0.43.
     drag_coefficient : float
-        0.4 to 0.5 for a sphere, about 1 for a tumbling block.
+        0.4 to 0.5 for a sphere, about 1 for a tumbling block. What is far above 2 is no property of
+        air: such a value can come out of a fit to what else brakes rocks in flight.
     air_density_kgm3 : float
         1.2 at 300 m, 1.0 at 2,000 m above the sea.
     """
@@ -52,7 +53,7 @@ class AirDrag:
     air_density_kgm3: float = 1.1
 
     def __post_init__(self) -> None:
-        _check(self, {"drag_coefficient": (0.0, 10.0), "air_density_kgm3": (0.0, 2.0)})
+        _check(self, {"drag_coefficient": (0.0, 300.0), "air_density_kgm3": (0.0, 2.0)})
 
 
 @dataclass(frozen=True, slots=True)

@@ -148,14 +148,14 @@ class Aim:
 
 #: What is asked of a diagnosis on the full battery.
 AIMS: tuple[Aim, ...] = (
-    Aim("top1_full", "single effect named, medium or strong, 100 rocks, everything seen", 0.80),
-    Aim("top1_modest", "single effect named, medium or strong, 40 rocks, stations and stops", 0.60),
-    Aim("false_alarm", "no effect, yet one is named", 0.10, at_least=False),
-    Aim("covered_single", "single effect is in the confusion set", 0.90),
-    Aim("confident_right", f"right where the confidence is {NAMED_CONFIDENCE} or more", 0.80),
-    Aim("unknown_not_named", "unknown effect, and no known one is named", 0.70),
+    Aim("top1_full", "single effect named, medium or strong, 100 rocks, everything seen", 0.85),
+    Aim("top1_modest", "single effect named, medium or strong, 40 rocks, stations and stops", 0.65),
+    Aim("false_alarm", "no effect, yet one is named", 0.05, at_least=False),
+    Aim("covered_single", "single effect is in the confusion set", 0.95),
+    Aim("confident_right", f"right where the confidence is {NAMED_CONFIDENCE} or more", 0.90),
+    Aim("unknown_not_named", "unknown effect, and no known one is named", 0.75),
     Aim("shrinkage_near", f"shrinkage within {SHRINKAGE_TOLERANCE} of that on fresh rocks", 0.80),
-    Aim("location_hit", "single local effect: phase right and legs overlap", 0.70),
+    Aim("location_hit", "single local effect: phase right and legs overlap", 0.80),
 )
 
 

@@ -203,11 +203,17 @@ def _little_aside(dials: Dials) -> Aside:
     return Aside(angle_deg=dials.log("little_aside_deg", 0.05, 1.0))
 
 
-def _aside_too(dials: Dials, low: float = -math.inf, high: float = math.inf) -> Aside:
-    """Scatter aside that an effect makes besides what it is named for."""
-    if dials.share("aside_too") < 0.35:
+def _aside_too(
+    dials: Dials, most_deg: float, low: float = -math.inf, high: float = math.inf
+) -> Aside:
+    """Scatter aside that an effect makes besides what it is named for.
+
+    It goes with the strength of the effect: an effect that does nothing along the line scatters
+    nothing aside either, and is no other name for lateral deflection.
+    """
+    if dials.share("aside_too") < 0.3:
         return _little_aside(dials)
-    return Aside(angle_deg=dials.log("aside_too_deg", 0.3, 12.0), s0=low, s1=high)
+    return Aside(angle_deg=dials.uniform("aside_too_deg", 0.1, 1.0) * most_deg, s0=low, s1=high)
 
 
 def _length(case: Case) -> float:
@@ -269,7 +275,8 @@ def _fragmentation(case: Case, dials: Dials) -> _Part:
     smallest = 0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3
     section = {"form": form, "smallest_m3": smallest, **values}
     effect = Fragmentation(**section)  # type: ignore[arg-type]
-    aside = _aside_too(dials)
+    # The more blocks break, the more of what is seen are pieces that flew apart.
+    aside = _aside_too(dials, min(150.0 / values["energy_jkg"], 8.0))
     return _Part(
         form, lambda m: replace(_with_effect(m, fragmentation=effect), aside=aside), values, section
     )
@@ -295,7 +302,7 @@ def _soft_ground(case: Case, dials: Dials) -> _Part:
 def _entrainment(case: Case, dials: Dials) -> _Part:
     form = dials.one_of("set_off.form", ("poisson", "energy"), (1, 1))
     values = {
-        "number": dials.log("set_off.number", 0.005, 1.5),
+        "number": dials.log("set_off.number", 0.003, 0.8),
         "size_ratio": dials.uniform("set_off.size", 0.2, 0.9),
         "share": dials.log("set_off.share", 0.03, 0.6),
     }
@@ -303,7 +310,7 @@ def _entrainment(case: Case, dials: Dials) -> _Part:
         values["energy_kj"] = dials.log("set_off.energy", 2.0, 60.0)
     section: dict[str, object] = {"form": form, "classes": _loose_classes(case, dials), **values}
     effect = Entrainment(**section)  # type: ignore[arg-type]
-    aside = _aside_too(dials)
+    aside = _little_aside(dials)
     return _Part(
         form, lambda m: replace(_with_effect(m, entrainment=effect), aside=aside), values, section
     )
@@ -326,10 +333,12 @@ def _trees(case: Case, dials: Dials) -> _Part:
         middle = float(np.median(masses)) if masses.size else 1000.0
         section["drag_kgps"] = values["drag_kgps"] = middle * dials.log("stand.drag", 0.03, 0.8)
     else:
-        section["efficiency"] = values["efficiency"] = dials.log("stand.efficiency", 0.02, 3.0)
+        section["efficiency"] = values["efficiency"] = dials.log("stand.efficiency", 0.05, 3.0)
         values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}
     effect = Trees(**section)  # type: ignore[arg-type]
-    aside = _aside_too(dials, stand.s0, stand.s1)
+    # Stems that are hit off their middle throw rocks aside.
+    hits = stand.stems_per_ha * values.get("efficiency", 0.3) / 300.0
+    aside = _aside_too(dials, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
     return _Part(
         form,
         lambda m: replace(_with_effect(m, trees=effect), stand=stand, aside=aside),
@@ -341,8 +350,8 @@ def _trees(case: Case, dials: Dials) -> _Part:
 def _air_drag(case: Case, dials: Dials) -> _Part:
     form = dials.one_of("air.form", ("constant", "sphericity"), (1, 1))
     values = {
-        "drag_coefficient": dials.log("air.coefficient", 0.5, 10.0),
-        "air_density_kgm3": dials.log("air.density", 1.0, 2.0),
+        "drag_coefficient": dials.log("air.coefficient", 2.0, 150.0),
+        "air_density_kgm3": 1.1,
     }
     section: dict[str, object] = {"form": form, **values}
     effect = AirDrag(**section)  # type: ignore[arg-type]
@@ -351,14 +360,16 @@ def _air_drag(case: Case, dials: Dials) -> _Part:
 
 def _roughness(case: Case, dials: Dials) -> _Part:
     form = dials.one_of("rough.form", ("uniform", "wave"), (1, 1))
-    values = {"obstacle_m": dials.log("rough.obstacle", 0.02, 1.5)}
+    values = {"obstacle_m": dials.log("rough.obstacle", 0.05, 1.5)}
     if form == "wave":
         values["wavelength_m"] = dials.log("rough.wavelength", 0.8, 6.0)
     section: dict[str, object] = {"form": form, **values}
     if dials.share("rough.classes") < 0.6:
         section["classes"] = _loose_classes(case, dials)
     effect = Roughness(**section)  # type: ignore[arg-type]
-    aside = _aside_too(dials)
+    # Bumps lean sideways as well, if less often than against the way of the rock.
+    tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
+    aside = _aside_too(dials, 0.6 * tilt)
     return _Part(
         form, lambda m: replace(_with_effect(m, roughness=effect), aside=aside), values, section
     )
@@ -366,10 +377,10 @@ def _roughness(case: Case, dials: Dials) -> _Part:
 
 def _rock_shape(case: Case, dials: Dials) -> _Part:
     form = dials.one_of("shape.form", ("flat_landing", "mean_inertia"), (0.85, 0.15))
-    values = {"strength": dials.log("shape.strength", 0.03, 3.0)} if form == "flat_landing" else {}
+    values = {"strength": dials.log("shape.strength", 0.08, 3.0)} if form == "flat_landing" else {}
     section: dict[str, object] = {"form": form, **values}
     effect = RockShape(**section)  # type: ignore[arg-type]
-    aside = _aside_too(dials)
+    aside = _aside_too(dials, min(10.0 * values.get("strength", 0.5), 12.0))
     return _Part(
         form, lambda m: replace(_with_effect(m, rock_shape=effect), aside=aside), values, section
     )

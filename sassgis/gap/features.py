@@ -128,8 +128,8 @@ def _passages(case: Case, sample: Sample) -> dict[str, FloatArray]:
     for k in range(1, n_stations):
         out[f"leg{k}:speed_change"] = out[f"S{k}:speed"] - out[f"S{k - 1}:speed"]
         out[f"leg{k}:turned_aside"] = out[f"S{k}:aside"] - out[f"S{k - 1}:aside"]
-        here = out[f"S{k}:passed"]
-        out[f"leg{k}:passed"] = np.where(out[f"S{k - 1}:passed"] > 0, here, np.nan)
+        arrived = out[f"S{k}:passed"]
+        out[f"leg{k}:passed"] = np.where(out[f"S{k - 1}:passed"] > 0, arrived, np.nan)
     return out
 
 
@@ -263,7 +263,9 @@ def summary(
     if sample.deposits is not None:
         rows = sample.deposits
         loose = rows.kind == LOOSE
-        out["loose:number"] = float(loose.sum()) / sample.n_rocks
+        out["loose:number"] = _log_share(float(loose.sum()) / sample.n_rocks)
+        out["stop:more_blocks"] = _log_share(float(np.mean(quantities["stop:blocks"])) - 1.0)
+        out["stop:none_left"] = _log_share(float(np.mean(quantities["stop:blocks"] < 1)))
         out["loose:s"] = float(np.mean(rows.s[loose])) if loose.any() else np.nan
         out["loose:mass"] = _log_mean(rows.mass_kg[loose])
         pieces = rows.kind == PIECE
@@ -274,7 +276,10 @@ def summary(
         passed = sample.passages
         for k in range(len(case.station_names)):
             here = passed.station == k
-            out[f"S{k}:loose"] = float((here & (passed.kind == LOOSE)).sum()) / sample.n_rocks
+            loose_here = float((here & (passed.kind == LOOSE)).sum()) / sample.n_rocks
+            out[f"S{k}:loose"] = _log_share(loose_here)
+            pieces_here = float((here & (passed.kind == PIECE)).sum()) / sample.n_rocks
+            out[f"S{k}:pieces_per_rock"] = _log_share(pieces_here)
             out |= _aside_shape(
                 f"S{k}", quantities[f"S{k}:aside"], quantities[f"S{k}:speed"], given
             )
@@ -284,6 +289,11 @@ def summary(
     if table is not None and sample.impacts is not None:
         out |= _impact_trends(case, sample.impacts, table, given)
     return out, quantities
+
+
+def _log_share(share: float) -> float:
+    """Numbers per rock on a scale on which few and none are apart."""
+    return float(np.log(max(share, 0.0) + 0.02))
 
 
 def _log_mean(values: FloatArray) -> float:
@@ -333,6 +343,8 @@ def _middle(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
 
 #: Quantities of which the mean alone is told: counts and shares.
 _COUNTS = (":passed", ":number", ":blocks", ":pieces", ":no_spin")
+#: Quantities that are told on a scale of their own in ``summary``.
+_APART = (":blocks", ":pieces")
 
 
 def _moments(
@@ -346,7 +358,7 @@ def _moments(
     sd = np.sqrt((centred**2).sum(axis=0) / np.maximum(count - 1, 1))
     z = _z_table(values, given.values)
     for i, name in enumerate(names):
-        if count[i]:
+        if count[i] and not name.endswith(_APART):
             out[f"{name}|mean"] = float(mean[i])
         if count[i] < 4 or sd[i] < 1e-9:
             continue

@@ -90,7 +90,8 @@ class FreeRun:
     @property
     def radius_m(self) -> FloatArray:
         """Of the sphere of equal volume, mean over replicates, shape (n_rocks,)."""
-        return np.cbrt(self.axes_m.prod(axis=2)).mean(axis=1)
+        radius: FloatArray = np.cbrt(self.axes_m.prod(axis=2)).mean(axis=1)
+        return radius
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +169,8 @@ def observed_at_stations(case: Case) -> AtStations:
     came = np.where(missed, 0.0, came)
     off = ~np.isfinite(s) | (s <= case.start[:, 1:2])
     came[off] = np.nan
-    return AtStations(*(np.where(off, np.nan, v) for v in (speed, rotation, height)), came)
+    speed, rotation, height = (np.where(off, np.nan, v) for v in (speed, rotation, height))
+    return AtStations(speed, rotation, height, came)
 
 
 def _observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -83,7 +83,7 @@ def impact_residuals(
     s = case.projected["impacts"].s
     whole = (rock >= 0) & ~case.observations.is_piece("impacts") & np.isfinite(s)
     states = impacts.vt_in_mps + impacts.vn_in_mps + impacts.vt_out_mps + impacts.vn_out_mps
-    has_axes = np.isfinite(axes_m).all(axis=(1, 2))
+    has_axes = np.asarray(np.isfinite(axes_m).all(axis=(1, 2)), np.bool_)
     use = whole & np.isfinite(states) & (impacts.vn_in_mps < 0.0)
     use[use] &= has_axes[rock[use]] & (case.line[rock[use]] >= 0)
     turned = whole & np.isfinite(impacts.turn_deg)
@@ -208,12 +208,13 @@ def _rebounds(
         ) -> Residual:
             both = np.isfinite(seen) & np.isfinite(predicted)
             own = np.where(both, of, -1)
-            means = [per_rock(v, own, case.n_rocks) for v in (seen, predicted)]
+            seen_mean, predicted_mean = (per_rock(v, own, case.n_rocks) for v in (seen, predicted))
             scored = None if score is None else per_rock(score, own, case.n_rocks)
             count = rows_per_rock(seen, own, case.n_rocks)
             return Residual(
-                where[0], "impact", name, "one step", *means, where[1], where[2], scored, count
-            )
+                where[0], "impact", name, "one step", seen_mean, predicted_mean, where[1], where[2],
+                scored, count,
+            )  # fmt: skip
 
         found += [residual(name, seen, middle[name]) for name, seen, _ in pairs]
         found.append(residual("rebound_angle_deg_spread", away, usual, pit))

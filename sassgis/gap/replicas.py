@@ -418,14 +418,15 @@ class _Paths:
         """Distance aside of the line, measured; pieces walk on ways of their own."""
         walk = self._model.aside
         along = np.clip(s, max(walk.s0, 0.0), walk.s1) - max(walk.s0, 0.0)
-        aside = self._offset[owner] + self._heading[owner] * along
+        aside: FloatArray = self._offset[owner] + self._heading[owner] * along
         if self._walks is not None:
             k = np.clip((s / _WALK_M).astype(np.int64), 0, self._knots - 1)
             aside = aside + self._walks[owner, k]
             scatter = self._sd * np.sqrt(np.maximum(along, 0.0) / _WALK_M)
             aside = aside + np.where(own_way, scatter * self._rng.standard_normal(s.size), 0.0)
         error = np.hypot(self._ways.errors.position_m, self._model.measurement.position_m)
-        return aside + error * self._rng.standard_normal(s.size)
+        measured: FloatArray = aside + error * self._rng.standard_normal(s.size)
+        return measured
 
     def _speed_error(self, owner: IntArray, relative: float) -> FloatArray:
         sd = np.hypot(relative, self._model.measurement.noise_rel)

@@ -160,4 +160,5 @@ def beyond(gap: FloatArray, tolerance: float) -> FloatArray:
     """
     known = gap[np.isfinite(gap)]
     mean = float(known.mean()) if known.size else 0.0
-    return gap - np.clip(mean, -tolerance, tolerance)
+    left: FloatArray = gap - np.clip(mean, -tolerance, tolerance)
+    return left

@@ -10,7 +10,6 @@ import secrets
 import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from sassgis.gap.check_scores import (
     score,
 )
 from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
+from sassgis.io.gap_thresholds import THRESHOLDS, read_thresholds
 from sassgis.io.staging import partial_folder, writing
 from sassgis.workflow.gap_check_crew import Crew, Outcome, Task
 from sassgis.workflow.gap_check_report import CheckRecord, WorldRow, write_check
@@ -213,37 +213,9 @@ def check(
     return _conclude(place, planned, plan, programs, truths, answers, tell)
 
 
-def read_thresholds(file: Path | None = None) -> dict[str, Any]:
-    """The frozen thresholds of the diagnosis.
-
-    ``battery_seeds`` in it lists the batteries on which they were chosen.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or lacks that list.
-    """
-    path = file or Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError("thresholds cannot be read", file=path, found=reason) from None
-    seeds = content.get("battery_seeds") if isinstance(content, dict) else None
-    if not isinstance(seeds, list) or not all(isinstance(s, int) for s in seeds):
-        raise InputError(
-            "says not on which batteries the thresholds were chosen",
-            file=path,
-            field="battery_seeds",
-            found=seeds,
-            expected="a list of whole numbers",
-        )
-    return dict(content)
-
-
 def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
     content = read_thresholds(file)
-    path = file or Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
+    path = file or THRESHOLDS
     if seed in content["battery_seeds"] and not development:
         raise InputError(
             "the thresholds were chosen on this battery: scores on it would flatter",

@@ -1,0 +1,49 @@
+"""The frozen thresholds of the diagnosis, as a file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from sassgis.core.errors import InputError
+from sassgis.gap.choose import Thresholds
+
+#: Chosen on batteries of development, and frozen for all that is reported.
+THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
+
+
+def read_thresholds(file: Path | None = None) -> dict[str, Any]:
+    """The frozen thresholds of the diagnosis.
+
+    ``battery_seeds`` in it lists the batteries on which they were chosen.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or lacks that list.
+    """
+    path = file or THRESHOLDS
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("thresholds cannot be read", file=path, found=reason) from None
+    seeds = content.get("battery_seeds") if isinstance(content, dict) else None
+    if not isinstance(seeds, list) or not all(isinstance(s, int) for s in seeds):
+        raise InputError(
+            "says not on which batteries the thresholds were chosen",
+            file=path,
+            field="battery_seeds",
+            found=seeds,
+            expected="a list of whole numbers",
+        )
+    return dict(content)
+
+
+def thresholds_of(content: dict[str, Any]) -> Thresholds:
+    """The thresholds in the content of their file; what it does not name keeps its default."""
+    names = {field.name for field in fields(Thresholds)}
+    return Thresholds(**{k: v for k, v in content.items() if k in names})

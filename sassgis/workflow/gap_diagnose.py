@@ -1,0 +1,448 @@
+"""The diagnosis of the gap between observed and simulated rocks, from files to a report."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from sassgis.core.errors import Interrupted
+from sassgis.gap.choose import Odds, Thresholds, odds_of, problem_of
+from sassgis.gap.contenders import NONE, Draw, families_to_try
+from sassgis.gap.diagnosis import (
+    Calibrated,
+    Comparison,
+    Contender,
+    Diagnosis,
+)
+from sassgis.gap.families import FAMILIES
+from sassgis.gap.fit import (
+    best_draws,
+    fitted_rows,
+    folds_of,
+    gain_of,
+    held_out_scores,
+    refine,
+    run_refined,
+    shrinkage_of,
+)
+from sassgis.gap.library import (
+    Bench,
+    Library,
+    Tried,
+    bench_of,
+    library_of,
+    tasks_of,
+    try_task,
+)
+from sassgis.gap.model_json import model_as_json
+from sassgis.gap.observations import what_can_be_told
+from sassgis.gap.verdict import (
+    UNKNOWN,
+    Evidence,
+    against_base,
+    best_effect,
+    measure_next,
+    probabilities,
+    verdict_of,
+)
+from sassgis.gap.where import where
+from sassgis.io.config import Config, load_config, settings_hash
+from sassgis.io.gap_files import write_diagnosis_json
+from sassgis.io.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
+from sassgis.io.staging import CHECKPOINT_STEM, staged_output
+from sassgis.workflow.gap_case import read_case
+from sassgis.workflow.gap_fresh import ENSEMBLE
+from sassgis.workflow.gap_outputs import write_outputs
+from sassgis.workflow.run import job_count
+
+#: Draws of each contender in the first round.
+DRAWS = 40
+#: Rounds of refinement, and draws in each.
+ROUNDS, REFINED = 3, 16
+#: Effects that are calibrated further, the most probable ones.
+_FURTHER = 3
+#: Draws of each pair with the most probable effect.
+_PAIR_DRAWS = 10
+_BOOTSTRAP = 120
+_ORDER: Mapping[str, int] = {name: i for i, name in enumerate(FAMILIES)}
+
+OnProgress = Callable[[int, int, int], None]
+_Map = Callable[..., Iterator[Tried]]
+
+
+def diagnose(
+    config: str | Path,
+    observations: str | Path,
+    out: str | Path,
+    *,
+    jobs: int | None = 1,
+    seed: int = 1,
+    overwrite: bool = False,
+    draws: int = DRAWS,
+    report: bool = True,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Say where the gap lies, which effect causes it, and how far it shrinks.
+
+    Parameters
+    ----------
+    config : path
+        Configuration of the model.
+    observations : path
+        A GeoPackage, or a folder of CSV files.
+    out : path
+        Folder to write.
+    jobs : int, optional
+        Processes; 0 or None: all cores. The answer does not depend on it.
+    seed : int
+    overwrite : bool
+    draws : int
+        Draws of each contender. More take longer and tell effects apart better.
+    report : bool
+        Whether map, figures, report and configuration are written besides the numbers.
+    on_progress : callable, optional
+        Told of draws done, draws in all, and rocks simulated.
+    say : callable, optional
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ConfigError, InputError, OutputError
+    Interrupted
+        If the user stops it; campaigns that were made are kept.
+    """
+    tell = say or (lambda _text: None)
+    began = time.perf_counter()
+    # Many small products of matrices: threads of the linear algebra would only wait for each other.
+    with threadpool_limits(1, "blas"), staged_output(Path(out), overwrite) as work:
+        settings = load_config(config)
+        tell("Reading the inputs")
+        case = read_case(settings, observations)
+        frozen = thresholds_of(read_thresholds())
+        bench = bench_of(case, seed)
+        fingerprint = _fingerprint(settings, Path(observations), seed, draws)
+        with _workers(bench, job_count(settings, jobs)) as run:
+            tell(f"Letting {case.n_rocks} rocks go in every contender")
+            library = _library(bench, draws, run, work, fingerprint, on_progress)
+            tell("Comparing")
+            diagnosis, library = _diagnosis(bench, library, frozen, run, fingerprint)
+        tell("Writing the results")
+        if report:
+            write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
+        else:
+            write_diagnosis_json(work / "diagnosis.json", diagnosis)
+            (work / "model").mkdir()
+        _write_ensemble(work / ENSEMBLE, bench, library, diagnosis.shrinkage.effect)
+    return diagnosis
+
+
+# ---------------------------------------------------------------------------------------------
+# Campaigns
+
+_BENCH: Bench | None = None
+
+
+def _receive(bench: Bench) -> None:
+    global _BENCH
+    _BENCH = bench
+
+
+def _try(task: tuple[str, int]) -> Tried:
+    assert _BENCH is not None
+    return try_task(_BENCH, task, _ORDER)
+
+
+def _try_refined(task: tuple[str, Mapping[str, float], int]) -> Tried:
+    assert _BENCH is not None
+    return run_refined(_BENCH, task)
+
+
+@contextmanager
+def _workers(bench: Bench, jobs: int) -> Iterator[_Map]:
+    """A map over tasks that keeps their order, in this process or in several."""
+    if jobs <= 1:
+        _receive(bench)
+        yield map
+        return
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _receive, (bench,)) as pool:
+        yield partial(pool.map, chunksize=4)
+
+
+def _library(
+    bench: Bench,
+    draws: int,
+    run: _Map,
+    work: Path,
+    fingerprint: str,
+    on_progress: OnProgress | None,
+) -> Library:
+    """First round of campaigns; effects that were finished before are not made again."""
+    families = families_to_try(bench.case)
+    tasks = tasks_of(families, draws)
+    tried: list[Tried] = []
+    done = 0
+    try:
+        for effect in (NONE, *families):
+            own = [task for task in tasks if task[0] == effect]
+            saved = work / f"{CHECKPOINT_STEM}.{effect}.pkl"
+            made = _saved(saved, fingerprint)
+            if made is None:
+                made = []
+                for one in run(_try, own):
+                    made.append(one)
+                    if on_progress is not None:
+                        rocks = 2 * bench.case.n_rocks * (done + len(made))
+                        on_progress(done + len(made), len(tasks), rocks)
+                _save(saved, fingerprint, made)
+            done += len(own)
+            tried += made
+    except KeyboardInterrupt:
+        raise Interrupted(
+            "stopped by the user; campaigns of finished contenders are kept: the same command "
+            "goes on from there"
+        ) from None
+    return library_of(bench, tried)
+
+
+def _saved(file: Path, fingerprint: str) -> list[Tried] | None:
+    """Campaigns of an earlier attempt with the same settings; our own file, in our own folder."""
+    try:
+        known, made = pickle.loads(file.read_bytes())
+    except (OSError, EOFError, pickle.UnpicklingError, ValueError, AttributeError, ImportError):
+        return None
+    return list(made) if known == fingerprint else None
+
+
+def _save(file: Path, fingerprint: str, made: Sequence[Tried]) -> None:
+    part = file.with_suffix(".part")
+    part.write_bytes(pickle.dumps((fingerprint, list(made))))
+    part.replace(file)
+
+
+def _fingerprint(config: Config, observations: Path, seed: int, draws: int) -> str:
+    """Of settings, inputs, observations, thresholds and seed."""
+    digest = hashlib.sha256(settings_hash(config).encode())
+    files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
+    for file in (*files, THRESHOLDS):
+        if file.is_file():
+            digest.update(file.name.encode() + file.read_bytes())
+    digest.update(f"{seed} {draws}".encode())
+    return digest.hexdigest()
+
+
+# ---------------------------------------------------------------------------------------------
+# Comparing
+
+
+def _diagnosis(
+    bench: Bench, library: Library, frozen: Thresholds, run: _Map, fingerprint: str
+) -> tuple[Diagnosis, Library]:
+    """The answer, and the library with all that was calibrated on the way."""
+    case, seed = bench.case, bench.seed
+    odds = odds_of(problem_of(bench, library, frozen), frozen, seed)
+    shares = probabilities(odds)
+    best = best_effect(odds)
+    further = [name for name in shares if name != NONE][:_FURTHER]
+
+    def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
+        return list(run(_try_refined, tasks))
+
+    library = refine(bench, library, (NONE, *further), again, rounds=ROUNDS, draws=REFINED)
+    part = folds_of(case.n_rocks, seed)
+    exceeds, _ = against_base(odds, frozen)
+    best, library = _with_pair(bench, library, best, odds, frozen, run, part, exceeds)
+    shrinkage = shrinkage_of(bench, library, best, part, draws=_BOOTSTRAP, seed=seed)
+    fitted = [library.tried[i].draw for i in best_draws(library, best).tolist()]
+    base = library.tried[int(best_draws(library, NONE)[0])].draw
+    findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
+    evidence = Evidence(odds, best, shrinkage.value, odds.strange[best.split("+")[0]])
+    verdict = verdict_of(evidence, frozen, case, fitted, findings)
+    named = verdict.effect not in (NONE, UNKNOWN)
+    if verdict.effect == NONE:
+        shrinkage = shrinkage_of(bench, library, NONE, part, draws=0, seed=seed)
+    elif not named:
+        shrinkage = replace(
+            shrinkage, note=f"No effect is named; this is of {best.replace('_', ' ')}, as a bound."
+        )
+    told = what_can_be_told(case.observations)
+    effect = fitted[0] if named else base
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        where=findings,
+        which=_contenders(bench, library, odds, best, part),
+        shrinkage=shrinkage,
+        rocks=case.n_rocks,
+        tables={name: len(table) for name, table in case.observations.tables.items()},
+        cannot_tell=told.cannot_tell,
+        measure_next=measure_next(case, verdict.confusion_set),
+        comparisons=_comparisons(bench, library, best if named else ""),
+        base=_calibrated(base),
+        effect=_calibrated(effect),
+        settings_hash=fingerprint,
+        seed=seed,
+    )
+    return diagnosis, library
+
+
+def _with_pair(
+    bench: Bench,
+    library: Library,
+    best: str,
+    odds: Odds,
+    frozen: Thresholds,
+    run: _Map,
+    part: np.ndarray[tuple[int], np.dtype[np.int64]],
+    exceeds: bool,
+) -> tuple[str, Library]:
+    """Try the best effect together with each other one; keep the pair if it scores well enough."""
+    if not exceeds:
+        return best, library
+    pairs = ["+".join(sorted((best, name))) for name in odds.effects if name not in (NONE, best)]
+    tasks = [(pair, i) for pair in pairs for i in range(_PAIR_DRAWS)]
+    library = library.with_more(bench, list(run(_try, tasks)))
+    means = {p: float(np.nanmin(np.nanmean(library.scores[library.of(p)], axis=1))) for p in pairs}
+    first = sorted(pairs, key=lambda p: means[p])[:2]
+
+    def again(refined: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
+        return list(run(_try_refined, refined))
+
+    library = refine(bench, library, first, again, rounds=ROUNDS, draws=REFINED)
+    single = held_out_scores(library, best, part)
+    for pair in sorted(first, key=lambda p: float(np.nanmean(held_out_scores(library, p, part)))):
+        gain = single - held_out_scores(library, pair, part)
+        error = float(np.nanstd(gain, ddof=1)) / np.sqrt(np.isfinite(gain).sum())
+        if float(np.nanmean(gain)) > frozen.pair_gain * error:
+            return pair, library
+    return best, library
+
+
+def _contenders(
+    bench: Bench,
+    library: Library,
+    odds: Odds,
+    best: str,
+    part: np.ndarray[tuple[int], np.dtype[np.int64]],
+) -> tuple[Contender, ...]:
+    """Everything that was tried, most probable first."""
+    shares = probabilities(odds)
+    names = [*shares, *([best] if "+" in best else [])]
+    base = held_out_scores(library, NONE, part)
+    rng = np.random.default_rng([bench.seed, 81])
+    found = []
+    for name in names:
+        own = held_out_scores(library, name, part)
+        gain = gain_of(base, own, rng)
+        top = [library.tried[i].draw for i in best_draws(library, name).tolist()]
+        values = {k: _values(top, k) for k in top[0].parameters}
+        found.append(
+            Contender(
+                name,
+                top[0].form,
+                float(np.nanmean(own)),
+                gain.value,
+                (gain.low, gain.high),
+                shares.get(name, max((shares.get(n, 0.0) for n in name.split("+")), default=0.0)),
+                dict(top[0].parameters),
+                {k: (float(v.min()), float(v.max())) for k, v in values.items()},
+            )
+        )
+    return tuple(sorted(found, key=lambda c: -c.probability))
+
+
+def _values(draws: Sequence[Draw], name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.array([d.parameters[name] for d in draws if name in d.parameters], np.float64)
+
+
+def _calibrated(draw: Draw) -> Calibrated:
+    stand = draw.model.stand
+    return Calibrated(
+        table=draw.model.table,
+        effects=draw.model.effects,
+        sections=draw.sections,
+        stand=None if stand is None else (stand.s0, stand.s1),
+        stems_per_ha=None if stand is None else stand.stems_per_ha,
+        dbh_cm=None if stand is None else stand.dbh_cm,
+    )
+
+
+_SHOWN = {
+    "runout": ("runout_m", "m"),
+    "aside": ("lateral_m", "m"),
+    "speed": ("speed_mps", "m/s"),
+    "rotation": ("rotation_hz", "1/s"),
+    "height": ("height_m", "m"),
+    "blocks": ("stops_per_rock", ""),
+}
+
+
+def _comparisons(bench: Bench, library: Library, effect: str) -> tuple[Comparison, ...]:
+    """Distributions of every scored quantity: observed, calibrated base, and effect."""
+    base = fitted_rows(library, NONE)
+    after = fitted_rows(library, effect) if effect else None
+    k = len(bench.scale.names)
+    out = []
+    for i, name in enumerate(bench.scale.names):
+        place, _, what = name.partition(":")
+        quantity, unit = _SHOWN[what]
+        shown = "stop" if place == "stop" else bench.case.station_names[int(place[1:])]
+
+        def values(
+            rows: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+            i: int = i,
+            what: str = what,
+        ) -> tuple[float, ...]:
+            there = rows[..., i + k] < 0.5
+            found = rows[..., i][there] * bench.scale.scale[i] + bench.scale.centre[i]
+            if what in ("speed", "blocks"):
+                found = np.exp(found)
+            return tuple(np.round(found, 4).tolist())
+
+        out.append(
+            Comparison(
+                shown,
+                quantity,
+                unit,
+                values(bench.rows),
+                values(base),
+                () if after is None else values(after),
+            )
+        )
+    return tuple(out)
+
+
+def _write_ensemble(file: Path, bench: Bench, library: Library, effect: str) -> None:
+    """The calibrated models, and the scale on which their rocks are compared."""
+    scale = bench.scale
+    kept = {
+        "seed": bench.seed,
+        "effect": effect,
+        "scale": {
+            "names": list(scale.names),
+            "centre": scale.centre.tolist(),
+            "scale": scale.scale.tolist(),
+        },
+        **{
+            name: [
+                model_as_json(library.tried[i].draw.model)
+                for i in best_draws(library, own).tolist()
+            ]
+            for name, own in (("base", NONE), ("effect", effect))
+        },
+    }
+    file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
