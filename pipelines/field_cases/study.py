@@ -367,6 +367,8 @@ def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
     point = distances(rocks)
     shrinkage = np.array([_shrinkage(d) for d in drawn])
     above = np.quantile([d["base"] - d["floor"] for d in drawn], 0.05)
+    # Without an effect that is named there is nothing that could shrink the gap.
+    told = bool(above > 0.0) and answer.verdict.effect not in ("none", "unknown")
     return {
         "rocks": case.n_rocks,
         "energy_distance": point,
@@ -377,8 +379,8 @@ def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
         "energy_score": {
             k: float(np.mean(energy_scores(v, seen, scale=scale))) for k, v in made.items()
         },
-        "shrinkage": _shrinkage(point) if above > 0.0 else None,
-        "shrinkage_ci95": np.quantile(shrinkage, [0.025, 0.975]) if above > 0.0 else None,
+        "shrinkage": _shrinkage(point) if told else None,
+        "shrinkage_ci95": np.quantile(shrinkage, [0.025, 0.975]) if told else None,
         "by_quantity_m": {
             q: {
                 k: energy_distance(seen[:, i], v[:, :, i].ravel(), scale=np.ones(1))

@@ -270,15 +270,19 @@ def test_held_out_shrinkage_is_withheld_where_nothing_is_to_gain(
     seen, made = rng.normal(size=(20, 2)), rng.normal(size=(20, module.CAMPAIGNS, 2))
     monkeypatch.setattr(module, "stops", lambda *_: (seen, made))
     monkeypatch.setattr(module, "model_of", lambda _: None)
-    report = module.held_out(read, SimpleNamespace(base=None, effect=None), 1)
+    named = SimpleNamespace(effect="air_drag")
+    report = module.held_out(read, SimpleNamespace(base=None, effect=None, verdict=named), 1)
     assert report["shrinkage"] is None
     worse = made + 10.0
     monkeypatch.setattr(
         module, "stops", lambda _case, model, _seed: (seen, made if model == "effect" else worse)
     )
     monkeypatch.setattr(module, "model_of", lambda name: name)
-    report = module.held_out(read, SimpleNamespace(base="base", effect="effect"), 1)
+    answer = SimpleNamespace(base="base", effect="effect", verdict=named)
+    report = module.held_out(read, answer, 1)
     assert 0.9 < report["shrinkage"] < 1.1
+    answer.verdict = SimpleNamespace(effect="unknown")
+    assert module.held_out(read, answer, 1)["shrinkage"] is None
 
 
 def test_the_ground_is_calibrated_on_the_rocks_to_fit_on_alone(
