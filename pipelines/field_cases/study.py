@@ -38,6 +38,8 @@ FloatArray = NDArray[np.float64]
 #: Campaigns that each model is let go in.
 CAMPAIGNS = 60
 DRAWS = 1000
+#: Rocks below which nothing is diagnosed.
+FEWEST = 5
 #: Findings that are kept.
 SHOWN = 12
 #: The class of which nothing was published, and the grid on which it is calibrated widely.
@@ -103,6 +105,7 @@ def study(
         results["splits"] = {
             split: diagnosed(case, split, fit, left_out, given)
             for split, (fit, left_out) in case.splits.items()
+            if len(read_case(case.config, case.observations[fit]).observations.rocks) >= FEWEST
         }
     write_json(out / "results.json", results)
     print(f"Wrote {out / 'results.json'}")
