@@ -257,7 +257,19 @@ def _lateral_deflection(case: Case, dials: Dials) -> _Part:
         width = dials.log("lateral.width", 3.0, 60.0)
         aside = Aside(width_percent=width, angle_deg=dials.log("lateral.kicks", 0.3, 6.0))
         form, values = "constant", {"width_percent": width}
-    return _Part(form, lambda m: replace(m, aside=aside), values, {"form": form, **values})
+    # Ground that throws rocks aside is not even along their way either.
+    lean = math.tan(
+        math.radians(min(aside.angle_deg, 25.0) * dials.uniform("lateral.lean", 0, 0.6))
+    )
+    bumps = Roughness(obstacle_m=min(float(np.median(case.radius_m)) * lean, 1.0))
+
+    def change(model: Model) -> Model:
+        changed = replace(model, aside=aside)
+        if model.effects.roughness is None and dials.share("lateral.uneven") < 0.6:
+            changed = _with_effect(changed, roughness=bumps)
+        return changed
+
+    return _Part(form, change, values, {"form": form, **values})
 
 
 def _fragmentation(case: Case, dials: Dials) -> _Part:

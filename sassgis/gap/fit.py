@@ -67,7 +67,12 @@ def refine(
             elite = [library.tried[i].draw.dials for i in own[order[: max(TOP, own.size // 8)]]]
             for k in range(draws):
                 number = _REFINED + round_ * draws + k
-                tasks.append((effect, _near(elite, rng), number))
+                dials = _near(elite, rng)
+                if effect != NONE and k % 2:
+                    # The ground of the calibrated base, with this effect.
+                    ground = library.tried[int(best_draws(library, NONE)[k // 2 % TOP])].draw
+                    dials |= {n: v for n, v in ground.dials.items() if "." in n and n in dials}
+                tasks.append((effect, dials, number))
         library = library.with_more(bench, run(tasks))
     return library
 
@@ -77,7 +82,7 @@ def run_refined(bench: Bench, task: tuple[str, Mapping[str, float], int]) -> Tri
     effect, dials, number = task
     families = () if effect == NONE else tuple(effect.split("+"))
     rng = np.random.default_rng([bench.seed, 41, number, *map(ord, effect)])
-    return try_draw(bench, draw(bench.case, families, Dials(rng, dials)), number)
+    return try_draw(bench, draw(bench.case, families, Dials(rng, dials)), number, features=False)
 
 
 def _near(elite: Sequence[Mapping[str, float]], rng: np.random.Generator) -> dict[str, float]:

@@ -280,7 +280,14 @@ def _gates(case: Case) -> GateCrossings:
 
 
 def campaigns(
-    case: Case, ways: Ways, model: Model, *, count: int, seed: int, number: int = 0
+    case: Case,
+    ways: Ways,
+    model: Model,
+    *,
+    count: int,
+    seed: int,
+    number: int = 0,
+    impacts: bool = True,
 ) -> list[Sample]:
     """Let the rocks of a case go ``count`` times in a model.
 
@@ -293,6 +300,8 @@ def campaigns(
     seed : int
     number : int
         Campaigns of other numbers are other draws.
+    impacts : bool
+        Whether impacts are told, where the case has any.
 
     Returns
     -------
@@ -301,7 +310,7 @@ def campaigns(
     """
     seen = case.observations
     rng = np.random.default_rng([seed, number, 77])
-    with_impacts = len(seen.impacts) > 0
+    with_impacts = impacts and len(seen.impacts) > 0
     wood = _wood(ways, model)
     release = model.release
     blocks = [
@@ -328,14 +337,14 @@ def campaigns(
     paths = _Paths(case, ways, model, result, count, rng)
     passages = paths.passages() if len(seen.passages) and case.station_names else None
     deposits = paths.deposits() if len(seen.deposits) else None
-    impacts = paths.impacts(case) if with_impacts else None
+    hits = paths.impacts(case) if with_impacts else None
     n = case.n_rocks
     return [
         Sample(
             n,
             None if passages is None else _of_campaign(passages, k, n),
             None if deposits is None else _of_campaign(deposits, k, n),
-            None if impacts is None else _of_campaign(impacts, k, n),
+            None if hits is None else _of_campaign(hits, k, n),
         )
         for k in range(count)
     ]

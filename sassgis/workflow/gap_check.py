@@ -37,7 +37,7 @@ WORLDS = 150
 SEED = 1986
 #: Rocks on which a stated shrinkage is checked.
 FRESH_ROCKS = 1000
-DIAGNOSER = "sassgis.workflow.gap_diagnose:diagnose"
+DIAGNOSER = "sassgis.workflow.gap_diagnose:answer"
 MEASURER = "sassgis.workflow.gap_fresh:measured_shrinkage"
 
 _FORMAT = 1

@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -70,7 +71,7 @@ from sassgis.workflow.run import job_count
 #: Draws of each contender in the first round.
 DRAWS = 40
 #: Rounds of refinement, and draws in each.
-ROUNDS, REFINED = 3, 16
+ROUNDS, REFINED = 3, 24
 #: Effects that are calibrated further, the most probable ones.
 _FURTHER = 3
 #: Draws of each pair with the most probable effect.
@@ -166,6 +167,11 @@ def _receive(bench: Bench) -> None:
 def _try(task: tuple[str, int]) -> Tried:
     assert _BENCH is not None
     return try_task(_BENCH, task, _ORDER)
+
+
+def _try_scored(task: tuple[str, int]) -> Tried:
+    assert _BENCH is not None
+    return try_task(_BENCH, task, _ORDER, features=False)
 
 
 def _try_refined(task: tuple[str, Mapping[str, float], int]) -> Tried:
@@ -315,7 +321,7 @@ def _with_pair(
         return best, library
     pairs = ["+".join(sorted((best, name))) for name in odds.effects if name not in (NONE, best)]
     tasks = [(pair, i) for pair in pairs for i in range(_PAIR_DRAWS)]
-    library = library.with_more(bench, list(run(_try, tasks)))
+    library = library.with_more(bench, list(run(_try_scored, tasks)))
     means = {p: float(np.nanmin(np.nanmean(library.scores[library.of(p)], axis=1))) for p in pairs}
     first = sorted(pairs, key=lambda p: means[p])[:2]
 
@@ -446,3 +452,8 @@ def _write_ensemble(file: Path, bench: Bench, library: Library, effect: str) -> 
         },
     }
     file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+
+
+def answer(config: str | Path, observations: str | Path, out: str | Path, **options: Any) -> None:
+    """The diagnosis without map, figures and report: the numbers alone, for the blind check."""
+    diagnose(config, observations, out, report=False, **options)
