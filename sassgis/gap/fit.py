@@ -196,15 +196,8 @@ def distances(observed: FloatArray, base: FloatArray, effect: FloatArray) -> Dis
 def _distance(rows: FloatArray, replicas: FloatArray) -> float:
     """Energy distance (Székely and Rizzo 2013), unbiased."""
     pool = replicas.reshape(-1, rows.shape[1])
-    return 2.0 * float(cdist(rows, pool).mean()) - float(pdist(rows).mean()) - _within(pool)
-
-
-def _within(pool: FloatArray) -> float:
-    """Mean distance within a pool; of a large one, between its thirds."""
-    if len(pool) <= 600:
-        return float(pdist(pool).mean())
-    # Replicas of one rock lie a whole campaign apart, so that the parts hold all rocks.
-    return float(cdist(pool[::3], pool[1::3]).mean())
+    within = float(pdist(rows).mean()) + float(pdist(pool).mean())
+    return 2.0 * float(cdist(rows, pool).mean()) - within
 
 
 def shrinkage_of(

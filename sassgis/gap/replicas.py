@@ -12,6 +12,7 @@ from sassgis.core.grid import FloatArray, IntArray
 from sassgis.core.ground import GroundTable
 from sassgis.core.profiles import ProfileSet
 from sassgis.core.results import Gate, StopReason
+from sassgis.engine.ellipse import mean_radius
 from sassgis.engine.simulate import Forest, GateCrossings, Simulated, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.sample import (
@@ -500,10 +501,16 @@ class _Paths:
 
     def _rest(self, rows: NDArray[np.void], owner: IntArray) -> FloatArray:
         """Height of the centre of a lying block above the ground: heights are counted from it."""
-        b = self._result.rocks["b_m"].reshape(self._n, self._count).T.ravel()[owner]
+        a, b = (
+            self._result.rocks[name].reshape(self._n, self._count).T.ravel()
+            for name in ("a_m", "b_m")
+        )
+        # The engine counts heights of flight from the shorter axis; a rock that rolls has none.
+        rolling = np.array([mean_radius(*axes) for axes in zip(a, b, strict=True)])
+        lever = np.where(rows["height_m"] > 0.0, b[owner], rolling[owner])
         size = np.cbrt(rows["mass_kg"] / self._mass[owner])
         cosine = np.cos(dips_at(self._ways.bare, owner % self._n, rows["chainage_m"]))
-        rest: FloatArray = b * size / cosine
+        rest: FloatArray = lever * size / cosine
         return rest
 
     def impacts(self, case: Case) -> ImpactRows:

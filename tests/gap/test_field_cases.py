@@ -323,3 +323,18 @@ def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
         seen |= set(re.findall(r"<!-- gap: (.+?) -->", text))
         assert module.filled(text) == text, f"{page.name}: run python docs/studies/gap_tables.py"
     assert seen == set(module.TABLES)
+
+
+def test_a_calibrated_model_keeps_its_ways_aside(importable: None) -> None:
+    from field_cases.study import model_of
+
+    from sassgis.core.effects import EffectSettings
+    from sassgis.gap.diagnosis import Calibrated
+    from sassgis.gap.replicas import Aside
+    from sassgis.io.ground import built_in_table
+
+    section = {"form": "kicks", "angle_deg": 17.0, "hop_m": 6.0}
+    sections = {"lateral_deflection": section}
+    found = Calibrated(built_in_table(), EffectSettings(), sections=sections)
+    assert model_of(found).aside == Aside(angle_deg=17.0, hop_m=6.0)
+    assert model_of(Calibrated(built_in_table(), EffectSettings())).aside == Aside()
