@@ -43,9 +43,6 @@ class Thresholds:
         And by how much at least (logarithm of odds).
     least_confidence : float
         Below, the answer is "unknown".
-    strange : float
-        Share of the campaigns of the named contender that must look at least as strange as the
-        observed one; below, the answer is "unknown".
     least_shrinkage : float
         Below, the effect does not explain the gap: "unknown".
     sharpness : float
@@ -62,7 +59,6 @@ class Thresholds:
     null_quantile: float = 0.975
     null_margin: float = 0.0
     least_confidence: float = 0.35
-    strange: float = 0.005
     least_shrinkage: float = 0.2
     sharpness: float = 1.0
     confusion_mass: float = 0.95
@@ -196,8 +192,6 @@ class Odds:
         Logarithm of the odds against the base model.
     evidence_of_base : float64
         The same of held-out campaigns of the base model.
-    strange : mapping of effect to float
-        Share of its held-out campaigns that lie at least as far from the others as the observed.
     """
 
     effects: tuple[str, ...]
@@ -206,7 +200,6 @@ class Odds:
     label: np.ndarray[tuple[int], np.dtype[np.str_]]
     evidence: float
     evidence_of_base: FloatArray
-    strange: Mapping[str, float]
 
 
 def odds_of(problem: Problem, thresholds: Thresholds, seed: int) -> Odds:
@@ -229,7 +222,6 @@ def odds_of(problem: Problem, thresholds: Thresholds, seed: int) -> Odds:
         problem.label,
         float(evidence(probability)),
         evidence(held_out[problem.label == NONE]),
-        {name: _strangeness(problem, name) for name in classes},
     )
 
 
@@ -261,30 +253,6 @@ def _sharpened(p: FloatArray, thresholds: Thresholds) -> FloatArray:
     raised = np.clip(p, 1e-12, 1.0) ** thresholds.sharpness
     sharp: FloatArray = raised / raised.sum(axis=-1, keepdims=True)
     return sharp
-
-
-def _strangeness(problem: Problem, effect: str) -> float:
-    """How usual the observed campaign is among those of an effect: share that are stranger.
-
-    Strangeness is the distance from the nearest campaigns of the effect that belong to other
-    draws.
-    """
-    mine = problem.label == effect
-    x, group = problem.x[mine], problem.group[mine]
-    k = min(5, len(x) - 1)
-    if k < 1:
-        return 1.0
-    apart = _distances(x, x)
-    apart[group[:, None] == group[None, :]] = np.inf
-    own = np.sort(apart, axis=1)[:, :k].mean(axis=1)
-    seen = np.sort(_distances(problem.observed[None], x)[0])[:k].mean()
-    return float((1 + (own >= seen).sum()) / (own.size + 1))
-
-
-def _distances(a: FloatArray, b: FloatArray) -> FloatArray:
-    square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None, :] - 2.0 * a @ b.T
-    apart: FloatArray = np.sqrt(np.maximum(square, 0.0))
-    return apart
 
 
 def confused_with(odds: Odds, effect: str, least: float = 0.1) -> dict[str, float]:

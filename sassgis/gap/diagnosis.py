@@ -73,7 +73,7 @@ class Verdict:
     effect : str
         A family, two joined by "+", "none" or "unknown".
     confidence : float
-        Share of such answers that were right on worlds with a known truth (0 to 1).
+        Probability of the answer among those that were tried (0 to 1).
     confusion_set : tuple of str
         What these data cannot tell from it, itself included.
     phase, segments

@@ -29,14 +29,11 @@ class Evidence:
         Most probable effect, or a pair.
     shrinkage : float or None
         Of the best effect, on rocks left out; None where it is withheld.
-    strange : float
-        Share of the campaigns of the best effect that look at least as strange as the observed.
     """
 
     odds: Odds
     best: str
     shrinkage: float | None
-    strange: float
 
 
 def probabilities(odds: Odds) -> dict[str, float]:
@@ -85,12 +82,6 @@ def decide(evidence: Evidence, thresholds: Thresholds) -> tuple[str, float, str]
     best = max(shares.get(name, 0.0) for name in evidence.best.split("+"))
     confidence = best / max(1.0 - shares[NONE], 1e-9) if best < 1.0 else 1.0
     weak = evidence.shrinkage is not None and evidence.shrinkage < thresholds.least_shrinkage
-    if evidence.strange < thresholds.strange:
-        return (
-            UNKNOWN,
-            _sure(evidence.strange, thresholds.strange),
-            "what was observed lies outside of what the known effects make",
-        )
     if weak:
         return (
             UNKNOWN,
@@ -101,11 +92,6 @@ def decide(evidence: Evidence, thresholds: Thresholds) -> tuple[str, float, str]
     if confidence < thresholds.least_confidence:
         return UNKNOWN, 1.0 - confidence, "no effect is probable enough to be named"
     return evidence.best, confidence, "it explains the observed rocks better than the others"
-
-
-def _sure(strange: float, least: float) -> float:
-    """How sure "unknown" is: the stranger, the surer."""
-    return float(0.5 + 0.45 * (1.0 - strange / least)) if least > 0.0 else 0.5
 
 
 def confusion_set(effect: str, odds: Odds, thresholds: Thresholds) -> tuple[str, ...]:

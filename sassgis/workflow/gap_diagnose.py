@@ -277,7 +277,7 @@ def _diagnosis(
     fitted = [library.tried[i].draw for i in best_draws(library, best).tolist()]
     base = library.tried[int(best_draws(library, NONE)[0])].draw
     findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
-    evidence = Evidence(odds, best, shrinkage.value, odds.strange[best.split("+")[0]])
+    evidence = Evidence(odds, best, shrinkage.value)
     verdict = verdict_of(evidence, frozen, case, fitted, findings)
     named = verdict.effect not in (NONE, UNKNOWN)
     if verdict.effect == NONE:

@@ -94,16 +94,24 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         out.append(f"{acts}{' ' + place if place else ''}.")
     share = round(100 * verdict.confidence)
     out.append(
-        f"A confidence of {share} % means: on made slopes whose cause is known, {share} in 100 "
-        "answers of this kind were right."
+        f"A confidence of {share} % is the probability that the comparison gives this answer "
+        "among those that were tried. How often such answers were right on made slopes whose cause "
+        "is known is told in docs/gap_check.md."
     )
     named = _contender(diagnosis.which, verdict.effect)
     if named is not None and verdict.effect not in ("none", "unknown"):
-        out.append(
-            f"With it, rocks that were left out are predicted better by {sensible(named.gain)} "
+        interval = (
             f"(95 % interval {_interval(named.ci95)}; the score of the calibrated base model is "
-            f"{sensible(named.score + named.gain)})."
+            f"{sensible(named.score + named.gain)})"
         )
+        if named.gain > 0.0:
+            gain = sensible(named.gain)
+            out.append(f"With it, single rocks left out are predicted better by {gain} {interval}.")
+        else:
+            out.append(
+                f"Single rocks left out are not predicted better with it {interval}: what speaks "
+                "for it are patterns over all rocks, such as trends, scatter and single impacts."
+            )
     return ReportAnswer("How sure this is", tuple(out))
 
 

@@ -261,20 +261,19 @@ def some_odds(**shares: float) -> Odds:
         np.empty(0, np.str_),
         evidence,
         np.linspace(-4.0, 2.0, 101),
-        dict.fromkeys(names, 0.5),
     )
 
 
 def test_decisions() -> None:
     thresholds = Thresholds(null_quantile=0.95, least_confidence=0.5, least_shrinkage=0.2)
     clear = some_odds(none=0.02, trees=0.9, air_drag=0.08)
-    assert decide(Evidence(clear, "trees", 0.7, 0.5), thresholds)[0] == "trees"
-    assert decide(Evidence(clear, "trees", 0.05, 0.5), thresholds)[0] == "unknown"
-    assert decide(Evidence(clear, "trees", None, 0.5), thresholds)[0] == "trees"
+    assert decide(Evidence(clear, "trees", 0.7), thresholds)[0] == "trees"
+    assert decide(Evidence(clear, "trees", 0.05), thresholds)[0] == "unknown"
+    assert decide(Evidence(clear, "trees", None), thresholds)[0] == "trees"
     chance = some_odds(none=0.3, trees=0.6, air_drag=0.1)
-    assert decide(Evidence(chance, "trees", 0.7, 0.5), thresholds)[0] == NONE
+    assert decide(Evidence(chance, "trees", 0.7), thresholds)[0] == NONE
     torn = some_odds(none=0.02, trees=0.4, air_drag=0.33, roughness=0.25)
-    assert decide(Evidence(torn, "trees", 0.7, 0.5), thresholds)[0] == "unknown"
+    assert decide(Evidence(torn, "trees", 0.7), thresholds)[0] == "unknown"
     assert set(confusion_set("trees", torn, thresholds)) == {"trees", "air_drag", "roughness"}
 
 

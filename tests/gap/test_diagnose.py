@@ -1,0 +1,171 @@
+"""The diagnosis as a user runs it: from files to answers, and what it does with poor input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from sassgis.core.errors import InputError, Interrupted, SassgisError
+from sassgis.io.config import load_config
+from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
+from sassgis.io.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
+from sassgis.workflow import gap_diagnose
+from sassgis.workflow.gap_diagnose import diagnose
+from sassgis.workflow.gap_fresh import measured_shrinkage
+from sassgis.worlds import EffectSpec, WorldSpec, make_world, observe, setup
+
+
+def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
+    effects = () if effect is None else (EffectSpec(effect, "strong"),)  # type: ignore[arg-type]
+    world = make_world(WorldSpec("cliff_talus_meadow", effects, n_rocks, kind), 31)
+    seen, told = observe(world, kind, n_rocks, 1), setup(world)  # type: ignore[arg-type]
+    write_case(
+        folder, title="test", dem=told.dem, class_names=told.class_names,
+        class_codes=told.class_codes, releases=told.releases, blocks=told.blocks,
+        tables=seen.tables, metadata=seen.metadata,
+    )  # fmt: skip
+    return folder
+
+
+@pytest.fixture(scope="module")
+def everything(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_case(tmp_path_factory.mktemp("gap") / "case", "everything", 30, "fragmentation")
+
+
+@pytest.fixture(scope="module")
+def answered(everything: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("answer") / "out"
+    run(everything, out)
+    return out
+
+
+def run(case: Path, out: Path, **options: object) -> gap_diagnose.Diagnosis:
+    return diagnose(
+        case / CONFIG_NAME,
+        case / OBSERVATIONS_NAME,
+        out,
+        draws=12,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def test_all_that_is_promised_is_there(answered: Path) -> None:
+    for name in ("report.html", "gap.gpkg", "diagnosis.json", "model/config.toml"):
+        assert (answered / name).is_file(), name
+    found = json.loads((answered / "diagnosis.json").read_text())
+    assert found["verdict"]["effect"] == "fragmentation"
+    assert "fragmentation" in found["verdict"]["confusion_set"]
+    assert found["verdict"]["phase"] == "impact"
+    assert {"none", "trees", "air_drag"} <= {c["effect"] for c in found["which"]}
+    assert sum(c["probability"] for c in found["which"] if "+" not in c["effect"]) == pytest.approx(
+        1.0, abs=1e-6
+    )
+    assert found["where"] and found["data"]["rocks"] == 30
+    assert found["shrinkage"]["effect"] == "fragmentation"
+
+
+def test_the_calibrated_configuration_can_be_run(answered: Path) -> None:
+    settings = load_config(answered / "model" / "config.toml")
+    assert settings.effect_settings.fragmentation is not None
+    assert settings.effect_settings.names == ("fragmentation",)
+
+
+def test_the_shrinkage_can_be_measured_on_other_rocks(everything: Path, answered: Path) -> None:
+    found = measured_shrinkage(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME, answered)
+    assert set(found) == {"S", "D_base", "D_effect", "D_floor"}
+    assert found["D_base"] > found["D_effect"]  # type: ignore[operator]
+
+
+def test_processes_and_an_interruption_change_nothing(
+    everything: Path, answered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = json.loads((answered / "diagnosis.json").read_text())
+
+    def stop(done: int, total: int, rocks: int) -> None:
+        if done > total // 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted):
+        run(everything, tmp_path / "out", report=False, on_progress=stop)
+    assert not (tmp_path / "out").exists()
+    made = []
+    whole = gap_diagnose.try_task
+    monkeypatch.setattr(gap_diagnose, "try_task", lambda *a, **k: made.append(a) or whole(*a, **k))
+    run(everything, tmp_path / "out", report=False)
+    assert 0 < sum(len(a) > 1 for a in made) < 12 * 12
+    monkeypatch.undo()
+    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text()) == expected
+    run(everything, tmp_path / "two", report=False, jobs=2)
+    assert json.loads((tmp_path / "two" / "diagnosis.json").read_text()) == expected
+
+
+@pytest.mark.parametrize(("kind", "n"), [("stops", 15), ("stations", 15)])
+def test_little_is_enough_for_an_answer(tmp_path: Path, kind: str, n: int) -> None:
+    case = make_case(tmp_path / "case", kind, n)
+    found = run(case, tmp_path / "out")
+    assert found.verdict.effect in ("none", "unknown") or found.verdict.confidence < 1.0
+    assert len(found.verdict.confusion_set) > 1
+    assert any("15 rocks" in line for line in found.cannot_tell)
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def rewritten(case: Path, folder: Path, table: str, change: object) -> Path:
+    """A copy of a case with one table changed; ``change`` gets the rows with the header."""
+    shutil.copytree(case, folder)
+    file = folder / OBSERVATIONS_NAME / f"{table}.csv"
+    with file.open(encoding="utf-8") as stream:
+        rows = list(csv.reader(stream))
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        csv.writer(stream).writerows(change(rows))  # type: ignore[operator]
+    return folder
+
+
+def test_speeds_in_kilometres_per_hour_show_up(everything: Path, tmp_path: Path) -> None:
+    def faster(rows: list[list[str]]) -> list[list[str]]:
+        k = rows[0].index("speed_mps")
+        return [rows[0], *([*r[:k], str(3.6 * float(r[k])), *r[k + 1 :]] for r in rows[1:])]
+
+    case = rewritten(everything, tmp_path / "case", "passages", faster)
+    found = gap_diagnose.read_case(case / CONFIG_NAME, case / OBSERVATIONS_NAME)
+    said = [str(f) for f in found.observations.findings]
+    assert any("passages" in line and "speed" in line for line in said), said
+
+
+def test_without_rocks_there_is_one_clear_line(everything: Path, tmp_path: Path) -> None:
+    shutil.copytree(everything, tmp_path / "case")
+    for file in (tmp_path / "case" / OBSERVATIONS_NAME).glob("*.csv"):
+        if file.name != "stations.csv":
+            file.write_text(file.read_text(encoding="utf-8").splitlines()[0] + "\n")
+    with pytest.raises(SassgisError) as caught:
+        run(tmp_path / "case", tmp_path / "out")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_rocks_beside_the_terrain_are_refused(everything: Path, tmp_path: Path) -> None:
+    def away(rows: list[list[str]]) -> list[list[str]]:
+        k = rows[0].index("x")
+        return [
+            rows[0],
+            *([*r[:k], str(float(r[k]) + 90_000.0) if r[k] else "", *r[k + 1 :]] for r in rows[1:]),
+        ]
+
+    case = everything
+    for i, table in enumerate(("rocks", "passages", "deposits", "impacts", "trajectories")):
+        case = rewritten(case, tmp_path / f"case{i}", table, away)
+    (case / OBSERVATIONS_NAME / "stations.csv").unlink()
+    with pytest.raises(InputError, match=r"rocks|DEM|terrain"):
+        run(case, tmp_path / "out")
+
+
+def test_the_frozen_thresholds_are_whole(tmp_path: Path) -> None:
+    content = read_thresholds()
+    thresholds = thresholds_of(content)
+    assert 1986 not in content["battery_seeds"]
+    assert 0.9 <= thresholds.null_quantile < 1.0
+    assert len(thresholds.discrepancy) > 50
+    assert THRESHOLDS.is_file()
