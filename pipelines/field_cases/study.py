@@ -19,6 +19,7 @@ from field_cases.tables import FieldCase
 from sassgis.core.ground import GroundTable
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Diagnosis, Finding
+from sassgis.gap.families import PHYSICAL
 from sassgis.gap.replicas import Aside, Model, Stand, campaigns, ways_of
 from sassgis.gap.sample import main_blocks, observed_sample
 from sassgis.gap.scores import (
@@ -370,8 +371,10 @@ def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
     point = distances(rocks)
     shrinkage = np.array([_shrinkage(d) for d in drawn])
     above = np.quantile([d["base"] - d["floor"] for d in drawn], 0.05)
-    # Without an effect that is named there is nothing that could shrink the gap.
-    told = bool(above > 0.0) and answer.verdict.effect not in ("none", "unknown")
+    # Without an effect that is named there is nothing that could shrink the gap, and errors of
+    # the observation are in no calibrated model.
+    named = set(answer.verdict.effect.split("+")) & set(PHYSICAL)
+    told = bool(above > 0.0) and bool(named)
     return {
         "rocks": case.n_rocks,
         "energy_distance": point,
@@ -408,12 +411,10 @@ def _shrinkage(d: Mapping[str, float]) -> float:
 
 def model_of(found: Calibrated) -> Model:
     """A calibrated model as campaigns take it; errors of the observation are not in it."""
-    way = found.effects.lateral_deflection
-    aside = Aside()
-    if way is not None and way.form == "kicks":
-        aside = Aside(angle_deg=way.angle_deg, hop_m=way.hop_m)
-    elif way is not None:
-        aside = Aside(width_percent=way.width_percent)
+    # Ways aside stand in the sections of the configuration alone.
+    section = found.sections.get("lateral_deflection", {})
+    known = {k: section[k] for k in ("angle_deg", "hop_m", "width_percent") if k in section}
+    aside = Aside(**known)
     stand = None
     if found.stand is not None and found.stems_per_ha is not None and found.dbh_cm is not None:
         stand = Stand(*found.stand, found.stems_per_ha, found.dbh_cm)
