@@ -47,7 +47,7 @@ STATED = {
     "null_quantile": 0.975,
     "null_margin": 0.0,
     "least_confidence": 0.5,
-    "least_shrinkage": 0.2,
+    "least_shrinkage": 0.0,
     "sharpness": 1.0,
     "confusion_mass": 0.95,
     "pair_gain": 3.0,

@@ -369,8 +369,13 @@ def template(path: Path) -> None:
     help="Parameter sets of each contender; more take longer and tell effects apart better.",
 )
 @click.option(
-    "--map", "with_map", is_flag=True, help="Run the map with the calibrated model, too."
+    "--ground-range",
+    type=click.FloatRange(0.1, 10.0),
+    default=1.0,
+    show_default=True,
+    help="Factor on how far the ground may be calibrated; above 1 where its classes are guesses.",
 )
+@click.option("--map", "with_map", is_flag=True, help="Run the map with the calibrated model, too.")
 @_OVERWRITE
 def diagnose(
     config: Path,
@@ -379,6 +384,7 @@ def diagnose(
     seed: int,
     jobs: int | None,
     draws: int | None,
+    ground_range: float,
     with_map: bool,
     overwrite: bool,
 ) -> None:
@@ -399,6 +405,7 @@ def diagnose(
             seed=seed,
             overwrite=overwrite,
             draws=draws or DRAWS,
+            ground_range=ground_range,
             on_progress=progress.step,
             say=progress.say,
         )

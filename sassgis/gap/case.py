@@ -52,6 +52,9 @@ class Case:
         Where lines cross the stations, shape (n_lines, n_stations).
     projected : mapping of table to Projected
         Every observed point in the plane of its rock's line.
+    ground_range : float
+        Factor on the ranges in which the ground may be calibrated; above 1 where the configured
+        classes are guesses.
     """
 
     observations: Observations
@@ -69,6 +72,7 @@ class Case:
     radius_m: FloatArray
     stations: StationChainages
     projected: Mapping[str, Projected]
+    ground_range: float = 1.0
 
     @property
     def n_rocks(self) -> int:

@@ -44,7 +44,8 @@ class Thresholds:
     least_confidence : float
         Below, the answer is "unknown".
     least_shrinkage : float
-        Below, the effect does not explain the gap: "unknown".
+        Where the upper limit of its shrinkage is below, the effect does not explain the gap:
+        "unknown".
     sharpness : float
         Power to which probabilities are raised, so that a confidence is how often it is right.
     confusion_mass : float
@@ -59,7 +60,7 @@ class Thresholds:
     null_quantile: float = 0.975
     null_margin: float = 0.0
     least_confidence: float = 0.35
-    least_shrinkage: float = 0.2
+    least_shrinkage: float = 0.0
     sharpness: float = 1.0
     confusion_mass: float = 0.95
     pair_gain: float = 3.0

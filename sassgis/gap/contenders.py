@@ -184,7 +184,8 @@ def _calibrated(case: Case, dials: Dials) -> tuple[GroundTable, dict[str, float]
             classes.append(ground)
             continue
         values = {}
-        for name, width in GROUND_WIDTHS.items():
+        for name, usual in GROUND_WIDTHS.items():
+            width = usual * case.ground_range
             low, high = _BOUNDS[name]
             value = float(getattr(ground, name)) + dials.uniform(
                 f"{ground.name}.{name}", -width, width

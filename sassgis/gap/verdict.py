@@ -27,13 +27,14 @@ class Evidence:
     odds : Odds
     best : str
         Most probable effect, or a pair.
-    shrinkage : float or None
-        Of the best effect, on rocks left out; None where it is withheld.
+    closes_at_most : float or None
+        Upper limit of the shrinkage by the best effect, on rocks left out; None where it is
+        withheld.
     """
 
     odds: Odds
     best: str
-    shrinkage: float | None
+    closes_at_most: float | None
 
 
 def probabilities(odds: Odds) -> dict[str, float]:
@@ -81,13 +82,14 @@ def decide(evidence: Evidence, thresholds: Thresholds) -> tuple[str, float, str]
         )
     best = max(shares.get(name, 0.0) for name in evidence.best.split("+"))
     confidence = best / max(1.0 - shares[NONE], 1e-9) if best < 1.0 else 1.0
-    weak = evidence.shrinkage is not None and evidence.shrinkage < thresholds.least_shrinkage
+    most = evidence.closes_at_most
+    weak = most is not None and most < thresholds.least_shrinkage
     if weak:
         return (
             UNKNOWN,
             0.5,
-            f"the most probable effect ({evidence.best.replace('_', ' ')}) closes little of the "
-            "gap on rocks left out",
+            f"the most probable effect ({evidence.best.replace('_', ' ')}) surely closes none of "
+            "the gap on rocks left out",
         )
     if confidence < thresholds.least_confidence:
         return UNKNOWN, 1.0 - confidence, "no effect is probable enough to be named"

@@ -92,6 +92,7 @@ def diagnose(
     seed: int = 1,
     overwrite: bool = False,
     draws: int = DRAWS,
+    ground_range: float = 1.0,
     report: bool = True,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
@@ -112,6 +113,9 @@ def diagnose(
     overwrite : bool
     draws : int
         Draws of each contender. More take longer and tell effects apart better.
+    ground_range : float
+        Factor on the ranges in which the ground is calibrated; above 1 where the configured classes
+        are guesses. What a wider calibration can explain is no longer laid to an effect.
     report : bool
         Whether map, figures, report and configuration are written besides the numbers.
     on_progress : callable, optional
@@ -134,10 +138,10 @@ def diagnose(
     with threadpool_limits(1, "blas"), staged_output(Path(out), overwrite) as work:
         settings = load_config(config)
         tell("Reading the inputs")
-        case = read_case(settings, observations)
+        case = replace(read_case(settings, observations), ground_range=ground_range)
         frozen = thresholds_of(read_thresholds())
         bench = bench_of(case, seed)
-        fingerprint = _fingerprint(settings, Path(observations), seed, draws)
+        fingerprint = _fingerprint(settings, Path(observations), f"{seed} {draws} {ground_range:g}")
         with _workers(bench, job_count(settings, jobs)) as run:
             tell(f"Letting {case.n_rocks} rocks go in every contender")
             library = _library(bench, draws, run, work, fingerprint, on_progress)
@@ -241,14 +245,14 @@ def _save(file: Path, fingerprint: str, made: Sequence[Tried]) -> None:
     part.replace(file)
 
 
-def _fingerprint(config: Config, observations: Path, seed: int, draws: int) -> str:
-    """Of settings, inputs, observations, thresholds and seed."""
+def _fingerprint(config: Config, observations: Path, options: str) -> str:
+    """Of settings, inputs, observations, thresholds and options."""
     digest = hashlib.sha256(settings_hash(config).encode())
     files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
     for file in (*files, THRESHOLDS):
         if file.is_file():
             digest.update(file.name.encode() + file.read_bytes())
-    digest.update(f"{seed} {draws}".encode())
+    digest.update(options.encode())
     return digest.hexdigest()
 
 
@@ -277,7 +281,8 @@ def _diagnosis(
     fitted = [library.tried[i].draw for i in best_draws(library, best).tolist()]
     base = library.tried[int(best_draws(library, NONE)[0])].draw
     findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
-    evidence = Evidence(odds, best, shrinkage.value)
+    most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
+    evidence = Evidence(odds, best, most)
     verdict = verdict_of(evidence, frozen, case, fitted, findings)
     named = verdict.effect not in (NONE, UNKNOWN)
     if verdict.effect == NONE:

@@ -265,10 +265,10 @@ def some_odds(**shares: float) -> Odds:
 
 
 def test_decisions() -> None:
-    thresholds = Thresholds(null_quantile=0.95, least_confidence=0.5, least_shrinkage=0.2)
+    thresholds = Thresholds(null_quantile=0.95, least_confidence=0.5, least_shrinkage=0.0)
     clear = some_odds(none=0.02, trees=0.9, air_drag=0.08)
     assert decide(Evidence(clear, "trees", 0.7), thresholds)[0] == "trees"
-    assert decide(Evidence(clear, "trees", 0.05), thresholds)[0] == "unknown"
+    assert decide(Evidence(clear, "trees", -0.05), thresholds)[0] == "unknown"
     assert decide(Evidence(clear, "trees", None), thresholds)[0] == "trees"
     chance = some_odds(none=0.3, trees=0.6, air_drag=0.1)
     assert decide(Evidence(chance, "trees", 0.7), thresholds)[0] == NONE

@@ -1,0 +1,105 @@
+"""Put the scores of a blind check into docs/gap_check.md.
+
+``python docs/studies/gap_check_tables.py CHECK`` takes scores and figures from the folder that
+``sassgis gap check -o CHECK`` wrote, keeps them in ``docs/studies/gap_check`` and rewrites what
+stands between ``<!-- check -->`` and ``<!-- end check -->``. Without CHECK it uses those kept.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+KEPT = HERE / "gap_check"
+PAGE = HERE.parent / "gap_check.md"
+FIGURES = ("confusion.png", "reliability.png", "shrinkage.png")
+
+
+def percent(value: float | None) -> str:
+    """A share in per cent; a dash where there is none."""
+    return "–" if value is None else f"{100.0 * value:.0f} %"
+
+
+def interval(limits: list[float | None]) -> str:
+    """An interval of shares."""
+    return f"{percent(limits[0])} to {percent(limits[1])}"
+
+
+def table(head: list[str], rows: list[list[str]]) -> list[str]:
+    """A table in Markdown."""
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return [*lines, *("| " + " | ".join(row) + " |" for row in rows)]
+
+
+def share_row(name: str, share: dict[str, Any]) -> list[str]:
+    """Name, share, counts, interval."""
+    counts = f"{share['hits']} of {share['trials']}"
+    return [name, percent(share["value"]), counts, interval([share["low"], share["high"]])]
+
+
+def page_part(scores: dict[str, Any]) -> str:
+    """The part of the page that comes from the scores."""
+    met = {True: "yes", False: "**no**", None: "–"}
+    lines = table(
+        ["measure", "asked", "reached", "worlds", "95 % interval", "met"],
+        [
+            [
+                row["measure"],
+                f"{row['asked_is']} {percent(row['asked'])}",
+                percent(row["reached"]),
+                f"{row['hits']} of {row['worlds']}",
+                interval(row["ci95"]),
+                met[row["met"]],
+            ]
+            for row in scores["acceptance"]
+        ],
+    )
+    lines += ["", "All other measures:", ""]
+    asked = {row["key"] for row in scores["acceptance"]}
+    lines += table(
+        ["measure", "reached", "worlds", "95 % interval"],
+        [share_row(m["measure"], m) for k, m in scores["measures"].items() if k not in asked],
+    )
+    for title, rows in scores["single_effects_named_by"].items():
+        lines += ["", f"Single effects named, by {title}:", ""]
+        lines += table(
+            [title, "named", "worlds", "95 % interval"], [share_row(r["measure"], r) for r in rows]
+        )
+    check = scores["shrinkage"]
+    error, bias = check["mean_error"], check["bias"]
+    lines += [
+        "",
+        f"Shrinkage: {check['compared']} worlds with one stated and one measured"
+        + (
+            f"; mean error {error:.2f}, bias {bias:+.2f}; "
+            if error is not None and bias is not None
+            else "; "
+        )
+        + f"stated only {check['only_stated']}, measured only {check['only_measured']}, "
+        f"neither {check['neither']}. Names in a confusion set: "
+        f"{scores['confusion_set_size']:.1f} on average.",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Rewrite the page."""
+    if len(sys.argv) > 1:
+        KEPT.mkdir(exist_ok=True)
+        for name in ("scores.json", *FIGURES):
+            if (Path(sys.argv[1]) / name).is_file():
+                shutil.copyfile(Path(sys.argv[1]) / name, KEPT / name)
+    scores = json.loads((KEPT / "scores.json").read_text(encoding="utf-8"))
+    text = PAGE.read_text(encoding="utf-8")
+    part = f"<!-- check -->\n{page_part(scores)}\n<!-- end check -->"
+    text = re.sub(r"<!-- check -->.*<!-- end check -->", lambda _: part, text, flags=re.DOTALL)
+    PAGE.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
