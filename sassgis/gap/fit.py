@@ -182,6 +182,8 @@ def distances(observed: FloatArray, base: FloatArray, effect: FloatArray) -> Dis
     -------
     Distances
     """
+    if not observed.shape[1]:
+        return Distances(*[float("nan")] * 4)
     floor = np.array(
         [_distance(effect[k], np.delete(effect, k, axis=0)) for k in range(len(effect))]
     )
@@ -226,6 +228,10 @@ def shrinkage_of(
     value = found.shrinkage if effect != NONE else None
     if effect == NONE:
         note = "No effect is named: nothing to shrink by."
+    elif not observed.shape[1]:
+        note = (
+            "Neither stops nor stations were seen of enough rocks: there is no distance to shrink."
+        )
     elif value is None:
         note = "The gap of the calibrated base is not told from chance: no share of it is given."
     else:

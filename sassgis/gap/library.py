@@ -35,17 +35,22 @@ class Scale:
     names : tuple of str
         Quantities, as ``features.rock_quantities`` names them.
     centre, scale : float64, shape (k,)
+    n_rocks : int
+        Rows where nothing is scored at all.
     """
 
     names: tuple[str, ...]
     centre: FloatArray
     scale: FloatArray
+    n_rocks: int = 0
 
     def rows(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
 
         A rock that never came to a station has no speed there, which is told by the flag.
         """
+        if not self.names:
+            return np.zeros((self.n_rocks, 0))
         values = np.column_stack([_scored(name, quantities[name]) for name in self.names])
         z = (values - self.centre) / self.scale
         absent = ~np.isfinite(z)
@@ -129,7 +134,7 @@ def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
         names.append(name)
         centre.append(float(known.mean()))
         scale.append(max(float(known.std(ddof=1)), floors[what]))
-    return Scale(tuple(names), np.array(centre), np.array(scale))
+    return Scale(tuple(names), np.array(centre), np.array(scale), case.n_rocks)
 
 
 def _scored(name: str, values: FloatArray) -> FloatArray:

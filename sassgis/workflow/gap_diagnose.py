@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from sassgis.core.errors import Interrupted
+from sassgis.core.errors import InputError, Interrupted
 from sassgis.gap.choose import Odds, Thresholds, odds_of, problem_of
 from sassgis.gap.contenders import NONE, Draw, families_to_try
 from sassgis.gap.diagnosis import (
@@ -68,6 +68,8 @@ from sassgis.workflow.gap_fresh import ENSEMBLE
 from sassgis.workflow.gap_outputs import write_outputs
 from sassgis.workflow.run import job_count
 
+#: With fewer rocks nothing can be left out.
+_FEWEST_ROCKS = 5
 #: Draws of each contender in the first round.
 DRAWS = 40
 #: Rounds of refinement, and draws in each.
@@ -139,6 +141,14 @@ def diagnose(
         settings = load_config(config)
         tell("Reading the inputs")
         case = replace(read_case(settings, observations), ground_range=ground_range)
+        if case.n_rocks < _FEWEST_ROCKS:
+            raise InputError(
+                "too few rocks to tell a cause from chance",
+                file=observations,
+                field="rocks",
+                found=case.n_rocks,
+                expected=f"{_FEWEST_ROCKS} or more",
+            )
         frozen = thresholds_of(read_thresholds())
         bench = bench_of(case, seed)
         fingerprint = _fingerprint(settings, Path(observations), f"{seed} {draws} {ground_range:g}")

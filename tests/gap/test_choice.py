@@ -291,6 +291,15 @@ def test_legs_and_measurements(bench: Bench) -> None:
     assert said and any("before and after impacts" in line for line in said)
 
 
+def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
+    alone = bench_of(observed(12, 1, tables=("impacts",)), 1)
+    tried = [try_task(alone, task, ORDER) for task in tasks_of(("air_drag",), 3)]
+    library = library_of(alone, tried)
+    assert library.scores.shape == (9, 12)
+    found = shrinkage_of(alone, library, "air_drag", folds_of(12, 1), draws=5, seed=1)
+    assert found.value is None and "no distance" in found.note
+
+
 def test_numbers_of_a_campaign_exist_for_few_rocks() -> None:
     case = observed(6, 1, tables=("passages", "deposits"))
     told, _ = summary(case, observed_sample(case), covariates_of(case))
