@@ -5,7 +5,7 @@ calibrated anew. Numbers in which the two differ by more than chance differ for 
 effect: another integrator, other readings of the same law. How far they do, kind by kind, is what
 the diagnosis must not take for evidence.
 
-    python pipelines/choose_gap_thresholds.py --out sassgis/data/gap_thresholds.json
+    python docs/studies/gap_thresholds.py --out sassgis/data/gap_thresholds.json
 
 The other thresholds are stated below, as they were chosen by looking at a battery of development
 (``sassgis gap check --development --seed 7``). The worlds used here have seeds of their own, and no
