@@ -95,8 +95,8 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
     share = round(100 * verdict.confidence)
     out.append(
         f"A confidence of {share} % is the probability that the comparison gives this answer "
-        "among those that were tried. How often such answers were right on made slopes whose cause "
-        "is known is told in docs/gap_check.md."
+        "among those that were tried. On made slopes whose cause is known such answers were right "
+        "less often than that (docs/gap_check.md): take it as what to look at first, not as found."
     )
     named = _contender(diagnosis.which, verdict.effect)
     if named is not None and verdict.effect not in ("none", "unknown"):
