@@ -457,7 +457,7 @@ def validate_observations(observations: Path, config: Path | None) -> None:
 @click.option(
     "--seed",
     type=click.IntRange(0, 2**63 - 1),
-    default=1986,
+    default=2026,
     show_default=True,
     help="Of the battery.",
 )

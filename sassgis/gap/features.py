@@ -12,7 +12,7 @@ from sassgis.core.grid import FloatArray, IntArray
 from sassgis.gap.case import Case
 from sassgis.gap.sample import LOOSE, PIECE, WHOLE, ImpactRows, Sample, main_blocks
 
-_GRAVITY = 9.81
+GRAVITY = 9.81
 #: Impacts below this speed are too gentle to be told from rolling (m/s).
 _GENTLE_MPS = 2.0
 
@@ -216,8 +216,8 @@ def impact_table(case: Case, rows: ImpactRows) -> dict[str, FloatArray]:
     gain = np.where(same, 0.5 * (v2_in - np.concatenate([[0.0], v2_out[:-1]])), np.nan)
     # Where impacts follow each other slowly, errors of position swamp what is gained.
     gain = np.where(hard, gain, np.nan)
-    energy = 0.5 * np.concatenate([[np.nan], v2_out[:-1]]) + np.maximum(_GRAVITY * fall, 0.0)
-    lost = (_GRAVITY * fall - gain) / np.maximum(energy, 2.0)
+    energy = 0.5 * np.concatenate([[np.nan], v2_out[:-1]]) + np.maximum(GRAVITY * fall, 0.0)
+    lost = (GRAVITY * fall - gain) / np.maximum(energy, 2.0)
     return {
         "leg": case.leg_of(rows.rock, rows.s).astype(float),
         "kept": kept,
@@ -306,7 +306,7 @@ def _median(values: FloatArray) -> float:
     return float(np.median(known)) if known.size else 0.0
 
 
-def _z_table(y: FloatArray, x: FloatArray) -> FloatArray:
+def correlations(y: FloatArray, x: FloatArray) -> FloatArray:
     """Correlations of the columns of ``y`` with those of ``x`` as z values, NaN left out.
 
     Parameters
@@ -356,7 +356,7 @@ def _moments(
     mean = _middle(values, known)
     centred = np.where(known, values - mean, 0.0)
     sd = np.sqrt((centred**2).sum(axis=0) / np.maximum(count - 1, 1))
-    z = _z_table(values, given.values)
+    z = correlations(values, given.values)
     for i, name in enumerate(names):
         if count[i] and not name.endswith(_APART):
             out[f"{name}|mean"] = float(mean[i])
@@ -381,7 +381,7 @@ def _aside_shape(
         f"{name}:aside|tails": float(tail / (np.mean(values) + 0.02)),
     }
     x = np.column_stack([given.values[known], along[known]])
-    z = _z_table(values[:, None], x)[0]
+    z = correlations(values[:, None], x)[0]
     for j, other in enumerate((*given.names, "along")):
         out[f"{name}:aside|spread~{other}"] = float(z[j])
     return out
@@ -407,7 +407,7 @@ def _links(quantities: Mapping[str, FloatArray], out: dict[str, float]) -> None:
         return
     place = {name: i for i, name in enumerate(names)}
     values = np.column_stack([quantities[name] for name in names])
-    z = _z_table(values, values)
+    z = correlations(values, values)
     for one, other in pairs:
         out[f"{one}~{other}"] = float(z[place[one], place[other]])
 
@@ -422,7 +422,7 @@ def _impact_trends(
     case: Case, rows: ImpactRows, table: Mapping[str, FloatArray], given: Covariates
 ) -> dict[str, float]:
     """Means over impacts and their trends: all together, on each kind of ground, in each leg."""
-    ground = _ground_at(case, rows.rock, rows.s)
+    ground = ground_under(case, rows.rock, rows.s)
     y = np.column_stack([table[key] for key in _TREND_OF])
     x = np.column_stack(
         [table["approach"], table["speed"], given.values[rows.rock, 0], given.values[rows.rock, 1]]
@@ -443,7 +443,7 @@ def _group(name: str, y: FloatArray, x: FloatArray | None, out: dict[str, float]
     count = known.sum(axis=0)
     mean = _middle(y, known)
     sd = np.sqrt(np.where(known, (y - mean) ** 2, 0.0).sum(axis=0) / np.maximum(count, 1))
-    z = _z_table(y, x) if x is not None else None
+    z = correlations(y, x) if x is not None else None
     for i, key in enumerate(_TREND_OF):
         if count[i] < 8:
             continue
@@ -460,7 +460,7 @@ def _group(name: str, y: FloatArray, x: FloatArray | None, out: dict[str, float]
         out[f"{name}:lost_between|small"] = float(np.mean(lost > 0.1))
 
 
-def _ground_at(case: Case, rock: IntArray, s: FloatArray) -> IntArray:
+def ground_under(case: Case, rock: IntArray, s: FloatArray) -> IntArray:
     """Ground class under points on the lines of rocks."""
     found = np.zeros(rock.size, np.int64)
     source = case.profiles
@@ -474,8 +474,11 @@ def _ground_at(case: Case, rock: IntArray, s: FloatArray) -> IntArray:
 
 
 __all__ = [
+    "GRAVITY",
     "Covariates",
+    "correlations",
     "covariates_of",
+    "ground_under",
     "impact_table",
     "rock_quantities",
     "summary",

@@ -82,7 +82,7 @@ def run_refined(bench: Bench, task: tuple[str, Mapping[str, float], int]) -> Tri
     effect, dials, number = task
     families = () if effect == NONE else tuple(effect.split("+"))
     rng = np.random.default_rng([bench.seed, 41, number, *map(ord, effect)])
-    return try_draw(bench, draw(bench.case, families, Dials(rng, dials)), number, features=False)
+    return try_draw(bench, draw(bench.case, families, Dials(rng, dials)), number)
 
 
 def _near(elite: Sequence[Mapping[str, float]], rng: np.random.Generator) -> dict[str, float]:
@@ -184,22 +184,46 @@ def distances(observed: FloatArray, base: FloatArray, effect: FloatArray) -> Dis
     """
     if not observed.shape[1]:
         return Distances(*[float("nan")] * 4)
-    floor = np.array(
-        [_distance(effect[k], np.delete(effect, k, axis=0)) for k in range(len(effect))]
-    )
+    between = _mean_distances(effect)
+    floor = np.array([_left_out(between, observed.shape[0], k) for k in range(len(effect))])
     return Distances(
-        _distance(observed, base),
-        _distance(observed, effect),
+        _distance(observed, base, _mean_distances(base)),
+        _distance(observed, effect, between),
         float(floor.mean()),
         float(floor.mean() + 1.645 * floor.std(ddof=1)) if floor.size > 1 else float(floor[0]),
     )
 
 
-def _distance(rows: FloatArray, replicas: FloatArray) -> float:
+def _mean_distances(replicas: FloatArray) -> FloatArray:
+    """Mean distance of the rocks of any two replicas, and of different rocks of each one."""
+    m = len(replicas)
+    mean = np.zeros((m, m))
+    for i in range(m):
+        mean[i, i] = pdist(replicas[i]).mean()
+        for j in range(i):
+            mean[i, j] = mean[j, i] = cdist(replicas[i], replicas[j]).mean()
+    return mean
+
+
+def _within(mean: FloatArray, n: int) -> float:
+    """Mean distance of any two different rows of a pool of replicas of ``n`` rocks each."""
+    m = len(mean)
+    own = float(np.trace(mean)) * n * (n - 1)
+    others = float(mean.sum() - np.trace(mean)) * n * n
+    return (own + others) / (m * n * (m * n - 1))
+
+
+def _distance(rows: FloatArray, replicas: FloatArray, mean: FloatArray) -> float:
     """Energy distance (Székely and Rizzo 2013), unbiased."""
-    pool = replicas.reshape(-1, rows.shape[1])
-    within = float(pdist(rows).mean()) + float(pdist(pool).mean())
-    return 2.0 * float(cdist(rows, pool).mean()) - within
+    across = float(np.mean([cdist(rows, one).mean() for one in replicas]))
+    return 2.0 * across - float(pdist(rows).mean()) - _within(mean, replicas.shape[1])
+
+
+def _left_out(mean: FloatArray, n: int, k: int) -> float:
+    """Energy distance of one replica from all the others."""
+    rest = np.delete(np.arange(len(mean)), k)
+    within = _within(mean[np.ix_(rest, rest)], n)
+    return 2.0 * float(mean[k, rest].mean()) - float(mean[k, k]) - within
 
 
 def shrinkage_of(

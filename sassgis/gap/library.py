@@ -1,8 +1,7 @@
-"""The library of a diagnosis: campaigns of every contender, told in the same numbers as the field.
+"""The library of a diagnosis: campaigns of every contender, scored against the observed rocks.
 
-Each campaign lets all observed rocks go once with one set of parameters. What it shows is kept
-twice: as one row of numbers for the campaign, from which causes are told apart, and as one row per
-rock, from which it is scored against the rock that was observed.
+Each campaign lets all observed rocks go once with one set of parameters. What it shows is kept as
+one row per rock, from which it is scored against the rock that was observed.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from sassgis.core.grid import FloatArray, IntArray
 from sassgis.gap.case import Case
 from sassgis.gap.contenders import NONE, Dials, Draw, draw
-from sassgis.gap.features import Covariates, covariates_of, rock_quantities, summary
+from sassgis.gap.features import Covariates, covariates_of, rock_quantities
 from sassgis.gap.replicas import Ways, campaigns, ways_of
 from sassgis.gap.sample import Sample, errors_of, observed_sample
 
@@ -65,14 +64,11 @@ class Tried:
     Attributes
     ----------
     draw : Draw
-    features : tuple of dict
-        A row of numbers for each campaign; none where it was only scored.
     rows : float32, shape (count, n_rocks, 2 k)
         Rows per rock on the scale of the observed.
     """
 
     draw: Draw
-    features: tuple[Mapping[str, float], ...]
     rows: NDArray[np.float32]
 
 
@@ -86,8 +82,6 @@ class Bench:
     ways : Ways
     given : Covariates
     scale : Scale
-    features : mapping
-        Of the observed campaign.
     rows : float64, shape (n_rocks, 2 k)
         Of the observed rocks.
     seed : int
@@ -97,7 +91,6 @@ class Bench:
     ways: Ways
     given: Covariates
     scale: Scale
-    features: Mapping[str, float]
     rows: FloatArray
     seed: int
 
@@ -106,9 +99,9 @@ def bench_of(case: Case, seed: int) -> Bench:
     """Prepare a case."""
     observed = observed_sample(case)
     given = covariates_of(case)
-    features, quantities = summary(case, observed, given)
+    quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities)
-    return Bench(case, ways_of(case), given, scale, features, scale.rows(quantities), seed)
+    return Bench(case, ways_of(case), given, scale, scale.rows(quantities), seed)
 
 
 def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
@@ -142,21 +135,13 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
     return np.log(np.maximum(values, 0.5)) if name.endswith(":blocks") else values
 
 
-def try_draw(bench: Bench, made: Draw, number: int, *, features: bool = True) -> Tried:
-    """Make campaigns of one draw; ``number`` tells them from others.
-
-    Without ``features`` the campaigns are scored only, which takes a quarter of the time.
-    """
+def try_draw(bench: Bench, made: Draw, number: int) -> Tried:
+    """Make campaigns of one draw and score them; ``number`` tells them from others."""
     samples = campaigns(
         bench.case, bench.ways, made.model,
-        count=COUNT, seed=bench.seed, number=number, impacts=features,
+        count=COUNT, seed=bench.seed, number=number, impacts=False,
     )  # fmt: skip
-    if not features:
-        scored = np.stack([rows_of(bench, sample) for sample in samples]).astype(np.float32)
-        return Tried(made, (), scored)
-    told = [summary(bench.case, sample, bench.given) for sample in samples]
-    rows = np.stack([bench.scale.rows(q) for _, q in told]).astype(np.float32)
-    return Tried(made, tuple(f for f, _ in told), rows)
+    return Tried(made, np.stack([rows_of(bench, sample) for sample in samples]).astype(np.float32))
 
 
 def rows_of(bench: Bench, sample: Sample) -> FloatArray:
@@ -164,18 +149,12 @@ def rows_of(bench: Bench, sample: Sample) -> FloatArray:
     return bench.scale.rows(rock_quantities(bench.case, sample))
 
 
-def tasks_of(families: Iterable[str], draws: int) -> list[tuple[str, int]]:
-    """What a library is made of: effect and number of each draw; the base twice as often."""
-    return [
-        (effect, i)
-        for effect in (NONE, *families)
-        for i in range(2 * draws if effect == NONE else draws)
-    ]
+def tasks_of(effects: Iterable[str], draws: int) -> list[tuple[str, int]]:
+    """What a library is made of besides the base: effect and number of each draw."""
+    return [(effect, i) for effect in effects for i in range(draws)]
 
 
-def try_task(
-    bench: Bench, task: tuple[str, int], order: Mapping[str, int], *, features: bool = True
-) -> Tried:
+def try_task(bench: Bench, task: tuple[str, int], order: Mapping[str, int]) -> Tried:
     """One draw of an effect (joined by "+" for several) from its ranges.
 
     The draw depends on the seed, the effect and its number alone, never on what else is tried.
@@ -185,7 +164,7 @@ def try_task(
     code = [order[name] + 1 for name in families]
     rng = np.random.default_rng([bench.seed, 11, i, *code])
     number = 1 + i + 4096 * (sum(c * 16**k for k, c in enumerate(code)))
-    return try_draw(bench, draw(bench.case, families, Dials(rng)), number, features=features)
+    return try_draw(bench, draw(bench.case, families, Dials(rng)), number)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The answer: from odds, scores and shrinkage to a cause, its confidence and what is confused."""
+"""The answer: from probabilities and shrinkage to a cause, its confidence and what is confused."""
 
 from __future__ import annotations
 
@@ -9,102 +9,121 @@ import numpy as np
 
 from sassgis.core.grid import FloatArray
 from sassgis.gap.case import Case
-from sassgis.gap.choose import Odds, Thresholds
 from sassgis.gap.contenders import NONE, Draw
 from sassgis.gap.diagnosis import Finding, Verdict
 from sassgis.gap.families import PHASES
+from sassgis.gap.judge import PAIR, UNKNOWN, cautious
 from sassgis.gap.where import locate
-
-UNKNOWN = "unknown"
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
-    """What speaks for and against an answer.
+class Thresholds:
+    """What was chosen on worlds of development and is frozen for all that is reported.
 
     Attributes
     ----------
-    odds : Odds
-    best : str
-        Most probable effect, or a pair.
-    closes_at_most : float or None
-        Upper limit of the shrinkage by the best effect, on rocks left out; None where it is
-        withheld.
+    none_share : float
+        From this probability of the calibrated base on, no effect is named.
+    least_confidence : float
+        A cause that is less probable is not named: "unknown".
+    least_shrinkage : float
+        Where the upper limit of its shrinkage is below, the effect does not explain the gap:
+        "unknown".
+    confusion_mass : float
+        Probability that a confusion set holds.
     """
 
-    odds: Odds
-    best: str
-    closes_at_most: float | None
+    none_share: float = 0.3
+    least_confidence: float = 0.3
+    least_shrinkage: float = 0.0
+    confusion_mass: float = 0.95
 
 
-def probabilities(odds: Odds) -> dict[str, float]:
-    """Probability of each contender, most probable first."""
-    order = np.argsort(-odds.probability, kind="stable")
-    return {odds.effects[k]: float(odds.probability[k]) for k in order.tolist()}
-
-
-def against_base(odds: Odds, thresholds: Thresholds) -> tuple[bool, float]:
-    """Whether the evidence against the base is more than chance, and the level it must exceed."""
-    level = float(np.quantile(odds.evidence_of_base, thresholds.null_quantile))
-    level = max(level, thresholds.null_margin)
-    return odds.evidence > level, level
-
-
-def best_effect(odds: Odds) -> str:
-    """The most probable family."""
-    return next(name for name in probabilities(odds) if name != NONE)
-
-
-def decide(evidence: Evidence, thresholds: Thresholds) -> tuple[str, float, str]:
-    """Answer, confidence and reason.
+def best_cause(shares: Mapping[str, float]) -> str:
+    """The most probable cause apart from the base: a family, two joined by "+", or "unknown".
 
     Parameters
     ----------
-    evidence : Evidence
+    shares : mapping
+        Probability of each cause, most probable first.
+    """
+    first = next(name for name in shares if name != NONE)
+    return pair_of(shares) if first == PAIR else first
+
+
+def best_families(shares: Mapping[str, float]) -> list[str]:
+    """Families, most probable first."""
+    return [name for name in shares if name not in (NONE, UNKNOWN, PAIR)]
+
+
+def pair_of(shares: Mapping[str, float]) -> str:
+    """The two most probable families."""
+    return "+".join(sorted(best_families(shares)[:2]))
+
+
+def probability_of(cause: str, shares: Mapping[str, float]) -> float:
+    """Probability of a cause."""
+    return shares.get(PAIR if "+" in cause else cause, 0.0)
+
+
+def decide(
+    shares: Mapping[str, float], closes_at_most: float | None, thresholds: Thresholds
+) -> tuple[str, float, str]:
+    """Answer, its probability and reason.
+
+    Parameters
+    ----------
+    shares : mapping
+        Probability of each cause, most probable first.
+    closes_at_most : float or None
+        Upper limit of the shrinkage by the best cause, on rocks left out; None where it is
+        withheld.
     thresholds : Thresholds
 
     Returns
     -------
     effect : str
         "none", "unknown", a family or a pair.
-    confidence : float
+    probability : float
     reason : str
     """
-    odds = evidence.odds
-    shares = probabilities(odds)
-    exceeds, level = against_base(odds, thresholds)
-    if not exceeds:
+    none = shares.get(NONE, 0.0)
+    if none >= thresholds.none_share:
         return (
             NONE,
-            max(shares[NONE], 1.0 - thresholds.null_quantile),
-            f"the evidence against the calibrated base model ({odds.evidence:.1f}, logarithm of "
-            f"odds) is within what chance makes of it ({level:.1f})",
+            none,
+            "the calibrated base model shows the same, as far as chance and its own discrepancies "
+            f"let it be told (probability {none:.2f})",
         )
-    best = max(shares.get(name, 0.0) for name in evidence.best.split("+"))
-    confidence = best / max(1.0 - shares[NONE], 1e-9) if best < 1.0 else 1.0
-    most = evidence.closes_at_most
-    weak = most is not None and most < thresholds.least_shrinkage
-    if weak:
+    best = best_cause(shares)
+    probability = probability_of(best, shares)
+    if best == UNKNOWN:
+        return UNKNOWN, probability, "the gap looks like that of none of the known effects"
+    if closes_at_most is not None and closes_at_most < thresholds.least_shrinkage:
         return (
             UNKNOWN,
             0.5,
-            f"the most probable effect ({evidence.best.replace('_', ' ')}) surely closes none of "
+            f"the most probable effect ({best.replace('_', ' ')}) surely closes none of "
             "the gap on rocks left out",
         )
-    if confidence < thresholds.least_confidence:
-        return UNKNOWN, 1.0 - confidence, "no effect is probable enough to be named"
-    return evidence.best, confidence, "it explains the observed rocks better than the others"
+    if probability < thresholds.least_confidence:
+        return UNKNOWN, shares.get(UNKNOWN, 0.0), "no effect is probable enough to be named"
+    return best, probability, "its signature is that of the observed rocks"
 
 
-def confusion_set(effect: str, odds: Odds, thresholds: Thresholds) -> tuple[str, ...]:
+def confusion_set(
+    effect: str, shares: Mapping[str, float], thresholds: Thresholds
+) -> tuple[str, ...]:
     """What cannot be told from the answer: together the probability that is asked for.
 
-    The answer comes first.
+    The answer comes first. Pairs have no place of their own: their families have.
     """
-    held, total = [*effect.split("+")] if effect != UNKNOWN else [UNKNOWN], 0.0
-    shares = probabilities(odds)
-    for name, share in shares.items():
-        if total >= thresholds.confusion_mass:
+    held = effect.split("+")
+    single = {name: share for name, share in shares.items() if name != PAIR}
+    whole = sum(single.values())
+    total = 0.0
+    for name, share in single.items():
+        if total >= thresholds.confusion_mass * whole:
             break
         total += share
         if name not in held:
@@ -191,19 +210,25 @@ def legs_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
 
 
 def verdict_of(
-    evidence: Evidence,
+    shares: Mapping[str, float],
+    closes_at_most: float | None,
     thresholds: Thresholds,
     case: Case,
     fitted: Sequence[Draw],
     findings: Sequence[Finding],
+    caution: float = 0.0,
 ) -> Verdict:
-    """Put the answer together."""
-    effect, confidence, reason = decide(evidence, thresholds)
+    """Put the answer together; parameters as for ``decide`` and ``place_of``.
+
+    ``caution`` lowers the confidence that is stated, as ``judge.cautious`` has it.
+    """
+    effect, probability, reason = decide(shares, closes_at_most, thresholds)
+    confidence = float(cautious(probability, caution))
     phase, segments = place_of(effect, case, fitted, findings)
     return Verdict(
         effect,
         float(min(max(confidence, 0.0), 0.99)),
-        confusion_set(effect, evidence.odds, thresholds),
+        confusion_set(effect, shares, thresholds),
         phase,
         segments,
         reason,

@@ -25,7 +25,7 @@ from sassgis.gap.check_scores import (
     score,
 )
 from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
-from sassgis.io.gap_thresholds import THRESHOLDS, read_thresholds
+from sassgis.io.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
 from sassgis.io.staging import partial_folder, writing
 from sassgis.workflow.gap_check_crew import Crew, Outcome, Task
 from sassgis.workflow.gap_check_report import CheckRecord, WorldRow, write_check
@@ -34,7 +34,7 @@ from sassgis.worlds import WorldSpec, battery, quick_battery, world_seeds
 
 WORLDS = 150
 #: Seed of the battery, if none is given.
-SEED = 1986
+SEED = 2026
 #: Rocks on which a stated shrinkage is checked.
 FRESH_ROCKS = 1000
 DIAGNOSER = "sassgis.workflow.gap_diagnose:answer"
@@ -224,7 +224,7 @@ def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
             found=f"seed {seed}",
             expected="another --seed, or --development",
         )
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return frozen_digest(file)
 
 
 def _battery(seed: int, worlds: int, quick: bool) -> list[_World]:

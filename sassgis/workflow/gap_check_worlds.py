@@ -35,10 +35,16 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
         ``label`` (see ``label_of``) and ``digest`` of the files.
     """
     world = make_world(spec, seed)
-    seen = observe(world, spec.kind, spec.n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
+    write_world(world, Path(folder), case, spec.kind, spec.n_rocks)
+    return {"label": label_of(world, case), "digest": folder_digest(Path(folder))}
+
+
+def write_world(world: World, folder: Path, case: str, kind: str, n_rocks: int) -> None:
+    """Let rocks go in a world and write what its observers have and know."""
+    seen = observe(world, kind, n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
     told = setup(world)
     write_case(
-        Path(folder),
+        folder,
         title=f"World {case}",
         dem=told.dem,
         class_names=told.class_names,
@@ -48,7 +54,6 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
         tables=seen.tables,
         metadata=seen.metadata,
     )
-    return {"label": label_of(world, case), "digest": folder_digest(Path(folder))}
 
 
 def make_label(spec: WorldSpec, seed: int, case: str) -> dict[str, Any]:

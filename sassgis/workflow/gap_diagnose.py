@@ -19,7 +19,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from sassgis.core.errors import InputError, Interrupted
-from sassgis.gap.choose import Odds, Thresholds, odds_of, problem_of
 from sassgis.gap.contenders import NONE, Draw, families_to_try
 from sassgis.gap.diagnosis import (
     Calibrated,
@@ -38,6 +37,7 @@ from sassgis.gap.fit import (
     run_refined,
     shrinkage_of,
 )
+from sassgis.gap.judge import UNKNOWN, Judge, design_of
 from sassgis.gap.library import (
     Bench,
     Library,
@@ -49,19 +49,24 @@ from sassgis.gap.library import (
 )
 from sassgis.gap.model_json import model_as_json
 from sassgis.gap.observations import what_can_be_told
+from sassgis.gap.signature import Base, base_of, observed_signature
 from sassgis.gap.verdict import (
-    UNKNOWN,
-    Evidence,
-    against_base,
-    best_effect,
+    Thresholds,
+    best_cause,
+    best_families,
     measure_next,
-    probabilities,
+    probability_of,
     verdict_of,
 )
 from sassgis.gap.where import where
 from sassgis.io.config import Config, load_config, settings_hash
 from sassgis.io.gap_files import write_diagnosis_json
-from sassgis.io.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
+from sassgis.io.gap_thresholds import (
+    frozen_digest,
+    read_judge,
+    read_thresholds,
+    thresholds_of,
+)
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.workflow.gap_case import read_case
 from sassgis.workflow.gap_fresh import ENSEMBLE
@@ -70,14 +75,14 @@ from sassgis.workflow.run import job_count
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
-#: Draws of each contender in the first round.
+#: Draws of each contender in the first round; of the base twice as many.
 DRAWS = 40
 #: Rounds of refinement, and draws in each.
 ROUNDS, REFINED = 3, 24
 #: Effects that are calibrated further, the most probable ones.
 _FURTHER = 3
-#: Draws of each pair with the most probable effect.
-_PAIR_DRAWS = 10
+#: Draws of a pair of effects.
+_PAIR_DRAWS = 40
 _BOOTSTRAP = 120
 _ORDER: Mapping[str, int] = {name: i for i, name in enumerate(FAMILIES)}
 
@@ -150,13 +155,16 @@ def diagnose(
                 expected=f"{_FEWEST_ROCKS} or more",
             )
         frozen = thresholds_of(read_thresholds())
+        judge = read_judge(design_of(case))
         bench = bench_of(case, seed)
         fingerprint = _fingerprint(settings, Path(observations), f"{seed} {draws} {ground_range:g}")
         with _workers(bench, job_count(settings, jobs)) as run:
-            tell(f"Letting {case.n_rocks} rocks go in every contender")
-            library = _library(bench, draws, run, work, fingerprint, on_progress)
+            tell(f"Letting {case.n_rocks} rocks go in the base model")
+            base, tried = base_of(bench, 2 * draws)
+            tell("And in every contender")
+            library = _library(bench, tried, draws, run, work, fingerprint, on_progress)
             tell("Comparing")
-            diagnosis, library = _diagnosis(bench, library, frozen, run, fingerprint)
+            diagnosis, library = _diagnosis(base, library, judge, frozen, run, fingerprint)
         tell("Writing the results")
         if report:
             write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
@@ -183,11 +191,6 @@ def _try(task: tuple[str, int]) -> Tried:
     return try_task(_BENCH, task, _ORDER)
 
 
-def _try_scored(task: tuple[str, int]) -> Tried:
-    assert _BENCH is not None
-    return try_task(_BENCH, task, _ORDER, features=False)
-
-
 def _try_refined(task: tuple[str, Mapping[str, float], int]) -> Tried:
     assert _BENCH is not None
     return run_refined(_BENCH, task)
@@ -206,6 +209,7 @@ def _workers(bench: Bench, jobs: int) -> Iterator[_Map]:
 
 def _library(
     bench: Bench,
+    base: list[Tried],
     draws: int,
     run: _Map,
     work: Path,
@@ -215,10 +219,10 @@ def _library(
     """First round of campaigns; effects that were finished before are not made again."""
     families = families_to_try(bench.case)
     tasks = tasks_of(families, draws)
-    tried: list[Tried] = []
+    tried = list(base)
     done = 0
     try:
-        for effect in (NONE, *families):
+        for effect in families:
             own = [task for task in tasks if task[0] == effect]
             saved = work / f"{CHECKPOINT_STEM}.{effect}.pkl"
             made = _saved(saved, fingerprint)
@@ -259,9 +263,10 @@ def _fingerprint(config: Config, observations: Path, options: str) -> str:
     """Of settings, inputs, observations, thresholds and options."""
     digest = hashlib.sha256(settings_hash(config).encode())
     files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
-    for file in (*files, THRESHOLDS):
+    for file in files:
         if file.is_file():
             digest.update(file.name.encode() + file.read_bytes())
+    digest.update(frozen_digest().encode())
     digest.update(options.encode())
     return digest.hexdigest()
 
@@ -271,29 +276,38 @@ def _fingerprint(config: Config, observations: Path, options: str) -> str:
 
 
 def _diagnosis(
-    bench: Bench, library: Library, frozen: Thresholds, run: _Map, fingerprint: str
+    base_model: Base,
+    library: Library,
+    judge: Judge,
+    frozen: Thresholds,
+    run: _Map,
+    fingerprint: str,
 ) -> tuple[Diagnosis, Library]:
     """The answer, and the library with all that was calibrated on the way."""
+    bench = base_model.bench
     case, seed = bench.case, bench.seed
-    odds = odds_of(problem_of(bench, library, frozen), frozen, seed)
-    shares = probabilities(odds)
-    best = best_effect(odds)
-    further = [name for name in shares if name != NONE][:_FURTHER]
+    shares = judge.probabilities(observed_signature(base_model), excluded=case.effects.names)
+    families = best_families(shares)
+    best = best_cause(shares)
+    if best == UNKNOWN:
+        best = families[0]
+    further = [NONE, *families[:_FURTHER]]
+    if "+" in best:
+        tasks = [(best, i) for i in range(_PAIR_DRAWS)]
+        library = library.with_more(bench, list(run(_try, tasks)))
+        further.append(best)
 
     def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
         return list(run(_try_refined, tasks))
 
-    library = refine(bench, library, (NONE, *further), again, rounds=ROUNDS, draws=REFINED)
+    library = refine(bench, library, further, again, rounds=ROUNDS, draws=REFINED)
     part = folds_of(case.n_rocks, seed)
-    exceeds, _ = against_base(odds, frozen)
-    best, library = _with_pair(bench, library, best, odds, frozen, run, part, exceeds)
     shrinkage = shrinkage_of(bench, library, best, part, draws=_BOOTSTRAP, seed=seed)
     fitted = [library.tried[i].draw for i in best_draws(library, best).tolist()]
     base = library.tried[int(best_draws(library, NONE)[0])].draw
     findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
-    evidence = Evidence(odds, best, most)
-    verdict = verdict_of(evidence, frozen, case, fitted, findings)
+    verdict = verdict_of(shares, most, frozen, case, fitted, findings, judge.caution)
     named = verdict.effect not in (NONE, UNKNOWN)
     if verdict.effect == NONE:
         shrinkage = shrinkage_of(bench, library, NONE, part, draws=0, seed=seed)
@@ -306,7 +320,7 @@ def _diagnosis(
     diagnosis = Diagnosis(
         verdict=verdict,
         where=findings,
-        which=_contenders(bench, library, odds, best, part),
+        which=_contenders(bench, library, shares, best, part),
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
@@ -321,48 +335,15 @@ def _diagnosis(
     return diagnosis, library
 
 
-def _with_pair(
-    bench: Bench,
-    library: Library,
-    best: str,
-    odds: Odds,
-    frozen: Thresholds,
-    run: _Map,
-    part: np.ndarray[tuple[int], np.dtype[np.int64]],
-    exceeds: bool,
-) -> tuple[str, Library]:
-    """Try the best effect together with each other one; keep the pair if it scores well enough."""
-    if not exceeds:
-        return best, library
-    pairs = ["+".join(sorted((best, name))) for name in odds.effects if name not in (NONE, best)]
-    tasks = [(pair, i) for pair in pairs for i in range(_PAIR_DRAWS)]
-    library = library.with_more(bench, list(run(_try_scored, tasks)))
-    means = {p: float(np.nanmin(np.nanmean(library.scores[library.of(p)], axis=1))) for p in pairs}
-    first = sorted(pairs, key=lambda p: means[p])[:2]
-
-    def again(refined: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
-        return list(run(_try_refined, refined))
-
-    library = refine(bench, library, first, again, rounds=ROUNDS, draws=REFINED)
-    single = held_out_scores(library, best, part)
-    for pair in sorted(first, key=lambda p: float(np.nanmean(held_out_scores(library, p, part)))):
-        gain = single - held_out_scores(library, pair, part)
-        error = float(np.nanstd(gain, ddof=1)) / np.sqrt(np.isfinite(gain).sum())
-        if float(np.nanmean(gain)) > frozen.pair_gain * error:
-            return pair, library
-    return best, library
-
-
 def _contenders(
     bench: Bench,
     library: Library,
-    odds: Odds,
+    shares: Mapping[str, float],
     best: str,
     part: np.ndarray[tuple[int], np.dtype[np.int64]],
 ) -> tuple[Contender, ...]:
     """Everything that was tried, most probable first."""
-    shares = probabilities(odds)
-    names = [*shares, *([best] if "+" in best else [])]
+    names = [NONE, *best_families(shares), *([best] if "+" in best else [])]
     base = held_out_scores(library, NONE, part)
     rng = np.random.default_rng([bench.seed, 81])
     found = []
@@ -378,7 +359,7 @@ def _contenders(
                 float(np.nanmean(own)),
                 gain.value,
                 (gain.low, gain.high),
-                shares.get(name, max((shares.get(n, 0.0) for n in name.split("+")), default=0.0)),
+                probability_of(name, shares),
                 dict(top[0].parameters),
                 {k: (float(v.min()), float(v.max())) for k, v in values.items()},
             )

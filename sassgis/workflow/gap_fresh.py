@@ -12,7 +12,7 @@ from sassgis.core.errors import InputError
 from sassgis.core.grid import FloatArray
 from sassgis.gap.features import rock_quantities
 from sassgis.gap.fit import distances
-from sassgis.gap.library import Scale
+from sassgis.gap.library import COUNT, Scale
 from sassgis.gap.model_json import model_from_json
 from sassgis.gap.replicas import campaigns, ways_of
 from sassgis.gap.sample import observed_sample
@@ -27,7 +27,8 @@ def measured_shrinkage(
     """Measure how far the gap shrinks on other rocks of the same slope.
 
     The calibrated models of a diagnosis, without and with the effect that it names, let the new
-    rocks go; nothing is calibrated again.
+    rocks go; nothing is calibrated again. As many times each as when they were calibrated, so that
+    the floor is one of the same kind.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def measured_shrinkage(
             [
                 scale.rows(rock_quantities(case, sample))
                 for k, model in enumerate(own)
-                for sample in campaigns(case, ways, model, count=1, seed=kept["seed"], number=k)
+                for sample in campaigns(case, ways, model, count=COUNT, seed=kept["seed"], number=k)
             ]
         )
         for name, own in models.items()

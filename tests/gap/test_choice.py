@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from simulated_slope import TABLE, observed
 
-from sassgis.core.effects import EffectSettings, Trees
+from sassgis.core.effects import EffectSettings
+from sassgis.core.effects import Trees as Forest
+from sassgis.core.errors import InputError
 from sassgis.gap import scores
-from sassgis.gap.choose import Odds, Thresholds, confused_with, kind_of, odds_of, problem_of
 from sassgis.gap.contenders import NONE, Dials, draw, families_to_try
 from sassgis.gap.families import FAMILIES
-from sassgis.gap.features import _z_table, covariates_of, rock_quantities, summary
+from sassgis.gap.features import correlations, covariates_of, rock_quantities, summary
 from sassgis.gap.fit import distances, folds_of, refine, run_refined, shrinkage_of
+from sassgis.gap.judge import DESIGNS, Judge, Trees, cautious, design_of
 from sassgis.gap.library import (
     Bench,
     Library,
+    Tried,
     bench_of,
     library_of,
     rock_scores,
@@ -38,7 +42,25 @@ from sassgis.gap.replicas import (
     ways_of,
 )
 from sassgis.gap.sample import LOOSE, PIECE, main_blocks, observed_sample
-from sassgis.gap.verdict import Evidence, confusion_set, decide, legs_between, measure_next
+from sassgis.gap.signature import (
+    Base,
+    base_of,
+    features_of,
+    kind_and_place,
+    observed_signature,
+    reference_of,
+    signature_of,
+)
+from sassgis.gap.verdict import (
+    Thresholds,
+    best_cause,
+    confusion_set,
+    decide,
+    legs_between,
+    measure_next,
+    pair_of,
+)
+from sassgis.io.gap_thresholds import read_judge, write_judges
 
 ORDER = {name: i for i, name in enumerate(FAMILIES)}
 
@@ -49,9 +71,14 @@ def bench() -> Bench:
 
 
 @pytest.fixture(scope="module")
-def library(bench: Bench) -> Library:
+def made(bench: Bench) -> tuple[Base, list[Tried]]:
+    return base_of(bench, 20)
+
+
+@pytest.fixture(scope="module")
+def library(bench: Bench, made: tuple[Base, list[Tried]]) -> Library:
     tasks = tasks_of(("lateral_deflection", "air_drag", "fragmentation"), 10)
-    return library_of(bench, [try_task(bench, task, ORDER) for task in tasks])
+    return library_of(bench, [*made[1], *(try_task(bench, task, ORDER) for task in tasks)])
 
 
 def plain(bench: Bench, **changes: object) -> Model:
@@ -111,7 +138,7 @@ def test_release_moves_the_start(bench: Bench) -> None:
 
 def test_a_stand_takes_energy_only_where_it_stands(bench: Bench) -> None:
     model = replace(
-        plain(bench, stand=Stand(46.0, 79.0, 4000.0, 50.0)), effects=EffectSettings(trees=Trees())
+        plain(bench, stand=Stand(46.0, 79.0, 4000.0, 50.0)), effects=EffectSettings(trees=Forest())
     )
     with_trees = campaigns(bench.case, bench.ways, model, count=20, seed=2)
     without = campaigns(bench.case, bench.ways, plain(bench), count=20, seed=2)
@@ -151,7 +178,7 @@ def test_correlations_are_those_of_numpy() -> None:
             known = np.isfinite(y[:, i])
             r = np.corrcoef(y[known, i], x[known, j])[0, 1]
             expected = np.arctanh(r) * np.sqrt(known.sum() - 3)
-            assert _z_table(y, x)[i, j] == pytest.approx(expected, abs=1e-9)
+            assert correlations(y, x)[i, j] == pytest.approx(expected, abs=1e-9)
 
 
 def test_scores_are_those_of_the_room_of_scores() -> None:
@@ -196,16 +223,17 @@ def test_the_same_dials_make_the_same_draw(bench: Bench, family: str | None) -> 
 
 
 def test_effects_that_are_on_already_are_not_tried(bench: Bench) -> None:
-    with_trees = replace(bench.case, effects=EffectSettings(trees=Trees()))
+    with_trees = replace(bench.case, effects=EffectSettings(trees=Forest()))
     assert "trees" not in families_to_try(with_trees)
     assert len(families_to_try(bench.case)) == len(FAMILIES)
 
 
 def test_kinds_of_numbers_do_not_know_places() -> None:
-    assert kind_of("S12:speed|mean") == kind_of("S0:speed|mean")
-    assert kind_of("hit@talus:kept~size") == kind_of("hit@rock:kept~size")
-    assert kind_of("hit3:kept|all_sd") != kind_of("hit:kept|all_sd")
-    assert kind_of("leg2:speed_change~S1:speed") == "leg:speed_change~S:speed"
+    assert kind_and_place("S12:speed|mean") == ("S:speed|mean", 12)
+    assert kind_and_place("hit3:kept|all_sd") == ("hit_leg:kept|all_sd", 3)
+    assert kind_and_place("leg2:speed_change~S1:speed") == ("leg:speed_change~S:speed", 2)
+    assert kind_and_place("hit@meadow:kept~size", ("meadow",)) == ("hit_soft:kept~size", 0)
+    assert kind_and_place("hit@rock:kept~size", ("meadow",)) == ("hit_hard:kept~size", 0)
 
 
 def test_the_order_of_draws_changes_nothing(bench: Bench) -> None:
@@ -217,18 +245,118 @@ def test_the_order_of_draws_changes_nothing(bench: Bench) -> None:
         assert forth[task].draw == back[task].draw
 
 
-def test_a_campaign_of_an_effect_is_told_from_the_base(bench: Bench, library: Library) -> None:
-    thresholds = Thresholds()
-    problem = problem_of(bench, library, thresholds)
-    odds = odds_of(problem, thresholds, 1)
-    np.testing.assert_allclose(odds.probability.sum(), 1.0)
-    np.testing.assert_allclose(odds.held_out.sum(axis=1), 1.0)
-    # The field is the base model: nothing speaks against it beyond chance.
-    assert odds.evidence < np.quantile(odds.evidence_of_base, 0.995)
-    broken = odds.label == "fragmentation"
-    own = odds.held_out[broken][:, odds.effects.index("fragmentation")]
-    assert own.mean() > 2.0 * odds.held_out[~broken][:, odds.effects.index("fragmentation")].mean()
-    assert "fragmentation" not in confused_with(odds, "fragmentation")
+def test_the_signature_of_the_base_is_none(bench: Bench, made: tuple[Base, list[Tried]]) -> None:
+    """The field is the base model: no more of its signature is far off than chance makes."""
+    values = np.array(list(observed_signature(made[0]).values()))
+    assert values.size > 400
+    assert np.mean(np.abs(values) > 3.0) < 0.03
+    assert np.median(np.abs(values)) < 1.0
+
+
+def test_calibration_takes_out_what_the_ground_explains() -> None:
+    rng = np.random.default_rng(3)
+    moved = np.repeat(rng.normal(size=(60, 2)), 2, axis=0)
+    slope = rng.normal(size=(30, 2))
+    x = moved @ slope.T + 0.8 * rng.normal(size=(120, 30))
+    names = [f"n{k}" for k in range(30)]
+    reference = reference_of(names, x, moved, ())
+    other_ground = dict(zip(names, slope @ np.array([1.2, -0.8]), strict=True))
+    effect = dict(zip(names, 2.0 * rng.choice([-1.0, 1.0], 30), strict=True))
+
+    def left(numbers: dict[str, float]) -> float:
+        told = signature_of(reference, numbers)
+        return float(np.mean([abs(v) for name, v in told.items() if name.startswith("r|")]))
+
+    assert left(other_ground) < 0.8
+    assert left(effect) > 2.0
+    assert set(signature_of(reference, {"n3": 1.0, "n4": np.nan})) == {"p|n3", "r|n3"}
+
+
+def test_an_effect_shows_where_it_acts(bench: Bench, made: tuple[Base, list[Tried]]) -> None:
+    base = made[0]
+    reference = reference_of(base.names, base.x, base.moved, base.soft)
+
+    def seen(family: str, **dials: float) -> dict[str, float]:
+        one = draw(bench.case, (family,), Dials(np.random.default_rng(1), dials))
+        sample = campaigns(bench.case, bench.ways, one.model, count=1, seed=2, number=3)[0]
+        return signature_of(reference, features_of(base, sample))
+
+    assert seen("fragmentation", **{"break.energy": 0.1})["p|stop:more_blocks"] > 4.0
+    assert seen("entrainment", **{"set_off.number": 0.9})["p|loose:number"] > 4.0
+    kicks = {"lateral.form": 0.1, "lateral.angle": 0.9, "lateral.hop": 0.9}
+    assert seen("lateral_deflection", **kicks)["r|step_hit:turn|sd"] > 4.0
+    slow = {"air.coefficient": 0.95}
+    assert seen("air_drag", **slow)["r|step_fly:loss|mean"] > 3.0
+
+
+def test_numbers_that_are_missing_are_not_told(
+    bench: Bench, made: tuple[Base, list[Tried]]
+) -> None:
+    few = replace(
+        bench.case,
+        observations=replace(bench.case.observations, impacts=bench.case.observations.impacts.take(
+            np.zeros(len(bench.case.observations.impacts), bool)
+        )),
+    )  # fmt: skip
+    assert design_of(bench.case) == "everything" and design_of(few) == "both"
+    base, _ = base_of(bench_of(few, 1), 6)
+    assert not any("hit" in name for name in observed_signature(base))
+
+
+def small_judge() -> Judge:
+    """Two trees of one question each."""
+    trees = Trees(
+        np.array([0, 3]),
+        np.array([0, 0, 0, 1, 0, 0]),
+        np.array([0.5, 0, 0, -0.5, 0, 0], np.float32),
+        np.array([1, 1, 2, 4, 4, 5]),
+        np.array([2, 1, 2, 5, 4, 5]),
+        np.array(
+            [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 1], [0.4, 0.6, 0]], np.float32
+        ),
+    )
+    return Judge(
+        ("a", "b"),
+        (NONE, "trees", "unknown"),
+        np.array([1.0, 0.0], np.float32),
+        np.array([2.0, 1.0], np.float32),
+        trees,
+        1.0,
+        np.ones(3),
+        1.0,
+    )
+
+
+def test_trees_are_asked_from_the_root() -> None:
+    judge = small_judge()
+    # (3 - 1) / 2 is above 0.5, 0 above -0.5.
+    found = judge.probabilities({"a": 3.0})
+    assert list(found) == ["trees", NONE, "unknown"]
+    assert found["trees"] == pytest.approx((0.8 + 1e-3) / (1.0 + 3e-3))
+    assert sum(found.values()) == pytest.approx(1.0)
+    # A number that is missing counts as usual: left, and right.
+    assert judge.probabilities({})[NONE] == pytest.approx(0.7, abs=0.01)
+    assert judge.probabilities({"a": 3.0}, excluded=("trees",))[NONE] > 0.98
+
+
+def test_judges_are_read_as_they_were_written(tmp_path: Path) -> None:
+    file = tmp_path / "judges.npz"
+    write_judges(file, dict.fromkeys(DESIGNS, small_judge()))
+    read = read_judge("both", file)
+    for signature in ({"a": 3.0}, {"b": -2.0}, {}):
+        expected = small_judge().probabilities(signature)
+        found = read.probabilities(signature)
+        assert found == pytest.approx(expected, abs=0.01)
+    assert read.caution == 1.0
+    with pytest.raises(InputError, match="cannot be read"):
+        read_judge("walls", file)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_judge("both", tmp_path / "none.npz")
+
+
+def test_caution_lowers_confidence() -> None:
+    assert cautious(0.8, 0.0) == pytest.approx(0.8)
+    assert cautious(0.5, 1.0) == pytest.approx(1.0 / (1.0 + np.e))
 
 
 def test_refinement_betters_the_score(bench: Bench, library: Library) -> None:
@@ -249,32 +377,23 @@ def test_without_a_gap_no_shrinkage_is_stated(bench: Bench, library: Library) ->
     assert found.value is None and found.note
 
 
-def some_odds(**shares: float) -> Odds:
-    names = tuple(sorted({NONE, "trees", "air_drag", "roughness"}))
-    p = np.array([shares.get(n, 0.0) for n in names])
-    none = p[names.index(NONE)]
-    evidence = float(np.log((1.0 - none) / none))
-    return Odds(
-        names,
-        p,
-        np.zeros((0, len(names))),
-        np.empty(0, np.str_),
-        evidence,
-        np.linspace(-4.0, 2.0, 101),
-    )
-
-
 def test_decisions() -> None:
-    thresholds = Thresholds(null_quantile=0.95, least_confidence=0.5, least_shrinkage=0.0)
-    clear = some_odds(none=0.02, trees=0.9, air_drag=0.08)
-    assert decide(Evidence(clear, "trees", 0.7), thresholds)[0] == "trees"
-    assert decide(Evidence(clear, "trees", -0.05), thresholds)[0] == "unknown"
-    assert decide(Evidence(clear, "trees", None), thresholds)[0] == "trees"
-    chance = some_odds(none=0.3, trees=0.6, air_drag=0.1)
-    assert decide(Evidence(chance, "trees", 0.7), thresholds)[0] == NONE
-    torn = some_odds(none=0.02, trees=0.4, air_drag=0.33, roughness=0.25)
-    assert decide(Evidence(torn, "trees", 0.7), thresholds)[0] == "unknown"
-    assert set(confusion_set("trees", torn, thresholds)) == {"trees", "air_drag", "roughness"}
+    thresholds = Thresholds(none_share=0.4, least_confidence=0.45, confusion_mass=0.9)
+    clear = {"trees": 0.85, "air_drag": 0.08, NONE: 0.05, "unknown": 0.02}
+    assert decide(clear, 0.7, thresholds)[:2] == ("trees", 0.85)
+    assert decide(clear, -0.05, thresholds)[0] == "unknown"
+    assert decide(clear, None, thresholds)[0] == "trees"
+    chance = {"trees": 0.55, NONE: 0.42, "unknown": 0.03}
+    assert decide(chance, 0.7, thresholds)[:2] == (NONE, 0.42)
+    torn = {"trees": 0.4, "air_drag": 0.33, "roughness": 0.25, NONE: 0.02}
+    assert decide(torn, 0.7, thresholds)[0] == "unknown"
+    assert confusion_set("trees", torn, thresholds) == ("trees", "air_drag", "roughness")
+    strange = {"unknown": 0.6, "trees": 0.3, NONE: 0.1}
+    assert decide(strange, 0.7, thresholds)[:2] == ("unknown", 0.6)
+    two = {"pair": 0.6, "trees": 0.2, "air_drag": 0.15, NONE: 0.05}
+    assert best_cause(two) == pair_of(two) == "air_drag+trees"
+    assert decide(two, 0.7, thresholds)[:2] == ("air_drag+trees", 0.6)
+    assert confusion_set("air_drag+trees", two, thresholds) == ("air_drag", "trees", NONE)
 
 
 def test_legs_and_measurements(bench: Bench) -> None:
@@ -293,9 +412,10 @@ def test_legs_and_measurements(bench: Bench) -> None:
 
 def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
     alone = bench_of(observed(12, 1, tables=("impacts",)), 1)
+    _, base = base_of(alone, 8)
     tried = [try_task(alone, task, ORDER) for task in tasks_of(("air_drag",), 3)]
-    library = library_of(alone, tried)
-    assert library.scores.shape == (9, 12)
+    library = library_of(alone, [*base, *tried])
+    assert library.scores.shape == (11, 12)
     found = shrinkage_of(alone, library, "air_drag", folds_of(12, 1), draws=5, seed=1)
     assert found.value is None and "no distance" in found.note
 

@@ -10,10 +10,13 @@ from pathlib import Path
 import pytest
 
 from sassgis.core.errors import InputError, Interrupted, SassgisError
+from sassgis.gap.families import FAMILIES
+from sassgis.gap.judge import DESIGNS
 from sassgis.io.config import load_config
 from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
-from sassgis.io.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
+from sassgis.io.gap_thresholds import read_judge, read_thresholds, thresholds_of
 from sassgis.workflow import gap_diagnose
+from sassgis.workflow.gap_check import SEED
 from sassgis.workflow.gap_diagnose import diagnose
 from sassgis.workflow.gap_fresh import measured_shrinkage
 from sassgis.worlds import EffectSpec, WorldSpec, make_world, observe, setup
@@ -166,7 +169,11 @@ def test_rocks_beside_the_terrain_are_refused(everything: Path, tmp_path: Path) 
 def test_the_frozen_thresholds_are_whole(tmp_path: Path) -> None:
     content = read_thresholds()
     thresholds = thresholds_of(content)
-    assert 1986 not in content["battery_seeds"]
-    assert 0.9 <= thresholds.null_quantile < 1.0
-    assert len(thresholds.discrepancy) > 50
-    assert THRESHOLDS.is_file()
+    assert SEED not in content["battery_seeds"]
+    assert 0.0 < thresholds.least_confidence < 1.0
+    assert 0.9 <= thresholds.confusion_mass < 1.0
+    for design in DESIGNS:
+        judge = read_judge(design)
+        assert set(judge.causes) == {*FAMILIES, "none", "unknown", "pair"}
+        found = judge.probabilities({})
+        assert sum(found.values()) == pytest.approx(1.0)
