@@ -1,8 +1,9 @@
-"""Put the scores of a blind check into docs/gap_check.md.
+"""Put the scores of a blind check into docs/gap_check.md and docs/gap.md.
 
 ``python docs/studies/gap_check_tables.py CHECK`` takes scores and figures from the folder that
 ``sassgis gap check -o CHECK`` wrote, keeps them in ``docs/studies/gap_check`` and rewrites what
-stands between ``<!-- check -->`` and ``<!-- end check -->``. Without CHECK it uses those kept.
+stands between ``<!-- check -->`` and ``<!-- end check -->``, and in docs/gap.md between
+``<!-- trust -->`` and ``<!-- end trust -->``. Without CHECK it uses those kept.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 HERE = Path(__file__).parent
 KEPT = HERE / "gap_check"
 PAGE = HERE.parent / "gap_check.md"
+SHORT = HERE.parent / "gap.md"
 FIGURES = ("confusion.png", "reliability.png", "shrinkage.png")
 
 
@@ -87,18 +89,35 @@ def page_part(scores: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def trust_part(scores: dict[str, Any]) -> str:
+    """What a reader of the diagnosis should know of it, in a list."""
+    rows = scores["acceptance"]
+    lines = [
+        f"- {row['measure']}: {percent(row['reached'])} ({row['hits']} of {row['worlds']}; "
+        f"95 % interval {interval(row['ci95'])})"
+        for row in rows
+    ]
+    return "\n".join(lines)
+
+
+def replaced(page: Path, name: str, part: str) -> None:
+    """Put a part between its two marks."""
+    text = page.read_text(encoding="utf-8")
+    marked = f"<!-- {name} -->\n{part}\n<!-- end {name} -->"
+    pattern = rf"<!-- {name} -->.*<!-- end {name} -->"
+    page.write_text(re.sub(pattern, lambda _: marked, text, flags=re.DOTALL), encoding="utf-8")
+
+
 def main() -> None:
-    """Rewrite the page."""
+    """Rewrite the pages."""
     if len(sys.argv) > 1:
         KEPT.mkdir(exist_ok=True)
         for name in ("scores.json", *FIGURES):
             if (Path(sys.argv[1]) / name).is_file():
                 shutil.copyfile(Path(sys.argv[1]) / name, KEPT / name)
     scores = json.loads((KEPT / "scores.json").read_text(encoding="utf-8"))
-    text = PAGE.read_text(encoding="utf-8")
-    part = f"<!-- check -->\n{page_part(scores)}\n<!-- end check -->"
-    text = re.sub(r"<!-- check -->.*<!-- end check -->", lambda _: part, text, flags=re.DOTALL)
-    PAGE.write_text(text, encoding="utf-8")
+    replaced(PAGE, "check", page_part(scores))
+    replaced(SHORT, "trust", trust_part(scores))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Learn what signatures of known causes look like, and freeze it for the diagnosis.
 
     python docs/studies/gap_learning.py rows -o ROWS --jobs 2       # an hour on two cores
-    python docs/studies/gap_learning.py learn ROWS                  # a quarter of an hour
+    python docs/studies/gap_learning.py learn ROWS                  # a few minutes
+    python docs/studies/gap_learning.py page                        # the page from the numbers
 
 ``rows`` makes the worlds of development. Their seeds are their own: no battery with which scores
 are reported may use any of them. Of each world come
@@ -16,7 +17,8 @@ are reported may use any of them. Of each world come
 ``learn`` grows an ensemble of randomised trees for each design, calibrates its probabilities on
 worlds left out of the growing, by cross-validation over worlds, and writes
 ``sassgis/data/gap_judges.npz``, ``sassgis/data/gap_thresholds.json`` and
-``docs/studies/gap_learning.json``, in which the accuracy on worlds left out is told.
+``docs/studies/gap_learning.json``, in which the accuracy on worlds left out is told; ``page``
+puts it into ``docs/studies/gap_learning.md``.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -502,6 +505,8 @@ def accuracy(
     single = ~np.isin(cause, (NONE, PAIR, UNKNOWN))
     right, named = answer == truth, ~np.isin(answer, (NONE, UNKNOWN))
     weight = prior_weights(cause) * (cautious(p, caution) >= SURE)
+    families = np.isin(one.causes, FAMILIES)
+    first = np.array(one.causes)[np.where(families, one.probability[mine], -1.0).argmax(axis=1)]
 
     def share(of: np.ndarray, counted: np.ndarray) -> dict[str, int]:
         return {"counted": int((counted & of).sum()), "worlds": int(of.sum())}
@@ -510,6 +515,7 @@ def accuracy(
         "design": design,
         "rocks": rocks,
         "learned_on": learned_on,
+        "first_family_right": share(single & (strength != "weak"), first == truth),
         "single_right": share(single & (strength != "weak"), right),
         "weak_right": share(single & (strength == "weak"), right),
         "false_alarms": share(cause == NONE, named),
@@ -546,7 +552,50 @@ def learn(folder: Path) -> None:
         ],
     }
     STUDY.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-    print(json.dumps(told, indent=1))
+    write_page()
+
+
+def page_part(told: dict[str, Any]) -> str:
+    """The table of the page."""
+    columns = {
+        "first_family_right": "most probable family is the true one",
+        "single_right": "single effect answered",
+        "weak_right": "weak one answered",
+        "pair_right": "pair answered, both",
+        "false_alarms": "named where there is none",
+        "unknown_named": "family named where it is unknown",
+    }
+    lines = ["| observed | learned on | " + " | ".join(columns.values()) + " |"]
+    lines.append("|" + "---|" * (2 + len(columns)))
+    for row in told["left_out"]:
+        cells = [f"{row['rocks']} rocks, {row['design']}", row["learned_on"]]
+        for key in columns:
+            share = row[key]
+            cells.append(
+                f"{100.0 * share['counted'] / max(share['worlds'], 1):.0f} % "
+                f"({share['counted']} of {share['worlds']})"
+            )
+        lines.append("| " + " | ".join(cells) + " |")
+    thresholds = told["thresholds"]
+    lines += [
+        "",
+        f"{told['worlds']} worlds; signatures: "
+        + ", ".join(f"{n} of {design}" for design, n in told["signatures"].items())
+        + f". `none` is answered from a probability of {thresholds['none_share']:g} on; causes "
+        f"below {thresholds['least_confidence']:g} are not named; confusion sets hold "
+        f"{thresholds['confusion_mass']:g} of the probability.",
+    ]
+    return "\n".join(lines)
+
+
+def write_page() -> None:
+    """Rewrite what stands between ``<!-- learned -->`` and ``<!-- end learned -->``."""
+    page = STUDY.with_suffix(".md")
+    told = json.loads(STUDY.read_text(encoding="utf-8"))
+    part = f"<!-- learned -->\n{page_part(told)}\n<!-- end learned -->"
+    text = page.read_text(encoding="utf-8")
+    pattern = r"<!-- learned -->.*<!-- end learned -->"
+    page.write_text(re.sub(pattern, lambda _: part, text, flags=re.DOTALL), encoding="utf-8")
 
 
 def main() -> None:
@@ -558,9 +607,10 @@ def main() -> None:
     make.add_argument("--jobs", type=int, default=1)
     make.add_argument("--worlds", type=int, help="only the first so many")
     steps.add_parser("learn").add_argument("rows", type=Path)
+    steps.add_parser("page")
     arguments = parser.parse_args()
-    if arguments.step == "learn":
-        learn(arguments.rows)
+    if arguments.step != "rows":
+        learn(arguments.rows) if arguments.step == "learn" else write_page()
         return
     arguments.out.mkdir(parents=True, exist_ok=True)
     worlds = development_worlds()[: arguments.worlds]
