@@ -111,3 +111,32 @@ class Case:
         """Number of the leg in which points at chainage ``s`` of the lines of rocks lie."""
         edges = self.station_s[rock]
         return np.asarray((edges <= np.asarray(s)[:, None]).sum(axis=1), np.int64)
+
+    @property
+    def semi_axes_m(self) -> FloatArray:
+        """Half axes in the middle of their limits, longest first, shape (n_rocks, 3)."""
+        limits = [(b.axis_1_m, b.axis_2_m, b.axis_3_m) for b in self.blocks]
+        axes: FloatArray = 0.5 * np.array(limits, np.float64).sum(axis=2)
+        return -np.sort(-axes, axis=1)
+
+    def ground_at(self, rock: IntArray, s: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Ground at chainages ``s`` of the lines of rocks.
+
+        Returns
+        -------
+        kind : int64, shape (n,)
+            Class of the ground; -1 where there is no rock (below zero).
+        dip : float64, shape (n,)
+            Positive where the line falls (rad); NaN where there is no rock.
+        """
+        kind = np.full(rock.size, -1, np.int64)
+        dip = np.full(rock.size, np.nan)
+        lines = np.where(rock >= 0, self.line[rock], -1)
+        for line in np.unique(lines[lines >= 0]).tolist():
+            rows = np.flatnonzero(lines == line)
+            vertex_s, vertex_z = self.profiles.vertices(line)
+            first = int(self.profiles.offset[line])
+            j = np.clip(np.searchsorted(vertex_s, s[rows], side="right") - 1, 0, vertex_s.size - 2)
+            kind[rows] = self.profiles.ground[first + j]
+            dip[rows] = -np.arctan2(np.diff(vertex_z)[j], np.diff(vertex_s)[j])
+        return kind, dip

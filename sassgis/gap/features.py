@@ -27,10 +27,7 @@ class Covariates:
 
 def covariates_of(case: Case) -> Covariates:
     """Size, shape and place in the table of each rock."""
-    axes = np.array(
-        [[0.5 * sum(b.axis_1_m), 0.5 * sum(b.axis_2_m), 0.5 * sum(b.axis_3_m)] for b in case.blocks]
-    )
-    axes = -np.sort(-axes, axis=1)
+    axes = case.semi_axes_m
     columns = {
         "size": np.log(case.radius_m),
         "flatness": np.log(axes[:, 1] / axes[:, 2]),
@@ -183,10 +180,7 @@ def impact_table(case: Case, rows: ImpactRows) -> dict[str, FloatArray]:
         this one), "fall", "gain" (m, m²/s²: drop since the impact before and kinetic energy
         gained), "approach", "speed" (m/s).
     """
-    axes = np.array(
-        [[0.5 * sum(b.axis_1_m), 0.5 * sum(b.axis_2_m), 0.5 * sum(b.axis_3_m)] for b in case.blocks]
-    )
-    axes = -np.sort(-axes, axis=1)
+    axes = case.semi_axes_m
     inertia = 0.2 * (axes[:, 0] ** 2 + axes[:, 1] ** 2)
     scale = case.radius_m / np.cbrt(axes.prod(axis=1))
     inertia = (inertia * scale**2)[rows.rock]
@@ -422,7 +416,7 @@ def _impact_trends(
     case: Case, rows: ImpactRows, table: Mapping[str, FloatArray], given: Covariates
 ) -> dict[str, float]:
     """Means over impacts and their trends: all together, on each kind of ground, in each leg."""
-    ground = ground_under(case, rows.rock, rows.s)
+    ground = case.ground_at(rows.rock, rows.s)[0]
     y = np.column_stack([table[key] for key in _TREND_OF])
     x = np.column_stack(
         [table["approach"], table["speed"], given.values[rows.rock, 0], given.values[rows.rock, 1]]
@@ -460,25 +454,11 @@ def _group(name: str, y: FloatArray, x: FloatArray | None, out: dict[str, float]
         out[f"{name}:lost_between|small"] = float(np.mean(lost > 0.1))
 
 
-def ground_under(case: Case, rock: IntArray, s: FloatArray) -> IntArray:
-    """Ground class under points on the lines of rocks."""
-    found = np.zeros(rock.size, np.int64)
-    source = case.profiles
-    line = case.line[rock]
-    for i in np.unique(line).tolist():
-        own = slice(int(source.offset[i]), int(source.offset[i + 1]))
-        mine = line == i
-        k = np.searchsorted(source.s[own], s[mine], side="right") - 1
-        found[mine] = source.ground[own][np.clip(k, 0, source.s[own].size - 2)]
-    return found
-
-
 __all__ = [
     "GRAVITY",
     "Covariates",
     "correlations",
     "covariates_of",
-    "ground_under",
     "impact_table",
     "rock_quantities",
     "summary",

@@ -18,7 +18,6 @@ from sassgis.core.results import Gate
 from sassgis.engine.simulate import GateCrossings, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.legs import Model, repeated
-from sassgis.gap.one_step import ground_at
 from sassgis.gap.residuals import Residual, mean_of_draws
 from sassgis.gap.sample import errors_of
 
@@ -107,7 +106,7 @@ class _Path:
     def of(cls, case: Case, rock: int, rows: IntArray, radius_m: float) -> _Path:
         track = case.observations.trajectories
         put = case.projected["trajectories"]
-        _, dip = ground_at(case, np.full(rows.size, rock), put.s[rows])
+        _, dip = case.ground_at(np.full(rows.size, rock), put.s[rows])
         return cls(
             rock,
             track.t_s[rows],
@@ -367,10 +366,3 @@ def _by_leg(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> 
                 Residual(place, phase, name, "one step", means[0], means[1], s0, s1, weight=sums[2])
             )
     return found
-
-
-def _tolerated(residual: Residual) -> float:
-    """Part of the mean gap of an acceleration along the ground that its measurement may make."""
-    values = residual.tested()
-    known = values[np.isfinite(values)]
-    return float(np.clip(known.mean(), -_ROLLING_MPS2, _ROLLING_MPS2)) if known.size else 0.0

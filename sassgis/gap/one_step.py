@@ -97,21 +97,6 @@ def impact_residuals(
     return found
 
 
-def ground_at(case: Case, rock: IntArray, s: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Class of ground and dip (rad, positive where the line falls) at chainages of rocks' lines."""
-    kind = np.full(rock.size, -1, np.int64)
-    dip = np.full(rock.size, np.nan)
-    lines = np.where(rock >= 0, case.line[rock], -1)
-    for line in np.unique(lines[lines >= 0]).tolist():
-        rows = np.flatnonzero(lines == line)
-        vertex_s, vertex_z = case.profiles.vertices(line)
-        first = int(case.profiles.offset[line])
-        j = np.clip(np.searchsorted(vertex_s, s[rows], side="right") - 1, 0, vertex_s.size - 2)
-        kind[rows] = case.profiles.ground[first + j]
-        dip[rows] = -np.arctan2(np.diff(vertex_z)[j], np.diff(vertex_s)[j])
-    return kind, dip
-
-
 def _rebounds(
     case: Case,
     table: GroundTable,
@@ -124,7 +109,7 @@ def _rebounds(
     impacts = case.observations.impacts.take(rows)
     rock = case.observations.rock_of("impacts")[rows]
     s = case.projected["impacts"].s[rows]
-    kind, dip = ground_at(case, rock, s)
+    kind, dip = case.ground_at(rock, s)
     dip = np.where(np.isfinite(impacts.slope_deg), np.radians(impacts.slope_deg), dip)
     longer, shorter = axes_m[rock, :, 0].mean(axis=1), axes_m[rock, :, 1].mean(axis=1)
     fall = impacts.vn_in_mps**2 / (2.0 * case.engine.gravity_mps2 * np.cos(dip))

@@ -169,8 +169,6 @@ class Ways:
     n_stretches : int
     keys : uint64, shape (n_rocks,)
     gates : GateCrossings
-    angle, vertex_s, vertex_offset
-        Dip of each segment along the profiles, to take velocities apart.
     end : float64, shape (n_rocks,)
         Where each profile ends (m).
     errors : Errors

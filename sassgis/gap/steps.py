@@ -15,7 +15,7 @@ import numpy as np
 
 from sassgis.core.grid import FloatArray, IntArray
 from sassgis.gap.case import Case
-from sassgis.gap.features import GRAVITY, Covariates, correlations, ground_under
+from sassgis.gap.features import GRAVITY, Covariates, correlations
 from sassgis.gap.sample import ImpactRows, Sample
 
 #: Impacts below these speeds, in all and towards the ground, are not told from rolling (m/s).
@@ -278,7 +278,7 @@ def _tell_steps(
     trends = (first_trend, "speed", *_OF_ROCKS)
     left = _left_over(rows, foreseen)
     _tell(name, left, rows.trend, outcomes, trends, out)
-    on_soft = np.isin(ground_under(case, rows.rock, rows.s), list(soft))
+    on_soft = np.isin(case.ground_at(rows.rock, rows.s)[0], list(soft))
     for where, mine in (("soft", on_soft), ("hard", ~on_soft)):
         _tell(f"{name}_{where}", left[mine], rows.trend[mine], outcomes, trends, out)
     leg = case.leg_of(rows.rock, rows.s)

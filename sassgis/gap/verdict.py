@@ -179,7 +179,7 @@ def _classes_of(family: str, fitted: Sequence[Draw]) -> tuple[str, ...]:
     return tuple(name for name, n in counts.items() if 2 * n > len(fitted))
 
 
-def leg_edges(case: Case) -> FloatArray:
+def _leg_bounds(case: Case) -> FloatArray:
     """Chainages of the ends of the legs, median over the rocks (m), shape (n_legs + 1,)."""
     inner = np.nanmedian(case.station_s, axis=0) if case.station_names else np.empty(0)
     return np.concatenate([[-np.inf], inner, [np.inf]])
@@ -187,7 +187,7 @@ def leg_edges(case: Case) -> FloatArray:
 
 def legs_between(case: Case, low: float, high: float) -> tuple[str, ...]:
     """Legs that a stretch of chainage touches."""
-    edges = leg_edges(case)
+    edges = _leg_bounds(case)
     return tuple(
         name
         for name, start, end in zip(case.legs, edges[:-1], edges[1:], strict=True)
