@@ -20,6 +20,7 @@ from sassgis.gap.observations import (
     Level,
     Observations,
     parent_of,
+    rock_masses_kg,
     rock_radii_m,
     root_of,
     without,
@@ -402,7 +403,11 @@ def _energy_gain(obs: Observations, usable: BoolArray) -> Iterator[Finding]:
     impacts = obs.impacts
     before = impacts.vt_in_mps**2 + impacts.vn_in_mps**2
     after = impacts.vt_out_mps**2 + impacts.vn_out_mps**2
-    radius = np.append(rock_radii_m(obs), np.nan)[obs.rock_of("impacts")]
+    rock = obs.rock_of("impacts")
+    radius = np.append(rock_radii_m(obs), np.nan)[rock]
+    # A piece is smaller than its rock; of unknown mass, its spin says nothing.
+    share = impacts.mass_kg / np.append(rock_masses_kg(obs), np.nan)[rock]
+    radius = np.where(obs.is_piece("impacts"), radius * np.cbrt(share), radius)
     # A sphere's 2/5 r²: the rock may turn spin into speed.
     spins = np.isfinite(radius + impacts.omega_in_radps + impacts.omega_out_radps)
     with np.errstate(invalid="ignore"):
@@ -475,21 +480,26 @@ def _spins(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
 def _trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
     """Speeds along a path against the path and the clock."""
     path = obs.trajectories
+    # Nearer points are apart by the errors of their positions.
+    span = max(2.0, 8.0 * _or(obs.metadata.position_error_m, _POSITION_ERROR_M))
     ratios = []
     for name in dict.fromkeys(path.rock_id.tolist()):
-        rows = np.flatnonzero((path.rock_id == name) & np.isfinite(path.t_s + path.x + path.y))
+        known = np.isfinite(path.t_s + path.x + path.y + path.speed_mps)
+        rows = np.flatnonzero((path.rock_id == name) & known)
         rows = rows[np.argsort(path.t_s[rows], kind="stable")]
         if rows.size < 3:
             continue
         z = path.z[rows]
-        rise = np.diff(z) if np.isfinite(z).all() else np.zeros(rows.size - 1)
-        step = np.hypot(np.hypot(np.diff(path.x[rows]), np.diff(path.y[rows])), rise)
-        time = np.diff(path.t_s[rows])
-        stated = 0.5 * (path.speed_mps[rows][1:] + path.speed_mps[rows][:-1])
-        use = np.isfinite(stated) & (time > 0.0) & (step > 0.0)
-        if use.any():
+        height = z if np.isfinite(z).all() else np.zeros(rows.size)
+        points = np.column_stack([path.x[rows], path.y[rows], height])
+        kept = _apart(points, span)
+        speed = path.speed_mps[rows]
+        steps = np.diff(path.t_s[rows]) * 0.5 * (speed[1:] + speed[:-1])
+        stated = np.diff(np.concatenate([[0.0], np.cumsum(steps)])[kept])
+        far = np.sqrt((np.diff(points[kept], axis=0) ** 2).sum(axis=1))
+        if far.size:
             # One number per rock: errors of single positions cancel along the path.
-            ratios.append(float((stated * time)[use].sum() / step[use].sum()))
+            ratios.append(float(stated.sum() / far.sum()))
     if not ratios:
         return
     middle = float(np.median(ratios))
@@ -508,6 +518,15 @@ def _trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Finding
         expected="m/s, and times in s",
         left_out="value",
     )
+
+
+def _apart(points: FloatArray, span: float) -> IntArray:
+    """Points of a path of which each is ``span`` or more from the one before, with the first."""
+    kept = [0]
+    for i in range(1, len(points)):
+        if ((points[i] - points[kept[-1]]) ** 2).sum() >= span**2:
+            kept.append(i)
+    return np.array(kept, np.int64)
 
 
 def _drops(obs: Observations, grid: Grid | None) -> Iterator[Finding]:

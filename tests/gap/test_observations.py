@@ -19,9 +19,11 @@ from sassgis.gap.observations import (
     METADATA_KEYS,
     Deposits,
     Impacts,
+    Metadata,
     Observations,
     Passages,
     Rocks,
+    Trajectories,
     parent_of,
     rock_masses_kg,
     rock_radii_m,
@@ -464,6 +466,48 @@ def test_made_up_observations_can_be_checked_too():
         Passages.of(rock_id=["A", "B"], speed_mps=[1.0])
     with pytest.raises(TypeError, match="no such column: speed"):
         Passages.of(rock_id=["A"], speed=[1.0])
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.0, ""), (3.6, "look like km/h")])
+def test_speeds_of_slow_rocks_are_judged_over_distances_that_show(factor, said):
+    """Ten points a second of a rock at 2 m/s, each a quarter of a metre off."""
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 20.0, 0.1)
+    observed = Observations(
+        trajectories=Trajectories.of(
+            rock_id=["A"] * t.size,
+            t_s=t,
+            x=2.0 * t + rng.normal(0.0, 0.25, t.size),
+            y=rng.normal(0.0, 0.25, t.size),
+            z=rng.normal(0.0, 0.25, t.size),
+            speed_mps=np.full(t.size, 2.0 * factor),
+        ),
+        metadata=Metadata(position_error_m=0.25),
+    )
+    assert any("trajectories.speed_mps" in line for line in lines(observed)) == bool(said)
+    assert said in "".join(lines(observed))
+
+
+def test_pieces_spin_as_small_as_they_are():
+    """A piece that turns fast has little energy in it; one of its rock's size would have much."""
+    hit = {"vt_in_mps": 10.0, "vn_in_mps": -4.0, "omega_in_radps": 5.0}
+    after = {"vt_out_mps": 7.0, "vn_out_mps": 2.0, "omega_out_radps": 30.0}
+
+    def found(rock_id, mass_kg):
+        return lines(
+            Observations(
+                rocks=Rocks.of(rock_id=["A"], mass_kg=[3000.0], density_kgm3=[2700.0]),
+                impacts=Impacts.of(
+                    rock_id=[rock_id],
+                    impact=["1"],
+                    mass_kg=[mass_kg],
+                    **{k: [v] for k, v in (hit | after).items()},
+                ),
+            )
+        )
+
+    assert any("more energy after" in line for line in found("A", 3000.0))
+    assert not any("more energy after" in line for line in found("A.1", 24.0))
 
 
 def test_rocks_may_be_let_go_above_the_ground(folder, slope):
