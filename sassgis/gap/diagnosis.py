@@ -73,7 +73,7 @@ class Verdict:
     effect : str
         A family, two joined by "+", "none" or "unknown".
     confidence : float
-        Probability of the answer among those that were tried (0 to 1).
+        Probability of the answer, lowered for caution (0 to 1).
     confusion_set : tuple of str
         What these data cannot tell from it, itself included.
     phase, segments
@@ -81,6 +81,9 @@ class Verdict:
         it cannot.
     reason : str
         In a sentence.
+    probabilities : mapping
+        Of every cause, not lowered, most probable first: "none", the families, "pair" (two of them
+        at once) and "unknown".
     """
 
     effect: str
@@ -89,6 +92,7 @@ class Verdict:
     phase: str = ""
     segments: tuple[str, ...] = ()
     reason: str = ""
+    probabilities: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

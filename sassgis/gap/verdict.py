@@ -232,6 +232,7 @@ def verdict_of(
         phase,
         segments,
         reason,
+        dict(shares),
     )
 
 

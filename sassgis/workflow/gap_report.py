@@ -13,6 +13,7 @@ from sassgis.core.grid import FloatArray
 from sassgis.core.ground import GroundTable
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Contender, Diagnosis, Finding, Shrinkage
+from sassgis.gap.judge import PAIR, UNKNOWN
 from sassgis.gap.places import (
     is_stretch,
     limits_on,
@@ -94,9 +95,10 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         out.append(f"{acts}{' ' + place if place else ''}.")
     share = round(100 * verdict.confidence)
     out.append(
-        f"A confidence of {share} % is the probability that the comparison gives this answer "
-        "among those that were tried. On made slopes whose cause is known such answers were right "
-        "less often than that (docs/gap_check.md): take it as what to look at first, not as found."
+        f"A confidence of {share} % is cautious: it is set so that on made slopes whose cause is "
+        "known answers with 60 % and more are right nine times in ten (whether they were: "
+        "docs/gap_check.md). No real slope is like those: take it as what to look at first, not as "
+        "found."
     )
     named = _contender(diagnosis.which, verdict.effect)
     if named is not None and verdict.effect not in ("none", "unknown"):
@@ -454,6 +456,17 @@ def _where_table(findings: tuple[Finding, ...]) -> ReportTable:
     )  # fmt: skip
 
 
+def _other_causes(probabilities: Mapping[str, float]) -> str:
+    """What is missing in the table from the sum of the probabilities."""
+    if not probabilities:
+        return ""
+    pair, other = (100.0 * probabilities.get(name, 0.0) for name in (PAIR, UNKNOWN))
+    return (
+        f" Two of the effects at once have a probability of {pair:.0f} %, something else "
+        f"{other:.0f} %."
+    )
+
+
 def _which_table(diagnosis: Diagnosis) -> ReportTable:
     return ReportTable(
         "Explanations",
@@ -471,7 +484,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
             for c in diagnosis.which
         ),
         "Score: energy score of rocks left out of the calibration; less is better. Gain: score of "
-        "the calibrated base model less this one.",
+        "the calibrated base model less this one." + _other_causes(diagnosis.verdict.probabilities),
     )  # fmt: skip
 
 

@@ -64,9 +64,9 @@ def test_all_that_is_promised_is_there(answered: Path) -> None:
     assert "fragmentation" in found["verdict"]["confusion_set"]
     assert found["verdict"]["phase"] == "impact"
     assert {"none", "trees", "air_drag"} <= {c["effect"] for c in found["which"]}
-    assert sum(c["probability"] for c in found["which"] if "+" not in c["effect"]) == pytest.approx(
-        1.0, abs=1e-6
-    )
+    shares = found["verdict"]["probabilities"]
+    assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
+    assert all(c["probability"] == shares.get(c["effect"], shares["pair"]) for c in found["which"])
     assert found["where"] and found["data"]["rocks"] == 30
     assert found["shrinkage"]["effect"] == "fragmentation"
 

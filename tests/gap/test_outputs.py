@@ -527,7 +527,7 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
         for text in (
             "The gap is best explained by trees that take energy from passing rocks.",
             "Confidence 71 %.",
-            "A confidence of 71 % is the probability",
+            "A confidence of 71 % is cautious",
             "These data cannot tell it from: soft ground.",
             "Speeds of rocks of different mass in the stand.",
             "3 of 11 comparisons differ",
