@@ -44,7 +44,7 @@ from sassgis.gap.case import Case
 from sassgis.gap.contenders import NONE, Dials, draw
 from sassgis.gap.families import FAMILIES as TRIED
 from sassgis.gap.features import summary
-from sassgis.gap.judge import DESIGNS, PAIR, UNKNOWN, Judge, Trees, calibrated, cautious
+from sassgis.gap.judge import DESIGNS, PAIR, SURE, UNKNOWN, Judge, Trees, calibrated, cautious
 from sassgis.gap.library import bench_of
 from sassgis.gap.replicas import campaigns
 from sassgis.gap.sample import observed_sample
@@ -79,7 +79,7 @@ SINGLES = 2 / 5
 NONE_SHARE, LEAST_CONFIDENCE = 0.4, 0.45
 #: Where a confidence is SURE or more, this share is to be right; confusion sets are to hold the
 #: truth of this share of single effects.
-SURE, RIGHT, COVERED = 0.6, 0.93, 0.97
+RIGHT, COVERED = 0.93, 0.97
 #: Designs, with a number of rocks, whose accuracy is told.
 ASKED_OF = (("everything", 100), ("both", 40), ("stations", 40), ("stops", 40))
 #: Batteries that were looked at before.
@@ -470,7 +470,7 @@ def learn_design(rows: Sequence[Rows], design: str) -> tuple[Judge, Answers, Ans
 
 
 def caution_of(left_out: Answers) -> float:
-    """By how much confidence is lowered so that, where it is SURE or more, enough is right."""
+    """How cautious confidences must be so that, where they are SURE or more, enough is right."""
     answer, p = left_out.decided(Thresholds(NONE_SHARE, LEAST_CONFIDENCE))
     right = answer == np.array(left_out.truth)
     weight = prior_weights(left_out.cause)

@@ -20,6 +20,8 @@ from sassgis.gap.contenders import NONE
 #: Causes besides the families and NONE: an effect that is no family, and two families at once.
 UNKNOWN, PAIR = "unknown", "pair"
 DESIGNS = ("everything", "both", "stations", "stops")
+#: Confidence from which on an answer is meant to be right nine times in ten.
+SURE = 0.6
 _FLOOR = 1e-3
 
 
@@ -76,7 +78,7 @@ class Judge:
     weight : float64, shape (n_causes,)
         what they are multiplied by, so that a probability is how often the cause is right.
     caution : float
-        By how much the logarithm of the odds is lowered where a confidence is stated.
+        By how much the logarithm of the odds must exceed that of SURE for a confidence of SURE.
     """
 
     names: tuple[str, ...]
@@ -124,9 +126,22 @@ def calibrated(shares: FloatArray, power: float, weight: FloatArray) -> FloatArr
 
 
 def cautious(probability: FloatArray | float, caution: float) -> FloatArray:
-    """Confidence that is stated for a probability: its odds lowered by ``caution``, a logarithm."""
-    p = np.clip(np.asarray(probability, np.float64), 1e-6, 1.0 - 1e-6)
-    out: FloatArray = 1.0 / (1.0 + (1.0 - p) / p * np.exp(caution))
+    """Confidence that is stated for a probability.
+
+    It is SURE where the logarithm of the odds exceeds that of SURE by ``caution``, and straight
+    below and above.
+
+    Parameters
+    ----------
+    probability : float64
+        0 to 1.
+    caution : float
+        0: the confidence is the probability.
+    """
+    p = np.asarray(probability, np.float64)
+    enough = 1.0 / (1.0 + (1.0 - SURE) / SURE * np.exp(-caution))
+    above = SURE + (1.0 - SURE) * (p - enough) / (1.0 - enough)
+    out: FloatArray = np.where(p < enough, SURE * p / enough, above)
     return out
 
 

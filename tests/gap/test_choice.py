@@ -355,8 +355,14 @@ def test_judges_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 
 def test_caution_lowers_confidence() -> None:
-    assert cautious(0.8, 0.0) == pytest.approx(0.8)
-    assert cautious(0.5, 1.0) == pytest.approx(1.0 / (1.0 + np.e))
+    p = np.linspace(0.0, 1.0, 101)
+    np.testing.assert_allclose(cautious(p, 0.0), p, atol=1e-12)
+    lowered = cautious(p, 2.0)
+    assert (np.diff(lowered) > 0.0).all()
+    assert lowered[0] == 0.0 and lowered[-1] == pytest.approx(1.0)
+    assert (lowered[1:-1] < p[1:-1]).all()
+    odds = 0.6 / 0.4 * np.exp(2.0)
+    assert cautious(odds / (1.0 + odds), 2.0) == pytest.approx(0.6)
 
 
 def test_refinement_betters_the_score(bench: Bench, library: Library) -> None:
