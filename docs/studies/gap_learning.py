@@ -48,7 +48,7 @@ from sassgis.gap.judge import DESIGNS, PAIR, SURE, UNKNOWN, Judge, Trees, calibr
 from sassgis.gap.library import bench_of
 from sassgis.gap.replicas import campaigns
 from sassgis.gap.sample import observed_sample
-from sassgis.gap.signature import Base, base_of, features_of, reference_of, signature_of
+from sassgis.gap.signature import Base, base_of, features_of, reference_in, signature_of
 from sassgis.gap.verdict import Thresholds, decide
 from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.io.gap_thresholds import JUDGES, THRESHOLDS, write_judges
@@ -84,6 +84,7 @@ RIGHT, COVERED = 0.93, 0.97
 ASKED_OF = (("everything", 100), ("both", 40), ("stations", 40), ("stops", 40))
 #: Batteries that were looked at before.
 EARLIER = (7, 1986)
+BOTH = "made worlds and the engine"
 STUDY = Path(__file__).with_suffix(".json")
 
 
@@ -170,19 +171,6 @@ def cause_of(truth: Sequence[str]) -> str:
     return UNKNOWN if truth[0] in UNKNOWNS else truth[0]
 
 
-def told_in(name: str, design: str) -> bool:
-    """Whether a number can be had in a design."""
-    of_impacts = name.startswith(("hit", "step_")) or ":step_" in name
-    of_stops = name.startswith(("stop:", "loose:", "pieces:"))
-    if design == "everything":
-        return True
-    if design == "both":
-        return not of_impacts
-    if design == "stops":
-        return of_stops and "~S" not in name
-    return not of_impacts and not of_stops and "stop:" not in name and ":end" not in name
-
-
 #: Designs that an observed one holds.
 HELD = {
     "everything": ("everything", "both"),
@@ -227,9 +215,7 @@ def rows_of_case(case: Case, designs: Iterable[str]) -> dict[str, tuple[tuple[st
     seen += [(NONE, dict(zip(base.names, base.x[i].tolist(), strict=True))) for i in (3, 4)]
     out = {}
     for design in designs:
-        kept = [k for k, name in enumerate(base.names) if told_in(name, design)]
-        names = [base.names[k] for k in kept]
-        reference = reference_of(names, base.x[:, kept], base.moved, base.soft)
+        reference = reference_in(base, design)
         signatures = [signature_of(reference, numbers) for _, numbers in seen]
         columns = tuple(sorted(set().union(*signatures)))
         values = np.array([[s.get(c, np.nan) for c in columns] for s in signatures], np.float32)
@@ -365,6 +351,23 @@ def left_out_shares(
     return own, found[own]
 
 
+def kinds_left_out(table: Table, causes: Sequence[str], shares: FloatArray) -> FloatArray:
+    """The same shares, but those of unknown effects by trees that have seen none of their kind."""
+    own = np.flatnonzero(table.made)
+    kind = np.array([t[0] if len(t) == 1 else "" for t in table.truth])
+    found = shares.copy()
+    for name in SEEN_UNKNOWNS:
+        asked = table.made & (kind == name)
+        if not asked.any():
+            continue
+        model, centre, scale = grown(table, kind != name, TREES, 7)
+        rows = np.searchsorted(own, np.flatnonzero(asked))
+        found[np.ix_(rows, np.searchsorted(causes, model.classes_))] = shares_of(
+            model, table, asked, centre, scale
+        )
+    return found
+
+
 def prior_weights(cause: np.ndarray) -> FloatArray:
     """Weights that give causes the shares that they have in a battery."""
     singles = ~np.isin(cause, list(PRIOR))
@@ -447,8 +450,8 @@ class Answers:
         return np.array([a for a, _ in answers]), np.array([p for _, p in answers])
 
 
-def learn_design(rows: Sequence[Rows], design: str) -> tuple[Judge, Answers, Answers]:
-    """Judge of a design; what it answers of worlds left out; and what the engine alone teaches."""
+def learn_design(rows: Sequence[Rows], design: str) -> tuple[Judge, dict[str, Answers]]:
+    """Judge of a design, and what is answered of worlds left out, by what was learned on."""
     table = table_of(rows, design)
     causes = tuple(sorted(set(table.cause.tolist())))
     own, shares = left_out_shares(table, causes, TREES)
@@ -466,7 +469,12 @@ def learn_design(rows: Sequence[Rows], design: str) -> tuple[Judge, Answers, Ans
     judge = Judge(
         table.names, causes, centre, scale, as_trees(model, causes), power, weight, caution
     )
-    return judge, left_out, answers(engine_only)
+    strange = calibrated(kinds_left_out(table, causes, shares), power, weight)
+    return judge, {
+        BOTH: left_out,
+        "the same, no unknown effect of the kind": answers(strange),
+        "the engine alone": answers(engine_only),
+    }
 
 
 def caution_of(left_out: Answers) -> float:
@@ -533,22 +541,20 @@ def learn(folder: Path) -> None:
         learned = dict(
             zip(DESIGNS, pool.map(learn_design, [rows] * len(DESIGNS), DESIGNS), strict=True)
         )
-    mass = covering_mass([left_out for _, left_out, _ in learned.values()])
+    mass = covering_mass([answers[BOTH] for _, answers in learned.values()])
     thresholds = Thresholds(NONE_SHARE, LEAST_CONFIDENCE, 0.0, mass)
-    write_judges(JUDGES, {design: judge for design, (judge, _, _) in learned.items()})
+    write_judges(JUDGES, {design: judge for design, (judge, _) in learned.items()})
     content = {"battery_seeds": [*EARLIER, SEED], **asdict(thresholds)}
     THRESHOLDS.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     told = {
         "worlds": len({r.world for r in rows}),
-        "signatures": {d: int(sum(len(r.values) for r in rows if r.design == d)) for d in DESIGNS},
+        "signatures": {d: len(table_of(rows, d).x) for d in DESIGNS},
         "thresholds": asdict(thresholds),
-        "caution": {design: judge.caution for design, (judge, _, _) in learned.items()},
+        "caution": {design: judge.caution for design, (judge, _) in learned.items()},
         "left_out": [
             accuracy(design, rocks, on, answers, thresholds, learned[design][0].caution)
             for design, rocks in ASKED_OF
-            for on, answers in zip(
-                ("made worlds and the engine", "the engine alone"), learned[design][1:], strict=True
-            )
+            for on, answers in learned[design][1].items()
         ],
     }
     STUDY.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")

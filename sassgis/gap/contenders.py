@@ -149,7 +149,7 @@ def draw(case: Case, families: tuple[str, ...], dials: Dials) -> Draw:
         Model(
             table,
             replace(case.effects, lateral_deflection=None),
-            aside=_little_aside(dials),
+            aside=_configured_aside(case) or _little_aside(dials),
             turn_noise_deg=dials.log("turn_noise", 0.7, 5.0),
         ),
         parameters,
@@ -202,6 +202,16 @@ def _little_aside(dials: Dials) -> Aside:
     if dials.share("little_aside") < 0.5:
         return Aside()
     return Aside(angle_deg=dials.log("little_aside_deg", 0.05, 1.0))
+
+
+def _configured_aside(case: Case) -> Aside | None:
+    """Deflection that the configuration has already, as a walk beside the line."""
+    sideways = case.effects.lateral_deflection
+    if sideways is None:
+        return None
+    if sideways.form == "constant":
+        return Aside(width_percent=sideways.width_percent)
+    return Aside(angle_deg=sideways.angle_deg, hop_m=sideways.hop_m)
 
 
 def _aside_too(

@@ -15,6 +15,8 @@ from sassgis.gap.sample import LOOSE, PIECE, WHOLE, ImpactRows, Sample, main_blo
 GRAVITY = 9.81
 #: Impacts below this speed are too gentle to be told from rolling (m/s).
 _GENTLE_MPS = 2.0
+#: Share of the energy whose loss between two impacts is a jump: a stem, or rolling.
+JUMP = 0.35
 
 
 @dataclass(frozen=True, slots=True)
@@ -450,12 +452,13 @@ def _group(name: str, y: FloatArray, x: FloatArray | None, out: dict[str, float]
     i = _TREND_OF.index("lost_between")
     if count[i] >= 8:
         lost = y[known[:, i], i]
-        out[f"{name}:lost_between|jumps"] = float(np.mean(lost > 0.35))
+        out[f"{name}:lost_between|jumps"] = float(np.mean(lost > JUMP))
         out[f"{name}:lost_between|small"] = float(np.mean(lost > 0.1))
 
 
 __all__ = [
     "GRAVITY",
+    "JUMP",
     "Covariates",
     "correlations",
     "covariates_of",

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from sassgis.core.grid import FloatArray, IntArray
 from sassgis.gap.case import Case
-from sassgis.gap.contenders import NONE
 
 #: Causes besides the families and NONE: an effect that is no family, and two families at once.
 UNKNOWN, PAIR = "unknown", "pair"
 DESIGNS = ("everything", "both", "stations", "stops")
 #: Confidence from which on an answer is meant to be right nine times in ten.
 SURE = 0.6
+#: Share of its numbers below which a judge is not asked, and impacts that are too few to count.
+LEAST_SEEN, FEWEST_IMPACTS = 0.3, 8
 _FLOOR = 1e-3
 
 
@@ -96,6 +97,10 @@ class Judge:
         row = np.where(np.isfinite(values), (values - self.centre) / self.scale, 0.0)
         return np.asarray(row, np.float32)
 
+    def seen(self, signature: Mapping[str, float]) -> float:
+        """Share of the numbers looked at that a signature has."""
+        return sum(name in signature for name in self.names) / len(self.names)
+
     def probabilities(
         self, signature: Mapping[str, float], excluded: Sequence[str] = ()
     ) -> dict[str, float]:
@@ -145,25 +150,21 @@ def cautious(probability: FloatArray | float, caution: float) -> FloatArray:
     return out
 
 
-def design_of(case: Case) -> str:
-    """Design of a campaign, by the tables that were observed."""
+def designs_of(case: Case) -> tuple[str, ...]:
+    """Designs by which a campaign may be judged, by the tables that were observed, best first."""
     seen = case.observations
-    if len(seen.impacts):
-        return "everything"
-    passages = len(seen.passages) > 0 and bool(case.station_names)
-    if passages:
-        return "both" if len(seen.deposits) else "stations"
-    return "stops"
+    stations = len(seen.passages) > 0 and bool(case.station_names)
+    stops = len(seen.deposits) > 0
+    impacts = seen.rock_of("impacts")[~seen.is_piece("impacts")] if len(seen.impacts) else ()
+    there = {
+        "everything": int(np.sum(np.asarray(impacts) >= 0)) >= FEWEST_IMPACTS,
+        "both": stations and stops,
+        "stations": stations,
+        "stops": stops,
+    }
+    return tuple(design for design in DESIGNS if there[design])
 
 
-__all__ = [
-    "DESIGNS",
-    "NONE",
-    "PAIR",
-    "UNKNOWN",
-    "Judge",
-    "Trees",
-    "calibrated",
-    "cautious",
-    "design_of",
-]
+def no_idea(causes: Sequence[str]) -> dict[str, float]:
+    """Probabilities where nothing speaks for anything."""
+    return dict.fromkeys(causes, 1.0 / len(causes))

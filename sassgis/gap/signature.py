@@ -21,7 +21,7 @@ from sassgis.gap.contenders import Dials, Draw, draw
 from sassgis.gap.features import summary
 from sassgis.gap.library import COUNT, Bench, Tried
 from sassgis.gap.replicas import campaigns
-from sassgis.gap.sample import Sample, observed_sample
+from sassgis.gap.sample import Sample, as_seen, observed_sample
 from sassgis.gap.steps import Steps, step_features, steps_of
 
 #: Numbers beyond this many units count by their logarithm: what is far off is far off.
@@ -95,7 +95,11 @@ class Base:
     moved: FloatArray
 
 
-def base_of(bench: Bench, draws: int) -> tuple[Base, list[Tried]]:
+#: Draws of the base model. Fewer would change the units in which signatures were learned.
+BASE_DRAWS = 80
+
+
+def base_of(bench: Bench, draws: int = BASE_DRAWS) -> tuple[Base, list[Tried]]:
     """Let the rocks go in the base model, its ground drawn anew ``draws`` times.
 
     Returns
@@ -104,14 +108,18 @@ def base_of(bench: Bench, draws: int) -> tuple[Base, list[Tried]]:
     list of Tried
         The same campaigns for a library.
     """
+    observed = observed_sample(bench.case)
     made: list[Draw] = []
     samples: list[Sample] = []
     for i in range(draws):
         one = draw(bench.case, (), Dials(np.random.default_rng([bench.seed, 11, i])))
         made.append(one)
-        samples += campaigns(
-            bench.case, bench.ways, one.model, count=COUNT, seed=bench.seed, number=1 + i
-        )
+        samples += [
+            as_seen(sample, observed)
+            for sample in campaigns(
+                bench.case, bench.ways, one.model, count=COUNT, seed=bench.seed, number=1 + i
+            )
+        ]
     told = [summary(bench.case, sample, bench.given) for sample in samples]
     quantities = [q for _, q in told]
     steps = steps_of(bench.case, bench.given, samples, quantities)
@@ -157,7 +165,8 @@ def reference_of(
     spread: FloatArray = np.maximum(x.std(axis=0), _LEAST_UNIT).astype(np.float64)
     products = moved.T @ moved + _PENALTY * np.eye(moved.shape[1])
     response = np.asarray(np.linalg.solve(products, moved.T @ x).T, np.float64)
-    within = np.sqrt(((x[0::2] - x[1::2]) ** 2).mean(axis=0) / 2.0)
+    apart = x.reshape(-1, COUNT, x.shape[1])
+    within = np.sqrt(apart.var(axis=1, ddof=1).mean(axis=0))
     unexplained = np.sqrt(((x - moved @ response.T) ** 2).mean(axis=0))
     unit = np.asarray(np.maximum(np.maximum(unexplained, within), _LEAST_UNIT), np.float64)
     return Reference(
@@ -177,10 +186,29 @@ def features_of(base: Base, sample: Sample) -> dict[str, float]:
     return told | step_features(bench.case, bench.given, base.steps, sample, quantities)
 
 
-def observed_signature(base: Base) -> dict[str, float]:
-    """Signature of the observed campaign."""
+def observed_signature(base: Base, design: str = "everything") -> dict[str, float]:
+    """Signature of the observed campaign, of the numbers that can be had in a design."""
     seen = features_of(base, observed_sample(base.bench.case))
-    return signature_of(reference_of(base.names, base.x, base.moved, base.soft), seen)
+    return signature_of(reference_in(base, design), seen)
+
+
+def reference_in(base: Base, design: str) -> Reference:
+    """Reference of the numbers that can be had in a design."""
+    kept = [k for k, name in enumerate(base.names) if _told_in(name, design)]
+    names = [base.names[k] for k in kept]
+    return reference_of(names, base.x[:, kept], base.moved, base.soft)
+
+
+def _told_in(name: str, design: str) -> bool:
+    of_impacts = name.startswith(("hit", "step_")) or ":step_" in name
+    of_stops = name.startswith(("stop:", "loose:", "pieces:"))
+    if design == "everything":
+        return True
+    if design == "both":
+        return not of_impacts
+    if design == "stops":
+        return of_stops and "~S" not in name
+    return not of_impacts and not of_stops and "stop:" not in name and ":end" not in name
 
 
 def signature_of(reference: Reference, features: Mapping[str, float]) -> dict[str, float]:

@@ -15,15 +15,13 @@ import numpy as np
 
 from sassgis.core.grid import FloatArray, IntArray
 from sassgis.gap.case import Case
-from sassgis.gap.features import GRAVITY, Covariates, correlations
+from sassgis.gap.features import GRAVITY, JUMP, Covariates, correlations
 from sassgis.gap.sample import ImpactRows, Sample
 
 #: Impacts below these speeds, in all and towards the ground, are not told from rolling (m/s).
 _HARD_MPS, _APPROACH_MPS = 3.0, 1.0
 #: A flight is what leaves the ground faster than this and goes further than that (m/s, m).
 _LEAVING_MPS, _FLOWN_M = 0.5, 1.0
-#: Share of the energy whose loss between two impacts is a jump: a stem, or rolling.
-_JUMP = 0.35
 #: Rows below which a regression is not made.
 _FEWEST_ROWS = 50
 
@@ -142,7 +140,7 @@ def step_features(
 
 def _soft(case: Case) -> frozenset[int]:
     present = np.unique(case.profiles.ground)
-    kept = np.array([case.table.classes[k].eta_max for k in present.tolist()])
+    kept = np.array([case.table.classes[k].eta_max for k in present.tolist()], np.float64)
     limit = np.sort(kept)[max(0, present.size // 3 - 1)]
     return frozenset(present[kept <= limit].tolist())
 
@@ -164,7 +162,8 @@ def _hits(case: Case, rows: ImpactRows, given: Covariates) -> _Rows:
             np.abs(rows.turn_deg[hard]),
         ]
     )
-    known = np.where(np.isfinite(spin), spin, 0.0)
+    # Where no spin was measured at all it cannot be asked for; single gaps are left out.
+    known = spin if np.isfinite(spin).any() else np.zeros_like(spin)
     size, flat, long, order = (given.values[rock, k] for k in range(4))
     log_v = np.log(v)
     x = np.column_stack(
@@ -192,7 +191,7 @@ def _flights(rows: ImpactRows, given: Covariates) -> _Rows:
     lost = (0.5 * leaving**2 + GRAVITY * fall - 0.5 * arriving**2) / energy
     spins = np.abs(rows.spin_in[b]) / np.maximum(np.abs(rows.spin_out[a]), 0.2)
     loss = np.clip(lost, -0.6, 1.0)
-    jump = (loss > _JUMP).astype(np.float64)
+    jump = np.where(np.isfinite(loss), loss > JUMP, np.nan)
     y = np.column_stack([loss, jump, np.log(np.clip(spins, 0.05, 5.0))])
     size, flat, long, order = (given.values[rows.rock[a], k] for k in range(4))
     log_v, log_far, up = np.log(leaving), np.log(far), rows.vn_out[a] / leaving
@@ -229,8 +228,8 @@ def _legs(quantities: Mapping[str, FloatArray], given: Covariates, k: int) -> _R
         y = np.where(was_there[:, None], y, np.nan)
         speed = np.where(was_there, seen["speed"], 0.0)
         spin, height, aside = (
-            np.where(np.isfinite(seen[what]), seen[what], usual)
-            for what, usual in (("spin_ratio", 0.8), ("height", 0.5), ("aside", 0.0))
+            seen[what] if np.isfinite(seen[what]).any() else np.zeros(n)
+            for what in ("spin_ratio", "height", "aside")
         )
         x = [*x, speed, speed**2, spin, height, np.abs(aside)]
         x = [np.where(was_there, column, 0.0) for column in x]

@@ -102,7 +102,7 @@ def decide(
     if closes_at_most is not None and closes_at_most < thresholds.least_shrinkage:
         return (
             UNKNOWN,
-            0.5,
+            probability + shares.get(UNKNOWN, 0.0),
             f"the most probable effect ({best.replace('_', ' ')}) surely closes none of "
             "the gap on rocks left out",
         )

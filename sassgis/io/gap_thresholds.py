@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zlib
 from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -24,7 +26,7 @@ JUDGES = Path(str(files("sassgis").joinpath("data/gap_judges.npz")))
 def read_thresholds(file: Path | None = None) -> dict[str, Any]:
     """The frozen thresholds of the diagnosis.
 
-    ``battery_seeds`` in it lists the batteries on which they were chosen.
+    ``battery_seeds`` in it lists the batteries that were looked at while they were chosen.
 
     Raises
     ------
@@ -98,7 +100,7 @@ def read_judge(design: str, file: Path | None = None) -> Judge:
                 held["weight"],
                 float(held["caution"]),
             )
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile, zlib.error) as error:
         raise InputError(
             "what the diagnosis has learned cannot be read",
             file=path,

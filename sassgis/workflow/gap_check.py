@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import sassgis
 from sassgis.core.errors import InputError, Interrupted, OutputError
 from sassgis.gap.check_scores import (
     SHRINKAGE_ROCKS,
@@ -26,6 +25,7 @@ from sassgis.gap.check_scores import (
 )
 from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.io.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
+from sassgis.io.program import program_digest
 from sassgis.io.staging import partial_folder, writing
 from sassgis.workflow.gap_check_crew import Crew, Outcome, Task
 from sassgis.workflow.gap_check_report import CheckRecord, WorldRow, write_check
@@ -169,8 +169,8 @@ def check(
     Raises
     ------
     InputError
-        If the thresholds were chosen on this battery; if labels, cases or answers are not those
-        that were sealed.
+        If this battery was looked at while the thresholds were chosen; if labels, cases or answers
+        are not those that were sealed.
     OutputError
         If the folder holds something else, or cannot be written.
     Interrupted
@@ -218,7 +218,7 @@ def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
     path = file or THRESHOLDS
     if seed in content["battery_seeds"] and not development:
         raise InputError(
-            "the thresholds were chosen on this battery: scores on it would flatter",
+            "this battery was looked at while the diagnosis was made: scores on it would flatter",
             file=path,
             field="battery_seeds",
             found=f"seed {seed}",
@@ -246,7 +246,7 @@ def _cores() -> int:
 
 def _claim(place: _Place, plan: dict[str, Any]) -> list[str]:
     """Take the folder, or go on in it; returns the states of the program that worked in it."""
-    own = _program_digest()
+    own = program_digest()
     if place.plan.exists():
         there = _read_json(place.plan)
         programs = [str(p) for p in there.pop("programs", [])]
@@ -267,17 +267,6 @@ def _claim(place: _Place, plan: dict[str, Any]) -> list[str]:
         programs.append(own)
     _write_json(place.plan, {**plan, "programs": programs})
     return programs
-
-
-def _program_digest() -> str:
-    """SHA-256 of the package: answers of two states of the program are no one check."""
-    root = Path(sassgis.__file__).parent
-    total = hashlib.sha256()
-    for file in sorted(root.rglob("*")):
-        if file.suffix in (".py", ".csv", ".json", ".toml") and file.is_file():
-            total.update(file.relative_to(root).as_posix().encode())
-            total.update(file.read_bytes())
-    return total.hexdigest()
 
 
 def _make(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress) -> None:

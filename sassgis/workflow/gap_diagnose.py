@@ -37,7 +37,7 @@ from sassgis.gap.fit import (
     run_refined,
     shrinkage_of,
 )
-from sassgis.gap.judge import UNKNOWN, Judge, design_of
+from sassgis.gap.judge import LEAST_SEEN, PAIR, UNKNOWN, designs_of, no_idea
 from sassgis.gap.library import (
     Bench,
     Library,
@@ -62,11 +62,11 @@ from sassgis.gap.where import where
 from sassgis.io.config import Config, load_config, settings_hash
 from sassgis.io.gap_files import write_diagnosis_json
 from sassgis.io.gap_thresholds import (
-    frozen_digest,
     read_judge,
     read_thresholds,
     thresholds_of,
 )
+from sassgis.io.program import program_digest
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.workflow.gap_case import read_case
 from sassgis.workflow.gap_fresh import ENSEMBLE
@@ -75,7 +75,7 @@ from sassgis.workflow.run import job_count
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
-#: Draws of each contender in the first round; of the base twice as many.
+#: Draws of each contender in the first round.
 DRAWS = 40
 #: Rounds of refinement, and draws in each.
 ROUNDS, REFINED = 3, 24
@@ -155,16 +155,21 @@ def diagnose(
                 expected=f"{_FEWEST_ROCKS} or more",
             )
         frozen = thresholds_of(read_thresholds())
-        judge = read_judge(design_of(case))
         bench = bench_of(case, seed)
         fingerprint = _fingerprint(settings, Path(observations), f"{seed} {draws} {ground_range:g}")
-        with _workers(bench, job_count(settings, jobs)) as run:
-            tell(f"Letting {case.n_rocks} rocks go in the base model")
-            base, tried = base_of(bench, 2 * draws)
-            tell("And in every contender")
-            library = _library(bench, tried, draws, run, work, fingerprint, on_progress)
-            tell("Comparing")
-            diagnosis, library = _diagnosis(base, library, judge, frozen, run, fingerprint)
+        try:
+            with _workers(bench, job_count(settings, jobs)) as run:
+                tell(f"Letting {case.n_rocks} rocks go in the base model")
+                base, tried = base_of(bench)
+                tell("And in every contender")
+                library = _library(bench, tried, draws, run, work, fingerprint, on_progress)
+                tell("Comparing")
+                diagnosis, library = _diagnosis(base, library, frozen, run, fingerprint)
+        except KeyboardInterrupt:
+            raise Interrupted(
+                "stopped by the user; campaigns of finished contenders are kept: the same command "
+                "goes on from there"
+            ) from None
         tell("Writing the results")
         if report:
             write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
@@ -221,26 +226,20 @@ def _library(
     tasks = tasks_of(families, draws)
     tried = list(base)
     done = 0
-    try:
-        for effect in families:
-            own = [task for task in tasks if task[0] == effect]
-            saved = work / f"{CHECKPOINT_STEM}.{effect}.pkl"
-            made = _saved(saved, fingerprint)
-            if made is None:
-                made = []
-                for one in run(_try, own):
-                    made.append(one)
-                    if on_progress is not None:
-                        rocks = 2 * bench.case.n_rocks * (done + len(made))
-                        on_progress(done + len(made), len(tasks), rocks)
-                _save(saved, fingerprint, made)
-            done += len(own)
-            tried += made
-    except KeyboardInterrupt:
-        raise Interrupted(
-            "stopped by the user; campaigns of finished contenders are kept: the same command "
-            "goes on from there"
-        ) from None
+    for effect in families:
+        own = [task for task in tasks if task[0] == effect]
+        saved = work / f"{CHECKPOINT_STEM}.{effect}.pkl"
+        made = _saved(saved, fingerprint)
+        if made is None:
+            made = []
+            for one in run(_try, own):
+                made.append(one)
+                if on_progress is not None:
+                    rocks = 2 * bench.case.n_rocks * (done + len(made))
+                    on_progress(done + len(made), len(tasks), rocks)
+            _save(saved, fingerprint, made)
+        done += len(own)
+        tried += made
     return library_of(bench, tried)
 
 
@@ -248,7 +247,16 @@ def _saved(file: Path, fingerprint: str) -> list[Tried] | None:
     """Campaigns of an earlier attempt with the same settings; our own file, in our own folder."""
     try:
         known, made = pickle.loads(file.read_bytes())
-    except (OSError, EOFError, pickle.UnpicklingError, ValueError, AttributeError, ImportError):
+    except (
+        OSError,
+        EOFError,
+        pickle.UnpicklingError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        ImportError,
+    ):
         return None
     return list(made) if known == fingerprint else None
 
@@ -260,13 +268,13 @@ def _save(file: Path, fingerprint: str, made: Sequence[Tried]) -> None:
 
 
 def _fingerprint(config: Config, observations: Path, options: str) -> str:
-    """Of settings, inputs, observations, thresholds and options."""
+    """Of settings, inputs, observations, program and options."""
     digest = hashlib.sha256(settings_hash(config).encode())
     files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
     for file in files:
         if file.is_file():
             digest.update(file.name.encode() + file.read_bytes())
-    digest.update(frozen_digest().encode())
+    digest.update(program_digest().encode())
     digest.update(options.encode())
     return digest.hexdigest()
 
@@ -278,7 +286,6 @@ def _fingerprint(config: Config, observations: Path, options: str) -> str:
 def _diagnosis(
     base_model: Base,
     library: Library,
-    judge: Judge,
     frozen: Thresholds,
     run: _Map,
     fingerprint: str,
@@ -286,7 +293,7 @@ def _diagnosis(
     """The answer, and the library with all that was calibrated on the way."""
     bench = base_model.bench
     case, seed = bench.case, bench.seed
-    shares = judge.probabilities(observed_signature(base_model), excluded=case.effects.names)
+    shares, caution = _probabilities(base_model)
     families = best_families(shares)
     best = best_cause(shares)
     if best == UNKNOWN:
@@ -307,7 +314,7 @@ def _diagnosis(
     base = library.tried[int(best_draws(library, NONE)[0])].draw
     findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
-    verdict = verdict_of(shares, most, frozen, case, fitted, findings, judge.caution)
+    verdict = verdict_of(shares, most, frozen, case, fitted, findings, caution)
     named = verdict.effect not in (NONE, UNKNOWN)
     if verdict.effect == NONE:
         shrinkage = shrinkage_of(bench, library, NONE, part, draws=0, seed=seed)
@@ -333,6 +340,22 @@ def _diagnosis(
         seed=seed,
     )
     return diagnosis, library
+
+
+def _probabilities(base: Base) -> tuple[dict[str, float], float]:
+    """Probability of each cause, and the caution to state it with.
+
+    By the judge of the richest design of which enough was measured.
+    """
+    case = base.bench.case
+    families = families_to_try(case)
+    for design in designs_of(case):
+        judge = read_judge(design)
+        signature = observed_signature(base, design)
+        if judge.seen(signature) >= LEAST_SEEN:
+            excluded = [name for name in FAMILIES if name not in families]
+            return judge.probabilities(signature, excluded), judge.caution
+    return no_idea((NONE, *families, UNKNOWN, PAIR)), 0.0
 
 
 def _contenders(

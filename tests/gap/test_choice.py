@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from simulated_slope import TABLE, observed
 
-from sassgis.core.effects import EffectSettings
+from sassgis.core.effects import EffectSettings, LateralDeflection
 from sassgis.core.effects import Trees as Forest
 from sassgis.core.errors import InputError
 from sassgis.gap import scores
+from sassgis.gap.case import Case
 from sassgis.gap.contenders import NONE, Dials, draw, families_to_try
 from sassgis.gap.families import FAMILIES
 from sassgis.gap.features import correlations, covariates_of, rock_quantities, summary
 from sassgis.gap.fit import distances, folds_of, refine, run_refined, shrinkage_of
-from sassgis.gap.judge import DESIGNS, Judge, Trees, cautious, design_of
+from sassgis.gap.judge import DESIGNS, Judge, Trees, cautious, designs_of, no_idea
 from sassgis.gap.library import (
     Bench,
     Library,
@@ -298,9 +299,51 @@ def test_numbers_that_are_missing_are_not_told(
             np.zeros(len(bench.case.observations.impacts), bool)
         )),
     )  # fmt: skip
-    assert design_of(bench.case) == "everything" and design_of(few) == "both"
+    assert designs_of(bench.case) == ("everything", "both", "stations", "stops")
+    assert designs_of(few) == ("both", "stations", "stops")
     base, _ = base_of(bench_of(few, 1), 6)
     assert not any("hit" in name for name in observed_signature(base))
+    assert not any("S" in name for name in observed_signature(base, "stops"))
+
+
+def without_columns(case: Case, table: str, *columns: str) -> Case:
+    rows = getattr(case.observations, table)
+    blind = {name: np.full(len(rows), np.nan) for name in columns}
+    return replace(case, observations=replace(case.observations, **{table: replace(rows, **blind)}))
+
+
+@pytest.mark.parametrize(
+    ("table", "columns"),
+    [
+        ("impacts", ("omega_in_radps", "omega_out_radps")),
+        ("passages", ("rotation_hz", "height_m")),
+    ],
+)
+def test_columns_that_were_not_measured_make_no_effect(
+    bench: Bench, table: str, columns: tuple[str, ...]
+) -> None:
+    """The field is the base model; without some columns it still is."""
+    blind = without_columns(bench.case, table, *columns)
+    base, _ = base_of(bench_of(blind, 5), 20)
+    values = np.array(list(observed_signature(base).values()))
+    assert values.size > 200
+    assert np.mean(np.abs(values) > 3.0) < 0.03
+
+
+def test_too_little_is_no_idea(bench: Bench) -> None:
+    judge = read_judge("stations")
+    assert judge.seen({}) == 0.0
+    base, _ = base_of(bench, 6)
+    assert judge.seen(observed_signature(base, "stations")) > 0.3
+    nothing = no_idea((NONE, *FAMILIES, "unknown", "pair"))
+    assert decide(nothing, None, Thresholds(0.4, 0.45))[0] == "unknown"
+
+
+def test_deflection_that_is_configured_stays(bench: Bench) -> None:
+    on = replace(bench.case, effects=EffectSettings(lateral_deflection=LateralDeflection()))
+    base = draw(on, (), Dials(np.random.default_rng(1)))
+    assert base.model.aside == Aside(angle_deg=10.0, hop_m=10.0)
+    assert "lateral_deflection" not in families_to_try(on)
 
 
 def small_judge() -> Judge:

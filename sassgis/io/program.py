@@ -1,0 +1,21 @@
+"""The state of the program: what is kept from an earlier run may have been made by another one."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import sassgis
+
+_KINDS = (".py", ".csv", ".json", ".toml", ".npz")
+
+
+def program_digest() -> str:
+    """SHA-256 of the package, code and data."""
+    root = Path(sassgis.__file__).parent
+    total = hashlib.sha256()
+    for file in sorted(root.rglob("*")):
+        if file.suffix in _KINDS and file.is_file():
+            total.update(file.relative_to(root).as_posix().encode())
+            total.update(file.read_bytes())
+    return total.hexdigest()
