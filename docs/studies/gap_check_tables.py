@@ -8,10 +8,12 @@ stands between ``<!-- check -->`` and ``<!-- end check -->``, and in docs/gap.md
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import shutil
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,8 @@ KEPT = HERE / "gap_check"
 PAGE = HERE.parent / "gap_check.md"
 SHORT = HERE.parent / "gap.md"
 FIGURES = ("confusion.png", "reliability.png", "shrinkage.png")
+#: Unknown effects whose signatures were learned as such, and those that never were.
+SEEN = ("wind", "snow", "collisions", "wetting")
 
 
 def percent(value: float | None) -> str:
@@ -44,8 +48,8 @@ def share_row(name: str, share: dict[str, Any]) -> list[str]:
     return [name, percent(share["value"]), counts, interval([share["low"], share["high"]])]
 
 
-def page_part(scores: dict[str, Any]) -> str:
-    """The part of the page that comes from the scores."""
+def page_part(scores: dict[str, Any], worlds: list[dict[str, str]]) -> str:
+    """The part of the page that comes from the scores and the list of worlds."""
     met = {True: "yes", False: "**no**", None: "–"}
     lines = table(
         ["measure", "asked", "reached", "worlds", "95 % interval", "met"],
@@ -72,6 +76,7 @@ def page_part(scores: dict[str, Any]) -> str:
         lines += table(
             [title, "named", "worlds", "95 % interval"], [share_row(r["measure"], r) for r in rows]
         )
+    lines += unknown_part(worlds)
     check = scores["shrinkage"]
     error, bias = check["mean_error"], check["bias"]
     lines += [
@@ -87,6 +92,19 @@ def page_part(scores: dict[str, Any]) -> str:
         f"{scores['confusion_set_size']:.1f} on average.",
     ]
     return "\n".join(lines)
+
+
+def unknown_part(worlds: list[dict[str, str]]) -> list[str]:
+    """Answers to unknown effects, by kind."""
+    rows = []
+    for seen in (True, False):
+        own = [w for w in worlds if w["truth"] == "unknown" and (w["effects"] in SEEN) == seen]
+        for kind in sorted({w["effects"] for w in own}):
+            answers = Counter(w["answer"].replace("_", " ") for w in own if w["effects"] == kind)
+            told = ", ".join(f"{answer} {n}" for answer, n in answers.most_common())
+            rows.append([kind, "yes" if seen else "no", told])
+    head = ["unknown effect", "kind was learned from", "answers"]
+    return ["", "Answers to unknown effects, by kind:", "", *table(head, rows)]
 
 
 def trust_part(scores: dict[str, Any]) -> str:
@@ -112,11 +130,13 @@ def main() -> None:
     """Rewrite the pages."""
     if len(sys.argv) > 1:
         KEPT.mkdir(exist_ok=True)
-        for name in ("scores.json", *FIGURES):
+        for name in ("scores.json", "worlds.csv", *FIGURES):
             if (Path(sys.argv[1]) / name).is_file():
                 shutil.copyfile(Path(sys.argv[1]) / name, KEPT / name)
     scores = json.loads((KEPT / "scores.json").read_text(encoding="utf-8"))
-    replaced(PAGE, "check", page_part(scores))
+    with (KEPT / "worlds.csv").open(encoding="utf-8", newline="") as file:
+        worlds = list(csv.DictReader(file))
+    replaced(PAGE, "check", page_part(scores, worlds))
     replaced(SHORT, "trust", trust_part(scores))
 
 

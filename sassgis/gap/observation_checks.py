@@ -483,10 +483,11 @@ def _trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Finding
     # Nearer points are apart by the errors of their positions.
     span = max(2.0, 8.0 * _or(obs.metadata.position_error_m, _POSITION_ERROR_M))
     ratios = []
-    for name in dict.fromkeys(path.rock_id.tolist()):
-        known = np.isfinite(path.t_s + path.x + path.y + path.speed_mps)
-        rows = np.flatnonzero((path.rock_id == name) & known)
-        rows = rows[np.argsort(path.t_s[rows], kind="stable")]
+    known = np.flatnonzero(np.isfinite(path.t_s + path.x + path.y + path.speed_mps))
+    _, rock = np.unique(path.rock_id[known], return_inverse=True)
+    order = np.lexsort((path.t_s[known], rock))
+    borders = np.flatnonzero(np.diff(rock[order])) + 1
+    for rows in np.split(known[order], borders):
         if rows.size < 3:
             continue
         z = path.z[rows]
