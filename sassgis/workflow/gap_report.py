@@ -405,7 +405,8 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         add(
             "gap_contenders",
             "Explanations that were tried",
-            "All had the same effort of calibration and were judged on rocks left out of it.",
+            "The base and the most probable ones were calibrated further than the others; all were "
+            "judged on rocks left out of it.",
             figures.gap_contenders_figure(
                 diagnosis.which, verdict=verdict.effect, confusion=verdict.confusion_set
             ),
