@@ -107,7 +107,7 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
     ----------
     rows : sequence of ReliabilityRow
     limit : float
-        Least confidence with which an effect is named.
+        Confidence from which on nine answers in ten are to be right.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
     ax.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
     ax.axvline(limit, color=VERMILION, linewidth=0.8)
     ax.annotate(
-        f"named from {limit:g}",
+        f"asked: 90 % right from {limit:g} on",
         (limit, 0.02),
         xytext=(3, 0),
         textcoords="offset points",
