@@ -409,6 +409,8 @@ def diagnose(
             on_progress=progress.step,
             say=progress.say,
         )
+    for warning in result.warnings:
+        click.echo(f"Note: {warning.removeprefix('warning: ')}", err=True)
     click.echo(verdict_sentence(result))
     click.echo(f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS.")
     if with_map:
@@ -440,12 +442,13 @@ def validate_observations(observations: Path, config: Path | None) -> None:
         grid = read_terrain(settings.dem_path, terrain.crs, terrain.vertical_datum)
     read = read_observations(observations, grid)
     for finding in check(read, grid):
-        click.echo(f"{finding.level}: {finding}")
+        click.echo(str(finding))
     told = what_can_be_told(read)
     click.echo(f"{told.rocks} rocks, {told.unattributed} blocks of unknown origin")
     for quantity in told.quantities:
         click.echo(
-            f"  {quantity.name} ({quantity.table}): {quantity.values} of {quantity.rocks} rocks"
+            f"  {quantity.name} ({quantity.table}): {quantity.values} values of "
+            f"{quantity.rocks} rocks"
         )
     for line in told.cannot_tell:
         click.echo(f"cannot tell: {line}")

@@ -225,6 +225,8 @@ class Diagnosis:
         Calibrated models without and with the named effect; the same if none is named.
     settings_hash : str
     seed : int
+    warnings : tuple of str
+        What in the observations deserves a look.
     """
 
     verdict: Verdict
@@ -240,6 +242,7 @@ class Diagnosis:
     effect: Calibrated
     settings_hash: str
     seed: int
+    warnings: tuple[str, ...] = ()
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -259,6 +262,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
                 "tables": dict(diagnosis.tables),
                 "cannot_tell": list(diagnosis.cannot_tell),
                 "measure_next": list(diagnosis.measure_next),
+                "warnings": list(diagnosis.warnings),
             },
             "settings_hash": diagnosis.settings_hash,
             "seed": diagnosis.seed,

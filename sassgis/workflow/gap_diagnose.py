@@ -338,6 +338,8 @@ def _diagnosis(
         effect=_calibrated(effect),
         settings_hash=fingerprint,
         seed=seed,
+        # Errors were logged while reading.
+        warnings=tuple(str(f) for f in case.observations.findings if f.level == "warning"),
     )
     return diagnosis, library
 

@@ -128,6 +128,18 @@ def rewritten(case: Path, folder: Path, table: str, change: object) -> Path:
     return folder
 
 
+def test_columns_that_are_not_read_are_told(tmp_path: Path) -> None:
+    def renamed(rows: list[list[str]]) -> list[list[str]]:
+        return [[name.replace("speed_mps", "speed_kmh") for name in rows[0]], *rows[1:]]
+
+    made = make_case(tmp_path / "made", "stations", 15)
+    case = rewritten(made, tmp_path / "case", "passages", renamed)
+    found = run(case, tmp_path / "out", report=False)
+    assert any("passages.speed_kmh: column is not known" in line for line in found.warnings)
+    told = json.loads((tmp_path / "out/diagnosis.json").read_text())
+    assert told["data"]["warnings"] == list(found.warnings)
+
+
 def test_speeds_in_kilometres_per_hour_show_up(everything: Path, tmp_path: Path) -> None:
     def faster(rows: list[list[str]]) -> list[list[str]]:
         k = rows[0].index("speed_mps")
