@@ -44,10 +44,19 @@ from sassgis.gap.case import Case
 from sassgis.gap.contenders import NONE, Dials, draw
 from sassgis.gap.families import FAMILIES as TRIED
 from sassgis.gap.features import summary
-from sassgis.gap.judge import DESIGNS, PAIR, SURE, UNKNOWN, Judge, Trees, calibrated, cautious
+from sassgis.gap.judge import (
+    DESIGNS,
+    PAIR,
+    SURE,
+    UNKNOWN,
+    Judge,
+    Trees,
+    calibrated,
+    cautious,
+    standardised,
+)
 from sassgis.gap.library import bench_of
 from sassgis.gap.replicas import campaigns
-from sassgis.gap.sample import observed_sample
 from sassgis.gap.signature import Base, base_of, features_of, reference_in, signature_of
 from sassgis.gap.verdict import Thresholds, decide
 from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
@@ -201,16 +210,18 @@ def engine_campaigns(case: Case, base: Base) -> list[tuple[str, dict[str, float]
                 for d, first in ((with_effect, 9000), (without, 9500))
             )
             rows = [bench.scale.rows(summary(case, s, bench.given)[1]) for s in (one, other)]
-            if kept < KEPT and rows[0].shape[1] and inhomogeneity(*rows) > LEAST_SIZE:
+            if rows[0].shape[1] and inhomogeneity(*rows) > LEAST_SIZE:
                 kept += 1
                 made.append((family, features_of(base, one)))
+            if kept == KEPT:
+                break
     return made
 
 
 def rows_of_case(case: Case, designs: Iterable[str]) -> dict[str, tuple[tuple[str, ...], Any]]:
     """Signatures of the observed and of engine campaigns, by design."""
     base, _ = base_of(bench_of(case, 1), DRAWS)
-    seen = [("", features_of(base, observed_sample(case))), *engine_campaigns(case, base)]
+    seen = [("", features_of(base, base.bench.observed)), *engine_campaigns(case, base)]
     # The base model itself is one of the engine's campaigns, too.
     seen += [(NONE, dict(zip(base.names, base.x[i].tolist(), strict=True))) for i in (3, 4)]
     out = {}
@@ -308,17 +319,15 @@ def weights_of(table: Table, used: np.ndarray) -> FloatArray:
     return out
 
 
-def grown(
-    table: Table, used: np.ndarray, trees: int, seed: int
-) -> tuple[Any, np.ndarray, np.ndarray]:
+def grown(table: Table, used: np.ndarray, seed: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """Trees on some rows; with the centre and scale of the numbers."""
     centre = np.nanmean(table.x[used], axis=0)
     scale = np.nanstd(table.x[used], axis=0) + np.float32(0.3)
-    x = np.where(np.isfinite(table.x[used]), (table.x[used] - centre) / scale, 0.0)
     model = ExtraTreesClassifier(
-        trees, min_samples_leaf=LEAF, max_features=ASKED, random_state=seed
+        TREES, min_samples_leaf=LEAF, max_features=ASKED, random_state=seed
     )
-    model.fit(x.astype(np.float32), table.cause[used], sample_weight=weights_of(table, used))
+    x = standardised(table.x[used], centre, scale)
+    model.fit(x, table.cause[used], sample_weight=weights_of(table, used))
     return model, centre, scale
 
 
@@ -326,13 +335,12 @@ def shares_of(
     model: Any, table: Table, used: np.ndarray, centre: np.ndarray, scale: np.ndarray
 ) -> FloatArray:
     """Shares of the causes in the trees, in the order of ``model.classes_``."""
-    x = np.where(np.isfinite(table.x[used]), (table.x[used] - centre) / scale, 0.0)
-    out: FloatArray = model.predict_proba(x.astype(np.float32))
+    out: FloatArray = model.predict_proba(standardised(table.x[used], centre, scale))
     return out
 
 
 def left_out_shares(
-    table: Table, causes: Sequence[str], trees: int, *, worlds: bool = True
+    table: Table, causes: Sequence[str], *, worlds: bool = True
 ) -> tuple[IntArray, FloatArray]:
     """Shares of the made worlds' own rows, by trees that have not seen the world.
 
@@ -342,7 +350,7 @@ def left_out_shares(
     found = np.zeros((len(table.x), len(causes)))
     for p in range(FOLDS):
         seen = (part != p) & (worlds | ~table.made)
-        model, centre, scale = grown(table, seen, trees, p)
+        model, centre, scale = grown(table, seen, p)
         asked = (part == p) & table.made
         at = np.searchsorted(causes, model.classes_)
         if asked.any():
@@ -360,7 +368,7 @@ def kinds_left_out(table: Table, causes: Sequence[str], shares: FloatArray) -> F
         asked = table.made & (kind == name)
         if not asked.any():
             continue
-        model, centre, scale = grown(table, kind != name, TREES, 7)
+        model, centre, scale = grown(table, kind != name, 7)
         rows = np.searchsorted(own, np.flatnonzero(asked))
         found[np.ix_(rows, np.searchsorted(causes, model.classes_))] = shares_of(
             model, table, asked, centre, scale
@@ -454,10 +462,10 @@ def learn_design(rows: Sequence[Rows], design: str) -> tuple[Judge, dict[str, An
     """Judge of a design, and what is answered of worlds left out, by what was learned on."""
     table = table_of(rows, design)
     causes = tuple(sorted(set(table.cause.tolist())))
-    own, shares = left_out_shares(table, causes, TREES)
+    own, shares = left_out_shares(table, causes)
     power, weight = calibration(shares, table.cause[own], causes)
-    _, engine_only = left_out_shares(table, causes, TREES, worlds=False)
-    model, centre, scale = grown(table, np.ones(len(table.x), bool), TREES, 99)
+    _, engine_only = left_out_shares(table, causes, worlds=False)
+    model, centre, scale = grown(table, np.ones(len(table.x), bool), 99)
     truth = ["+".join(sorted(table.truth[k])) for k in own.tolist()]
     truth = [UNKNOWN if t in UNKNOWNS else t or NONE for t in truth]
 

@@ -94,8 +94,7 @@ class Judge:
     def standardised(self, signature: Mapping[str, float]) -> NDArray[np.float32]:
         """A signature as a row of numbers, shape (p,)."""
         values = np.array([signature.get(name, np.nan) for name in self.names], np.float32)
-        row = np.where(np.isfinite(values), (values - self.centre) / self.scale, 0.0)
-        return np.asarray(row, np.float32)
+        return standardised(values, self.centre, self.scale)
 
     def seen(self, signature: Mapping[str, float]) -> float:
         """Share of the numbers looked at that a signature has."""
@@ -121,6 +120,14 @@ class Judge:
         shares /= shares.sum()
         order = np.argsort(-shares, kind="stable")
         return {self.causes[k]: float(shares[k]) for k in order.tolist() if kept[k]}
+
+
+def standardised(
+    values: NDArray[np.float32], centre: NDArray[np.float32], scale: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Numbers as trees are asked for them, shape (..., p); a missing one is at its centre."""
+    rows = np.where(np.isfinite(values), (values - centre) / scale, 0.0)
+    return np.asarray(rows, np.float32)
 
 
 def calibrated(shares: FloatArray, power: float, weight: FloatArray) -> FloatArray:

@@ -82,6 +82,7 @@ class Bench:
     ways : Ways
     given : Covariates
     scale : Scale
+    observed : Sample
     rows : float64, shape (n_rocks, 2 k)
         Of the observed rocks.
     seed : int
@@ -91,6 +92,7 @@ class Bench:
     ways: Ways
     given: Covariates
     scale: Scale
+    observed: Sample
     rows: FloatArray
     seed: int
 
@@ -101,7 +103,7 @@ def bench_of(case: Case, seed: int) -> Bench:
     given = covariates_of(case)
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities)
-    return Bench(case, ways_of(case), given, scale, scale.rows(quantities), seed)
+    return Bench(case, ways_of(case), given, scale, observed, scale.rows(quantities), seed)
 
 
 def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:

@@ -21,7 +21,7 @@ from sassgis.gap.contenders import Dials, Draw, draw
 from sassgis.gap.features import summary
 from sassgis.gap.library import COUNT, Bench, Tried
 from sassgis.gap.replicas import campaigns
-from sassgis.gap.sample import Sample, as_seen, observed_sample
+from sassgis.gap.sample import Sample, as_seen
 from sassgis.gap.steps import Steps, step_features, steps_of
 
 #: Numbers beyond this many units count by their logarithm: what is far off is far off.
@@ -77,8 +77,6 @@ class Base:
     ----------
     bench : Bench
     steps : Steps
-    soft : tuple of str
-        Names of the softer ground classes.
     names : tuple of str
         Numbers that any of the campaigns has.
     x : float64, shape (n, p)
@@ -89,13 +87,18 @@ class Base:
 
     bench: Bench
     steps: Steps
-    soft: tuple[str, ...]
     names: tuple[str, ...]
     x: FloatArray
     moved: FloatArray
 
+    @property
+    def soft(self) -> tuple[str, ...]:
+        """Names of the softer ground classes."""
+        names = self.bench.case.table.names
+        return tuple(names[k] for k in sorted(self.steps.soft))
 
-#: Draws of the base model. Fewer would change the units in which signatures were learned.
+
+#: Draws of the base model; not a choice of the user, since the units of signatures hang on it.
 BASE_DRAWS = 80
 
 
@@ -108,14 +111,13 @@ def base_of(bench: Bench, draws: int = BASE_DRAWS) -> tuple[Base, list[Tried]]:
     list of Tried
         The same campaigns for a library.
     """
-    observed = observed_sample(bench.case)
     made: list[Draw] = []
     samples: list[Sample] = []
     for i in range(draws):
         one = draw(bench.case, (), Dials(np.random.default_rng([bench.seed, 11, i])))
         made.append(one)
         samples += [
-            as_seen(sample, observed)
+            as_seen(sample, bench.observed)
             for sample in campaigns(
                 bench.case, bench.ways, one.model, count=COUNT, seed=bench.seed, number=1 + i
             )
@@ -137,9 +139,7 @@ def base_of(bench: Bench, draws: int = BASE_DRAWS) -> tuple[Base, list[Tried]]:
     dials = np.array([[v for name, v in one.dials.items() if "." in name] for one in made])
     # Uniform from 0 to 1, in standard deviations.
     moved = np.repeat((dials - 0.5) * np.sqrt(12.0), COUNT, axis=0)
-    classes = bench.case.table.names
-    soft = tuple(classes[k] for k in sorted(steps.soft))
-    return Base(bench, steps, soft, names, x, moved), tried
+    return Base(bench, steps, names, x, moved), tried
 
 
 def reference_of(
@@ -188,7 +188,7 @@ def features_of(base: Base, sample: Sample) -> dict[str, float]:
 
 def observed_signature(base: Base, design: str = "everything") -> dict[str, float]:
     """Signature of the observed campaign, of the numbers that can be had in a design."""
-    seen = features_of(base, observed_sample(base.bench.case))
+    seen = features_of(base, base.bench.observed)
     return signature_of(reference_in(base, design), seen)
 
 
