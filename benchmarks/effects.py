@@ -13,8 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.core.blocks import BlockPopulation
-from sassgis.core.effects import (
+from sassgis.engine.simulate import Forest, simulate
+from sassgis.io.read.ground_map import read_ground_table
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.effects import (
     AirDrag,
     EffectSettings,
     Entrainment,
@@ -24,11 +26,9 @@ from sassgis.core.effects import (
     SoftGround,
     Trees,
 )
-from sassgis.core.ground import GroundTable
-from sassgis.core.profiles import ProfileSet
-from sassgis.core.settings import EngineSettings
-from sassgis.engine.simulate import Forest, simulate
-from sassgis.io.ground import read_ground_table
+from sassgis.model.ground import GroundTable
+from sassgis.model.profiles import ProfileSet
+from sassgis.model.settings import EngineSettings
 
 #: Plan length (m), slope (degrees) and ground class of each unit, from the cliff on.
 UNITS = ((48.0, 65.0, "rock"), (350.0, 36.0, "debris"), (200.0, 18.0, "debris"),

@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 import rasterio
 
-from sassgis.core.errors import SassgisError
-from sassgis.workflow.batch import batch
-from sassgis.workflow.tables import write_table
+from sassgis.io.write.frames import write_table
+from sassgis.model.errors import SassgisError
+from sassgis.runs.batch import batch
 
 
 def shares(mosaic: Path) -> pd.DataFrame:

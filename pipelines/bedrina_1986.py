@@ -17,17 +17,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from sassgis.core.errors import SassgisError
-from sassgis.io.figures import profile_comparison_figure, save, station_figure
-from sassgis.workflow.profile_run import (
+from sassgis.io.write.frames import write_table
+from sassgis.model.errors import SassgisError
+from sassgis.report.figures import profile_comparison_figure, save, station_figure
+from sassgis.runs.profile import (
     arrivals,
     passage_histogram,
     profile_panel,
     run_profile,
     share_within,
 )
-from sassgis.workflow.samples import sample_folder
-from sassgis.workflow.tables import write_table
+from sassgis.runs.samples import sample_folder
 
 #: Quantities of Fig. 12 with their unit and the range in which the paper's histograms mostly lie.
 RANGES = {"speed_mps": ("m/s", 15.0), "rotation_hz": ("Hz", 5.0), "height_m": ("m", 5.0)}

@@ -22,7 +22,7 @@ import pandas as pd
 from field_cases.study import study
 from field_cases.tables import FieldCase, field_file, fresh, parser, split_in_two, write_case
 
-from sassgis.core.errors import SassgisError
+from sassgis.model.errors import SassgisError
 
 FOLDER = "authume_quarry_p1"
 STUDY = Path(__file__).resolve().parents[1] / "docs" / "studies" / "authume" / "authume.py"

@@ -31,7 +31,7 @@ from field_cases.tables import (
     write_dem,
 )
 
-from sassgis.core.errors import SassgisError
+from sassgis.model.errors import SassgisError
 
 FOLDER = "chant_sura_2020"
 DEM = "terrain_rf16_contact_extended.asc"

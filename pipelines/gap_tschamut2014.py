@@ -20,7 +20,7 @@ import shapely
 from field_cases import tables
 from field_cases.study import study
 
-from sassgis.core.errors import SassgisError
+from sassgis.model.errors import SassgisError
 
 FOLDER = "tschamut2014"
 XY = ["x_m", "y_m"]

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from sassgis.core.errors import SassgisError
-from sassgis.io.config import load_config
-from sassgis.workflow.run import run
-from sassgis.workflow.tables import area_gate_table, class_table, write_table
+from sassgis.io.read.config import load_config
+from sassgis.io.write.frames import area_gate_table, class_table, write_table
+from sassgis.model.errors import SassgisError
+from sassgis.runs.run import run
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -22,18 +22,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sassgis.core.blocks import BlockPopulation
-    from sassgis.core.grid import Grid
-    from sassgis.core.ground import GroundClass, GroundTable
-    from sassgis.core.results import Gate, Outcome, StopReason
-    from sassgis.core.settings import EngineSettings
     from sassgis.engine.simulate import simulate
-    from sassgis.io.check import check_inputs
-    from sassgis.io.config import load_config
-    from sassgis.io.dem import read_dem
-    from sassgis.workflow.profile_run import run_profile
-    from sassgis.workflow.run import run
-    from sassgis.workflow.zone import zone
+    from sassgis.io.read.check_inputs import check_inputs
+    from sassgis.io.read.config import load_config
+    from sassgis.io.read.dem import read_dem
+    from sassgis.model.blocks import BlockPopulation
+    from sassgis.model.grid import Grid
+    from sassgis.model.ground import GroundClass, GroundTable
+    from sassgis.model.results import Gate, Outcome, StopReason
+    from sassgis.model.settings import EngineSettings
+    from sassgis.runs.profile import run_profile
+    from sassgis.runs.run import run
+    from sassgis.runs.zone import zone
 
 __version__ = "0.1.0"
 
@@ -57,21 +57,21 @@ __all__ = [
 ]
 
 _HOMES = {
-    "BlockPopulation": "sassgis.core.blocks",
-    "EngineSettings": "sassgis.core.settings",
-    "Gate": "sassgis.core.results",
-    "Grid": "sassgis.core.grid",
-    "GroundClass": "sassgis.core.ground",
-    "GroundTable": "sassgis.core.ground",
-    "Outcome": "sassgis.core.results",
-    "StopReason": "sassgis.core.results",
-    "check_inputs": "sassgis.io.check",
-    "load_config": "sassgis.io.config",
-    "read_dem": "sassgis.io.dem",
-    "run": "sassgis.workflow.run",
-    "run_profile": "sassgis.workflow.profile_run",
+    "BlockPopulation": "sassgis.model.blocks",
+    "EngineSettings": "sassgis.model.settings",
+    "Gate": "sassgis.model.results",
+    "Grid": "sassgis.model.grid",
+    "GroundClass": "sassgis.model.ground",
+    "GroundTable": "sassgis.model.ground",
+    "Outcome": "sassgis.model.results",
+    "StopReason": "sassgis.model.results",
+    "check_inputs": "sassgis.io.read.check_inputs",
+    "load_config": "sassgis.io.read.config",
+    "read_dem": "sassgis.io.read.dem",
+    "run": "sassgis.runs.run",
+    "run_profile": "sassgis.runs.profile",
     "simulate": "sassgis.engine.simulate",
-    "zone": "sassgis.workflow.zone",
+    "zone": "sassgis.runs.zone",
 }
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import click
 
 from sassgis import __version__
-from sassgis.core.errors import Interrupted, SassgisError
+from sassgis.model.errors import Interrupted, SassgisError
 
 _OUT = click.option(
     "-o", "--output", "out", required=True, type=click.Path(path_type=Path), help="Folder to write."
@@ -110,8 +110,8 @@ def cli(debug: bool) -> None:
 @click.option("--overwrite", is_flag=True, help="Replace a file that is there.")
 def init(file: Path, overwrite: bool) -> None:
     """Write a commented configuration to FILE (default: sassgis.toml)."""
-    from sassgis.core.errors import OutputError
-    from sassgis.io.config import config_template
+    from sassgis.io.read.config import config_template
+    from sassgis.model.errors import OutputError
 
     if file.exists() and not overwrite:
         raise OutputError(f"{file}: exists; choose another name, or --overwrite")
@@ -126,15 +126,15 @@ def init(file: Path, overwrite: bool) -> None:
 @_CONFIG
 def validate(config: Path) -> None:
     """Read CONFIG and every file that it names, and say what they hold."""
-    from sassgis.io.check import check_inputs
-    from sassgis.io.config import load_config
+    from sassgis.io.read.check_inputs import check_inputs
+    from sassgis.io.read.config import load_config
 
     settings = load_config(config)
     report = check_inputs(settings)
     for line in report.lines():
         click.echo(line)
     if any(o.frequency is not None for o in settings.onsets.values()) or settings.objects:
-        from sassgis.workflow.assessment import check_rules
+        from sassgis.runs.assessment import check_rules
 
         for line in check_rules(settings, report.terrain):
             click.echo(line)
@@ -156,7 +156,7 @@ def run(
     overwrite: bool,
 ) -> None:
     """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
-    from sassgis.workflow.run import run as run_map
+    from sassgis.runs.run import run as run_map
 
     with _Progress() as progress:
         result = run_map(
@@ -199,7 +199,7 @@ def _zone(
     jobs: int | None,
     overwrite: bool,
 ) -> None:
-    from sassgis.workflow.zone import zone as make_zones
+    from sassgis.runs.zone import zone as make_zones
 
     with _Progress() as progress:
         result = make_zones(
@@ -253,7 +253,7 @@ def batch(
     RELEASES is a vector file, a folder of vector files, or a configuration. The same command goes
     on after an interruption, and runs nothing again that is there.
     """
-    from sassgis.workflow.batch import batch as run_batch
+    from sassgis.runs.batch import batch as run_batch
 
     with _Progress() as progress:
         result = run_batch(
@@ -297,8 +297,8 @@ def profile(
     overwrite: bool,
 ) -> None:
     """Simulate one profile: trajectories, stations, run-out, energy along the slope."""
-    from sassgis.core.errors import ConfigError
-    from sassgis.workflow.profile_run import run_profile
+    from sassgis.model.errors import ConfigError
+    from sassgis.runs.profile import run_profile
 
     if csv_file is not None and point is not None:
         raise ConfigError("--csv and --point exclude each other", expected="one of them")
@@ -328,8 +328,8 @@ def export(
     overwrite: bool,
 ) -> None:
     """Write the zones of the folder RESULT as INTERLIS 2 (model 166.1, EPSG:2056)."""
-    from sassgis.core.errors import OutputError
-    from sassgis.io.interlis import export_xtf
+    from sassgis.io.interlis.transfer import export_xtf
+    from sassgis.model.errors import OutputError
 
     exported = export_xtf(result, xtf, models, validate, canton=canton, overwrite=overwrite)
     for line in exported.lines():
@@ -347,7 +347,7 @@ def gap() -> None:
 @click.argument("path", type=click.Path(path_type=Path))
 def template(path: Path) -> None:
     """Write empty tables of observations: a .gpkg, or a folder of CSV files."""
-    from sassgis.io.observations import observations_template
+    from sassgis.io.read.observation_files import observations_template
 
     click.echo(f"Wrote {observations_template(path)}. Leave out what you did not measure.")
 
@@ -392,9 +392,9 @@ def diagnose(
 
     The same command goes on after an interruption.
     """
-    from sassgis.workflow.gap_diagnose import DRAWS
-    from sassgis.workflow.gap_diagnose import diagnose as run_diagnosis
-    from sassgis.workflow.gap_report import verdict_sentence
+    from sassgis.report.gap_report import verdict_sentence
+    from sassgis.runs.diagnose import DRAWS
+    from sassgis.runs.diagnose import diagnose as run_diagnosis
 
     with _Progress() as progress:
         result = run_diagnosis(
@@ -414,7 +414,7 @@ def diagnose(
     click.echo(verdict_sentence(result))
     click.echo(f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS.")
     if with_map:
-        from sassgis.workflow.gap_map_change import map_change
+        from sassgis.runs.gap_map_change import map_change
 
         with _Progress() as progress:
             change = map_change(
@@ -429,11 +429,11 @@ def diagnose(
 @click.option("--config", type=click.Path(path_type=Path), help="Compare them with its terrain.")
 def validate_observations(observations: Path, config: Path | None) -> None:
     """Read OBSERVATIONS and say what is wrong with them and what they can tell."""
-    from sassgis.gap.observations import what_can_be_told
-    from sassgis.io.config import load_config
-    from sassgis.io.mosaic import read_terrain
-    from sassgis.io.observations import read_observations
-    from sassgis.io.observations import validate_observations as check
+    from sassgis.gap.observations.tables import what_can_be_told
+    from sassgis.io.read.config import load_config
+    from sassgis.io.read.observation_files import read_observations
+    from sassgis.io.read.observation_files import validate_observations as check
+    from sassgis.io.read.tiles import read_terrain
 
     grid = None
     if config is not None:
@@ -476,8 +476,8 @@ def check_diagnosis(
 
     The same command goes on after an interruption.
     """
-    from sassgis.gap.check_scores import acceptance
-    from sassgis.workflow.gap_check import check
+    from sassgis.gap.check.check_scores import acceptance
+    from sassgis.runs.gap_check import check
 
     with _Progress() as progress:
         result = check(
@@ -507,7 +507,7 @@ def check_diagnosis(
 @_OVERWRITE
 def demo(out: Path, jobs: int | None, overwrite: bool) -> None:
     """Make the zones of the sample valley, a terrain that is made, not surveyed."""
-    from sassgis.workflow.samples import sample_folder
+    from sassgis.runs.samples import sample_folder
 
     _zone(sample_folder() / "valley" / "config.toml", out, (), None, jobs, overwrite)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from sassgis.workflow.samples import copy_sample
+from sassgis.runs.samples import copy_sample
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -11,17 +11,17 @@ import sys
 import tempfile
 from pathlib import Path
 
-from sassgis.core.results import StopReason
-from sassgis.io.config import load_config
-from sassgis.io.figures import profile_comparison_figure, save
-from sassgis.workflow.profile_run import (
+from sassgis.io.read.config import load_config
+from sassgis.model.results import StopReason
+from sassgis.report.figures import profile_comparison_figure, save
+from sassgis.runs.profile import (
     arrivals,
     profile_from_csv,
     profile_panel,
     simulate_profile,
 )
-from sassgis.workflow.samples import sample_folder
-from sassgis.workflow.zone import zone
+from sassgis.runs.samples import sample_folder
+from sassgis.runs.zone import zone
 
 
 def level_and_energy(folder: Path) -> None:

@@ -97,7 +97,7 @@ def work(
         setattr(module, constant, getattr(module, constant) * factor)
     from slopes import follow, table_slope, valley_slopes
 
-    from sassgis.core.settings import EngineSettings
+    from sassgis.model.settings import EngineSettings
 
     sets = {
         "valley": (valley_slopes(LINES), -(-rocks // LINES)),
@@ -195,8 +195,8 @@ def compared(results: dict[str, dict[str, NDArray[np.float64]]]) -> list[dict[st
 
 def draw(rows: list[dict[str, object]], path: Path) -> None:
     """Kolmogorov-Smirnov distances of all variants, beside what chance alone gives."""
-    from sassgis.io.figures import save
-    from sassgis.io.figures.style import BLUE, GREY, ORANGE, WIDTH_IN, new_figure, styled
+    from sassgis.report.figures import save
+    from sassgis.report.figures.style import BLUE, GREY, ORANGE, WIDTH_IN, new_figure, styled
 
     @styled
     def figure():  # type: ignore[no-untyped-def]

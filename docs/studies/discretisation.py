@@ -18,11 +18,11 @@ from scipy.stats import ks_2samp
 from slopes import Slope, follow, split, table_slope, valley_slopes
 
 import sassgis
-from sassgis.core.grid import FloatArray
-from sassgis.core.results import StopReason
-from sassgis.io.figures import convergence_figure, save
+from sassgis.model.grid import FloatArray
+from sassgis.model.results import StopReason
+from sassgis.report.figures import convergence_figure, save
+from sassgis.runs.map import LEAD_IN_M
 from sassgis.terrain.stretch import with_lead_in
-from sassgis.workflow.map_run import LEAD_IN_M
 
 TOLERANCES = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
 SEED = 1986

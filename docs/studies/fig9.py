@@ -15,7 +15,7 @@ import numpy as np
 
 from sassgis.engine.ellipse import contact_frame, inertia
 from sassgis.engine.impact import energy_kept
-from sassgis.io.figures import fig9_figure, save
+from sassgis.report.figures import fig9_figure, save
 
 ALPHAS = (0, 30, 60, 90)
 

@@ -39,12 +39,16 @@ import numpy as np
 from scipy.optimize import minimize
 from sklearn.ensemble import ExtraTreesClassifier
 
-from sassgis.core.grid import FloatArray, IntArray
 from sassgis.gap.case import Case
-from sassgis.gap.contenders import NONE, Dials, draw
-from sassgis.gap.families import FAMILIES as TRIED
-from sassgis.gap.features import summary
-from sassgis.gap.judge import (
+from sassgis.gap.check.sealed_cases import write_world
+from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world
+from sassgis.gap.check.worlds.battery import DESIGNS as ALL_DESIGNS
+from sassgis.gap.check.worlds.battery import FULL, MODEST, world_seeds
+from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
+from sassgis.gap.check.worlds.strength import inhomogeneity
+from sassgis.gap.check.worlds.world import FAMILIES, UNKNOWNS
+from sassgis.gap.replicas import campaigns
+from sassgis.gap.which.classifier import (
     DESIGNS,
     PAIR,
     SURE,
@@ -55,20 +59,16 @@ from sassgis.gap.judge import (
     cautious,
     standardised,
 )
-from sassgis.gap.library import bench_of
-from sassgis.gap.replicas import campaigns
-from sassgis.gap.signature import Base, base_of, features_of, reference_in, signature_of
-from sassgis.gap.verdict import Thresholds, decide
-from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
-from sassgis.io.gap_thresholds import JUDGES, THRESHOLDS, write_judges
-from sassgis.workflow.gap_case import read_case
-from sassgis.workflow.gap_check_worlds import write_world
-from sassgis.worlds import EffectSpec, WorldSpec, make_world
-from sassgis.worlds.battery import DESIGNS as ALL_DESIGNS
-from sassgis.worlds.battery import FULL, MODEST, world_seeds
-from sassgis.worlds.relief import SLOPE_TYPES
-from sassgis.worlds.strength import inhomogeneity
-from sassgis.worlds.world import FAMILIES, UNKNOWNS
+from sassgis.gap.which.ensemble import bench_of
+from sassgis.gap.which.families import FAMILIES as TRIED
+from sassgis.gap.which.features import summary
+from sassgis.gap.which.hypotheses import NONE, Dials, draw
+from sassgis.gap.which.signature import Base, base_of, features_of, reference_in, signature_of
+from sassgis.gap.which.verdict import Thresholds, decide
+from sassgis.io.read.gap_thresholds import JUDGES, THRESHOLDS, write_judges
+from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.runs.gap_case import read_case
 
 SEED = 20261121
 ROUNDS = 23

@@ -8,23 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.blocks import BlockPopulation
-from sassgis.core.grid import FloatArray, Grid, IntArray
-from sassgis.core.ground import GroundTable
-from sassgis.core.profiles import ProfileSet, TraceSet
-from sassgis.core.results import Gate
-from sassgis.core.settings import EngineSettings
 from sassgis.engine.simulate import GateCrossings, simulate
-from sassgis.io.config import load_config
-from sassgis.io.ground import read_ground_table
-from sassgis.io.profile_csv import read_profile
+from sassgis.io.read.config import load_config
+from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.read.profile_csv import read_profile
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.profiles import ProfileSet, TraceSet
+from sassgis.model.results import Gate
+from sassgis.model.settings import EngineSettings
+from sassgis.runs.inputs import read_map_run
+from sassgis.runs.map import LEAD_IN_M, line_draw_keys, plan
+from sassgis.runs.samples import sample_folder
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import trace_bundles
 from sassgis.terrain.stretch import take_lines, usable, with_lead_in
-from sassgis.workflow.inputs import read_map_run
-from sassgis.workflow.map_run import LEAD_IN_M, line_draw_keys, plan
-from sassgis.workflow.samples import sample_folder
 
 #: Side of the cells of the strip of terrain that stands for a profile from a table (m).
 STRIP_CELL_M = 0.25

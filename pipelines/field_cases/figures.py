@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sassgis.io.figures.style import (
+from sassgis.report.figures.style import (
     BLUE,
     GREEN,
     GREY,

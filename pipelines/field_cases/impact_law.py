@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from field_cases.contacts import REACH_M, read_contacts
 from field_cases.figures import contacts_figure
-from sassgis.core.effects import SoftGround
-from sassgis.core.ground import GroundClass
 from sassgis.engine.effects import soft_ground
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import COULOMB, SCALE, impact
-from sassgis.gap.impact_step import orientation_at_contact
-from sassgis.gap.scores import energy_score, observed_scale
-from sassgis.io.figures import save
-from sassgis.io.ground import built_in_table
+from sassgis.gap.distances import energy_score, observed_scale
+from sassgis.gap.residuals.impact_step import orientation_at_contact
+from sassgis.io.read.ground_map import built_in_table
+from sassgis.model.effects import SoftGround
+from sassgis.model.ground import GroundClass
+from sassgis.report.figures import save
 
 FloatArray = NDArray[np.float64]
 

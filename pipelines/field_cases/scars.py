@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from field_cases.contacts import plate_axes
 from field_cases.figures import scars_figure
 from field_cases.impact_law import State, left_out_scores, numbers_of, summary
-from sassgis.core.effects import SoftGround
 from sassgis.engine.effects import soft_ground
 from sassgis.engine.ellipse import inertia
-from sassgis.io.figures import save
+from sassgis.model.effects import SoftGround
+from sassgis.report.figures import save
 
 FloatArray = NDArray[np.float64]
 

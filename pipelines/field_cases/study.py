@@ -16,13 +16,9 @@ from numpy.typing import NDArray
 import sassgis
 from field_cases.figures import stops_figure
 from field_cases.tables import FieldCase
-from sassgis.core.ground import GroundTable
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Diagnosis, Finding
-from sassgis.gap.families import PHYSICAL
-from sassgis.gap.replicas import Aside, Model, Stand, campaigns, ways_of
-from sassgis.gap.sample import main_blocks, observed_sample
-from sassgis.gap.scores import (
+from sassgis.gap.distances import (
     bootstrap_interval,
     bootstrap_rows,
     energy_distance,
@@ -30,9 +26,13 @@ from sassgis.gap.scores import (
     mean_gap_tests,
     observed_scale,
 )
-from sassgis.gap.where import where
-from sassgis.io.figures import save
-from sassgis.workflow.gap_case import read_case
+from sassgis.gap.replicas import Aside, Model, Stand, campaigns, ways_of
+from sassgis.gap.sample import main_blocks, observed_sample
+from sassgis.gap.where.findings import where
+from sassgis.gap.which.families import PHYSICAL
+from sassgis.model.ground import GroundTable
+from sassgis.report.figures import save
+from sassgis.runs.gap_case import read_case
 
 FloatArray = NDArray[np.float64]
 
@@ -313,7 +313,7 @@ def diagnosed(
     case: FieldCase, split: str, fit: str, left_out: str, given: argparse.Namespace
 ) -> dict[str, Any]:
     """Diagnose on the rocks to fit on, score on those left out."""
-    from sassgis.workflow.gap_diagnose import diagnose
+    from sassgis.runs.diagnose import diagnose
 
     folder = given.output / f"diagnosis_{split}"
     answer = diagnose(

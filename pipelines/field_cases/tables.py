@@ -14,11 +14,11 @@ import rasterio
 import rasterio.features
 import shapely
 
-from sassgis.core.errors import InputError, OutputError
-from sassgis.core.grid import Grid
-from sassgis.io.config import load_config
-from sassgis.io.mosaic import read_terrain
-from sassgis.io.observations import read_observations, validate_observations
+from sassgis.io.read.config import load_config
+from sassgis.io.read.observation_files import read_observations, validate_observations
+from sassgis.io.read.tiles import read_terrain
+from sassgis.model.errors import InputError, OutputError
+from sassgis.model.grid import Grid
 
 #: Beside the repository.
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

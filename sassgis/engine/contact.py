@@ -24,8 +24,8 @@ import math
 
 import numpy as np
 
-from sassgis.core.grid import FloatArray
-from sassgis.core.jit import kernel
+from sassgis.model.grid import FloatArray
+from sassgis.model.jit import kernel
 
 _MAX_STEPS = 500
 # Deeper than this share of b a contact counts also while it opens.

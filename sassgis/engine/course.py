@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from sassgis.core.grid import FloatArray
 from sassgis.engine.rock import FLIGHT
+from sassgis.model.grid import FloatArray
 
 
 def trajectory(

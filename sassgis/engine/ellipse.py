@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from sassgis.core.jit import kernel
+from sassgis.model.jit import kernel
 
 
 @kernel

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import FloatArray
-from sassgis.core.jit import kernel
 from sassgis.engine.state import Block, Gates, Profile
+from sassgis.model.grid import FloatArray
+from sassgis.model.jit import kernel
 
 # What became of it at a gate; the same numbers as core.results.Outcome.
 PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4

@@ -8,9 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core import rng
-from sassgis.core.grid import FloatArray, IntArray
-from sassgis.core.jit import kernel
 from sassgis.engine.effects.state import (
     BORN_A,
     BORN_B,
@@ -22,6 +19,9 @@ from sassgis.engine.effects.state import (
 from sassgis.engine.recording import CellWork, Pieces
 from sassgis.engine.rock import BARRIER, REST, follow
 from sassgis.engine.state import Block, Course, Gates, Physics, Profile
+from sassgis.model import rng
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.jit import kernel
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9

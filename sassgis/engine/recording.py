@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import FloatArray
-from sassgis.core.jit import kernel
+from sassgis.model.grid import FloatArray
+from sassgis.model.jit import kernel
 
 
 class Pieces(NamedTuple):

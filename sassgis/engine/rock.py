@@ -7,9 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core import rng
-from sassgis.core.grid import FloatArray
-from sassgis.core.jit import kernel
 from sassgis.engine.contact import next_contact, resting_height
 from sassgis.engine.effects import (
     air_drag,
@@ -45,6 +42,9 @@ from sassgis.engine.rolling import (
     rolling_stretch,
 )
 from sassgis.engine.state import Block, Course, Gates, Physics, Profile
+from sassgis.model import rng
+from sassgis.model.grid import FloatArray
+from sassgis.model.jit import kernel
 
 # Phases, as they are written to the course of a rock.
 FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from sassgis.core.jit import kernel
 from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import normal_force
+from sassgis.model.jit import kernel
 
 # What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here; PART is a
 # stretch that an effect has cut, after which the motion goes on.

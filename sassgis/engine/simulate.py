@@ -8,14 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.blocks import BlockPopulation
-from sassgis.core.effects import EffectSettings
-from sassgis.core.errors import InputError
-from sassgis.core.grid import FloatArray, IntArray
-from sassgis.core.ground import GroundTable
-from sassgis.core.profiles import ProfileSet
-from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate
-from sassgis.core.settings import EngineSettings
 from sassgis.engine import gates as gate_rules
 from sassgis.engine import impact as impact_rules
 from sassgis.engine.effects.build import effects_of, room_for_births
@@ -36,6 +28,14 @@ from sassgis.engine.kernel import (
     Bins as Bins,
 )
 from sassgis.engine.state import Physics
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.effects import EffectSettings
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.profiles import ProfileSet
+from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate
+from sassgis.model.settings import EngineSettings
 
 #: Pieces and blocks set in motion that one rock may have.
 MOST_BIRTHS = 5000

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.core.blocks import BlockPopulation
-from sassgis.core.effects import EffectSettings
-from sassgis.core.grid import FloatArray, Grid, IntArray
-from sassgis.core.ground import GroundTable
-from sassgis.core.profiles import ProfileSet, TraceSet
-from sassgis.core.settings import EngineSettings
 from sassgis.engine.simulate import Forest
-from sassgis.gap.observations import Observations
-from sassgis.gap.projection import Projected, StationChainages
+from sassgis.gap.observations.projection import Projected, StationChainages
+from sassgis.gap.observations.tables import Observations
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.profiles import ProfileSet, TraceSet
+from sassgis.model.settings import EngineSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from sassgis.core.effects import EffectSettings
-from sassgis.core.ground import GroundTable
+from sassgis.model.effects import EffectSettings
+from sassgis.model.ground import GroundTable
 
 Range = tuple[float, float]
 

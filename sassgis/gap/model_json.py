@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from sassgis.core import effects as families
-from sassgis.core.ground import GroundClass, GroundTable
 from sassgis.gap.replicas import Aside, Measurement, Model, Release, Stand
+from sassgis.model import effects as families
+from sassgis.model.ground import GroundClass, GroundTable
 
 _EFFECTS = {
     "air_drag": families.AirDrag,

@@ -7,11 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.effects import EffectSettings
-from sassgis.core.grid import FloatArray, IntArray
-from sassgis.core.ground import GroundTable
-from sassgis.core.profiles import ProfileSet
-from sassgis.core.results import Gate, StopReason
 from sassgis.engine.ellipse import mean_radius
 from sassgis.engine.simulate import Forest, GateCrossings, Simulated, simulate
 from sassgis.gap.case import Case
@@ -26,6 +21,11 @@ from sassgis.gap.sample import (
     Sample,
     errors_of,
 )
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.profiles import ProfileSet
+from sassgis.model.results import Gate, StopReason
 from sassgis.terrain.release import point_keys
 
 #: Length of the stretches on which a forest stands or not (m).

@@ -8,8 +8,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import FloatArray, IntArray
 from sassgis.gap.case import Case
+from sassgis.model.grid import FloatArray, IntArray
 
 #: Kinds of block: the rock itself, a piece of it, a block that belongs to no rock.
 WHOLE, PIECE, LOOSE = 0, 1, 2

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from sassgis.core.grid import FloatArray, Grid, IntArray
-from sassgis.core.hazard import Source, SourceCounts
-from sassgis.hazard.zones import Coverage
+from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.hazard import Source, SourceCounts
 
 
 def zone_of_cells(coverage: Coverage, grid: Grid, cells: IntArray) -> IntArray:

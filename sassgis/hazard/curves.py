@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from sassgis.core.grid import FloatArray
-from sassgis.core.hazard import HazardCurves, Source, SourceCounts
 from sassgis.hazard.statistics import count_variance
+from sassgis.model.grid import FloatArray
+from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 
 #: Rates are sums of rounded numbers: a rate short of 1/T by less than this share meets T.
 _ROUNDING = 1e-12

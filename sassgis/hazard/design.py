@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.core.grid import FloatArray
-from sassgis.core.hazard import Source
-from sassgis.hazard.gates import QUANTITIES, GateSums
+from sassgis.hazard.control_lines import QUANTITIES, GateSums
+from sassgis.model.grid import FloatArray
+from sassgis.model.hazard import Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def arrivals(
     gate : int
         Position among the stations and barriers.
     quantity : str
-        One of sassgis.hazard.gates.QUANTITIES.
+        One of sassgis.hazard.control_lines.QUANTITIES.
     """
     edges = QUANTITIES[quantity][1]
     rate = np.zeros(edges.size)

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import FloatArray, IntArray
-from sassgis.core.hazard import HazardCurves, HazardPreset
 from sassgis.hazard.curves import at_energies, meets, rate_interval
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.hazard import HazardCurves, HazardPreset
 
 #: Beyond this many times the rocks a cell counts as one that no sample decides.
 MAX_FACTOR = 2.0**20

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sassgis.core.exposure import VEHICLE, ExposedObject, Vulnerability
-from sassgis.core.grid import FloatArray
-from sassgis.core.hazard import HazardCurves, Source, SourceCounts
 from sassgis.hazard.curves import at_energies, hazard_curves
+from sassgis.model.exposure import VEHICLE, ExposedObject, Vulnerability
+from sassgis.model.grid import FloatArray
+from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 
 #: What is told of each object, all per year; see RiskTable.
 QUANTITIES = (

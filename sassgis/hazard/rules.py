@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-from sassgis.core.hazard import HazardPreset, Provenance
+from sassgis.model.hazard import HazardPreset, Provenance
 
 
 def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import IntArray
-from sassgis.core.hazard import SourceCounts
+from sassgis.model.grid import IntArray
+from sassgis.model.hazard import SourceCounts
 
 # So many parts wait before they are joined: joining costs as much as all places reached so far.
 _WAITING = 32

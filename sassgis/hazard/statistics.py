@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray, IntArray
 
 #: Sums that are added, and maxima that are raised, when two sets of sums are joined.
 _ADDED = ("reach", "reach_square", "stops", "energy_sum", "energy", "height", "speed")

@@ -7,9 +7,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import FloatArray, Grid, IntArray
-from sassgis.core.jit import kernel
-from sassgis.core.profiles import TraceSet
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.jit import kernel
+from sassgis.model.profiles import TraceSet
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

@@ -25,11 +25,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core import rng
-from sassgis.core.errors import ConfigError
-from sassgis.core.grid import FloatArray, Grid, IntArray
-from sassgis.core.jit import kernel
-from sassgis.core.profiles import LineEnd, ReleasePoints, TraceSet
+from sassgis.model import rng
+from sassgis.model.errors import ConfigError
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.jit import kernel
+from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
 from sassgis.terrain.cells import exact, grown, height_at, next_share
 from sassgis.terrain.surface import BoolArray, Surface, shape_at, slope_at, smoothed, standing
 from sassgis.terrain.surface import surface as spline

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.errors import ConfigError, InputError
-from sassgis.core.grid import FloatArray, Grid, IntArray
-from sassgis.core.jit import kernel
-from sassgis.core.profiles import ProfileSet, TraceSet
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.jit import kernel
+from sassgis.model.profiles import ProfileSet, TraceSet
 from sassgis.terrain.cells import (
     SHORTEST_STRETCH,
     cell_index,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.core.grid import FloatArray, Grid
-from sassgis.core.jit import kernel
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.jit import kernel
 from sassgis.terrain.cells import cell_index, height_at
 
 

@@ -12,9 +12,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from sassgis.core.errors import ConfigError, InputError
-from sassgis.core.grid import FloatArray, IntArray
-from sassgis.core.profiles import ReleasePoints
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.profiles import ReleasePoints
 
 Placement = Literal["grid", "random"]
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.core import rng
-from sassgis.core.effects import LateralDeflection
-from sassgis.core.errors import ConfigError
-from sassgis.core.grid import FloatArray, Grid
-from sassgis.core.profiles import ReleasePoints, TraceSet
+from sassgis.model import rng
+from sassgis.model.effects import LateralDeflection
+from sassgis.model.errors import ConfigError
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.terrain.fall_lines import FallLineSettings, Kicks, trace
 from sassgis.terrain.surface import Surface
 

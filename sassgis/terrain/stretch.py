@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import FloatArray
-from sassgis.core.profiles import ProfileSet, ReleasePoints, TraceSet
+from sassgis.model.grid import FloatArray
+from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.surface import Surface, evaluate
 
 #: Fall lines shorter than this are not followed (m).

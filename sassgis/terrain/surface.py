@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from sassgis.core.errors import InputError
-from sassgis.core.grid import FloatArray, Grid
-from sassgis.core.jit import kernel
-from sassgis.core.profiles import LineEnd
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.jit import kernel
+from sassgis.model.profiles import LineEnd
 
 BoolArray = NDArray[np.bool_]
 

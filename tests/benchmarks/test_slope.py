@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from sassgis.io.config import load_config
+from sassgis.io.read.config import load_config
 from sassgis.terrain.release import release_points
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"

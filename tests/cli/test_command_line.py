@@ -19,9 +19,9 @@ import pytest
 from small_slope import SASSGIS, Slope, release_box
 
 import sassgis
-from sassgis.core.grid import Grid
-from sassgis.core.results import StopReason
-from sassgis.io.mosaic import read_terrain
+from sassgis.io.read.tiles import read_terrain
+from sassgis.model.grid import Grid
+from sassgis.model.results import StopReason
 
 
 def test_help_is_quick_because_it_imports_nothing_heavy() -> None:

@@ -12,7 +12,7 @@ import sys
 import pytest
 
 import sassgis
-from sassgis.core.settings import EngineSettings
+from sassgis.model.settings import EngineSettings
 
 
 def load(path):
@@ -50,8 +50,8 @@ def anchors(path):
 def test_public_names_resolve():
     for name in sassgis.__all__:
         assert getattr(sassgis, name) is not None, name
-    assert sassgis.load_config.__module__ == "sassgis.io.config"
-    assert sassgis.run.__module__ == "sassgis.workflow.run"
+    assert sassgis.load_config.__module__ == "sassgis.io.read.config"
+    assert sassgis.run.__module__ == "sassgis.runs.run"
     assert set(sassgis._HOMES) == set(sassgis.__all__) - {"__version__"}
 
 
@@ -89,8 +89,8 @@ def test_configuration_page_is_up_to_date(repository):
 
 
 def test_every_key_is_on_the_configuration_page(repository):
-    from sassgis.io.config import SECTIONS
-    from sassgis.io.effect_sections import EFFECT_SECTIONS
+    from sassgis.io.read.config import SECTIONS
+    from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 
     text = (repository / "docs" / "configuration.md").read_text(encoding="utf-8")
     families = {f"effects.{name}": model for name, model in EFFECT_SECTIONS.items()}
@@ -127,7 +127,7 @@ def test_links_lead_somewhere(repository):
 @pytest.fixture(scope="module")
 def small_result(tmp_path_factory):
     """What `sassgis demo` writes, with few rocks."""
-    from sassgis.workflow.samples import sample_folder
+    from sassgis.runs.samples import sample_folder
 
     out = tmp_path_factory.mktemp("run") / "out"
     config = sassgis.load_config(
@@ -187,7 +187,7 @@ def test_output_page_names_every_table(repository, small_result):
 
 
 def test_output_page_tells_every_column(repository):
-    from sassgis.core.results import PASSAGE_DTYPE, ROCK_DTYPE, Outcome, StopReason
+    from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, Outcome, StopReason
 
     text = (repository / "docs" / "outputs.md").read_text(encoding="utf-8")
     for name in (*ROCK_DTYPE.names, *PASSAGE_DTYPE.names):

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sassgis.core.blocks import BlockPopulation
-from sassgis.core.ground import GroundClass, GroundTable
-from sassgis.core.profiles import ProfileSet
-from sassgis.core.settings import EngineSettings
 from sassgis.engine.simulate import COURSE_COLUMNS, GateCrossings, simulate
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.profiles import ProfileSet
+from sassgis.model.settings import EngineSettings
 
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
 COL = {name: i for i, name in enumerate(COURSE_COLUMNS)}

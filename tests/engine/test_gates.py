@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from sassgis.core.results import Gate, Outcome, StopReason
 from sassgis.engine.ellipse import inertia
+from sassgis.model.results import Gate, Outcome, StopReason
 
 G = 9.81
 

@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from sassgis.core import rng as draws
-from sassgis.core.blocks import BlockPopulation
 from sassgis.engine.ellipse import contact_frame, inertia
+from sassgis.model import rng as draws
+from sassgis.model.blocks import BlockPopulation
 
 G = 9.81
 QUICK = settings(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sassgis.core.blocks import BlockPopulation
-from sassgis.core.results import StopReason
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.results import StopReason
 
 G = 9.81
 

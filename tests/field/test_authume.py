@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sassgis.core.errors import InputError
+from sassgis.model.errors import InputError
 
 
 @pytest.fixture(scope="module")

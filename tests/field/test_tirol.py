@@ -18,10 +18,10 @@ import pytest
 import rasterio
 import shapely
 
-from sassgis.core.profiles import LineEnd
-from sassgis.core.results import StopReason
-from sassgis.workflow.run import RunResult, run
-from sassgis.workflow.vector_layers import LINE_END_TEXT
+from sassgis.io.write.layers.run_vectors import LINE_END_TEXT
+from sassgis.model.profiles import LineEnd
+from sassgis.model.results import StopReason
+from sassgis.runs.run import RunResult, run
 
 pytestmark = pytest.mark.slow
 
@@ -183,7 +183,7 @@ def test_rocks_stop_where_debris_can_hold_them(case: Case) -> None:
 
 
 def test_terrain_without_a_system_needs_one(shared_data: Path, tmp_path: Path) -> None:
-    from sassgis.core.errors import InputError
+    from sassgis.model.errors import InputError
 
     dem, release, spacing = PLACES["kot"]
     if not (shared_data / dem).is_file():

@@ -50,9 +50,9 @@ def told(config: str, observations: str, out: str, **_: Any) -> None:
 
 
 def peeks_at_modules(config: str, observations: str, out: str, **_: Any) -> None:
-    assert not [name for name in sys.modules if name.startswith("sassgis.worlds")]
+    assert not [name for name in sys.modules if name.startswith("sassgis.gap.check.worlds")]
     try:
-        import sassgis.worlds  # noqa: F401
+        import sassgis.gap.check.worlds  # noqa: F401
     except ImportError as error:
         Path(out).mkdir()
         (Path(out) / "refused.txt").write_text(str(error))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
 
-from sassgis.core.grid import Grid
-from sassgis.io.dem import parse_crs
+from sassgis.io.read.dem import parse_crs
+from sassgis.model.grid import Grid
 
 
 @pytest.fixture(scope="session")

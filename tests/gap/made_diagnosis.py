@@ -11,10 +11,6 @@ import numpy as np
 import shapely
 from observed_slope import LV95, NORTH, WEST, at
 
-from sassgis.core.effects import EffectSettings, Trees
-from sassgis.core.grid import Grid
-from sassgis.core.ground import GroundTable
-from sassgis.core.results import Band, RasterLayer
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import (
     Calibrated,
@@ -25,8 +21,12 @@ from sassgis.gap.diagnosis import (
     Shrinkage,
     Verdict,
 )
-from sassgis.io.rasters import write_raster
-from sassgis.workflow.gap_case import read_case
+from sassgis.io.write.raster import write_raster
+from sassgis.model.effects import EffectSettings, Trees
+from sassgis.model.grid import Grid
+from sassgis.model.ground import GroundTable
+from sassgis.model.results import Band, RasterLayer
+from sassgis.runs.gap_case import read_case
 
 CONFIG = """\
 # A slope in the files beside it.

@@ -7,17 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.core.blocks import BlockPopulation
-from sassgis.core.effects import EffectSettings
-from sassgis.core.grid import Grid
-from sassgis.core.ground import GroundClass, GroundTable
-from sassgis.core.profiles import ReleasePoints
-from sassgis.core.results import Gate
-from sassgis.core.settings import EngineSettings
 from sassgis.engine.simulate import Forest, GateCrossings, simulate
 from sassgis.gap.case import Case
-from sassgis.gap.legs import repeated
-from sassgis.gap.observations import (
+from sassgis.gap.observations.projection import project_observations, station_chainages
+from sassgis.gap.observations.tables import (
     Deposits,
     Impacts,
     Metadata,
@@ -27,8 +20,15 @@ from sassgis.gap.observations import (
     Stations,
     Trajectories,
 )
-from sassgis.gap.projection import project_observations, station_chainages
 from sassgis.gap.replicas import dips_at
+from sassgis.gap.residuals.reaches import repeated
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import Grid
+from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.profiles import ReleasePoints
+from sassgis.model.results import Gate
+from sassgis.model.settings import EngineSettings
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.release import point_keys

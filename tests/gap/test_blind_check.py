@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from sassgis.core.errors import InputError, OutputError
-from sassgis.gap import check_scores
-from sassgis.workflow import gap_check
-from sassgis.workflow.gap_check import check, read_thresholds
-from sassgis.workflow.gap_check_crew import Crew, Task
-from sassgis.workflow.gap_check_worlds import labels_text, seal_of
-from sassgis.worlds import EffectSpec, WorldSpec
+from sassgis.gap.check import check_scores
+from sassgis.gap.check.sealed_cases import labels_text, seal_of
+from sassgis.gap.check.worker_pool import Crew, Task
+from sassgis.gap.check.worlds import EffectSpec, WorldSpec
+from sassgis.model.errors import InputError, OutputError
+from sassgis.runs import gap_check
+from sassgis.runs.gap_check import check, read_thresholds
 
 SEED = 5
 #: Few and small, as making worlds takes time; three of four have no effect to be brought to size.
@@ -223,7 +223,7 @@ def test_the_diagnosing_process_cannot_load_the_worlds(tmp_path: Path) -> None:
     with Crew(1, tmp_path) as crew:
         (outcome,) = crew.run([task(tmp_path, "peeks_at_modules")])
     assert outcome.failure == ""
-    assert "sassgis.worlds" in (tmp_path / "answers/001/refused.txt").read_text()
+    assert "sassgis.gap.check.worlds" in (tmp_path / "answers/001/refused.txt").read_text()
 
 
 def test_the_diagnosing_process_sees_its_own_case_alone(tmp_path: Path) -> None:
@@ -265,8 +265,8 @@ def test_what_the_calling_program_has_loaded_does_not_pass_the_fence(tmp_path: P
     script.write_text(
         "import sys\n"
         "from pathlib import Path\n"
-        "import sassgis.worlds\n"
-        "from sassgis.workflow.gap_check_crew import Crew, Task\n"
+        "import sassgis.gap.check.worlds\n"
+        "from sassgis.gap.check.worker_pool import Crew, Task\n"
         "if __name__ == '__main__':\n"
         "    with Crew(1, Path(sys.argv[1])) as crew:\n"
         "        (outcome,) = crew.run([Task('1', 'os.path:basename', ('a/b',))])\n"

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from sassgis.gap.check_scores import (
+from sassgis.gap.check.check_scores import (
     AIMS,
     ANSWERS,
     Answer,

@@ -10,26 +10,9 @@ import numpy as np
 import pytest
 from simulated_slope import TABLE, observed
 
-from sassgis.core.effects import EffectSettings, LateralDeflection
-from sassgis.core.effects import Trees as Forest
-from sassgis.core.errors import InputError
-from sassgis.gap import scores
+from sassgis.gap import distances as scores
 from sassgis.gap.case import Case
-from sassgis.gap.contenders import NONE, Dials, draw, families_to_try
-from sassgis.gap.families import FAMILIES
-from sassgis.gap.features import correlations, covariates_of, rock_quantities, summary
-from sassgis.gap.fit import distances, folds_of, refine, run_refined, shrinkage_of
-from sassgis.gap.judge import DESIGNS, Judge, Trees, cautious, designs_of, no_idea
-from sassgis.gap.library import (
-    Bench,
-    Library,
-    Tried,
-    bench_of,
-    library_of,
-    rock_scores,
-    tasks_of,
-    try_task,
-)
+from sassgis.gap.ladder.calibration import distances, folds_of, refine, run_refined, shrinkage_of
 from sassgis.gap.model_json import model_as_json, model_from_json
 from sassgis.gap.replicas import (
     Aside,
@@ -43,7 +26,21 @@ from sassgis.gap.replicas import (
     ways_of,
 )
 from sassgis.gap.sample import LOOSE, PIECE, main_blocks, observed_sample
-from sassgis.gap.signature import (
+from sassgis.gap.which.classifier import DESIGNS, Judge, Trees, cautious, designs_of, no_idea
+from sassgis.gap.which.ensemble import (
+    Bench,
+    Library,
+    Tried,
+    bench_of,
+    library_of,
+    rock_scores,
+    tasks_of,
+    try_task,
+)
+from sassgis.gap.which.families import FAMILIES
+from sassgis.gap.which.features import correlations, covariates_of, rock_quantities, summary
+from sassgis.gap.which.hypotheses import NONE, Dials, draw, families_to_try
+from sassgis.gap.which.signature import (
     Base,
     base_of,
     features_of,
@@ -52,7 +49,7 @@ from sassgis.gap.signature import (
     reference_of,
     signature_of,
 )
-from sassgis.gap.verdict import (
+from sassgis.gap.which.verdict import (
     Thresholds,
     best_cause,
     confusion_set,
@@ -61,7 +58,10 @@ from sassgis.gap.verdict import (
     measure_next,
     pair_of,
 )
-from sassgis.io.gap_thresholds import read_judge, write_judges
+from sassgis.io.read.gap_thresholds import read_judge, write_judges
+from sassgis.model.effects import EffectSettings, LateralDeflection
+from sassgis.model.effects import Trees as Forest
+from sassgis.model.errors import InputError
 
 ORDER = {name: i for i, name in enumerate(FAMILIES)}
 

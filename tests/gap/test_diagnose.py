@@ -9,17 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from sassgis.core.errors import InputError, Interrupted, SassgisError
-from sassgis.gap.families import FAMILIES
-from sassgis.gap.judge import DESIGNS
-from sassgis.io.config import load_config
-from sassgis.io.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
-from sassgis.io.gap_thresholds import read_judge, read_thresholds, thresholds_of
-from sassgis.workflow import gap_diagnose
-from sassgis.workflow.gap_check import SEED
-from sassgis.workflow.gap_diagnose import diagnose
-from sassgis.workflow.gap_fresh import measured_shrinkage
-from sassgis.worlds import EffectSpec, WorldSpec, make_world, observe, setup
+from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
+from sassgis.gap.ladder.fresh import measured_shrinkage
+from sassgis.gap.which.classifier import DESIGNS
+from sassgis.gap.which.families import FAMILIES
+from sassgis.io.read.config import load_config
+from sassgis.io.read.gap_thresholds import read_judge, read_thresholds, thresholds_of
+from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
+from sassgis.model.errors import InputError, Interrupted, SassgisError
+from sassgis.runs import diagnose as gap_diagnose
+from sassgis.runs.diagnose import diagnose
+from sassgis.runs.gap_check import SEED
 
 
 def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:

@@ -15,10 +15,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sassgis.core.errors import InputError, OutputError
-from sassgis.gap.observations import what_can_be_told
-from sassgis.io.observations import read_observations, validate_observations
-from sassgis.workflow.gap_case import read_case
+from sassgis.gap.observations.tables import what_can_be_told
+from sassgis.io.read.observation_files import read_observations, validate_observations
+from sassgis.model.errors import InputError, OutputError
+from sassgis.runs.gap_case import read_case
 
 ROWS = {"tschamut2014": 62, "chant_sura_2020": 11, "authume_quarry_p1": 41}
 PIPELINES = {
@@ -198,7 +198,7 @@ def test_the_base_law_is_that_of_the_engine_and_soft_ground_takes_energy(importa
     from field_cases.impact_law import State, defaults, ground_class, predict
 
     from sassgis.engine.impact import SCALE
-    from sassgis.gap.impact_step import impact_draws
+    from sassgis.gap.residuals.impact_step import impact_draws
 
     state = State(0.5, 9.0, -5.0, 12.0, (0.5, 0.4, 0.3), 500.0)
     ground = ground_class()
@@ -328,10 +328,10 @@ def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
 def test_a_calibrated_model_keeps_its_ways_aside(importable: None) -> None:
     from field_cases.study import model_of
 
-    from sassgis.core.effects import EffectSettings
     from sassgis.gap.diagnosis import Calibrated
     from sassgis.gap.replicas import Aside
-    from sassgis.io.ground import built_in_table
+    from sassgis.io.read.ground_map import built_in_table
+    from sassgis.model.effects import EffectSettings
 
     section = {"form": "kicks", "angle_deg": 17.0, "hop_m": 6.0}
     sections = {"lateral_deflection": section}

@@ -11,11 +11,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from sassgis.gap.judge import DESIGNS, Judge, calibrated
-from sassgis.io.gap_thresholds import read_judge, read_thresholds, write_judges
-from sassgis.worlds import WorldSpec
-from sassgis.worlds.battery import world_seeds
-from sassgis.worlds.world import FAMILIES
+from sassgis.gap.check.worlds import WorldSpec
+from sassgis.gap.check.worlds.battery import world_seeds
+from sassgis.gap.check.worlds.world import FAMILIES
+from sassgis.gap.which.classifier import DESIGNS, Judge, calibrated
+from sassgis.io.read.gap_thresholds import read_judge, read_thresholds, write_judges
 
 sklearn_ensemble = pytest.importorskip("sklearn.ensemble")
 

@@ -13,9 +13,7 @@ import pytest
 import shapely
 from observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
-from sassgis.core.errors import InputError, OutputError
-from sassgis.core.grid import Grid
-from sassgis.gap.observations import (
+from sassgis.gap.observations.tables import (
     METADATA_KEYS,
     Deposits,
     Impacts,
@@ -30,14 +28,16 @@ from sassgis.gap.observations import (
     root_of,
     what_can_be_told,
 )
-from sassgis.gap.observations import (
+from sassgis.gap.observations.tables import (
     TABLES as KNOWN,
 )
-from sassgis.io.observations import (
+from sassgis.io.read.observation_files import (
     observations_template,
     read_observations,
     validate_observations,
 )
+from sassgis.model.errors import InputError, OutputError
+from sassgis.model.grid import Grid
 
 
 def lines(observations, grid=None):

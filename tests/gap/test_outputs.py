@@ -28,14 +28,11 @@ from made_diagnosis import (
 )
 from observed_slope import NORTH
 
-from sassgis.core.effects import EffectSettings
-from sassgis.core.errors import ConfigError, OutputError
-from sassgis.core.grid import Grid
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Contender
-from sassgis.gap.families import FAMILIES
-from sassgis.gap.places import limits_on, line_stretch, used_lines
-from sassgis.gap.where import where
+from sassgis.gap.where.findings import where
+from sassgis.gap.where.places import limits_on, line_stretch, used_lines
+from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.words import (
     EFFECT_NAMES,
     EFFECT_PHRASES,
@@ -46,11 +43,11 @@ from sassgis.gap.words import (
     significance,
     with_unit_in_brackets,
 )
-from sassgis.io import figures
-from sassgis.io.config import SECTIONS, load_config
-from sassgis.io.effect_sections import ForestPlace
-from sassgis.io.figures.gap import GapStretch, _band
-from sassgis.io.gap_files import (
+from sassgis.io.read.config import SECTIONS, load_config
+from sassgis.io.read.effect_sections import ForestPlace
+from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.read.sections import FileName
+from sassgis.io.write.gap_files import (
     _FILE_KEYS,
     _TREE_FILE_KEYS,
     stand_polygon,
@@ -59,19 +56,22 @@ from sassgis.io.gap_files import (
     write_diagnosis_json,
     write_gap_gpkg,
 )
-from sassgis.io.ground import read_ground_table
-from sassgis.io.sections import FileName
-from sassgis.workflow.gap_map_change import difference, map_change
-from sassgis.workflow.gap_outputs import write_outputs
-from sassgis.workflow.gap_report import (
+from sassgis.model.effects import EffectSettings
+from sassgis.model.errors import ConfigError, OutputError
+from sassgis.model.grid import Grid
+from sassgis.report import figures
+from sassgis.report.figures.gap_figures import GapStretch, _band
+from sassgis.report.gap_report import (
     answer,
     finding_sentence,
     headline,
     map_parts,
     verdict_sentence,
 )
-from sassgis.workflow.inputs import read_map_run
-from sassgis.workflow.run import run
+from sassgis.runs.gap_map_change import difference, map_change
+from sassgis.runs.gap_outputs import write_outputs
+from sassgis.runs.inputs import read_map_run
+from sassgis.runs.run import run
 
 Made = tuple[Path, Case]
 

@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 from observed_slope import NORTH, WEST, at, ground
 
-from sassgis.core.grid import Grid
-from sassgis.core.profiles import TraceSet
-from sassgis.gap.observations import Observations, Stations, Trajectories
-from sassgis.gap.projection import (
+from sassgis.gap.observations.projection import (
     lines_of_rocks,
     nearest_lines,
     observed_release_points,
@@ -20,7 +17,10 @@ from sassgis.gap.projection import (
     project_observations,
     station_chainages,
 )
-from sassgis.io.observations import read_observations
+from sassgis.gap.observations.tables import Observations, Stations, Trajectories
+from sassgis.io.read.observation_files import read_observations
+from sassgis.model.grid import Grid
+from sassgis.model.profiles import TraceSet
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.heights import heights_at

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from simulated_slope import STATIONS, TABLE, observed
 
-from sassgis.core.effects import AirDrag, EffectSettings, SoftGround, Trees
-from sassgis.core.ground import GroundTable
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
 from sassgis.gap.diagnosis import Finding
-from sassgis.gap.impact_step import impact_draws, orientation_at_contact
-from sassgis.gap.legs import Model, free_run, observed_at_stations
-from sassgis.gap.residuals import Residual, beyond, mean_of_draws, only_above, spread
-from sassgis.gap.scores import mean_gap_tests
-from sassgis.gap.where import LEAST_ROCKS, leg_edges, locate, where
+from sassgis.gap.distances import mean_gap_tests
+from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
+from sassgis.gap.residuals.reaches import Model, free_run, observed_at_stations
+from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
+from sassgis.gap.where.findings import LEAST_ROCKS, leg_edges, locate, where
+from sassgis.model.effects import AirDrag, EffectSettings, SoftGround, Trees
+from sassgis.model.ground import GroundTable
 
 
 def changed(name: str, **values: float) -> GroundTable:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sassgis.core.hazard import (
+from sassgis.model.hazard import (
     HazardCurves,
     HazardLevel,
     HazardPreset,

@@ -8,8 +8,6 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sassgis.core.grid import Grid
-from sassgis.core.hazard import Source, SourceCounts
 from sassgis.hazard.attribution import (
     attribution,
     governing,
@@ -17,7 +15,9 @@ from sassgis.hazard.attribution import (
     shares_by_scenario,
     zone_of_cells,
 )
-from sassgis.hazard.zones import Coverage, coverage, generalised
+from sassgis.hazard.zoning.generalise import Coverage, coverage, generalised
+from sassgis.model.grid import Grid
+from sassgis.model.hazard import Source, SourceCounts
 
 
 def source(area: str, scenario: str, frequency: float, rocks: int = 100) -> Source:

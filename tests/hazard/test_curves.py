@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from sassgis.core.hazard import Source, SourceCounts
 from sassgis.hazard.curves import (
     at_energies,
     energy_at,
@@ -22,6 +21,7 @@ from sassgis.hazard.curves import (
     source_rate,
 )
 from sassgis.hazard.statistics import Sample, reach_probability
+from sassgis.model.hazard import Source, SourceCounts
 
 ENERGIES = np.array([0.0, 30.0, 300.0])
 

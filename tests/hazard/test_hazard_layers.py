@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hazard_samples import curves_of, swiss
 
-from sassgis.core.hazard import HazardCurves
-from sassgis.core.results import Band, RasterLayer
 from sassgis.hazard.curves import energy_at, rate_interval
-from sassgis.hazard.hazard_layers import hazard_layers
 from sassgis.hazard.levels import hazard_level, intensity_class, level_interval, rocks_factor
-from sassgis.io.presets import preset_names, read_preset
+from sassgis.io.read.presets import preset_names, read_preset
+from sassgis.io.write.layers.hazard_maps import hazard_layers
+from sassgis.model.hazard import HazardCurves
+from sassgis.model.results import Band, RasterLayer
 
 PRESET = swiss()
 SHAPE = (3, 4)

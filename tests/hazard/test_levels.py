@@ -8,7 +8,6 @@ from hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts,
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sassgis.core.hazard import HazardCurves, Source
 from sassgis.hazard.curves import hazard_curves, meets
 from sassgis.hazard.levels import (
     deciding_energy,
@@ -19,6 +18,7 @@ from sassgis.hazard.levels import (
     rocks_factor,
     undecided,
 )
+from sassgis.model.hazard import HazardCurves, Source
 
 PRESET = swiss()
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from hazard_samples import swiss
 
-from sassgis.core.errors import InputError
 from sassgis.hazard.rules import energy_labels, period_labels
-from sassgis.io.presets import preset_names, preset_unverified, read_preset
+from sassgis.io.read.presets import preset_names, preset_unverified, read_preset
+from sassgis.model.errors import InputError
 
 LEVELS = ("residual_hazard", "slight", "mean", "substantial")
 FEDERAL = {

@@ -14,10 +14,7 @@ from hypothesis import strategies as st
 from rasterio.transform import from_origin
 from scipy import ndimage
 
-from sassgis.core.errors import ConfigError, InputError
-from sassgis.core.grid import Grid
-from sassgis.hazard.outlines import components
-from sassgis.hazard.zones import (
+from sassgis.hazard.zoning.generalise import (
     Coverage,
     ZoneSettings,
     coverage,
@@ -25,6 +22,9 @@ from sassgis.hazard.zones import (
     generalised_series,
     nested_coverages,
 )
+from sassgis.hazard.zoning.outlines import components
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.grid import Grid
 
 WEST, NORTH = 2_700_000.0, 1_120_000.0
 KINDS = (

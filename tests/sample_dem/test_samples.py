@@ -16,12 +16,12 @@ import rasterio
 import shapely
 from rasterio.features import geometry_mask
 
-from sassgis.core.results import Outcome
-from sassgis.io.config import load_config
-from sassgis.workflow.assessment import read_rules
-from sassgis.workflow.map_run import plan, simulate_map
-from sassgis.workflow.run import read_job
-from sassgis.workflow.zone import prepared
+from sassgis.io.read.config import load_config
+from sassgis.model.results import Outcome
+from sassgis.runs.assessment import read_rules
+from sassgis.runs.map import plan, simulate_map
+from sassgis.runs.run import read_job
+from sassgis.runs.zone import prepared
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_dem"

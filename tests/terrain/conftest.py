@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from terrains import grid_of, rough
 
-from sassgis.core.grid import Grid
+from sassgis.model.grid import Grid
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.grid import Grid
-from sassgis.core.profiles import ReleasePoints
+from sassgis.model.grid import Grid
+from sassgis.model.profiles import ReleasePoints
 
 FloatArray = NDArray[np.float64]
 Heights = Callable[[FloatArray, FloatArray], FloatArray]

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from terrains import grid_of, middle, points_at
 
-from sassgis.core.errors import ConfigError
-from sassgis.core.grid import Grid
-from sassgis.core.profiles import LineEnd, TraceSet
+from sassgis.model.errors import ConfigError
+from sassgis.model.grid import Grid
+from sassgis.model.profiles import LineEnd, TraceSet
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import SpreadSettings, fans, trace_bundles

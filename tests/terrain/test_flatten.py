@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from terrains import grid_of, middle, points_at, rough
 
-from sassgis.core.errors import ConfigError, InputError
-from sassgis.core.grid import Grid
-from sassgis.core.profiles import ProfileSet, TraceSet
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.grid import Grid
+from sassgis.model.profiles import ProfileSet, TraceSet
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
 from sassgis.terrain.flatten import (
     chainage_to_xy,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from sassgis.core.errors import ConfigError, InputError
+from sassgis.model.errors import ConfigError, InputError
 from sassgis.terrain.release import point_keys, release_points, take
 
 SQUARE = shapely.box(1001.0, 2001.0, 1019.0, 2011.0)

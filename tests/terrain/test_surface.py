@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from terrains import grid_of, rough
 
-from sassgis.core.errors import InputError
-from sassgis.core.grid import Grid
+from sassgis.model.errors import InputError
+from sassgis.model.grid import Grid
 from sassgis.terrain.surface import evaluate, smoothed, surface
 
 

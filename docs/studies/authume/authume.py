@@ -27,12 +27,12 @@ import shapely
 from numpy.typing import NDArray
 
 import sassgis
-from sassgis.core.errors import InputError, SassgisError
-from sassgis.core.profiles import ReleasePoints, TraceSet
-from sassgis.io import figures
+from sassgis.model.errors import InputError, SassgisError
+from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.report import figures
+from sassgis.runs.run import RunResult, run
 from sassgis.terrain.flatten import xy_to_chainage
 from sassgis.terrain.spread import SpreadSettings, trace_bundles
-from sassgis.workflow.run import RunResult, run
 
 FloatArray = NDArray[np.float64]
 

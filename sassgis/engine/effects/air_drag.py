@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from sassgis.core.jit import kernel
+from sassgis.model.jit import kernel
 
 OFF, CONSTANT, SPHERICITY = 0, 1, 2
 #: C_d of a sphere in fast flow, on which the sphericity works.

@@ -7,10 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.effects import EffectSettings
-from sassgis.core.errors import ConfigError
-from sassgis.core.grid import FloatArray
-from sassgis.core.ground import GroundTable
 from sassgis.engine.effects import (
     air_drag,
     entrainment,
@@ -21,6 +17,10 @@ from sassgis.engine.effects import (
     trees,
 )
 from sassgis.engine.effects.state import BIRTH_COLUMNS, Births, Effects
+from sassgis.model.effects import EffectSettings
+from sassgis.model.errors import ConfigError
+from sassgis.model.grid import FloatArray
+from sassgis.model.ground import GroundTable
 
 #: Longest flight between two turns of drag (s): halving it moves nothing that matters.
 DRAG_STEP_S = 0.05

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core import rng
-from sassgis.core.jit import kernel
+from sassgis.model import rng
+from sassgis.model.jit import kernel
 
 OFF, POISSON, ENERGY = 0, 1, 2
 _MOST = 20

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.core import rng
-from sassgis.core.grid import FloatArray
-from sassgis.core.jit import kernel
+from sassgis.model import rng
+from sassgis.model.grid import FloatArray
+from sassgis.model.jit import kernel
 
 OFF, FRACTAL, THRESHOLD = 0, 1, 2
 

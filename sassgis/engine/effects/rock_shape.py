@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.core import rng
-from sassgis.core.jit import kernel
+from sassgis.model import rng
+from sassgis.model.jit import kernel
 
 OFF, FLAT_LANDING, MEAN_INERTIA = 0, 1, 2
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.jit import kernel
+from sassgis.model.jit import kernel
 
 OFF, VELOCITY_SCALED, SCAR, SLIP = 0, 1, 2, 3
 

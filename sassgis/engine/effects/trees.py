@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core import rng
-from sassgis.core.jit import kernel
+from sassgis.model import rng
+from sassgis.model.jit import kernel
 
 OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
 # Share of the speed that the viscous force takes in a step, and the shortest such step.

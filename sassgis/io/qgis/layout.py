@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
-from sassgis.core.results import RasterLayer
-from sassgis.io.geopackage import VectorLayer
 from sassgis.io.qgis.markup import rgba
-from sassgis.io.qgis.styles import HILLSHADE, Symbol, class_labels, class_name
 from sassgis.io.qgis.vector_style import symbol_element
+from sassgis.io.write.geopackage import VectorLayer
+from sassgis.model.results import RasterLayer
+from sassgis.model.styles import HILLSHADE, Symbol, class_labels, class_name
 
 Extent = tuple[float, float, float, float]
 

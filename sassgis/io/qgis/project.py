@@ -16,13 +16,13 @@ from xml.etree import ElementTree as ET
 
 from pyproj import CRS
 
-from sassgis.core.results import RasterLayer
-from sassgis.io.geopackage import VectorLayer
 from sassgis.io.qgis.layout import PrintLayout, ShownLayer, layout_element
 from sassgis.io.qgis.markup import QGIS_VERSION, document
 from sassgis.io.qgis.raster_style import raster_style_elements
 from sassgis.io.qgis.vector_style import vector_style_elements
-from sassgis.io.staging import writing
+from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.write.staging import writing
+from sassgis.model.results import RasterLayer
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 _GEOMETRY_NAME = {"marker": "Point", "line": "Line", "fill": "Polygon"}

@@ -9,9 +9,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.core.results import RasterLayer
 from sassgis.io.qgis.markup import number, options, rgba, text_element
-from sassgis.io.qgis.styles import (
+from sassgis.model.results import RasterLayer
+from sassgis.model.styles import (
     HILLSHADE,
     RASTER_OPACITY,
     class_colours,

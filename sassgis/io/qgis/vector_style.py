@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as ET
 
 from sassgis.io.qgis.markup import number, options, rgba, text_element
-from sassgis.io.qgis.styles import FieldInfo, Symbol, VectorStyle
+from sassgis.model.styles import FieldInfo, Symbol, VectorStyle
 
 _OPEN_END = 1e300
 _HATCH_ANGLE = {"diagonal": "45", "horizontal": "0", "falling": "135"}

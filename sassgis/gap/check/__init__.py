@@ -1,0 +1,1 @@
+"""The blind check: made worlds, sealed cases, scores of the answers."""

@@ -1,0 +1,162 @@
+"""The mix of worlds on which a diagnosis is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from sassgis.gap.check.worlds.observe import KINDS
+from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
+from sassgis.gap.check.worlds.world import (
+    FAMILIES,
+    UNKNOWNS,
+    EffectSpec,
+    Family,
+    Strength,
+    WorldSpec,
+)
+from sassgis.model.errors import InputError
+
+T = TypeVar("T")
+#: Number of rocks, and kind of observations.
+Design = tuple[int, str]
+
+SAMPLE_SIZES = (20, 40, 100, 300)
+DESIGNS: tuple[Design, ...] = tuple((size, kind) for size in SAMPLE_SIZES for kind in KINDS)
+#: A well-equipped field test, and what is more often to be had: the designs on which the accuracy
+#: is asked for, and which therefore most of the worlds with a single effect have.
+FULL: Design = (100, "everything")
+MODEST: Design = (40, "both")
+# Shares of the battery: nothing, one effect, a pair; what is left is unknown effects.
+_NONE, _SINGLE, _PAIR = 1 / 3, 2 / 5, 2 / 15
+# Shares of the single effects in the two designs, and of the unknown ones in the first.
+_SINGLE_FULL, _SINGLE_MODEST, _UNKNOWN_FULL = 2 / 5, 1 / 3, 7 / 10
+# A fifth of the single effects is weak.
+_STRENGTHS: tuple[Strength, ...] = ("weak", "medium", "strong", "medium", "strong")
+
+
+def battery(seed: int, n: int) -> list[WorldSpec]:
+    """Specifications of a battery of worlds, in an order that tells nothing.
+
+    A third has no effect, two fifths a single one, two fifteenths a pair, the rest an unknown one.
+    Of the single ones two fifths are observed as in ``FULL`` and a third as in ``MODEST``; of the
+    unknown ones seven tenths as in ``FULL``. All others go round the remaining designs; worlds
+    without an effect and pairs go round all of them. Families follow each other in shuffled cycles
+    that run on from design to design, so that each comes as often as any other in all of them, to
+    within one; in five cycles each of them is weak once, medium twice and strong twice. Pairs and
+    unknown effects are medium or strong.
+
+    Parameters
+    ----------
+    seed : int
+    n : int
+        Number of worlds, at least 1.
+
+    Returns
+    -------
+    list of WorldSpec, length n
+
+    Raises
+    ------
+    InputError
+        If no world is asked for.
+    """
+    if n < 1:
+        raise InputError("no worlds", field="n", found=n, expected="at least 1")
+    rng = np.random.default_rng([seed, 1986])
+    n_none, n_single = round(n * _NONE), round(n * _SINGLE)
+    n_pair = min(round(n * _PAIR), n - n_none - n_single)
+    n_unknown = n - n_none - n_single - n_pair
+
+    cells: list[tuple[tuple[EffectSpec, ...], Design]] = []
+    cells += [((), design) for design in _cycle(rng, DESIGNS, n_none)]
+    singles = _singles(rng, n_single)
+    cells += zip(singles, _single_designs(rng, n_single), strict=True)
+    cells += zip(_pairs(rng, n_pair), _cycle(rng, DESIGNS, n_pair), strict=True)
+    n_full = round(n_unknown * _UNKNOWN_FULL)
+    elsewhere = [design for design in DESIGNS if design != FULL]
+    designs = [FULL] * n_full + _cycle(rng, elsewhere, n_unknown - n_full)
+    cells += zip(_unknown(rng, n_unknown), designs, strict=True)
+
+    slopes = _cycle(rng, SLOPE_TYPES, n)
+    order = rng.permutation(n)
+    return [
+        WorldSpec(slopes[k], cells[k][0], n_rocks=cells[k][1][0], kind=cells[k][1][1])
+        for k in order.tolist()
+    ]
+
+
+def quick_battery(seed: int) -> list[WorldSpec]:
+    """Six worlds that show whether a check runs, not how good a diagnosis is.
+
+    Two without an effect, three with a strong one, one with an unknown one; 20 to 40 rocks.
+    """
+    rng = np.random.default_rng([seed, 1986])
+    effects: list[tuple[EffectSpec, ...]] = [(), ()]
+    effects += [(EffectSpec(name, "strong"),) for name in _cycle(rng, FAMILIES, 3)]
+    effects += [(EffectSpec(name, "strong"),) for name in _cycle(rng, UNKNOWNS, 1)]
+    designs: list[Design] = [(20, "both"), (40, "everything")] * 3
+    slopes = _cycle(rng, SLOPE_TYPES, len(effects))
+    return [
+        WorldSpec(slopes[k], effects[k], n_rocks=designs[k][0], kind=designs[k][1])
+        for k in rng.permutation(len(effects)).tolist()
+    ]
+
+
+def world_seeds(seed: int, n: int) -> list[int]:
+    """Seeds of the worlds of a battery; those of two batteries have nothing in common.
+
+    Parameters
+    ----------
+    seed : int
+        Of the battery.
+    n : int
+        Number of worlds.
+    """
+    state = np.random.SeedSequence([seed, 1977]).generate_state(n, np.uint64)
+    # Other numbers are added to a seed further on: room is left above it.
+    return [int(value >> np.uint64(16)) for value in state]
+
+
+def _singles(rng: np.random.Generator, n: int) -> list[tuple[EffectSpec, ...]]:
+    """Single effects: families in shuffled cycles, and each through the strengths in turn."""
+    place = {name: k for k, name in enumerate(_cycle(rng, FAMILIES, len(FAMILIES)))}
+    names: list[Family] = _cycle(rng, FAMILIES, n)
+    return [
+        (EffectSpec(name, _STRENGTHS[(place[name] + k // len(FAMILIES)) % len(_STRENGTHS)]),)
+        for k, name in enumerate(names)
+    ]
+
+
+def _single_designs(rng: np.random.Generator, n: int) -> list[Design]:
+    n_full, n_modest = round(n * _SINGLE_FULL), round(n * _SINGLE_MODEST)
+    others = [design for design in DESIGNS if design not in (FULL, MODEST)]
+    # In this order the cycles of families end with the battery of 150.
+    return [FULL] * n_full + _cycle(rng, others, n - n_full - n_modest) + [MODEST] * n_modest
+
+
+def _pairs(rng: np.random.Generator, n: int) -> list[tuple[EffectSpec, ...]]:
+    """The first of each pair goes round all families, the second is drawn from the others."""
+    pairs: list[tuple[EffectSpec, ...]] = []
+    for first in _cycle(rng, FAMILIES, n):
+        others = [name for name in FAMILIES if name != first]
+        second = others[int(rng.integers(len(others)))]
+        strengths = _cycle(rng, _STRENGTHS[1:3], 2)
+        pairs.append((EffectSpec(first, strengths[0]), EffectSpec(second, strengths[1])))
+    return pairs
+
+
+def _unknown(rng: np.random.Generator, n: int) -> list[tuple[EffectSpec, ...]]:
+    strengths = _cycle(rng, _STRENGTHS[1:3], n)
+    names = _cycle(rng, UNKNOWNS, n)
+    return [(EffectSpec(name, s),) for name, s in zip(names, strengths, strict=True)]
+
+
+def _cycle(rng: np.random.Generator, values: Sequence[T], n: int) -> list[T]:
+    """N values: all of them in a shuffled order, again and again."""
+    out: list[T] = []
+    while len(out) < n:
+        out += [values[k] for k in rng.permutation(len(values))]
+    return out[:n]

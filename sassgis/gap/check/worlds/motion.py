@@ -1,0 +1,878 @@
+"""Rocks in small time steps: flight, contact by penetration and bisection, rolling, sliding.
+
+Position and velocity are in space; the ellipse and its spin stay in the vertical plane of motion.
+In flight the step is that of Runge and Kutta (fourth order). The ground is the bilinear surface
+of the grid. At each contact the path turns to the fall line of the smoothed terrain, plus a
+deviation that only effects create and that half of each contact takes away.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.gap.check.worlds import draws
+from sassgis.gap.check.worlds.forces import (
+    Forces,
+    active,
+    air_acceleration,
+    break_chance,
+    cap_tilts,
+    indent,
+    on_ice,
+    snow_drag,
+    strike,
+    weight_on,
+)
+from sassgis.gap.check.worlds.law import (
+    GRAVITY,
+    SOFT_LANDING,
+    kinetic,
+    lever,
+    rebound,
+    rolling_friction,
+)
+from sassgis.gap.check.worlds.slopes import descent, fall_line_chord, height_at, surface_at
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.jit import kernel
+
+KeyArray = NDArray[np.uint64]
+
+# Columns of a moving block.
+X, Y, Z, VX, VY, VZ, HX, HY, PHI, SPIN, ASIDE = range(11)
+A, B, C, DENSITY, TIME, MODE, COUNT, PIECE, KIND, GENERATION, HAND = range(11, 22)
+N_STATE = 22
+FLY, ROLL, SLIDE, STOPPED, LEFT, BROKEN = range(6)
+ROCK, FRAGMENT, LOOSENED = range(3)
+# Columns of the tables; the first three are rock, number of the piece, kind of block.
+DEPOSIT_COLUMNS = ("x", "y", "z", "mass_kg", "volume_m3")
+PASSAGE_COLUMNS = ("station", "x", "y", "z", "speed_mps", "rotation_hz", "height_m", "mass_kg")
+IMPACT_COLUMNS = (
+    "impact",
+    "x",
+    "y",
+    "z",
+    "slope_deg",
+    "vt_in_mps",
+    "vn_in_mps",
+    "omega_in_radps",
+    "vt_out_mps",
+    "vn_out_mps",
+    "omega_out_radps",
+    "turn_deg",
+    "mass_kg",
+)
+TRACK_COLUMNS = ("t_s", "x", "y", "z", "speed_mps", "rotation_hz")
+
+MAX_PIECES = 64
+_LONGEST_S = 240.0
+_SLOW = 0.05
+_TRACK_EVERY_S = 0.1
+_HALF = 0.5
+# Contact points that approach the ground more gently than this do not hit it (m/s).
+_TOUCH = 0.02
+# A rolling rock leaves where its free path is above the ground after this time (s).
+_LOOK_AHEAD = 0.06
+
+
+class Field(NamedTuple):
+    """Ground and obstacles as the kernels read them."""
+
+    z: FloatArray
+    gx: FloatArray
+    gy: FloatArray
+    west: float
+    north: float
+    cell: float
+    ground: IntArray
+    law: FloatArray
+    x0: float
+    y0: float
+    ux: float
+    uy: float
+    stations: FloatArray
+    ob_start: IntArray
+    ob_near: IntArray
+    obstacles: FloatArray
+
+
+class Tables(NamedTuple):
+    """Room for what is recorded, and how many rows are used."""
+
+    deposits: FloatArray
+    passages: FloatArray
+    impacts: FloatArray
+    tracks: FloatArray
+    used: IntArray
+    gain: FloatArray
+
+
+@kernel
+def run_rocks(
+    f: Field,
+    forces: Forces,
+    starts: FloatArray,
+    keys: KeyArray,
+    campaign: FloatArray,
+    dt: float,
+    tables: Tables,
+) -> None:
+    """Let all rocks go, with the pieces and loosened blocks that they make."""
+    stack = np.empty((MAX_PIECES, N_STATE))
+    stack_keys = np.empty(MAX_PIECES, np.uint64)
+    for rock in range(starts.shape[0]):
+        stack[0] = starts[rock]
+        stack_keys[0] = keys[rock]
+        # Waiting blocks, and all that were ever made of this rock.
+        counts = np.array([1, 1])
+        while counts[0] > 0:
+            counts[0] -= 1
+            st = stack[counts[0]].copy()
+            key = stack_keys[counts[0]]
+            _run_block(
+                f, forces, st, key, rock, campaign[rock], dt, stack, stack_keys, counts, tables
+            )
+
+
+@kernel
+def _run_block(
+    f: Field,
+    forces: Forces,
+    st: FloatArray,
+    key: np.uint64,
+    rock: int,
+    campaign: float,
+    dt: float,
+    stack: FloatArray,
+    stack_keys: KeyArray,
+    counts: IntArray,
+    tables: Tables,
+) -> None:
+    """Follow one block to its end."""
+    n_rows, n_cols = f.z.shape
+    last_hit = np.array([-1])
+    next_track = st[TIME]
+    s = _s(f, st)
+    while True:
+        if st[TIME] >= next_track:
+            _write_track(st, rock, tables)
+            next_track += _TRACK_EVERY_S
+        if st[MODE] == FLY:
+            _fly(f, forces, st, key, rock, campaign, dt, stack, stack_keys, counts, tables)
+        else:
+            _roll(f, forces, st, campaign, dt)
+        if st[MODE] == BROKEN:
+            return
+        if f.obstacles.shape[0] > 0 and st[MODE] != STOPPED:
+            _meet_obstacles(f, st, last_hit)
+        u = (st[X] - f.west) / f.cell
+        v = (f.north - st[Y]) / f.cell
+        before = s
+        s = _s(f, st)
+        for k in range(f.stations.shape[0]):
+            if before < f.stations[k] <= s:
+                _write_passage(f, st, rock, k, tables)
+        if st[MODE] == STOPPED or st[TIME] > _LONGEST_S:
+            _write_track(st, rock, tables)
+            _write_deposit(f, st, rock, tables)
+            return
+        if u < 1.5 or v < 1.5 or u > n_cols - 1.5 or v > n_rows - 1.5:
+            return
+
+
+@kernel
+def _s(f: Field, st: FloatArray) -> float:
+    return float((st[X] - f.x0) * f.ux + (st[Y] - f.y0) * f.uy)
+
+
+@kernel
+def _mass(st: FloatArray) -> float:
+    return float(st[DENSITY] * 4.0 / 3.0 * math.pi * st[A] * st[B] * st[C])
+
+
+@kernel
+def _law_at(f: Field, x: float, y: float) -> FloatArray:
+    n_rows, n_cols = f.ground.shape
+    i = min(max(int((f.north - y) / f.cell), 0), n_rows - 1)
+    j = min(max(int((x - f.west) / f.cell), 0), n_cols - 1)
+    law: FloatArray = f.law[f.ground[i, j]]
+    return law
+
+
+@kernel
+def _accelerate(
+    forces: Forces, st: FloatArray, phi: float, vx: float, vy: float, vz: float
+) -> tuple[float, float, float]:
+    ax, ay, az = air_acceleration(
+        forces, st[A], st[B], st[C], st[DENSITY], phi, st[SPIN], vx, vy, vz
+    )
+    return ax, ay, az - GRAVITY
+
+
+@kernel
+def flight_step(forces: Forces, st: FloatArray, h: float) -> None:
+    """Advance a flying block by h seconds (Runge-Kutta, fourth order)."""
+    vx, vy, vz = st[VX], st[VY], st[VZ]
+    if forces.air.q <= 0.0 and forces.wind.q <= 0.0 and forces.magnus.q <= 0.0:
+        # The four stages agree under gravity alone: the step is the parabola itself.
+        st[X] += h * vx
+        st[Y] += h * vy
+        st[Z] += h * vz - 0.5 * GRAVITY * h * h
+        st[VZ] = vz - GRAVITY * h
+        st[PHI] -= h * st[SPIN]
+        st[TIME] += h
+        return
+    half = 0.5 * h
+    middle = st[PHI] - half * st[SPIN]
+    last = st[PHI] - h * st[SPIN]
+    a1, b1, c1 = _accelerate(forces, st, st[PHI], vx, vy, vz)
+    a2, b2, c2 = _accelerate(forces, st, middle, vx + half * a1, vy + half * b1, vz + half * c1)
+    a3, b3, c3 = _accelerate(forces, st, middle, vx + half * a2, vy + half * b2, vz + half * c2)
+    a4, b4, c4 = _accelerate(forces, st, last, vx + h * a3, vy + h * b3, vz + h * c3)
+    st[X] += h * vx + h * h / 6.0 * (a1 + a2 + a3)
+    st[Y] += h * vy + h * h / 6.0 * (b1 + b2 + b3)
+    st[Z] += h * vz + h * h / 6.0 * (c1 + c2 + c3)
+    st[VX] = vx + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    st[VY] = vy + h / 6.0 * (b1 + 2.0 * b2 + 2.0 * b3 + b4)
+    st[VZ] = vz + h / 6.0 * (c1 + 2.0 * c2 + 2.0 * c3 + c4)
+    st[PHI] = last
+    st[TIME] += h
+    _face_velocity(st)
+
+
+@kernel
+def _face_velocity(st: FloatArray) -> None:
+    """The plane of motion is that of the velocity."""
+    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
+    if along > 1e-6:
+        st[HX] = st[VX] / along
+        st[HY] = st[VY] / along
+
+
+@kernel
+def _gap(f: Field, st: FloatArray) -> tuple[float, float, float, float]:
+    """Gap between rock and ground (m), slope there (rad), and the point of contact in plan."""
+    px, py = st[X], st[Y]
+    slope = 0.0
+    gap = 0.0
+    drop = 0.0
+    for turn in range(3):
+        zg, gx, gy = surface_at(f.z, f.west, f.north, f.cell, px, py)
+        if turn > 0:
+            gap = (st[Z] + drop - zg) * math.cos(slope)
+        slope = math.atan(-(gx * st[HX] + gy * st[HY]))
+        if turn < 2:
+            x, y = lever(st[A], st[B], st[PHI] + slope)
+            back = -x * math.cos(slope) - y * math.sin(slope)
+            drop = x * math.sin(slope) - y * math.cos(slope)
+            px = st[X] + back * st[HX]
+            py = st[Y] + back * st[HY]
+    return gap, slope, px, py
+
+
+@kernel
+def _fly(
+    f: Field,
+    forces: Forces,
+    st: FloatArray,
+    key: np.uint64,
+    rock: int,
+    campaign: float,
+    dt: float,
+    stack: FloatArray,
+    stack_keys: KeyArray,
+    counts: IntArray,
+    tables: Tables,
+) -> None:
+    """One step of flight, with the contact in it if there is one."""
+    start = st.copy()
+    flight_step(forces, st, dt)
+    over = st[Z] - height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+    if over > 4.0 * st[A] + 1.0:
+        return
+    gap, slope, px, py = _gap(f, st)
+    if gap >= 0.0 or _approach(st, slope) > -_TOUCH:
+        if gap < 0.0:
+            st[Z] -= gap / math.cos(slope)
+        return
+    low = 0.0
+    high = dt
+    for _ in range(16):
+        half = 0.5 * (low + high)
+        st[:] = start
+        flight_step(forces, st, half)
+        gap, slope, px, py = _gap(f, st)
+        if gap < 0.0:
+            high = half
+        else:
+            low = half
+    st[:] = start
+    flight_step(forces, st, low)
+    gap, slope, px, py = _gap(f, st)
+    if _approach(st, slope) > -_TOUCH:
+        st[:] = start
+        flight_step(forces, st, dt)
+        return
+    _contact(f, forces, st, key, rock, campaign, slope, px, py, stack, stack_keys, counts, tables)
+
+
+@kernel
+def _approach(st: FloatArray, slope: float) -> float:
+    """Speed away from the ground of the rock's lowest material point (m/s)."""
+    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
+    x, _ = lever(st[A], st[B], st[PHI] + slope)
+    vn = along * math.sin(slope) + st[VZ] * math.cos(slope)
+    return float(vn + st[SPIN] * x)
+
+
+@kernel
+def _contact(
+    f: Field,
+    forces: Forces,
+    st: FloatArray,
+    key: np.uint64,
+    rock: int,
+    campaign: float,
+    slope: float,
+    px: float,
+    py: float,
+    stack: FloatArray,
+    stack_keys: KeyArray,
+    counts: IntArray,
+    tables: Tables,
+) -> None:
+    """Impact or soft landing; changes the state and may make new blocks."""
+    a, b = st[A], st[B]
+    radius = math.sqrt(a * b)
+    inertia = (a * a + b * b) / 5.0
+    flat = 0.0
+    law = _law_at(f, px, py)
+    s = (px - f.x0) * f.ux + (py - f.y0) * f.uy
+    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
+    vt_in = along * math.cos(slope) - st[VZ] * math.sin(slope)
+    vn_in = along * math.sin(slope) + st[VZ] * math.cos(slope)
+    spin_in = st[SPIN]
+    before = kinetic(inertia, vt_in, vn_in, spin_in)
+    st[COUNT] += 1.0
+    n = int(st[COUNT])
+    met = slope
+    if slope > 0.0:
+        u = law[1] + (law[2] - law[1]) * draws.uniform(key, draws.SLOPE, n)
+        met = math.atan(math.tan(slope) * (1.0 - u))
+    cross = 0.0
+    if active(forces.bumps, s):
+        tilt, cross = cap_tilts(forces.bumps, key, n, radius)
+        met -= tilt
+    x, y = lever(a, b, st[PHI] + met)
+    vt = along * math.cos(met) - st[VZ] * math.sin(met)
+    vn = along * math.sin(met) + st[VZ] * math.cos(met)
+    if vn + spin_in * x > -_TOUCH:
+        met = slope
+        vt, vn = vt_in, vn_in
+        x, y = lever(a, b, st[PHI] + met)
+    if vn * vn < 2.0 * weight_on(met) * SOFT_LANDING * radius:
+        # As soft as it is on the ground that is met.
+        _land(f, st, slope, vt_in, inertia)
+        return
+    eta_max = law[0]
+    if forces.wet.q > 0.0:
+        eta_max *= 1.0 - forces.wet.q * (0.3 + 0.7 * campaign)
+    if active(forces.ice, s) and on_ice(forces.ice, px, py):
+        # Ice holds nothing along the ground; it returns a little of the normal speed.
+        vn = 0.2 * abs(vn)
+        spin = spin_in
+    else:
+        vt, vn, spin, _ = rebound(x, y, inertia, vt, vn, spin_in, eta_max)
+        if active(forces.soft, s):
+            vt, vn, spin = indent(
+                forces.soft, _mass(st), radius, inertia, vn_in, spin_in, vt, vn, spin
+            )
+    if active(forces.plates, s):
+        flat = 1.0 - st[C] / b
+        if draws.uniform(key, draws.PLATE, 2 * n) < min(0.95, forces.plates.q * flat):
+            # The flat side comes down: the wobble of the plate is lost, and it veers.
+            strength = min(1.0, forces.plates.q * flat)
+            vt *= 1.0 - 0.5 * strength
+            vn *= 1.0 - 0.5 * strength
+            spin *= 1.0 - 0.5 * strength
+            cross += st[HAND] * 0.6 * strength * draws.uniform(key, draws.PLATE, 2 * n + 1)
+    if active(forces.snow, s):
+        held = 1.0 / (1.0 + snow_drag(forces.snow, vt))
+        vt *= held
+        spin *= held
+    if active(forces.facets, s):
+        facet = forces.facets.q * draws.laplace(key, draws.LATERAL, n)
+        cross += min(max(facet, -0.9), 0.9)
+
+    # Back from the ground that was met to the mean slope.
+    v_along = vt * math.cos(met) + vn * math.sin(met)
+    vz = -vt * math.sin(met) + vn * math.cos(met)
+    vt_out = v_along * math.cos(slope) - vz * math.sin(slope)
+    vn_out = v_along * math.sin(slope) + vz * math.cos(slope)
+    turn = 0.0
+    if cross != 0.0:
+        # The normal impulse on a facet that leans sideways pushes the rock aside.
+        turn = math.atan2((vn_out - vn_in) * math.sin(cross), abs(v_along) + 0.5)
+    old_hx, old_hy = st[HX], st[HY]
+    after = kinetic(inertia, vt_out, vn_out, spin)
+    tables.gain[rock] = max(tables.gain[rock], (after - before) / before)
+    row = np.array([math.degrees(slope), vt_in, vn_in, spin_in, vt_out, vn_out, spin])
+    st[SPIN] = spin
+    st[ASIDE] = _HALF * st[ASIDE] + turn
+    if v_along < 0.0:
+        _turn_back(st)
+        slope = -slope
+        vt_out = -vt_out
+    _aim(f, st, slope, vt_out, vn_out)
+    # The path turns about the normal of the ground: the rock does not turn into it or off it.
+    _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, px, py)
+    turned = math.atan(-(gx * st[HX] + gy * st[HY]))
+    st[PHI] += slope - turned
+    slope = turned
+    v_along = vt_out * math.cos(slope) + vn_out * math.sin(slope)
+    st[VX] = v_along * st[HX]
+    st[VY] = v_along * st[HY]
+    st[VZ] = -vt_out * math.sin(slope) + vn_out * math.cos(slope)
+    _face_velocity(st)
+    if vn_in < 0.0:
+        # A tip that strikes while the centre already leaves is no impact to an observer.
+        _write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
+    if active(forces.breaking, s):
+        volume = _mass(st) / st[DENSITY]
+        if volume > 0.01 and draws.uniform(key, draws.BREAK, n) < break_chance(
+            forces.breaking, volume, vn_in
+        ):
+            _shatter(f, st, key, n, before - after, stack, stack_keys, counts, tables, rock)
+            if st[MODE] == BROKEN:
+                return
+    if active(forces.loose, s) and st[KIND] == ROCK:
+        _loosen(f, forces, st, key, n, abs(vt_out - vt_in), px, py, stack, stack_keys, counts)
+    if vn_out <= 0.0:
+        # P is behind the centre: the rock flies where the ground cannot push it, else it rolls.
+        theta = st[PHI] + slope
+        x, y = lever(a, b, theta)
+        bend = ((a * a - b * b) * math.cos(2.0 * theta) - x * x) / y
+        if weight_on(slope) + bend * st[SPIN] ** 2 > 0.0:
+            _land(f, st, slope, vt_out, inertia)
+
+
+@kernel
+def _land(f: Field, st: FloatArray, slope: float, vt: float, inertia: float) -> None:
+    """Go over into rolling; the angular momentum about the contact is kept, energy never made."""
+    radius = math.sqrt(st[A] * st[B])
+    spin = (inertia * st[SPIN] + radius * vt) / (inertia + radius * radius)
+    if spin < 0.0:
+        _turn_back(st)
+        spin = -spin
+        slope = -slope
+    v = spin * radius
+    st[SPIN] = spin
+    st[VX] = v * math.cos(slope) * st[HX]
+    st[VY] = v * math.cos(slope) * st[HY]
+    st[VZ] = -v * math.sin(slope)
+    st[MODE] = ROLL
+
+
+@kernel
+def _turn_back(st: FloatArray) -> None:
+    """Face the other way: the plane of motion is seen from its other side."""
+    st[HX] = -st[HX]
+    st[HY] = -st[HY]
+    st[PHI] = math.pi - st[PHI]
+    st[SPIN] = -st[SPIN]
+
+
+@kernel
+def _aim(f: Field, st: FloatArray, slope: float, vt: float, vn: float) -> None:
+    """Turn the heading to the fall line, plus the deviation that effects have left."""
+    reach = 1.0
+    if vn > 0.0:
+        flight = 2.0 * vn / weight_on(slope)
+        plan = (vt * flight + 0.5 * GRAVITY * math.sin(slope) * flight**2) * math.cos(slope)
+        reach = min(max(plan, 1.0), 50.0)
+    dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
+    if dx * st[HX] + dy * st[HY] >= 0.0:
+        dx, dy = fall_line_chord(
+            f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY], reach
+        )
+    else:
+        dx, dy = -dx, -dy
+    _set_heading(st, dx, dy)
+
+
+@kernel
+def _set_heading(st: FloatArray, dx: float, dy: float) -> None:
+    c = math.cos(st[ASIDE])
+    s = math.sin(st[ASIDE])
+    st[HX] = c * dx - s * dy
+    st[HY] = s * dx + c * dy
+
+
+@kernel
+def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) -> None:
+    """One step along the ground, rolling or sliding; may leave the ground or come to rest."""
+    a, b = st[A], st[B]
+    radius = math.sqrt(a * b)
+    law = _law_at(f, st[X], st[Y])
+    s = _s(f, st)
+    st[ASIDE] *= 1.0 - min(1.0, dt / 0.6)
+    dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
+    facing = dx * st[HX] + dy * st[HY]
+    if facing < 0.0:
+        dx, dy = -dx, -dy
+    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
+    v = math.sqrt(along * along + st[VZ] ** 2)
+    _set_heading(st, dx, dy)
+    _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+    slope = math.atan(-(gx * st[HX] + gy * st[HY]))
+    inertia = (a * a + b * b) / 5.0
+    tipping = weight_on(slope) * (a - b)
+    energy = 0.5 * v * v * (1.0 + inertia / (radius * radius))
+    if st[MODE] == ROLL and energy < tipping and math.tan(slope) < law[3]:
+        st[MODE] = SLIDE
+    elif st[MODE] == SLIDE and math.tan(slope) > law[3]:
+        st[MODE] = ROLL
+        # Spin comes out of the speed: angular momentum about the contact is kept.
+        v /= 1.0 + inertia / (radius * radius)
+    friction = law[3]
+    if st[MODE] == ROLL:
+        friction = rolling_friction(law[4], law[5], law[6], radius)
+        if active(forces.plates, s):
+            flat = 1.0 - st[C] / b
+            if v < 5.0 * forces.plates.q * flat:
+                friction *= 1.0 + min(1.0, forces.plates.q * flat)
+    if active(forces.snow, s):
+        friction += snow_drag(forces.snow, v)
+    if active(forces.ice, s) and on_ice(forces.ice, st[X], st[Y]):
+        friction = 0.12
+    if forces.wet.q > 0.0:
+        # A wet block slips on wet ground.
+        friction *= 1.0 - 0.4 * forces.wet.q * (0.3 + 0.7 * campaign)
+    pull = GRAVITY * math.sin(slope) - friction * weight_on(slope)
+    v += pull * dt
+    st[TIME] += dt
+    if v <= _SLOW and pull < 0.0:
+        steepest = math.sqrt(gx * gx + gy * gy)
+        if steepest > friction + 1e-3 and slope < 0.0:
+            _turn_back(st)
+            st[VX] = _SLOW * st[HX]
+            st[VY] = _SLOW * st[HY]
+            st[VZ] = 0.0
+            st[SPIN] = _SLOW / radius
+            return
+        st[VX] = 0.0
+        st[VY] = 0.0
+        st[VZ] = 0.0
+        st[SPIN] = 0.0
+        st[MODE] = STOPPED
+        return
+    cos = math.cos(slope)
+    sin = math.sin(slope)
+    here = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+    far = v * cos * _LOOK_AHEAD
+    ahead = height_at(f.z, f.west, f.north, f.cell, st[X] + far * st[HX], st[Y] + far * st[HY])
+    free = here - v * sin * _LOOK_AHEAD - 0.5 * GRAVITY * _LOOK_AHEAD**2
+    st[X] += v * cos * dt * st[HX]
+    st[Y] += v * cos * dt * st[HY]
+    st[VX] = v * cos * st[HX]
+    st[VY] = v * cos * st[HY]
+    st[VZ] = -v * sin
+    if st[MODE] == ROLL:
+        st[SPIN] = v / radius
+        st[PHI] -= st[SPIN] * dt
+    else:
+        st[SPIN] = 0.0
+    zg, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+    next_slope = math.atan(-(gx * st[HX] + gy * st[HY]))
+    st[Z] = zg + lever(a, b, st[PHI] + next_slope)[1] / math.cos(next_slope)
+    if free > ahead:
+        st[MODE] = FLY
+        return
+    bend = slope - next_slope
+    if bend > 0.0:
+        hit = v * math.sin(bend)
+        if hit * hit > 2.0 * weight_on(next_slope) * SOFT_LANDING * radius:
+            # Too sharp a hollow to roll through: it is met as an impact.
+            st[MODE] = FLY
+            return
+        v *= math.cos(bend)
+    st[VX] = v * math.cos(next_slope) * st[HX]
+    st[VY] = v * math.cos(next_slope) * st[HY]
+    st[VZ] = -v * math.sin(next_slope)
+
+
+@kernel
+def _shatter(
+    f: Field,
+    st: FloatArray,
+    key: np.uint64,
+    n: int,
+    lost: float,
+    stack: FloatArray,
+    stack_keys: KeyArray,
+    counts: IntArray,
+    tables: Tables,
+    rock: int,
+) -> None:
+    """Break a rock: stick-breaking sizes, a cone of velocities that keeps the momentum.
+
+    A tenth of the energy lost in the impact drives the pieces apart.
+    """
+    pieces = 2 + int(4.0 * draws.uniform(key, draws.PIECES, 64 * n))
+    # A waiting list that is full breaks no more: mass is never dropped.
+    if counts[0] + pieces > MAX_PIECES or counts[1] + pieces > MAX_PIECES:
+        return
+    share = np.empty(pieces)
+    apart = np.empty((pieces, 3))
+    rest = 1.0
+    for i in range(pieces):
+        # Beta(1, 2): the stick is broken nearer to its beginning.
+        cut = 1.0 - math.sqrt(draws.uniform(key, draws.PIECES, 64 * n + 1 + i))
+        share[i] = rest if i == pieces - 1 else rest * max(0.05, cut)
+        rest -= share[i]
+        for k in range(3):
+            apart[i, k] = draws.normal(key, draws.SIZE, 64 * n + 3 * i + k)
+    mean = np.zeros(3)
+    for i in range(pieces):
+        for k in range(3):
+            mean[k] += share[i] * apart[i, k]
+    spread = 0.0
+    for i in range(pieces):
+        for k in range(3):
+            apart[i, k] -= mean[k]
+            spread += 0.5 * share[i] * apart[i, k] ** 2
+    scale = math.sqrt(0.1 * max(lost, 0.0) / max(spread, 1e-12))
+    for i in range(pieces):
+        child = stack[counts[0]]
+        child[:] = st
+        # The pieces are rounder than a long parent, and together have its volume.
+        size = share[i] ** (1.0 / 3.0)
+        round_ = (st[A] * st[B] * st[C]) ** (1.0 / 3.0)
+        child[A] = size * math.sqrt(st[A] * round_)
+        child[B] = size * math.sqrt(st[B] * round_)
+        child[C] = size * math.sqrt(st[C] * round_)
+        child[VX] = st[VX] + scale * apart[i, 0]
+        child[VY] = st[VY] + scale * apart[i, 1]
+        child[VZ] = st[VZ] + scale * apart[i, 2]
+        _face_velocity(child)
+        dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
+        child[ASIDE] = math.atan2(dx * child[HY] - dy * child[HX], dx * child[HX] + dy * child[HY])
+        if abs(child[ASIDE]) > 0.5 * math.pi:
+            child[ASIDE] = 0.0
+        child[MODE] = FLY
+        child[PIECE] = counts[1]
+        child[KIND] = FRAGMENT
+        child[GENERATION] = st[GENERATION] + 1.0
+        stack_keys[counts[0]] = draws.child_key(key, counts[1])
+        counts[0] += 1
+        counts[1] += 1
+    st[MODE] = BROKEN
+
+
+@kernel
+def _loosen(
+    f: Field,
+    forces: Forces,
+    st: FloatArray,
+    key: np.uint64,
+    n: int,
+    impulse: float,
+    px: float,
+    py: float,
+    stack: FloatArray,
+    stack_keys: KeyArray,
+    counts: IntArray,
+) -> None:
+    """Set a lying block in motion, by chance, with momentum taken from the rock.
+
+    The chance grows with the tangential impulse over what the lying block needs.
+    """
+    if counts[0] >= MAX_PIECES or counts[1] >= MAX_PIECES:
+        return
+    size = min(0.8, 0.45 * math.exp(0.35 * draws.normal(key, draws.LOOSE, 2 * n)))
+    mass_ratio = size**3
+    hazard = forces.loose.q * impulse / (20.0 * mass_ratio)
+    if draws.uniform(key, draws.LOOSE, 4 * n + 3) > 1.0 - math.exp(-hazard):
+        return
+    given = 0.5 * draws.uniform(key, draws.LOOSE, 4 * n + 2)
+    child = stack[counts[0]]
+    child[:] = st
+    child[A] *= size
+    child[B] *= size
+    child[C] *= size
+    child[X] = px
+    child[Y] = py
+    zg, gx, gy = surface_at(f.z, f.west, f.north, f.cell, px, py)
+    slope = math.atan(-(gx * st[HX] + gy * st[HY]))
+    child[Z] = zg + 1.02 * child[A] / math.cos(slope)
+    vt = given * max(
+        0.0,
+        math.sqrt(st[VX] ** 2 + st[VY] ** 2) * math.cos(slope) - st[VZ] * math.sin(slope),
+    )
+    child[VX] = vt * math.cos(slope) * st[HX]
+    child[VY] = vt * math.cos(slope) * st[HY]
+    child[VZ] = -vt * math.sin(slope)
+    child[SPIN] = 0.0
+    child[MODE] = FLY
+    child[PIECE] = counts[1]
+    child[KIND] = LOOSENED
+    st[VX] -= mass_ratio * child[VX]
+    st[VY] -= mass_ratio * child[VY]
+    st[VZ] -= mass_ratio * child[VZ]
+    stack_keys[counts[0]] = draws.child_key(key, counts[1])
+    counts[0] += 1
+    counts[1] += 1
+
+
+@kernel
+def _meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
+    """Blow against the first stem or lying block that a rock reaches."""
+    n_rows, n_cols = f.ground.shape
+    i = int((f.north - st[Y]) / f.cell)
+    j = int((st[X] - f.west) / f.cell)
+    if i < 0 or j < 0 or i >= n_rows or j >= n_cols:
+        return
+    cell = i * n_cols + j
+    radius = math.sqrt(st[A] * st[B])
+    for at in range(f.ob_start[cell], f.ob_start[cell + 1]):
+        k = f.ob_near[at]
+        if k == last_hit[0]:
+            continue
+        ex = st[X] - f.obstacles[k, 0]
+        ey = st[Y] - f.obstacles[k, 1]
+        reach = radius + f.obstacles[k, 2]
+        if ex * ex + ey * ey > reach * reach:
+            continue
+        approach = st[VX] * ex + st[VY] * ey
+        if approach >= 0.0:
+            continue
+        if f.obstacles[k, 4] < FAR_UP:
+            ground = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+            if st[Z] - radius > ground + f.obstacles[k, 4]:
+                continue
+        distance = math.sqrt(ex * ex + ey * ey)
+        if distance < 1e-9:
+            continue
+        last_hit[0] = k
+        speed = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
+        vx, vy, _ = strike(
+            ex / distance,
+            ey / distance,
+            st[VX],
+            st[VY],
+            _mass(st),
+            f.obstacles[k, 3],
+            f.obstacles[k, 5],
+        )
+        after = math.sqrt(vx * vx + vy * vy)
+        if st[MODE] != FLY:
+            st[MODE] = FLY
+            st[VZ] *= min(1.0, after / max(speed, 1e-9))
+        if speed > 1e-9:
+            # The spin goes with the speed that is left.
+            st[SPIN] *= min(1.0, after / speed)
+        st[VX] = vx
+        st[VY] = vy
+        old_x, old_y = st[HX], st[HY]
+        _face_velocity(st)
+        turned = math.atan2(old_x * st[HY] - old_y * st[HX], old_x * st[HX] + old_y * st[HY])
+        if abs(turned) < 0.5 * math.pi:
+            st[ASIDE] += turned
+        else:
+            st[SPIN] = -st[SPIN]
+            st[PHI] = math.pi - st[PHI]
+            st[ASIDE] = 0.0
+        return
+
+
+FAR_UP = 100.0
+
+
+@kernel
+def _name_block(row: FloatArray, st: FloatArray, rock: int) -> None:
+    row[0] = rock
+    row[1] = st[PIECE]
+    row[2] = st[KIND]
+
+
+@kernel
+def _speed(st: FloatArray) -> float:
+    return math.sqrt(st[VX] ** 2 + st[VY] ** 2 + st[VZ] ** 2)
+
+
+@kernel
+def _write_deposit(f: Field, st: FloatArray, rock: int, tables: Tables) -> None:
+    k = tables.used[0]
+    tables.used[0] += 1
+    if k < tables.deposits.shape[0]:
+        row = tables.deposits[k]
+        _name_block(row, st, rock)
+        row[3] = st[X]
+        row[4] = st[Y]
+        row[5] = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+        row[6] = _mass(st)
+        row[7] = _mass(st) / st[DENSITY]
+
+
+@kernel
+def _write_passage(f: Field, st: FloatArray, rock: int, station: int, tables: Tables) -> None:
+    k = tables.used[1]
+    tables.used[1] += 1
+    if k < tables.passages.shape[0]:
+        row = tables.passages[k]
+        _name_block(row, st, rock)
+        row[3] = station
+        row[4] = st[X]
+        row[5] = st[Y]
+        row[6] = st[Z]
+        row[7] = _speed(st)
+        row[8] = abs(st[SPIN]) / (2.0 * math.pi)
+        row[9] = st[Z] - height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+        row[10] = _mass(st)
+
+
+@kernel
+def _write_impact(
+    f: Field,
+    st: FloatArray,
+    rock: int,
+    px: float,
+    py: float,
+    speeds: FloatArray,
+    old_hx: float,
+    old_hy: float,
+    tables: Tables,
+) -> None:
+    k = tables.used[2]
+    tables.used[2] += 1
+    if k < tables.impacts.shape[0]:
+        row = tables.impacts[k]
+        _name_block(row, st, rock)
+        row[3] = st[COUNT]
+        row[4] = px
+        row[5] = py
+        row[6] = height_at(f.z, f.west, f.north, f.cell, px, py)
+        row[7:14] = speeds
+        # Azimuths grow clockwise: to the right is positive.
+        row[14] = math.degrees(
+            math.atan2(old_hy * st[HX] - old_hx * st[HY], old_hx * st[HX] + old_hy * st[HY])
+        )
+        row[15] = _mass(st)
+
+
+@kernel
+def _write_track(st: FloatArray, rock: int, tables: Tables) -> None:
+    k = tables.used[3]
+    tables.used[3] += 1
+    if k < tables.tracks.shape[0]:
+        row = tables.tracks[k]
+        _name_block(row, st, rock)
+        row[3] = st[TIME]
+        row[4] = st[X]
+        row[5] = st[Y]
+        row[6] = st[Z]
+        row[7] = _speed(st)
+        row[8] = abs(st[SPIN]) / (2.0 * math.pi)

@@ -1,0 +1,328 @@
+"""What observers of a world write down: tables with errors of measurement."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.gap.check.worlds import motion
+from sassgis.gap.check.worlds.slopes import CLASSES
+from sassgis.gap.check.worlds.world import Rocks, Run, World, draw_rocks, simulate
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, Grid
+
+Kind = Literal["stations", "stops", "both", "everything"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+Table = dict[str, NDArray[Any]]
+
+# Errors that every observer makes, as the metadata state them (standard deviations).
+SPEED_ERROR_REL = 0.05
+ROTATION_ERROR_REL = 0.06
+HEIGHT_ERROR_M = 0.10
+POSITION_ERROR_M = 0.25
+MASS_ERROR_REL = 0.05
+FPS = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedTables:
+    """Observations in the form that the diagnosis reads.
+
+    Attributes
+    ----------
+    tables : dict
+        rocks, stations, passages, deposits, impacts, trajectories: those that were observed, each
+        a dictionary of columns. rock_id and station are text.
+    metadata : dict
+        Errors of measurement and frame rate.
+    kind : str
+    """
+
+    tables: dict[str, Table]
+    metadata: dict[str, float]
+    kind: str
+
+
+def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables:
+    """Let rocks go in a world and write down what is seen.
+
+    Parameters
+    ----------
+    kind : {"stations", "stops", "both", "everything"}
+    n_rocks : int
+    seed : int
+        Tells one campaign from another.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind of observations, or no rock.
+    """
+    if kind not in KINDS:
+        raise InputError("unknown kind", field="kind", found=kind, expected=", ".join(KINDS))
+    if n_rocks < 1:
+        raise InputError("no rocks", field="n_rocks", found=n_rocks, expected="at least 1")
+    run = distort(world, simulate(world, draw_rocks(world, n_rocks, 1000 + seed)))
+    return _write_down(world, run, kind, np.random.default_rng([world.seed, 808, seed]))
+
+
+def fresh_rocks(world: World, n: int, seed: int = 0) -> ObservedTables:
+    """Rocks that no ``observe`` has seen, by the same instruments, everything observed."""
+    run = distort(world, simulate(world, draw_rocks(world, n, 500_000_000 + seed)))
+    return _write_down(world, run, "everything", np.random.default_rng([world.seed, 909, seed]))
+
+
+def distort(world: World, run: Run) -> Run:
+    """Errors of scale, time base and frame rate, where they are the truth of the world.
+
+    A wrong scale stretches lengths (speeds, heights, distances from the first station), a wrong
+    time base speeds and rotations, each rock's by its own share; a low frame rate loses turns of
+    fast rocks.
+    """
+    q = max((e.magnitude for e in world.effects if e.name == "measurement_error"), default=0.0)
+    if q <= 0.0:
+        return run
+    effect = next(e for e in world.effects if e.name == "measurement_error")
+    sign = 1.0 if effect.seed % 2 else -1.0
+    n = len(run.rocks.state)
+    rng = np.random.default_rng([effect.seed, 111, n])
+    scale = 1.0 + sign * 0.5 * q
+    clock = 1.0 + 0.6 * q * rng.standard_t(4, n).clip(-3.0, 3.0) * 0.4
+    clock = np.clip(clock, 0.4, 2.5)
+    frame = world.relief.frame
+    anchor_s = float(world.stations_s[0]) if len(world.stations_s) else 0.0
+
+    def move(x: FloatArray, y: FloatArray, sd: float) -> tuple[FloatArray, FloatArray]:
+        s, c = frame.s(x, y), frame.c(x, y)
+        s = anchor_s + (s - anchor_s) * (1.0 + sign * 0.25 * q) + rng.normal(0.0, sd, len(s))
+        return frame.xy(s, c + rng.normal(0.0, sd, len(c)))
+
+    d, p, i, t = (v.copy() for v in (run.deposits, run.passages, run.impacts, run.tracks))
+    d[:, 3], d[:, 4] = move(d[:, 3], d[:, 4], 8.0 * q)
+    rock = p[:, 0].astype(int)
+    p[:, 7] *= scale / clock[rock]
+    p[:, 8] = _by_frames(p[:, 8] / clock[rock], FPS * (1.0 - min(0.9, q)))
+    p[:, 9] *= scale
+    rock = i[:, 0].astype(int)
+    for column in (8, 9, 11, 12):
+        i[:, column] *= scale / clock[rock]
+    for column in (10, 13):
+        i[:, column] /= clock[rock]
+    rock = t[:, 0].astype(int)
+    t[:, 3] *= clock[rock]
+    t[:, 7] *= scale / clock[rock]
+    t[:, 8] = _by_frames(t[:, 8] / clock[rock], FPS * (1.0 - min(0.9, q)))
+    return replace(run, deposits=d, passages=p, impacts=i, tracks=t)
+
+
+def _by_frames(rotation: FloatArray, fps: float) -> FloatArray:
+    """Rotation as counted on film: turns faster than half the frame rate appear slower."""
+    folded = np.abs(rotation)
+    return np.where(folded > 0.5 * fps, np.abs(fps - folded), folded)
+
+
+def _names(table: FloatArray) -> NDArray[Any]:
+    """R7 for rocks, R7.2 for their pieces, U for blocks that nobody can attribute."""
+    rock = table[:, 0].astype(int)
+    piece = table[:, 1].astype(int)
+    kind = table[:, 2].astype(int)
+    return np.array(
+        [
+            f"R{r + 1}"
+            if k == motion.ROCK
+            else (f"R{r + 1}.{p}" if k == motion.FRAGMENT else f"U{r * 64 + p}")
+            for r, p, k in zip(rock, piece, kind, strict=True)
+        ],
+        dtype=np.str_,
+    )
+
+
+def _write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> ObservedTables:
+    tables: dict[str, Table] = {
+        "rocks": _rocks(run.rocks, rng),
+        "stations": _stations(world),
+    }
+    if kind in ("stations", "both", "everything"):
+        tables["passages"] = _passages(world, run, rng)
+    if kind in ("stops", "both", "everything"):
+        tables["deposits"] = _deposits(run, rng)
+    if kind == "everything":
+        tables["impacts"] = _impacts(run, rng)
+        tables["trajectories"] = _tracks(run, rng)
+    if kind == "stops":
+        del tables["stations"]
+    metadata = {
+        "fps": FPS,
+        "speed_error_rel": SPEED_ERROR_REL,
+        "rotation_error_rel": ROTATION_ERROR_REL,
+        "height_error_m": HEIGHT_ERROR_M,
+        "position_error_m": POSITION_ERROR_M,
+    }
+    return ObservedTables(tables, metadata, kind)
+
+
+def _factor(rng: np.random.Generator, n: int, sd: float) -> FloatArray:
+    factors: FloatArray = np.exp(rng.normal(0.0, sd, n))
+    return factors
+
+
+def _place(
+    rng: np.random.Generator, table: FloatArray, columns: tuple[int, int, int]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    x, y, z = (table[:, k] + rng.normal(0.0, POSITION_ERROR_M, len(table)) for k in columns)
+    return x, y, z
+
+
+def _rocks(rocks: Rocks, rng: np.random.Generator) -> Table:
+    n = len(rocks.state)
+    a, b, c = (rocks.state[:, k] for k in (motion.A, motion.B, motion.C))
+    density = rocks.state[:, motion.DENSITY]
+    volume = 4.0 / 3.0 * math.pi * a * b * c
+    return {
+        "rock_id": np.array([f"R{k + 1}" for k in range(n)]),
+        "mass_kg": volume * density * _factor(rng, n, 0.01),
+        "volume_m3": volume * _factor(rng, n, 0.01),
+        "semi_axis_a_m": a,
+        "semi_axis_b_m": b,
+        "semi_axis_c_m": c,
+        "density_kgm3": density,
+        "x": rocks.stated[:, 0],
+        "y": rocks.stated[:, 1],
+        "z": rocks.stated[:, 2],
+        "release_speed_mps": rocks.stated[:, 3],
+    }
+
+
+def _stations(world: World) -> Table:
+    lines = world.station_lines()
+    return {
+        "station": np.array(world.station_names),
+        "x0": lines[:, 0],
+        "y0": lines[:, 1],
+        "x1": lines[:, 2],
+        "y1": lines[:, 3],
+    }
+
+
+def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
+    p = run.passages
+    x, y, z = _place(rng, p, (4, 5, 6))
+    names = np.array(world.station_names)
+    return {
+        "rock_id": _names(p),
+        "station": names[p[:, 3].astype(int)],
+        "x": x,
+        "y": y,
+        "z": z,
+        "speed_mps": p[:, 7] * _factor(rng, len(p), SPEED_ERROR_REL),
+        "rotation_hz": p[:, 8] * _factor(rng, len(p), ROTATION_ERROR_REL),
+        "height_m": np.maximum(p[:, 9] + rng.normal(0.0, HEIGHT_ERROR_M, len(p)), 0.0),
+        "mass_kg": p[:, 10] * _factor(rng, len(p), MASS_ERROR_REL),
+    }
+
+
+def _deposits(run: Run, rng: np.random.Generator) -> Table:
+    d = run.deposits
+    x, y, z = _place(rng, d, (3, 4, 5))
+    error = _factor(rng, len(d), MASS_ERROR_REL)
+    return {
+        "rock_id": _names(d),
+        "x": x,
+        "y": y,
+        "z": z,
+        "mass_kg": d[:, 6] * error,
+        "volume_m3": d[:, 7] * error,
+    }
+
+
+def _impacts(run: Run, rng: np.random.Generator) -> Table:
+    i = run.impacts
+    n = len(i)
+    x, y, z = _place(rng, i, (4, 5, 6))
+    table: Table = {
+        "rock_id": _names(i),
+        "impact": i[:, 3].astype(np.int64),
+        "x": x,
+        "y": y,
+        "z": z,
+        "slope_deg": i[:, 7] + rng.normal(0.0, 1.0, n),
+    }
+    # Both components come from the same film: the direction is known, the length has the error.
+    for side, vt, vn, spin in (("in", 8, 9, 10), ("out", 11, 12, 13)):
+        error = _factor(rng, n, SPEED_ERROR_REL)
+        table[f"vt_{side}_mps"] = i[:, vt] * error
+        table[f"vn_{side}_mps"] = i[:, vn] * error
+        table[f"omega_{side}_radps"] = i[:, spin] * _factor(rng, n, ROTATION_ERROR_REL)
+    turn = i[:, 14] + rng.normal(0.0, 1.5, n)
+    table["turn_deg"] = (turn + 180.0) % 360.0 - 180.0
+    table["mass_kg"] = i[:, 15] * _factor(rng, n, MASS_ERROR_REL)
+    return table
+
+
+def _tracks(run: Run, rng: np.random.Generator) -> Table:
+    t = run.tracks
+    x, y, z = _place(rng, t, (4, 5, 6))
+    return {
+        "rock_id": _names(t),
+        "t_s": t[:, 3],
+        "x": x,
+        "y": y,
+        "z": z,
+        "speed_mps": t[:, 7] * _factor(rng, len(t), SPEED_ERROR_REL),
+        "rotation_hz": t[:, 8] * _factor(rng, len(t), ROTATION_ERROR_REL),
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What the diagnosing side is told besides the observations: enough to write a configuration.
+
+    Attributes
+    ----------
+    dem : Grid
+        The survey.
+    class_names : tuple of str
+    class_codes : int64, shape of the grid
+        Position in class_names of each cell.
+    releases : float64, shape (n, 3)
+        Release points x, y, z (m).
+    blocks : dict
+        Limits of semi-axes (m), density (kg/m³), speed (m/s) and drop (m).
+    stations : dict
+        x0, y0, x1, y1 (m) by name.
+    """
+
+    dem: Grid
+    class_names: tuple[str, ...]
+    class_codes: NDArray[np.int64]
+    releases: FloatArray
+    blocks: dict[str, tuple[float, float]]
+    stations: dict[str, tuple[float, float, float, float]]
+
+
+def setup(world: World) -> Setup:
+    """The nominal set-up of a world: no true parameter, no truth."""
+    b = world.blocks
+    lines = world.station_lines()
+    return Setup(
+        dem=world.relief.grid,
+        class_names=CLASSES,
+        class_codes=world.relief.ground,
+        releases=world.releases,
+        blocks={
+            "axis_1_m": b.axis_1_m,
+            "axis_2_m": b.axis_2_m,
+            "axis_3_m": b.axis_3_m,
+            "density_kgm3": b.density_kgm3,
+            "speed_mps": b.speed_mps,
+            "drop_m": b.drop_m,
+        },
+        stations={
+            name: (float(r[0]), float(r[1]), float(r[2]), float(r[3]))
+            for name, r in zip(world.station_names, lines, strict=True)
+        },
+    )

@@ -1,0 +1,308 @@
+"""Made slopes: heights, zones of ground, and the frame that counts metres down the slope."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.jit import kernel
+
+CELL_M = 2.0
+# Width of the Gaussian that smooths the terrain for directions of descent (m).
+GUIDE_SD_M = 5.0
+# Below this slope a path keeps part of its heading.
+_FLAT = math.tan(math.radians(8.0))
+
+# Each slope from top to foot: (length in plan, dip in degrees, ground) with ranges to draw from.
+# All have a cliff near the top. On long smooth slopes that are steeper than rolling friction rocks
+# would roll for ever, and where they leave the ground depends on how it is made into a polyline:
+# two readings of the same base law then differ by more than any effect.
+_Stretch = tuple[tuple[float, float], tuple[float, float], str]
+_SLOPES: dict[str, tuple[_Stretch, ...]] = {
+    "cliff_talus_meadow": (
+        ((12.0, 18.0), (36.0, 42.0), "rock"),
+        ((9.0, 15.0), (56.0, 64.0), "rock"),
+        ((35.0, 60.0), (36.0, 39.0), "debris"),
+        ((50.0, 80.0), (31.0, 35.0), "talus"),
+        ((90.0, 130.0), (9.0, 15.0), "soft_meadow"),
+    ),
+    "stepped_benches": (
+        ((12.0, 18.0), (38.0, 44.0), "rock"),
+        ((7.0, 11.0), (54.0, 62.0), "rock"),
+        ((10.0, 16.0), (22.0, 28.0), "debris"),
+        ((8.0, 12.0), (50.0, 58.0), "rock"),
+        ((12.0, 20.0), (24.0, 30.0), "debris"),
+        ((60.0, 85.0), (35.0, 38.0), "debris"),
+        ((90.0, 130.0), (10.0, 16.0), "soft_meadow"),
+    ),
+    "gully": (
+        ((12.0, 18.0), (40.0, 45.0), "rock"),
+        ((9.0, 15.0), (54.0, 61.0), "rock"),
+        ((55.0, 85.0), (35.0, 38.0), "debris"),
+        ((40.0, 60.0), (28.0, 32.0), "talus"),
+        ((80.0, 110.0), (9.0, 14.0), "soft_meadow"),
+    ),
+    "talus_fan": (
+        ((12.0, 18.0), (40.0, 45.0), "rock"),
+        ((9.0, 15.0), (54.0, 61.0), "rock"),
+        ((60.0, 90.0), (37.0, 40.0), "talus"),
+        ((50.0, 70.0), (32.0, 35.0), "talus"),
+        ((80.0, 120.0), (10.0, 15.0), "soft_meadow"),
+    ),
+    "forested_slope": (
+        ((12.0, 18.0), (40.0, 45.0), "rock"),
+        ((8.0, 14.0), (52.0, 60.0), "rock"),
+        ((80.0, 120.0), (30.0, 32.5), "forest_soil"),
+        ((35.0, 55.0), (25.0, 28.0), "forest_soil"),
+        ((80.0, 120.0), (9.0, 14.0), "soft_meadow"),
+    ),
+}
+SLOPE_TYPES = tuple(_SLOPES)
+CLASSES = ("rock", "debris", "talus", "soft_meadow", "forest_soil")
+_HALF_WIDTH = 75.0
+_MARGIN = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Metres down the slope (s) and to the left of it (c), as seen going down.
+
+    Attributes
+    ----------
+    x0, y0 : float
+        Origin: the middle of the upper end (m).
+    ux, uy : float
+        Unit vector of the general direction of descent.
+    """
+
+    x0: float
+    y0: float
+    ux: float
+    uy: float
+
+    def s(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Distance down the slope (m)."""
+        return (np.asarray(x) - self.x0) * self.ux + (np.asarray(y) - self.y0) * self.uy
+
+    def c(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Distance to the left (m)."""
+        return -(np.asarray(x) - self.x0) * self.uy + (np.asarray(y) - self.y0) * self.ux
+
+    def xy(self, s: FloatArray | float, c: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+        """Coordinates of points given by s and c (m)."""
+        s_, c_ = np.asarray(s, float), np.asarray(c, float)
+        return self.x0 + s_ * self.ux - c_ * self.uy, self.y0 + s_ * self.uy + c_ * self.ux
+
+
+@dataclass(frozen=True, slots=True)
+class Relief:
+    """A made slope.
+
+    Attributes
+    ----------
+    kind : str
+        One of SLOPE_TYPES.
+    grid : Grid
+        Heights at 2 m (m).
+    ground : int64, shape of the grid
+        Position in CLASSES of each cell.
+    frame : Frame
+    breaks_m : float64, shape (n_stretches + 1,)
+        Distances down the slope at which one stretch ends and the next begins.
+    stretches : tuple of str
+        Ground of each stretch.
+    release_s : (low, high)
+        Belt in which rocks start (m down the slope).
+    """
+
+    kind: str
+    grid: Grid
+    ground: IntArray
+    frame: Frame
+    breaks_m: FloatArray
+    stretches: tuple[str, ...]
+    release_s: tuple[float, float]
+
+
+def make_relief(kind: str, seed: int) -> Relief:
+    """Draw a slope of a given type.
+
+    Raises
+    ------
+    InputError
+        If there is no such type.
+    """
+    if kind not in _SLOPES:
+        raise InputError(
+            "unknown slope type", field="slope", found=kind, expected="one of " + str(SLOPE_TYPES)
+        )
+    rng = np.random.default_rng([seed, 101])
+    lengths = np.array([rng.uniform(*stretch[0]) for stretch in _SLOPES[kind]])
+    dips = np.radians([rng.uniform(*stretch[1]) for stretch in _SLOPES[kind]])
+    grounds = tuple(stretch[2] for stretch in _SLOPES[kind])
+    breaks = np.concatenate(([0.0], np.cumsum(lengths)))
+    azimuth = rng.uniform(0.0, 2.0 * math.pi)
+    x0 = 2_600_000.0 + 2.0 * rng.integers(0, 30_000)
+    y0 = 1_150_000.0 + 2.0 * rng.integers(0, 30_000)
+    frame = Frame(float(x0), float(y0), math.sin(azimuth), math.cos(azimuth))
+
+    corner_s = np.array([-_MARGIN, -_MARGIN, breaks[-1] + _MARGIN, breaks[-1] + _MARGIN])
+    corner_c = np.array([-1.0, 1.0, -1.0, 1.0]) * (_HALF_WIDTH + _MARGIN)
+    cx, cy = frame.xy(corner_s, corner_c)
+    west = CELL_M * math.floor(cx.min() / CELL_M)
+    north = CELL_M * math.ceil(cy.max() / CELL_M)
+    n_cols = math.ceil((cx.max() - west) / CELL_M)
+    n_rows = math.ceil((north - cy.min()) / CELL_M)
+    x, y = np.meshgrid(
+        west + CELL_M * (np.arange(n_cols) + 0.5), north - CELL_M * (np.arange(n_rows) + 0.5)
+    )
+    s, c = frame.s(x, y), frame.c(x, y)
+    heights = _fall(s, breaks, dips) + _across(kind, s, c, breaks, rng)
+    for sd_m, amplitude in ((14.0, rng.uniform(0.15, 0.35)), (4.0, rng.uniform(0.02, 0.05))):
+        field = ndimage.gaussian_filter(rng.standard_normal((n_rows, n_cols)), sd_m / CELL_M)
+        heights += amplitude * field / field.std()
+    heights += 900.0 + rng.uniform(0.0, 600.0) - heights.min()
+    wavy = s + 3.0 * np.sin(c / rng.uniform(9.0, 16.0) + rng.uniform(0.0, 6.0))
+    which = np.clip(np.searchsorted(breaks, wavy, side="right") - 1, 0, len(grounds) - 1)
+    ground = np.array([CLASSES.index(name) for name in grounds], np.int64)[which]
+    grid = Grid(heights, west, north, CELL_M, crs="EPSG:2056", vertical_datum="LN02")
+    return Relief(
+        kind, grid, ground, frame, breaks, grounds, (float(breaks[1]) - 6.0, float(breaks[1]))
+    )
+
+
+def _fall(s: FloatArray, breaks: FloatArray, dips: FloatArray) -> FloatArray:
+    """Height of the mean profile, with its corners rounded over a few metres (m)."""
+    fine = np.arange(breaks[0] - 200.0, breaks[-1] + 400.0, 0.5)
+    which = np.clip(np.searchsorted(breaks, fine, side="right") - 1, 0, len(dips) - 1)
+    slope = ndimage.gaussian_filter1d(np.tan(dips)[which], 2.0 / 0.5)
+    height = -np.cumsum(slope) * 0.5
+    rounded: FloatArray = np.interp(s, fine, height)
+    return rounded
+
+
+def _across(
+    kind: str, s: FloatArray, c: FloatArray, breaks: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """What the slope does across: a channel, a fan, or long waves (m)."""
+    down = (s - breaks[0]) / (breaks[-1] - breaks[0])
+    if kind == "gully":
+        axis = rng.uniform(3.0, 8.0) * np.sin(s / rng.uniform(35.0, 55.0) + rng.uniform(0.0, 6.0))
+        depth = rng.uniform(0.25, 0.4) * np.clip(1.15 - 1.2 * down, 0.0, 1.0)
+        channel: FloatArray = depth * (np.sqrt((c - axis) ** 2 + 18.0**2) - 18.0)
+        return channel
+    if kind == "talus_fan":
+        spread = rng.uniform(0.0010, 0.0018) * np.clip(1.5 * down, 0.0, 1.0)
+        fan: FloatArray = -spread * c**2
+        return fan
+    wave: FloatArray = rng.uniform(0.4, 1.2) * np.sin(
+        c / rng.uniform(14.0, 24.0) + rng.uniform(0.0, 6.0)
+    )
+    return wave
+
+
+def guide(grid: Grid) -> tuple[FloatArray, FloatArray]:
+    """Gradient (dz/dx, dz/dy) of the terrain smoothed over GUIDE_SD_M."""
+    smooth = ndimage.gaussian_filter(grid.values, GUIDE_SD_M / grid.cell_size, mode="nearest")
+    d_row, d_col = np.gradient(smooth, grid.cell_size)
+    return np.ascontiguousarray(d_col), np.ascontiguousarray(-d_row)
+
+
+@kernel
+def _corner(west: float, north: float, cell: float, shape, x: float, y: float):  # type: ignore[no-untyped-def]
+    """Upper left cell and offsets of the four cell centres around a point."""
+    u = (x - west) / cell - 0.5
+    v = (north - y) / cell - 0.5
+    j = min(max(math.floor(u), 0), shape[1] - 2)
+    i = min(max(math.floor(v), 0), shape[0] - 2)
+    return i, j, u - j, v - i
+
+
+@kernel
+def height_at(z: FloatArray, west: float, north: float, cell: float, x: float, y: float) -> float:
+    """Height of the bilinear surface (m)."""
+    i, j, p, q = _corner(west, north, cell, z.shape, x, y)
+    upper = z[i, j] + p * (z[i, j + 1] - z[i, j])
+    lower = z[i + 1, j] + p * (z[i + 1, j + 1] - z[i + 1, j])
+    return float(upper + q * (lower - upper))
+
+
+@kernel
+def surface_at(
+    z: FloatArray, west: float, north: float, cell: float, x: float, y: float
+) -> tuple[float, float, float]:
+    """Height (m) and gradient (dz/dx, dz/dy) of the bilinear surface."""
+    i, j, p, q = _corner(west, north, cell, z.shape, x, y)
+    upper = z[i, j] + p * (z[i, j + 1] - z[i, j])
+    lower = z[i + 1, j] + p * (z[i + 1, j + 1] - z[i + 1, j])
+    east = (1.0 - q) * (z[i, j + 1] - z[i, j]) + q * (z[i + 1, j + 1] - z[i + 1, j])
+    return upper + q * (lower - upper), east / cell, -(lower - upper) / cell
+
+
+@kernel
+def descent(
+    gx: FloatArray,
+    gy: FloatArray,
+    west: float,
+    north: float,
+    cell: float,
+    x: float,
+    y: float,
+    hx: float,
+    hy: float,
+) -> tuple[float, float]:
+    """Unit vector of steepest descent of the smoothed terrain; on flat ground the heading lasts."""
+    px = -height_at(gx, west, north, cell, x, y)
+    py = -height_at(gy, west, north, cell, x, y)
+    steep = math.sqrt(px * px + py * py)
+    if steep < 1e-9:
+        return hx, hy
+    weight = min(1.0, steep / _FLAT)
+    dx = weight * px / steep + (1.0 - weight) * hx
+    dy = weight * py / steep + (1.0 - weight) * hy
+    length = math.sqrt(dx * dx + dy * dy)
+    if length < 1e-9:
+        return hx, hy
+    return dx / length, dy / length
+
+
+@kernel
+def fall_line_chord(
+    gx: FloatArray,
+    gy: FloatArray,
+    west: float,
+    north: float,
+    cell: float,
+    x: float,
+    y: float,
+    hx: float,
+    hy: float,
+    reach: float,
+) -> tuple[float, float]:
+    """Direction from a point to where its fall line is after ``reach`` metres in plan.
+
+    A rock flies straight. Aimed along this chord it comes down on the fall line again, so that
+    paths without any effect are those of a model that unrolls fall lines.
+    """
+    n = max(1, math.ceil(reach))
+    step = reach / n
+    px = x
+    py = y
+    dx = hx
+    dy = hy
+    for _ in range(n):
+        mx, my = descent(gx, gy, west, north, cell, px, py, dx, dy)
+        dx, dy = descent(
+            gx, gy, west, north, cell, px + 0.5 * step * mx, py + 0.5 * step * my, mx, my
+        )
+        px += step * dx
+        py += step * dy
+    length = math.sqrt((px - x) ** 2 + (py - y) ** 2)
+    if length < 1e-6:
+        return dx, dy
+    return (px - x) / length, (py - y) / length

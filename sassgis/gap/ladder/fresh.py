@@ -1,0 +1,82 @@
+"""The shrinkage that a diagnosis states, measured on rocks that it has not seen."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sassgis.gap.ladder.calibration import distances
+from sassgis.gap.model_json import model_from_json
+from sassgis.gap.replicas import campaigns, ways_of
+from sassgis.gap.sample import observed_sample
+from sassgis.gap.which.ensemble import COUNT, Scale
+from sassgis.gap.which.features import rock_quantities
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray
+from sassgis.runs.gap_case import read_case
+
+ENSEMBLE = "model/ensemble.json"
+
+
+def measured_shrinkage(
+    config: str | Path, observations: str | Path, answer: str | Path
+) -> dict[str, float | None]:
+    """Measure how far the gap shrinks on other rocks of the same slope.
+
+    The calibrated models of a diagnosis, without and with the effect that it names, let the new
+    rocks go; nothing is calibrated again. As many times each as when they were calibrated, so that
+    the floor is one of the same kind.
+
+    Parameters
+    ----------
+    config : path
+    observations : path
+        Of the new rocks.
+    answer : path
+        Folder that ``diagnose`` wrote.
+
+    Returns
+    -------
+    dict
+        "S" (None where the gap of the base may be chance), "D_base", "D_effect", "D_floor".
+
+    Raises
+    ------
+    ConfigError, InputError
+    """
+    file = Path(answer) / ENSEMBLE
+    try:
+        kept: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        scale = Scale(
+            tuple(kept["scale"]["names"]),
+            np.array(kept["scale"]["centre"]),
+            np.array(kept["scale"]["scale"]),
+        )
+        models = {name: [model_from_json(m) for m in kept[name]] for name in ("base", "effect")}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
+        ) from error
+    case = read_case(config, observations)
+    ways = ways_of(case)
+    observed = scale.rows(rock_quantities(case, observed_sample(case)))
+    rows: dict[str, FloatArray] = {
+        name: np.stack(
+            [
+                scale.rows(rock_quantities(case, sample))
+                for k, model in enumerate(own)
+                for sample in campaigns(case, ways, model, count=COUNT, seed=kept["seed"], number=k)
+            ]
+        )
+        for name, own in models.items()
+    }
+    found = distances(observed, rows["base"], rows["effect"])
+    return {
+        "S": found.shrinkage,
+        "D_base": found.base,
+        "D_effect": found.effect,
+        "D_floor": found.floor,
+    }

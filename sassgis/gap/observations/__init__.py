@@ -1,0 +1,1 @@
+"""What was observed on a slope: tables, checks, places on fall lines."""

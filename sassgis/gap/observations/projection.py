@@ -1,0 +1,380 @@
+"""Observed points on fall lines: chainage, offset to the side, height above the ground.
+
+A rock moves in space, the model in the plane of its fall line. What was observed is put into that
+plane by the nearest point of the fall line that starts at the rock's own release point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from sassgis.gap.observations.tables import Observations, Stations, Trajectories
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
+from sassgis.terrain.flatten import crossings, xy_to_chainage
+from sassgis.terrain.heights import heights_at
+from sassgis.terrain.release import point_keys
+
+#: Points nearer to an end of the line than this (m) may lie beyond it.
+_END_M = 1e-6
+POINT_TABLES = ("rocks", "passages", "impacts", "deposits", "trajectories")
+
+
+@dataclass(frozen=True, slots=True)
+class Projected:
+    """Points in the plane of fall lines, one per point that was given.
+
+    Attributes
+    ----------
+    line : int64, shape (n,)
+        Fall line; -1 where the point has none, and all else is NaN.
+    s : float64, shape (n,)
+        Chainage of the nearest point of the line (m).
+    aside_m : float64, shape (n,)
+        Distance from it, positive to the right looking downhill (m).
+    height_m : float64, shape (n,)
+        Height above the ground under the point itself (m); NaN without a height.
+    ground_m : float64, shape (n,)
+        Height of the ground under the point (m).
+    beyond : int8, shape (n,)
+        1: the line ends before it comes abreast of the point, so that the run-out is at least
+        ``s``; -1: the point lies behind the start; 0: abreast of the line.
+    """
+
+    line: IntArray
+    s: FloatArray
+    aside_m: FloatArray
+    height_m: FloatArray
+    ground_m: FloatArray
+    beyond: NDArray[np.int8]
+
+    def __len__(self) -> int:
+        return int(self.line.size)
+
+
+@dataclass(frozen=True, slots=True)
+class StationChainages:
+    """Where fall lines cross stations.
+
+    Attributes
+    ----------
+    s : float64, shape (n_lines, n_stations)
+        Chainage of the first crossing (m); NaN where the line does not cross.
+    along_m : float64, shape (n_lines, n_stations)
+        Where on the station that is: distance from its first vertex along it (m); below zero or
+        above its length on a prolongation.
+    crossings : int64, shape (n_lines, n_stations)
+        How often the line crosses.
+    order : int64, shape (n_stations,)
+        Stations from the top down, by the median chainage; those that no line crosses last.
+    """
+
+    s: FloatArray
+    along_m: FloatArray
+    crossings: IntArray
+    order: IntArray
+
+
+# ---------------------------------------------------------------------------------------------
+# Lines of rocks
+
+
+def observed_release_points(observations: Observations) -> tuple[ReleasePoints, IntArray]:
+    """Release points of the rocks that have one, for tracing their fall lines.
+
+    Each rock is an area of its own, named after it: its random draws do not depend on which other
+    rocks were observed.
+
+    Parameters
+    ----------
+    observations : Observations
+
+    Returns
+    -------
+    points : ReleasePoints
+    rock : int64, shape (len(points),)
+        Place of each in ``observations.rock_names``.
+    """
+    rocks = observations.rocks
+    names = observations.rock_names
+    row = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
+    rock = np.array(
+        [
+            i
+            for i, name in enumerate(names)
+            if name in row and np.isfinite(rocks.x[row[name]] + rocks.y[row[name]])
+        ],
+        np.int64,
+    )
+    own = tuple(names[i] for i in rock.tolist())
+    rows = np.array([row[name] for name in own], np.int64)
+    keys = [point_keys(name, 1) for name in own]
+    points = ReleasePoints(
+        x=rocks.x[rows],
+        y=rocks.y[rows],
+        area=np.arange(rock.size, dtype=np.int64),
+        key=np.concatenate([np.empty(0, np.uint64), *keys]),
+        area_names=own,
+    )
+    return points, rock
+
+
+def lines_of_rocks(traces: TraceSet, rock: IntArray, n_rocks: int) -> IntArray:
+    """Fall line of each rock: of a bundle, the line in its middle.
+
+    Parameters
+    ----------
+    traces : TraceSet
+        Traced from the points of ``observed_release_points``.
+    rock : int64
+        As ``observed_release_points`` returns it.
+    n_rocks : int
+        Number of ``rock_names``.
+
+    Returns
+    -------
+    int64, shape (n_rocks,)
+        -1 for a rock without a line.
+    """
+    lines = np.full(n_rocks, -1, np.int64)
+    # The smallest deviation is written last and stays.
+    for i in np.argsort(-np.abs(traces.fan), kind="stable").tolist():
+        lines[rock[traces.point[i]]] = i
+    return lines
+
+
+def nearest_lines(traces: TraceSet, x: FloatArray, y: FloatArray) -> IntArray:
+    """Line nearest to each point, for blocks of which the release is not known.
+
+    Parameters
+    ----------
+    traces : TraceSet
+    x, y : float64, shape (n,)
+        Coordinates (m).
+
+    Returns
+    -------
+    int64, shape (n,)
+        The first of equally near ones; -1 for a missing point or if there are no lines.
+    """
+    lines = np.full(np.size(x), -1, np.int64)
+    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if not len(traces) or not known.size:
+        return lines
+    shapes = []
+    for i in range(len(traces)):
+        own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
+        points = np.column_stack([traces.x[own], traces.y[own]])
+        shapes.append(shapely.LineString(points) if len(points) > 1 else shapely.Point(points[0]))
+    tree = shapely.STRtree(shapes)
+    point, line = tree.query_nearest(shapely.points(x[known], y[known]), all_matches=True)
+    first = np.full(known.size, len(traces), np.int64)
+    np.minimum.at(first, point, line)
+    lines[known] = first
+    return lines
+
+
+# ---------------------------------------------------------------------------------------------
+# Points
+
+
+def project(
+    traces: TraceSet,
+    line: IntArray,
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray | None = None,
+    *,
+    grid: Grid | None = None,
+    profiles: ProfileSet | None = None,
+) -> Projected:
+    """Put points into the planes of fall lines.
+
+    Parameters
+    ----------
+    traces : TraceSet
+    line : int64, shape (n,)
+        Line of each point; -1 for none.
+    x, y : float64, shape (n,)
+        Coordinates (m); NaN where they are missing.
+    z : float64, shape (n,), optional
+        Heights (m).
+    grid : Grid, optional
+        The ground under the points. This is what a height above the ground refers to: beside the
+        line the ground has another height than on it.
+    profiles : ProfileSet, optional
+        Profiles of the lines, for the ground without a grid.
+
+    Returns
+    -------
+    Projected
+    """
+    n = np.size(x)
+    nothing = np.full(n, np.nan)
+    zs = nothing if z is None else np.asarray(z, np.float64)
+    known = (np.asarray(line) >= 0) & np.isfinite(x) & np.isfinite(y)
+    lines = np.where(known, line, np.int64(-1))
+    s, aside, ground = nothing.copy(), nothing.copy(), nothing.copy()
+    beyond = np.zeros(n, np.int8)
+    if grid is not None:
+        ground = np.where(known, heights_at(grid, x, y), np.nan)
+    for i in np.unique(lines[known]).tolist():
+        rows = np.flatnonzero(lines == i)
+        s[rows], aside[rows] = xy_to_chainage(traces, i, x[rows], y[rows])
+        beyond[rows] = _beyond(traces, i, x[rows], y[rows], s[rows])
+        if grid is None and profiles is not None:
+            ground[rows] = np.interp(s[rows], *profiles.vertices(i))
+    return Projected(lines, s, aside, zs - ground, ground, beyond)
+
+
+def _beyond(
+    traces: TraceSet, line: int, x: FloatArray, y: FloatArray, s: FloatArray
+) -> NDArray[np.int8]:
+    """Points past the end of a line, or behind its start, seen along its last and first piece."""
+    own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
+    lx, ly, ls = traces.x[own], traces.y[own], traces.s[own]
+    result = np.zeros(x.size, np.int8)
+    if ls.size < 2:
+        return result
+    ahead = (x - lx[-1]) * (lx[-1] - lx[-2]) + (y - ly[-1]) * (ly[-1] - ly[-2])
+    behind = (x - lx[0]) * (lx[1] - lx[0]) + (y - ly[0]) * (ly[1] - ly[0])
+    result[(s >= ls[-1] - _END_M) & (ahead > _END_M)] = 1
+    result[(s <= ls[0] + _END_M) & (behind < -_END_M)] = -1
+    return result
+
+
+def project_observations(
+    observations: Observations,
+    traces: TraceSet,
+    line_of_rock: IntArray,
+    *,
+    grid: Grid | None = None,
+    profiles: ProfileSet | None = None,
+    unattributed: bool = True,
+) -> dict[str, Projected]:
+    """Put all observed points into the planes of their rocks' fall lines.
+
+    Parameters
+    ----------
+    observations : Observations
+    traces : TraceSet
+    line_of_rock : int64, shape (len(observations.rock_names),)
+        See ``lines_of_rocks``.
+    grid, profiles
+        See ``project``.
+    unattributed : bool
+        Whether points that belong to no rock with a line are put on the nearest line.
+
+    Returns
+    -------
+    dict of table to Projected
+        For rocks (their release points), passages, impacts, deposits and trajectories, row by row.
+    """
+    found = {}
+    lookup = np.append(np.asarray(line_of_rock, np.int64), -1)
+    for name in POINT_TABLES:
+        points = observations.tables[name].numbers
+        line = lookup[observations.rock_of(name)]
+        if unattributed:
+            loose = np.flatnonzero(line < 0)
+            line[loose] = nearest_lines(traces, points["x"][loose], points["y"][loose])
+        found[name] = project(
+            traces, line, points["x"], points["y"], points["z"], grid=grid, profiles=profiles
+        )
+    return found
+
+
+# ---------------------------------------------------------------------------------------------
+# Stations
+
+
+def station_chainages(
+    traces: TraceSet, stations: Stations, *, prolong_m: float = 0.0
+) -> StationChainages:
+    """Where each fall line crosses each station.
+
+    Parameters
+    ----------
+    traces : TraceSet
+    stations : Stations
+    prolong_m : float
+        Stations are prolonged straight on at both ends by this length (m): a fall line may pass
+        just beside a line across the slope that every rock crossed.
+
+    Returns
+    -------
+    StationChainages
+    """
+    shape = (len(traces), len(stations))
+    s, along = np.full(shape, np.nan), np.full(shape, np.nan)
+    counts = np.zeros(shape, np.int64)
+    for j, vertices in enumerate(stations.vertices):
+        if vertices.shape[0] < 2:
+            continue
+        gate = _prolonged(vertices, prolong_m)
+        line, chainage = crossings(traces, gate)
+        np.add.at(counts[:, j], line, 1)
+        # Crossings of a line come by rising chainage: written backwards, the first one stays.
+        s[line[::-1], j] = chainage[::-1]
+        shape_of = shapely.LineString(gate)
+        for i in np.unique(line).tolist():
+            own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
+            at = (
+                np.interp(s[i, j], traces.s[own], traces.x[own]),
+                np.interp(s[i, j], traces.s[own], traces.y[own]),
+            )
+            along[i, j] = shapely.line_locate_point(shape_of, shapely.Point(at)) - prolong_m
+    crossed = counts.sum(axis=0) > 0
+    middle = np.full(shape[1], np.inf)
+    for j in np.flatnonzero(crossed).tolist():
+        middle[j] = np.nanmedian(s[:, j])
+    return StationChainages(s, along, counts, np.argsort(middle, kind="stable"))
+
+
+def _prolonged(vertices: FloatArray, by_m: float) -> FloatArray:
+    if by_m <= 0.0:
+        return vertices
+    steps = np.diff(vertices, axis=0)
+    steps = steps / np.hypot(steps[:, 0], steps[:, 1])[:, None]
+    return np.vstack(
+        [vertices[0] - by_m * steps[0], vertices[1:-1], vertices[-1] + by_m * steps[-1]]
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Paths
+
+
+def path_lengths(trajectories: Trajectories) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+    """Plan length of paths, and the straight distance between their ends.
+
+    Their ratio is a mark of lateral deflection: of a rock that stays in one vertical plane it is 1.
+
+    Parameters
+    ----------
+    trajectories : Trajectories
+
+    Returns
+    -------
+    names : tuple of str
+        Names in the order of the table, pieces by themselves; those with two points or more.
+    path, straight : float64, shape (len(names),)
+        Metres.
+    """
+    names, path, straight = [], [], []
+    ids = trajectories.rock_id
+    known = np.isfinite(trajectories.x) & np.isfinite(trajectories.y)
+    for name in dict.fromkeys(ids.tolist()):
+        rows = np.flatnonzero((ids == name) & known)
+        if rows.size < 2:
+            continue
+        rows = rows[np.argsort(trajectories.t_s[rows], kind="stable")]
+        x, y = trajectories.x[rows], trajectories.y[rows]
+        names.append(str(name))
+        path.append(float(np.hypot(np.diff(x), np.diff(y)).sum()))
+        straight.append(float(np.hypot(x[-1] - x[0], y[-1] - y[0])))
+    return tuple(names), np.array(path, np.float64), np.array(straight, np.float64)

@@ -1,0 +1,1 @@
+"""Observed against predicted: single impacts, flights, reaches between stations."""

@@ -1,0 +1,368 @@
+"""Paths in time: what happens between impacts, in the air and along the ground.
+
+Between two impacts the model knows gravity alone in the air, and friction alone on the ground. A
+path that is bent otherwise, or loses speed on the way, shows what acts there: air, stems, or a
+wrong scale or time base of the measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sassgis.engine.simulate import GateCrossings, simulate
+from sassgis.gap.case import Case
+from sassgis.gap.residuals.reaches import Model, repeated
+from sassgis.gap.residuals.residuals import Residual, mean_of_draws
+from sassgis.gap.sample import errors_of
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.results import Gate
+
+#: Effects that act between impacts; the flights that are compared here have none of them.
+FLIGHT_EFFECTS = ("air_drag", "trees")
+#: Height above the resting position from which a rock counts as flying (m).
+CLEAR_M = 0.3
+#: Points that a flight, and a stretch along the ground, must have.
+_LEAST_POINTS = 8
+#: Points at both ends of a stretch that are left out.
+_TRIM = 1
+#: Shortest stretch along the ground (s).
+_LEAST_ROLLING_S = 0.8
+_LEAST_WAY_M, _LEAST_SPEED_MPS = 2.0, 0.5
+#: A rock that turns by less than this share of rolling slides.
+_SLIDES = 0.3
+#: Accelerations along the ground, from speeds and positions with errors, are known to this (m/s²).
+_ROLLING_MPS2 = 0.3
+#: Runs of each stretch along the ground, in each of two orientations.
+_ROLLED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """What one flight or stretch along the ground says: value, prediction, weight by quantity."""
+
+    rock: int
+    s: float
+    values: dict[str, tuple[float, float, float]]
+
+
+def path_residuals(
+    case: Case, model: Model, edges: FloatArray, axes_m: FloatArray
+) -> list[Residual]:
+    """Residuals of flights and of stretches along the ground, by leg and over all.
+
+    Parameters
+    ----------
+    case : Case
+    model : Model
+    edges : float64, shape (n_legs, 2)
+        Limits of the legs (m).
+    axes_m : float64, shape (n_rocks, k, 3)
+        Semi-axes of each rock as the model draws them, longest first (m).
+
+    Returns
+    -------
+    list of Residual
+        Weighted by how closely each flight is measured.
+    """
+    if not len(case.observations.trajectories):
+        return []
+    flights: list[_Piece] = []
+    # A rolling rock stands on a circle between its two longer axes.
+    round_m = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
+    rolling: list[_Stretch] = []
+    hit, none = _impact_points(case), np.empty(0)
+    for rock, rows, impacted in _paths(case):
+        own = _Path.of(case, rock, rows, float(round_m[rock]))
+        bounds = _bounds(own, *hit.get(rock, (none, none)), errors_of(case).position_m)
+        flights += _flights(case, own, bounds, impacted)
+        rolling += _along_ground(own, bounds, float(round_m[rock]))
+    found = []
+    if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
+        found += _by_leg(case, edges, flights, "flight")
+    if not model.effects.trees:
+        found += _by_leg(case, edges, _rolled(case, model, rolling, round_m), "rolling")
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Path:
+    """Points of one rock by time; ``above`` is the height over the resting position (m)."""
+
+    rock: int
+    t: FloatArray
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    s: FloatArray
+    above: FloatArray
+    speed: FloatArray
+    rotation: FloatArray
+
+    @classmethod
+    def of(cls, case: Case, rock: int, rows: IntArray, radius_m: float) -> _Path:
+        track = case.observations.trajectories
+        put = case.projected["trajectories"]
+        _, dip = case.ground_at(np.full(rows.size, rock), put.s[rows])
+        return cls(
+            rock,
+            track.t_s[rows],
+            track.x[rows],
+            track.y[rows],
+            track.z[rows],
+            put.s[rows],
+            _smooth(put.height_m[rows] - radius_m / np.cos(dip)),
+            track.speed_mps[rows],
+            track.rotation_hz[rows],
+        )
+
+
+def _paths(case: Case) -> Iterator[tuple[int, IntArray, bool]]:
+    """Rows of the points of each whole rock by time, and whether its impacts are known."""
+    track = case.observations.trajectories
+    rock = case.observations.rock_of("trajectories")
+    known = np.isfinite(track.t_s + track.x + track.y + track.z)
+    known &= (rock >= 0) & ~case.observations.is_piece("trajectories")
+    known &= np.isfinite(case.projected["trajectories"].height_m)
+    hit = (
+        set(case.observations.rock_of("impacts").tolist())
+        if len(case.observations.impacts)
+        else set()
+    )
+    order = np.lexsort((track.t_s, rock))
+    order = order[known[order]]
+    for i in np.unique(rock[order]).tolist():
+        rows = order[rock[order] == i]
+        if rows.size >= _LEAST_POINTS and case.line[i] >= 0:
+            yield i, rows, i in hit
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    """Mean over five points, fewer at the ends."""
+    n = values.size
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    i = np.arange(n)
+    low, high = np.maximum(i - 2, 0), np.minimum(i + 3, n)
+    smoothed: FloatArray = (sums[high] - sums[low]) / (high - low)
+    return smoothed
+
+
+def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """X and y of the impacts of each whole rock (m)."""
+    impacts = case.observations.impacts
+    if not len(impacts):
+        return {}
+    rock = case.observations.rock_of("impacts")
+    own = (rock >= 0) & ~case.observations.is_piece("impacts")
+    own &= np.isfinite(impacts.x + impacts.y)
+    return {
+        i: (impacts.x[own & (rock == i)], impacts.y[own & (rock == i)])
+        for i in np.unique(rock[own]).tolist()
+    }
+
+
+def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> tuple[IntArray, IntArray]:
+    """Points of a path between which its impacts happened, rising; empty if none are known.
+
+    An impact is known by its position: among points that lie closer than the error of positions it
+    may have happened at any.
+
+    Returns
+    -------
+    first, last : int64
+    """
+    if not x.size:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    far = np.hypot(path.x[None, :] - x[:, None], path.y[None, :] - y[:, None])
+    at = np.unique(far.argmin(axis=1))
+    step = np.hypot(np.gradient(_smooth(path.x)), np.gradient(_smooth(path.y)))
+    error = 2.0 * math.sqrt(2.0) * error_m
+    reach = np.ceil(error / np.maximum(_smooth(step)[at], 1e-3)).astype(np.int64)
+    return np.maximum(at - reach, 0), np.minimum(at + reach, path.t.size - 1)
+
+
+def _flights(
+    case: Case, path: _Path, bounds: tuple[IntArray, IntArray], impacted: bool
+) -> list[_Piece]:
+    """Flights between impacts; where none are known, stretches high enough above the ground."""
+    if impacted:
+        first, last = bounds
+        spans = list(zip((last[:-1] + 1).tolist(), first[1:].tolist(), strict=True))
+    else:
+        spans = [(a + _TRIM, b - _TRIM) for a, b in _runs(path.above > CLEAR_M)]
+    found = []
+    for a, b in spans:
+        if b - a >= _LEAST_POINTS and np.median(path.above[a:b]) > CLEAR_M:
+            found.append(_fitted(case, path, slice(int(a), int(b))))
+    return found
+
+
+def _runs(mask: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int, int]]:
+    """First and one past the last of each run of true values."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return list(zip(edge[::2].tolist(), edge[1::2].tolist(), strict=True))
+
+
+def _fitted(case: Case, path: _Path, own: slice) -> _Piece:
+    """Accelerations by parabolas, and the change of speed that gravity does not make."""
+    t = path.t[own] - path.t[own].mean()
+    along = np.column_stack([path.x[own], path.y[own]])
+    way = along[-1] - along[0]
+    size = float(np.hypot(*way))
+    # Fit of (1, t, t²): the variance of the last goes with the inverse of this.
+    square = t * t - (t * t).mean()
+    linear = t * float(square @ t) / float(t @ t)
+    weight = float(((square - linear) ** 2).sum())
+    fall = 2.0 * np.polyfit(t, path.z[own], 2)[0]
+    g = case.engine.gravity_mps2
+    values = {"vertical_acceleration_mps2": (fall, -g, weight)}
+    if size > 0.0:
+        ahead = 2.0 * np.polyfit(t, along @ (way / size), 2)[0]
+        values["horizontal_acceleration_mps2"] = (ahead, 0.0, weight)
+    v = path.speed[own]
+    if np.isfinite(v).all() and v.mean() > _LEAST_SPEED_MPS:
+        energy = 0.5 * v * v + g * path.z[own]
+        half = v.size // 2
+        lost = energy[-half:].mean() - energy[:half].mean()
+        values["speed_change_mps"] = (lost / v.mean(), 0.0, float(half))
+    return _Piece(path.rock, float(path.s[own].mean()), values)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """A stretch along the ground: chainages (m) and speeds (m/s) at its ends, points on it."""
+
+    rock: int
+    s0: float
+    s1: float
+    v0: float
+    v1: float
+    points: int
+    sliding: bool
+
+
+def _along_ground(
+    path: _Path, bounds: tuple[IntArray, IntArray], radius_m: float
+) -> list[_Stretch]:
+    """Stretches on which a rock stays low and does not strike."""
+    low = np.abs(path.above) < CLEAR_M
+    low &= np.isfinite(path.speed) & (path.speed > _LEAST_SPEED_MPS)
+    for first, last in zip(*bounds, strict=True):
+        low[first : last + 1] = False
+    found = []
+    for a, b in _runs(low):
+        own = slice(a + _TRIM, b - _TRIM)
+        t = path.t[own]
+        if t.size < 2 * _LEAST_POINTS or t[-1] - t[0] < _LEAST_ROLLING_S:
+            continue
+        v0, v1 = np.polyval(np.polyfit(t, path.speed[own], 2), t[[0, -1]]).tolist()
+        s0, s1 = np.polyval(np.polyfit(t, path.s[own], 2), t[[0, -1]]).tolist()
+        turning = 2.0 * math.pi * path.rotation[own] * radius_m / path.speed[own]
+        known = turning[np.isfinite(turning)]
+        sliding = bool(known.size and np.median(known) < _SLIDES)
+        if s1 - s0 > _LEAST_WAY_M and s0 > 0.0 and v0 > _LEAST_SPEED_MPS:
+            found.append(_Stretch(path.rock, s0, s1, v0, max(v1, 0.0), t.size, sliding))
+    return found
+
+
+def _rolled(
+    case: Case, model: Model, stretches: list[_Stretch], round_m: FloatArray
+) -> list[_Piece]:
+    """Acceleration on stretches along the ground, against that of the model's rocks.
+
+    ``round_m``: radius at which they roll, by rock (m). Accelerations are along the chainage.
+    """
+    if not stretches:
+        return []
+    n = len(stretches)
+    rock = np.array([p.rock for p in stretches], np.int64)
+    blocks = []
+    for orientation in (0.0, 0.5 * math.pi):
+        for p in stretches:
+            spin = 0.0 if p.sliding else p.v0 / float(round_m[p.rock])
+            blocks.append(
+                replace(
+                    case.blocks[p.rock],
+                    speed_mps=(p.v0, p.v0),
+                    spin_radps=(spin, spin),
+                    drop_m=(0.0, 0.0),
+                    orientation_rad=(orientation, orientation),
+                )
+            )
+    twice = np.concatenate([rock, rock])
+    start = np.tile([p.s0 for p in stretches], 2)
+    end = np.minimum(np.tile([p.s1 for p in stretches], 2), model.ways.end[twice] - 0.1)
+    done = simulate(
+        repeated(model.ways.bare, twice),
+        model.table,
+        blocks,
+        case.engine,
+        seed=model.seed + 501,
+        rocks_per_line=_ROLLED,
+        line_keys=np.arange(2 * n, dtype=np.uint64),
+        starts=np.column_stack([start, start]),
+        gates=GateCrossings(
+            (Gate("end", "station"),),
+            np.arange(2 * n + 1, dtype=np.int64),
+            end,
+            np.zeros(2 * n, np.int64),
+        ),
+        effects=model.effects,
+    )
+    # What it loses on the way to the end, or to where it comes to rest before.
+    square = np.zeros((2 * n, _ROLLED))
+    square[done.passages["line"], done.passages["rock"]] = done.passages["speed_mps"] ** 2
+    stop = np.minimum(done.rocks["runout_m"].reshape(2 * n, _ROLLED), end[:, None])
+    way = np.maximum(stop - start[:, None], 0.05)
+    fast = np.tile([p.v0 for p in stretches], 2)[:, None]
+    pull = (square - fast**2) / (2.0 * way)
+    # As the observed rocks, those of the model are to have gone without striking, if any can.
+    struck = done.rocks["impacts"].reshape(2 * n, _ROLLED) > 0
+    pull = np.concatenate([np.where(struck, np.nan, pull), pull], axis=1)
+    pull = np.stack([pull[:n], pull[n:]], axis=1).reshape(n, 2, 2, _ROLLED)
+    free, every = (mean_of_draws(pull[:, :, k].reshape(n, -1)) for k in (0, 1))
+    mean = np.where(np.isfinite(free), free, every)
+    return [
+        _Piece(
+            p.rock,
+            0.5 * (p.s0 + p.s1),
+            {
+                "acceleration_mps2": (
+                    (p.v1**2 - p.v0**2) / (2.0 * (p.s1 - p.s0)),
+                    a,
+                    p.points * (p.s1 - p.s0) ** 2 / max(p.v0, p.v1) ** 2,
+                )
+            },
+        )
+        for p, a in zip(stretches, mean.tolist(), strict=True)
+    ]
+
+
+def _by_leg(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> list[Residual]:
+    """Weighted means over the pieces of each rock, by leg and over all."""
+    if not pieces:
+        return []
+    rock = np.array([p.rock for p in pieces], np.int64)
+    s = np.array([p.s for p in pieces])
+    leg = case.leg_of(rock, s)
+    places = [(name, leg == k, *edges[k].tolist()) for k, name in enumerate(case.legs)]
+    places.append(("all", np.ones(rock.size, bool), float(edges[0, 0]), float(edges[-1, 1])))
+    names = dict.fromkeys(name for p in pieces for name in p.values)
+    found = []
+    for name in names:
+        nothing = (math.nan, math.nan, 0.0)
+        seen, predicted, weight = np.array([p.values.get(name, nothing) for p in pieces]).T
+        for place, inside, s0, s1 in places:
+            own = inside & (weight > 0.0)
+            sums = np.zeros((3, case.n_rocks))
+            for row, value in zip(sums, (seen * weight, predicted * weight, weight), strict=True):
+                np.add.at(row, rock[own], value[own])
+            with np.errstate(invalid="ignore", divide="ignore"):
+                means = sums[:2] / sums[2]
+            found.append(
+                Residual(place, phase, name, "one step", means[0], means[1], s0, s1, weight=sums[2])
+            )
+    return found

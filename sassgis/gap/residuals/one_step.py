@@ -1,0 +1,289 @@
+"""One impact at a time: what the model makes of each observed state before an impact.
+
+Nothing is carried on from one impact to the next, so that an error in the law of impacts shows
+where it is made, and no other error shows at all. What is not observed, the orientation of the rock
+and the slope that it met, is drawn as the engine draws it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.impact import COULOMB, SCALE
+from sassgis.gap.case import Case
+from sassgis.gap.observations.tables import Impacts
+from sassgis.gap.residuals.impact_step import impact_draws
+from sassgis.gap.residuals.residuals import (
+    Residual,
+    mean_of_draws,
+    only_above,
+    per_rock,
+    rows_per_rock,
+    spread,
+)
+from sassgis.gap.sample import errors_of
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.ground import GroundTable
+
+#: An impact counts as one after a flight if the normal speed is that of a fall from this height
+#: (m), or from twice what the semi-axes differ by. A rock that rolls into a hollow strikes in any
+#: orientation, and one that tumbles from tip to tip in that which the last impact left.
+_FALL_M = 0.3
+#: A flight reaches at most this much farther than on a plane slope, and this far anyway (m).
+_REACH, _REACH_M = 2.0, 1.0
+#: Normal speed below which a rock does not rebound (m/s).
+_REBOUND_MPS = 0.01
+#: Speed along the ground below which a ratio to it says nothing (m/s).
+_ALONG_MPS = 1.0
+#: Effects that act in impacts; the law that is compared here has none of them.
+IMPACT_EFFECTS = ("soft_ground", "roughness", "rock_shape")
+
+
+def impact_residuals(
+    case: Case,
+    table: GroundTable,
+    axes_m: FloatArray,
+    edges: FloatArray,
+    effects: EffectSettings,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+) -> list[Residual]:
+    """Residuals of single impacts by leg and by class of ground.
+
+    Parameters
+    ----------
+    case : Case
+    table : GroundTable
+    axes_m : float64, shape (n_rocks, k, 3)
+        Semi-axes of each rock as the model draws them, longest first (m); NaN for rocks without.
+    edges : float64, shape (n_legs, 2)
+        Limits of the legs (m).
+    effects : EffectSettings
+        Of the model. Where some act in impacts, these are left out: what is compared is the law of
+        1986 alone. Where ways leave the fall line, turns are left out.
+    draws : int
+        Orientations and slopes drawn for each impact.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    list of Residual
+    """
+    impacts = case.observations.impacts
+    n = case.n_rocks
+    if not len(impacts):
+        return []
+    rock = case.observations.rock_of("impacts")
+    s = case.projected["impacts"].s
+    whole = (rock >= 0) & ~case.observations.is_piece("impacts") & np.isfinite(s)
+    states = impacts.vt_in_mps + impacts.vn_in_mps + impacts.vt_out_mps + impacts.vn_out_mps
+    has_axes = np.asarray(np.isfinite(axes_m).all(axis=(1, 2)), np.bool_)
+    use = whole & np.isfinite(states) & (impacts.vn_in_mps < 0.0)
+    use[use] &= has_axes[rock[use]] & (case.line[rock[use]] >= 0)
+    turned = whole & np.isfinite(impacts.turn_deg)
+    turned[turned] &= case.line[rock[turned]] >= 0
+    found: list[Residual] = []
+    if use.any() and not any(name in effects.names for name in IMPACT_EFFECTS):
+        found += _rebounds(case, table, axes_m, edges, np.flatnonzero(use), draws, rng)
+    if turned.any() and effects.lateral_deflection is None:
+        rows = np.flatnonzero(turned)
+        found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], n)
+    return found
+
+
+def _rebounds(
+    case: Case,
+    table: GroundTable,
+    axes_m: FloatArray,
+    edges: FloatArray,
+    rows: IntArray,
+    m: int,
+    rng: np.random.Generator,
+) -> list[Residual]:
+    impacts = case.observations.impacts.take(rows)
+    rock = case.observations.rock_of("impacts")[rows]
+    s = case.projected["impacts"].s[rows]
+    kind, dip = case.ground_at(rock, s)
+    dip = np.where(np.isfinite(impacts.slope_deg), np.radians(impacts.slope_deg), dip)
+    longer, shorter = axes_m[rock, :, 0].mean(axis=1), axes_m[rock, :, 1].mean(axis=1)
+    fall = impacts.vn_in_mps**2 / (2.0 * case.engine.gravity_mps2 * np.cos(dip))
+    flown = fall > np.maximum(_FALL_M, 2.0 * (longer - shorter))
+    flown &= _from_flight(impacts, rock, s, dip, case.engine.gravity_mps2)
+    if not flown.any():
+        return []
+    impacts, rock, s, kind, dip = (impacts.take(flown), *(v[flown] for v in (rock, s, kind, dip)))
+    law = table.array()[kind]
+    settings = case.engine
+    n = rock.size
+    axes = axes_m[rock][:, np.arange(m) % axes_m.shape[1]]
+    radius = np.cbrt(axes.prod(axis=2)).mean(axis=1)
+    inertia = 0.2 * (axes[:, :, 0] ** 2 + axes[:, :, 1] ** 2).mean(axis=1)
+    has_spin = np.isfinite(impacts.omega_in_radps)
+    spin = np.where(has_spin, impacts.omega_in_radps, impacts.vt_in_mps / radius)
+    meta = case.observations.metadata
+    speed_error = meta.speed_error_rel if math.isfinite(meta.speed_error_rel) else 0.0
+    spin_error = meta.rotation_error_rel if math.isfinite(meta.rotation_error_rel) else 0.0
+    drawn = np.empty((n, m, 3))
+    drawn[..., 0] = rng.uniform(0.0, math.pi, (n, m))
+    drawn[..., 1] = law[:, 1:2] + (law[:, 2:3] - law[:, 1:2]) * rng.uniform(size=(n, m))
+    varies = np.full(n, float(settings.slope_variation == "per_impact"))
+    states = np.column_stack(
+        [dip, impacts.vt_in_mps, impacts.vn_in_mps, spin, law[:, 0], law[:, 3], varies]
+    )
+    out = np.empty((n, m, 3))
+    impact_draws(
+        states,
+        np.ascontiguousarray(axes),
+        drawn,
+        settings.gravity_mps2,
+        settings.rolling_threshold,
+        COULOMB if settings.eta_max_rule == "coulomb" else SCALE,
+        out,
+    )
+    out[..., :2] *= _factors(rng, speed_error, (n, m))[..., None]
+    out[..., 2] *= _factors(rng, spin_error, (n, m))
+    rebound = out[..., 1] > _REBOUND_MPS
+    out = np.where(rebound[..., None], out, np.nan)
+    vt, vn, omega = (
+        np.where(impacts.vn_out_mps > _REBOUND_MPS, v, np.nan)
+        for v in (impacts.vt_out_mps, impacts.vn_out_mps, impacts.omega_out_radps)
+    )
+    before = impacts.vt_in_mps**2 + impacts.vn_in_mps**2 + inertia * spin**2
+    own, per = inertia[:, None], before[:, None]
+    energy = (out[..., 0] ** 2 + out[..., 1] ** 2 + own * out[..., 2] ** 2) / per
+    energy_seen = np.where(has_spin, (vt**2 + vn**2 + inertia * omega**2) / before, np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.where(
+            out[..., 0] > _ALONG_MPS, radius[:, None] * out[..., 2] / out[..., 0], np.nan
+        )
+        ratio_seen = np.where(vt > _ALONG_MPS, radius * omega / vt, np.nan)
+    angle = np.degrees(np.arctan2(out[..., 1], out[..., 0]))
+    angle_seen = np.degrees(np.arctan2(vn, vt))
+    pairs: list[tuple[str, FloatArray, FloatArray]] = [
+        ("tangential_speed_mps", vt, out[..., 0]),
+        ("normal_speed_mps", vn, out[..., 1]),
+        ("spin_out_radps", omega, out[..., 2]),
+        ("energy_kept", energy_seen, energy),
+        ("spin_ratio", ratio_seen, ratio),
+        ("rebound_angle_deg", angle_seen, angle),
+    ]
+    middle = {name: mean_of_draws(draws, least=3) for name, _, draws in pairs}
+    away, usual, pit = spread(angle_seen, angle)
+    found = []
+    for place, inside, s0, s1 in (
+        *_leg_places(case, edges, rock, s),
+        *_ground_places(rock, s, kind, table),
+    ):
+        of_rock = np.where(inside, rock, -1)
+
+        def residual(
+            name: str,
+            seen: FloatArray,
+            predicted: FloatArray,
+            score: FloatArray | None = None,
+            *,
+            of: IntArray = of_rock,
+            where: tuple[str, float, float] = (place, s0, s1),
+        ) -> Residual:
+            both = np.isfinite(seen) & np.isfinite(predicted)
+            own = np.where(both, of, -1)
+            seen_mean, predicted_mean = (per_rock(v, own, case.n_rocks) for v in (seen, predicted))
+            scored = None if score is None else per_rock(score, own, case.n_rocks)
+            count = rows_per_rock(seen, own, case.n_rocks)
+            return Residual(
+                where[0], "impact", name, "one step", seen_mean, predicted_mean, where[1], where[2],
+                scored, count,
+            )  # fmt: skip
+
+        found += [residual(name, seen, middle[name]) for name, seen, _ in pairs]
+        found.append(residual("rebound_angle_deg_spread", away, usual, pit))
+    return found
+
+
+def _from_flight(
+    impacts: Impacts, rock: IntArray, s: FloatArray, dip: FloatArray, gravity: float
+) -> NDArray[np.bool_]:
+    """Whether the rock can have flown to an impact from the one before.
+
+    Farther away than a flight from there reaches it came along the ground.
+    """
+    order = np.lexsort((s, rock))
+    before, after = order[:-1], order[1:]
+    fall, rise = gravity * np.cos(dip[before]), np.maximum(impacts.vn_out_mps[before], 0.0)
+    time = 2.0 * rise / fall
+    along = impacts.vt_out_mps[before] + 0.5 * gravity * np.sin(dip[before]) * time
+    reach = _REACH * along * time * np.cos(dip[before]) + _REACH_M
+    can = np.ones(s.size, np.bool_)
+    can[after] = (rock[before] != rock[after]) | (s[after] - s[before] <= reach)
+    return can
+
+
+def _turns(
+    case: Case,
+    edges: FloatArray,
+    rock: IntArray,
+    s: FloatArray,
+    turn_deg: FloatArray,
+    n_rocks: int,
+) -> list[Residual]:
+    """Turns in plan, which the model does not have.
+
+    Their scatter is compared with what is usual in measured directions.
+    """
+    usual = errors_of(case).turn_deg * math.sqrt(2.0 / math.pi)
+    found = []
+    for place, inside, s0, s1 in _leg_places(case, edges, rock, s):
+        of = np.where(inside, rock, -1)
+        mean = per_rock(turn_deg, of, n_rocks)
+        size = per_rock(np.abs(turn_deg), of, n_rocks)
+        none = np.where(np.isfinite(mean), 0.0, np.nan)
+        count = rows_per_rock(turn_deg, of, n_rocks)
+        found.append(
+            Residual(place, "impact", "turn_deg", "one step", mean, none, s0, s1, weight=count)
+        )
+        found.append(
+            Residual(
+                place,
+                "impact",
+                "turn_deg_spread",
+                "one step",
+                size,
+                none + usual,
+                s0,
+                s1,
+                only_above(size - usual),
+                count,
+            )
+        )
+    return found
+
+
+def _leg_places(
+    case: Case, edges: FloatArray, rock: IntArray, s: FloatArray
+) -> Iterator[tuple[str, NDArray[np.bool_], float, float]]:
+    """Name, rows and limits of each leg."""
+    leg = case.leg_of(rock, s)
+    for k, name in enumerate(case.legs):
+        yield name, leg == k, float(edges[k, 0]), float(edges[k, 1])
+
+
+def _ground_places(
+    rock: IntArray, s: FloatArray, kind: IntArray, table: GroundTable
+) -> Iterator[tuple[str, NDArray[np.bool_], float, float]]:
+    """Name, rows and limits of each class of ground."""
+    for k, name in enumerate(table.names):
+        inside = kind == k
+        if inside.any():
+            low, high = np.quantile(s[inside], (0.05, 0.95)).tolist()
+            yield f"ground:{name}", inside, low, high
+
+
+def _factors(rng: np.random.Generator, error: float, shape: tuple[int, ...]) -> FloatArray:
+    """Factors of measurements with a relative error, kept above zero."""
+    return np.maximum(1.0 + error * rng.standard_normal(shape), 0.1)

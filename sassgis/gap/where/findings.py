@@ -1,0 +1,254 @@
+"""Where the gap lies: the place, the phase and the quantity in which rocks and model differ.
+
+Observations are compared with predictions in three ways: runs from the release, legs (runs that
+start again at every station), and single steps (impacts and flights). What is right in one step and
+wrong in a leg lies between the steps; what is right in all legs and wrong from the release lies in
+the release. Rocks are the unit: every value that is tested is one of a rock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from sassgis.engine.simulate import Forest
+from sassgis.gap.case import Case
+from sassgis.gap.diagnosis import Finding, Range
+from sassgis.gap.distances import benjamini_hochberg, mean_gap_tests
+from sassgis.gap.residuals.flights import path_residuals
+from sassgis.gap.residuals.one_step import impact_residuals
+from sassgis.gap.residuals.reaches import (
+    FreeRun,
+    Model,
+    free_run,
+    free_run_residuals,
+    leg_residuals,
+    observed_at_stations,
+)
+from sassgis.gap.residuals.residuals import Residual
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
+from sassgis.model.ground import GroundTable
+from sassgis.terrain.flatten import chainage_to_xy
+
+#: Findings that rest on fewer rocks are left out.
+LEAST_ROCKS = 5
+#: Orientations and slopes drawn for each observed impact.
+IMPACT_DRAWS = 64
+#: Chance of a false finding among all that is taken for the place of the gap.
+LEVEL = 0.05
+#: Legs in which the gap is less sure than this share of the surest are not where it begins.
+_SHARE = 0.4
+
+
+def where(
+    case: Case,
+    table: GroundTable,
+    *,
+    seed: int,
+    effects: EffectSettings | None = None,
+    forest: Forest | None = None,
+    replicates: int = 20,
+    draws: int = 999,
+) -> tuple[Finding, ...]:
+    """Find where observation and model differ.
+
+    Parameters
+    ----------
+    case : Case
+    table : GroundTable
+        Ground classes of the model, calibrated.
+    seed : int
+    effects : EffectSettings, optional
+        Of the model; default: those of the configuration.
+    forest : Forest, optional
+        On the cells of the grid, in place of that of the configuration.
+    replicates : int
+        Runs of each rock.
+    draws : int
+        For the tests and the intervals.
+
+    Returns
+    -------
+    tuple of Finding
+        Most certain first; quantities that fewer than five rocks have are left out.
+    """
+    rng = np.random.default_rng([seed, 31])
+    model = Model.of(case, table, effects, forest, seed)
+    run = free_run(case, model, replicates)
+    seen = observed_at_stations(case)
+    edges = leg_edges(case, run)
+    residuals = [
+        *free_run_residuals(case, model, seen, run, rng=rng),
+        *leg_residuals(case, model, seen, run, edges, rng=rng),
+        *path_residuals(case, model, edges, run.axes_m),
+    ]
+    residuals += impact_residuals(
+        case, table, run.axes_m, edges, model.effects, draws=IMPACT_DRAWS, rng=rng
+    )
+    return findings_of(case, residuals, draws=draws, rng=rng)
+
+
+def leg_edges(case: Case, run: FreeRun) -> FloatArray:
+    """Chainages between which legs lie, mean over rocks (m), shape (n_legs, 2).
+
+    The last leg ends where the last rock lies, observed or simulated.
+    """
+    start = float(case.start.mean())
+    s = case.station_s
+    known = np.isfinite(s)
+    middle = np.where(known, s, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    ends = [np.quantile(run.runout_m, 0.99)]
+    deposits = case.projected.get("deposits")
+    if deposits is not None and np.isfinite(deposits.s).any():
+        ends.append(np.nanmax(deposits.s))
+    last = max(float(max(ends)), float(middle[-1]) + 1.0 if middle.size else start + 1.0)
+    at = np.concatenate([[start], middle, [last]])
+    return np.column_stack([at[:-1], at[1:]])
+
+
+def findings_of(
+    case: Case, residuals: Sequence[Residual], *, draws: int, rng: np.random.Generator
+) -> tuple[Finding, ...]:
+    """Test residuals together and write them down, most certain first."""
+    tested = [(r, r.tested()) for r in residuals]
+    tested = [(r, v) for r, v in tested if int(np.isfinite(v).sum()) >= LEAST_ROCKS]
+    if not tested:
+        return ()
+    values = np.column_stack([v for _, v in tested])
+    t, p, adjusted = mean_gap_tests(values, draws=draws, rng=rng)
+    q = benjamini_hochberg(p)
+    # A scatter known from above only is tested by scores that may all be zero.
+    size = np.abs(np.nan_to_num(t, posinf=np.inf, neginf=-np.inf))
+    n = case.n_rocks
+    times = rng.multinomial(n, np.full(n, 1.0 / n), size=draws).astype(np.float64)
+    findings = [
+        _finding(case, r, values[:, i], float(adjusted[i]), float(q[i]), times)
+        for i, (r, _) in enumerate(tested)
+    ]
+    order = np.lexsort((-size, adjusted))
+    return tuple(findings[i] for i in order.tolist())
+
+
+def _finding(
+    case: Case,
+    residual: Residual,
+    tested: FloatArray,
+    adjusted: float,
+    q: float,
+    times: FloatArray,
+) -> Finding:
+    own = np.isfinite(tested)
+    weight = np.ones(int(own.sum())) if residual.weight is None else residual.weight[own]
+    gap = residual.gap[own]
+    x, y = _on_map(case, residual, own)
+    return Finding(
+        place=residual.place,
+        phase=residual.phase,
+        quantity=residual.quantity,
+        gap=float(np.average(gap, weights=weight)),
+        unit=residual.unit,
+        ci95=_interval(gap, weight, times[:, own]),
+        p_adjusted=adjusted,
+        q_value=q,
+        rocks=int(own.sum()),
+        observed=float(np.average(residual.observed[own], weights=weight)),
+        predicted=float(np.average(residual.predicted[own], weights=weight)),
+        test=residual.test,
+        s0_m=residual.s0_m,
+        s1_m=residual.s1_m,
+        x=x,
+        y=y,
+    )
+
+
+def _interval(gap: FloatArray, weight: FloatArray, times: FloatArray) -> Range:
+    """Percentiles of the mean over bootstrapped rocks; ``times``: how often each was drawn."""
+    below = times @ weight
+    drawn = below > 0.0
+    if not drawn.any():
+        return math.nan, math.nan
+    means = (times @ (weight * gap))[drawn] / below[drawn]
+    low, high = np.quantile(means, (0.025, 0.975)).tolist()
+    return low, high
+
+
+def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, float]:
+    """Mean over the lines of the rocks of the point in the middle of the place."""
+    lines = np.unique(case.line[own & (case.line >= 0)])
+    if not lines.size:
+        return math.nan, math.nan
+    last = case.traces.s[case.traces.offset[lines + 1] - 1]
+    s = np.full(lines.size, 0.5 * (residual.s0_m + residual.s1_m))
+    if residual.place in case.station_names:
+        k = case.station_names.index(residual.place)
+        crossed = case.stations.s[lines, case.station_order[k]]
+        s = np.where(np.isfinite(crossed), crossed, s)
+    x, y = chainage_to_xy(case.traces, lines, np.clip(s, 0.0, last))
+    known = np.isfinite(x)
+    if not known.any():
+        return math.nan, math.nan
+    return float(x[known].mean()), float(y[known].mean())
+
+
+# ---------------------------------------------------------------------------------------------
+# Where it begins
+
+
+def locate(
+    findings: Sequence[Finding], phases: tuple[str, ...] | None = None
+) -> tuple[str, tuple[str, ...]]:
+    """Phase and legs in which the gap begins.
+
+    Single steps say most, legs more than runs from the release: what is wrong in a single step is
+    wrong where it is made.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        As ``where`` returns them.
+    phases : tuple of str, optional
+        Phases in which the effect that was named can act; others are passed over.
+
+    Returns
+    -------
+    phase : str
+        "" if nothing is certain.
+    legs : tuple of str
+        From the top down; empty if the place cannot be told.
+    """
+    sure = [f for f in findings if f.p_adjusted < LEVEL]
+    phase = ""
+    for test in ("one step", "leg", "free run"):
+        own = [f for f in sure if f.test == test and _may_be(f, phases)]
+        if not own:
+            continue
+        if not phase:
+            phase = own[0].phase
+            if phases and phase not in phases:
+                phase = phases[0]
+        if test == "one step" or phase == "release":
+            own = [f for f in own if f.phase == phase]
+        own = [f for f in own if "-" in f.place and f.s0_m < f.s1_m]
+        strongest = max((_strength(f) for f in own), default=0.0)
+        legs = {f.place: f.s0_m for f in own if _strength(f) >= _SHARE * strongest}
+        if legs:
+            return phase, tuple(sorted(legs, key=lambda name: legs[name]))
+    return phase, ()
+
+
+def _strength(finding: Finding) -> float:
+    """Gap over its standard error."""
+    low, high = finding.ci95
+    return abs(finding.gap) / (high - low) if high > low else math.inf
+
+
+def _may_be(finding: Finding, phases: tuple[str, ...] | None) -> bool:
+    """Whether a finding can show an effect of some phases."""
+    if phases is None:
+        return True
+    if finding.test == "one step" or finding.phase == "release":
+        return finding.phase in phases
+    return True

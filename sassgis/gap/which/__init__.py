@@ -1,0 +1,1 @@
+"""Which effect causes the gap: hypotheses, campaigns, signatures, verdict."""

@@ -1,0 +1,229 @@
+"""The library of a diagnosis: campaigns of every contender, scored against the observed rocks.
+
+Each campaign lets all observed rocks go once with one set of parameters. What it shows is kept as
+one row per rock, from which it is scored against the rock that was observed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.gap.case import Case
+from sassgis.gap.replicas import Ways, campaigns, ways_of
+from sassgis.gap.sample import Sample, errors_of, observed_sample
+from sassgis.gap.which.features import Covariates, covariates_of, rock_quantities
+from sassgis.gap.which.hypotheses import NONE, Dials, Draw, draw
+from sassgis.model.grid import FloatArray, IntArray
+
+#: Campaigns of each draw: two, so that the scatter of one model is known rock by rock.
+COUNT = 2
+#: A quantity that fewer rocks than this have is not scored.
+_FEWEST = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How quantities of a rock become a row whose distances count.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Quantities, as ``features.rock_quantities`` names them.
+    centre, scale : float64, shape (k,)
+    n_rocks : int
+        Rows where nothing is scored at all.
+    """
+
+    names: tuple[str, ...]
+    centre: FloatArray
+    scale: FloatArray
+    n_rocks: int = 0
+
+    def rows(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """Rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
+
+        A rock that never came to a station has no speed there, which is told by the flag.
+        """
+        if not self.names:
+            return np.zeros((self.n_rocks, 0))
+        values = np.column_stack([_scored(name, quantities[name]) for name in self.names])
+        z = (values - self.centre) / self.scale
+        absent = ~np.isfinite(z)
+        rows: FloatArray = np.hstack([np.where(absent, 0.0, z), absent.astype(float)])
+        return rows
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """One draw and the campaigns made of it.
+
+    Attributes
+    ----------
+    draw : Draw
+    rows : float32, shape (count, n_rocks, 2 k)
+        Rows per rock on the scale of the observed.
+    """
+
+    draw: Draw
+    rows: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """A case made ready for many campaigns.
+
+    Attributes
+    ----------
+    case : Case
+    ways : Ways
+    given : Covariates
+    scale : Scale
+    observed : Sample
+    rows : float64, shape (n_rocks, 2 k)
+        Of the observed rocks.
+    seed : int
+    """
+
+    case: Case
+    ways: Ways
+    given: Covariates
+    scale: Scale
+    observed: Sample
+    rows: FloatArray
+    seed: int
+
+
+def bench_of(case: Case, seed: int) -> Bench:
+    """Prepare a case."""
+    observed = observed_sample(case)
+    given = covariates_of(case)
+    quantities = rock_quantities(case, observed)
+    scale = scale_of(case, quantities)
+    return Bench(case, ways_of(case), given, scale, observed, scale.rows(quantities), seed)
+
+
+def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
+    """Quantities to be scored, with the scatter of the observed as their unit."""
+    errors = errors_of(case)
+    floors = {
+        "runout": 2.0 * errors.position_m,
+        "aside": 2.0 * errors.position_m,
+        "speed": errors.speed_rel,
+        "rotation": 0.1,
+        "height": 2.0 * errors.height_m,
+        "blocks": 0.3,
+    }
+    names, centre, scale = [], [], []
+    for name, values in quantities.items():
+        place, _, what = name.partition(":")
+        if what not in floors or not (place == "stop" or place.startswith("S")):
+            continue
+        known = _scored(name, values)
+        known = known[np.isfinite(known)]
+        if known.size < _FEWEST:
+            continue
+        names.append(name)
+        centre.append(float(known.mean()))
+        scale.append(max(float(known.std(ddof=1)), floors[what]))
+    return Scale(tuple(names), np.array(centre), np.array(scale), case.n_rocks)
+
+
+def _scored(name: str, values: FloatArray) -> FloatArray:
+    """Numbers of blocks count by their logarithm."""
+    return np.log(np.maximum(values, 0.5)) if name.endswith(":blocks") else values
+
+
+def try_draw(bench: Bench, made: Draw, number: int) -> Tried:
+    """Make campaigns of one draw and score them; ``number`` tells them from others."""
+    samples = campaigns(
+        bench.case, bench.ways, made.model,
+        count=COUNT, seed=bench.seed, number=number, impacts=False,
+    )  # fmt: skip
+    return Tried(made, np.stack([rows_of(bench, sample) for sample in samples]).astype(np.float32))
+
+
+def rows_of(bench: Bench, sample: Sample) -> FloatArray:
+    """Rows per rock of another campaign of the same rocks."""
+    return bench.scale.rows(rock_quantities(bench.case, sample))
+
+
+def tasks_of(effects: Iterable[str], draws: int) -> list[tuple[str, int]]:
+    """What a library is made of besides the base: effect and number of each draw."""
+    return [(effect, i) for effect in effects for i in range(draws)]
+
+
+def try_task(bench: Bench, task: tuple[str, int], order: Mapping[str, int]) -> Tried:
+    """One draw of an effect (joined by "+" for several) from its ranges.
+
+    The draw depends on the seed, the effect and its number alone, never on what else is tried.
+    """
+    effect, i = task
+    families = () if effect == NONE else tuple(effect.split("+"))
+    code = [order[name] + 1 for name in families]
+    rng = np.random.default_rng([bench.seed, 11, i, *code])
+    number = 1 + i + 4096 * (sum(c * 16**k for k, c in enumerate(code)))
+    return try_draw(bench, draw(bench.case, families, Dials(rng)), number)
+
+
+@dataclass(frozen=True, slots=True)
+class Library:
+    """All that was tried.
+
+    Attributes
+    ----------
+    tried : tuple of Tried
+    effect : str, shape (n_draws,)
+    scores : float64, shape (n_draws, n_rocks)
+        Energy score of each observed rock.
+    """
+
+    tried: tuple[Tried, ...]
+    effect: NDArray[np.str_]
+    scores: FloatArray
+
+    def of(self, effect: str) -> IntArray:
+        """Numbers of the draws of an effect."""
+        return np.flatnonzero(self.effect == effect)
+
+    def with_more(self, bench: Bench, more: Sequence[Tried]) -> Library:
+        """The library with further draws."""
+        return library_of(bench, [*self.tried, *more])
+
+
+def library_of(bench: Bench, tried: Sequence[Tried]) -> Library:
+    """Score what was tried."""
+    return Library(
+        tuple(tried),
+        np.array([t.draw.effect for t in tried], np.str_),
+        np.stack([rock_scores(bench.rows, t.rows) for t in tried]),
+    )
+
+
+def rock_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> FloatArray:
+    """Energy score of each rock against its replicas, without bias by their number.
+
+    Gneiting and Raftery (2007), equation 22; fair as Ferro (2014) has it.
+
+    Parameters
+    ----------
+    observed : float64, shape (n_rocks, p)
+    replicas : float, shape (m, n_rocks, p)
+        m of two or more.
+
+    Returns
+    -------
+    float64, shape (n_rocks,)
+    """
+    members = np.asarray(replicas, np.float64)
+    m = members.shape[0]
+    near = np.sqrt(((members - observed) ** 2).sum(axis=2)).mean(axis=0)
+    apart = np.zeros(observed.shape[0])
+    for i in range(m):
+        for j in range(i + 1, m):
+            apart += np.sqrt(((members[i] - members[j]) ** 2).sum(axis=1))
+    scores: FloatArray = near - apart / (m * (m - 1)) if m > 1 else near
+    return scores

@@ -1,0 +1,164 @@
+"""Distributions of what passes stations and meets barriers, streamed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.hazard.statistics import quantiles
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.results import Gate, Histogram, Outcome
+
+#: Quantities of a passage: unit, and edges of their bins. Beyond the last edge counts in the last.
+QUANTITIES: dict[str, tuple[str, FloatArray]] = {
+    "speed_mps": ("m/s", np.arange(0.0, 150.25, 0.25)),
+    "rotation_hz": ("Hz", np.arange(0.0, 40.1, 0.1)),
+    "height_m": ("m", np.arange(0.0, 200.1, 0.1)),
+    "energy_kj": ("kJ", np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-160, 241) / 40.0)])),
+    "mass_kg": ("kg", np.concatenate([[0.0], 10.0 ** (np.arange(0, 281) / 40.0)])),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Distribution:
+    """One quantity at one gate.
+
+    Attributes
+    ----------
+    count : int
+    mean, smallest, largest : float
+        Exact, to 1e-6 of the unit; NaN if nothing came.
+    histogram : Histogram
+    """
+
+    count: int
+    mean: float
+    smallest: float
+    largest: float
+    histogram: Histogram
+
+    def quantile(self, *probabilities: float) -> tuple[float, ...]:
+        """Quantiles, exact to the width of a bin; NaN if nothing came."""
+        values = quantiles(
+            self.histogram.counts[None, :],
+            self.histogram.edges,
+            probabilities,
+            np.array([self.largest]),
+        )
+        return tuple(float(v) for v in values[:, 0])
+
+
+class GateSums:
+    """Growing counts of first passages at each station and barrier.
+
+    Parameters
+    ----------
+    gates : tuple of Gate
+    """
+
+    def __init__(self, gates: tuple[Gate, ...]) -> None:
+        self.gates = gates
+        n = len(gates)
+        self._outcomes = np.zeros((n, len(Outcome)), np.int64)
+        self._counts = {
+            q: np.zeros((n, edges.size - 1), np.int64) for q, (_, edges) in QUANTITIES.items()
+        }
+        # Sums in millionths, whole, so that the order of adding does not matter.
+        self._sum = {q: np.zeros(n, np.int64) for q in QUANTITIES}
+        self._least = {q: np.full(n, np.inf) for q in QUANTITIES}
+        self._most = {q: np.full(n, -np.inf) for q in QUANTITIES}
+
+    def add(self, passages: NDArray[np.void]) -> None:
+        """Count passages (PASSAGE_DTYPE)."""
+        if not passages.size:
+            return
+        gate = passages["gate"]
+        np.add.at(self._outcomes, (gate, passages["outcome"]), 1)
+        energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
+        for q, (_, edges) in QUANTITIES.items():
+            values = energy if q == "energy_kj" else passages[q]
+            bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
+            np.add.at(self._counts[q], (gate, bins), 1)
+            np.add.at(self._sum[q], gate, np.rint(values * 1e6).astype(np.int64))
+            np.minimum.at(self._least[q], gate, values)
+            np.maximum.at(self._most[q], gate, values)
+
+    def add_sums(self, other: GateSums, numbers: IntArray) -> None:
+        """Join the counts of other rocks.
+
+        Parameters
+        ----------
+        other : GateSums
+        numbers : int64, shape (n_gates of ``other``,)
+            Position in ``gates`` of each gate of ``other``; each once.
+        """
+        self._outcomes[numbers] += other._outcomes
+        for q in QUANTITIES:
+            self._counts[q][numbers] += other._counts[q]
+            self._sum[q][numbers] += other._sum[q]
+            self._least[q][numbers] = np.minimum(self._least[q][numbers], other._least[q])
+            self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
+
+    def outcomes(self, gate: int) -> dict[Outcome, int]:
+        """How many rocks fared how at a gate (position in ``gates``)."""
+        return {o: int(self._outcomes[gate, o]) for o in Outcome}
+
+    def arrivals(self, gate: int) -> int:
+        """Rocks that came to a gate."""
+        return int(self._outcomes[gate].sum())
+
+    def distribution(self, gate: int, quantity: str) -> Distribution:
+        """One of QUANTITIES at a gate (position in ``gates``)."""
+        unit, edges = QUANTITIES[quantity]
+        count = self.arrivals(gate)
+        return Distribution(
+            count,
+            1e-6 * int(self._sum[quantity][gate]) / count if count else float("nan"),
+            float(self._least[quantity][gate]) if count else float("nan"),
+            float(self._most[quantity][gate]) if count else float("nan"),
+            Histogram(edges, self._counts[quantity][gate].copy(), unit),
+        )
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """Everything that is needed to go on later, as plain arrays."""
+        state: dict[str, NDArray[np.generic]] = {"outcomes": self._outcomes}
+        for q in QUANTITIES:
+            state[f"counts_{q}"] = self._counts[q]
+            state[f"sum_{q}"] = self._sum[q]
+            state[f"least_{q}"] = self._least[q]
+            state[f"most_{q}"] = self._most[q]
+        return state
+
+    @classmethod
+    def from_state(
+        cls, gates: tuple[Gate, ...], state: Mapping[str, NDArray[np.generic]]
+    ) -> GateSums:
+        """The sums that ``state`` gave."""
+        sums = cls(gates)
+        sums._outcomes = np.array(state["outcomes"], np.int64)
+        for q in QUANTITIES:
+            sums._counts[q] = np.array(state[f"counts_{q}"], np.int64)
+            sums._sum[q] = np.array(state[f"sum_{q}"], np.int64)
+            sums._least[q] = np.array(state[f"least_{q}"], np.float64)
+            sums._most[q] = np.array(state[f"most_{q}"], np.float64)
+        return sums
+
+
+def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
+    """A histogram for drawing: evenly wide bins from 0 to just beyond what was counted.
+
+    Only for evenly spaced edges; the width is a whole number of the fine bins.
+    """
+    used = np.flatnonzero(histogram.counts)
+    last = int(used[-1]) + 1 if used.size else 1
+    width = max(int(np.ceil(last / bins)), 1)
+    groups = int(np.ceil(last / width))
+    counts: IntArray = np.zeros(groups * width, np.int64)
+    n = min(counts.size, histogram.counts.size)
+    counts[:n] = histogram.counts[:n]
+    step = histogram.edges[1] - histogram.edges[0]
+    edges: FloatArray = histogram.edges[0] + step * width * np.arange(groups + 1)
+    return Histogram(edges, counts.reshape(groups, width).sum(axis=1), histogram.unit)

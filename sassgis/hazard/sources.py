@@ -1,0 +1,130 @@
+"""The sources of a run with their onset frequencies: what hazard curves are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sassgis.hazard.control_lines import GateSums
+from sassgis.io.read.config import Config, Onset
+from sassgis.io.read.frequencies import read_frequencies
+from sassgis.io.read.vectors import ReleaseArea, release_names
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.grid import Grid
+from sassgis.model.hazard import Source, SourceCounts
+from sassgis.runs.map import MapRun, Progress
+
+_HECTARE_M2 = 1e4
+_PLACE = {"per_year_ha": "release polygons", "per_year_m": "release lines"}
+
+
+@dataclass(frozen=True, slots=True)
+class Sampled:
+    """What was simulated of one source.
+
+    Attributes
+    ----------
+    source : Source
+    cells, objects : SourceCounts
+        Places are flat indices of cells, and numbers of exposed objects.
+    gates : GateSums
+        At stations and barriers.
+    """
+
+    source: Source
+    cells: SourceCounts
+    objects: SourceCounts
+    gates: GateSums
+
+
+def onset_frequencies(
+    config: Config, run: MapRun, known: Sequence[str] | None = None
+) -> dict[tuple[str, str], float]:
+    """Blocks released per year, by release area and block scenario.
+
+    Parameters
+    ----------
+    config : Config
+    run : MapRun
+    known : sequence of str, optional
+        Names that the table of frequencies may hold; default those of the file of release areas.
+
+    Raises
+    ------
+    ConfigError
+        A scenario that is released somewhere has no frequency.
+    InputError
+        The table of frequencies cannot be used, or a unit does not go with the shape of an area.
+    """
+    single: dict[tuple[str, str], Onset] = {}
+    table = config.hazard.frequencies
+    if table is not None:
+        names = release_names(config.release) if known is None else known
+        single = read_frequencies(table, names, config.block_names)
+    yearly = {}
+    for area in run.areas:
+        for scenario in area.scenarios:
+            from_table = (area.name, scenario) in single
+            onset = config.onsets[scenario]
+            if from_table:
+                onset = replace(single[area.name, scenario], share=onset.share)
+            if onset.frequency is None:
+                raise ConfigError(
+                    "missing key: zones need to know how often blocks are released",
+                    file=config.file,
+                    field=f"blocks[{scenario}].onset_frequency",
+                    expected="a number 0 or more"
+                    + ("" if table is None else f", or a row for {area.name} in {table.name}"),
+                )
+            size = _size(area, onset)
+            if size == 0.0:
+                raise InputError(
+                    f"release area {area.name} has no extent for this unit",
+                    file=table if from_table else config.file,
+                    field="unit" if from_table else f"blocks[{scenario}].onset_unit",
+                    found=f"{onset.unit}, {area.geometry.geom_type}",
+                    expected=f"{_PLACE[onset.unit]}, or per_year",
+                )
+            yearly[area.name, scenario] = onset.frequency * onset.share * size
+    return yearly
+
+
+def _size(area: ReleaseArea, onset: Onset) -> float:
+    """What the frequency is multiplied with."""
+    if onset.unit == "per_year_ha":
+        return float(area.geometry.area) / _HECTARE_M2
+    if onset.unit == "per_year_m":
+        return 0.0 if area.geometry.area > 0.0 else float(area.geometry.length)
+    return 1.0
+
+
+def sampled_sources(
+    run: MapRun, progress: Progress, frequencies: dict[tuple[str, str], float]
+) -> list[Sampled]:
+    """Every source of a run with its counts, areas in their order, scenarios within them."""
+    out = []
+    for (area, scenario), tally in sorted(progress.sources.items()):
+        blocks = run.blocks[scenario]
+        name = run.areas[area].name
+        source = Source(
+            name,
+            blocks.name,
+            frequencies[name, blocks.name],
+            tally.rocks,
+            run.rocks_per_stratum,
+            run.placement == "random",
+            blocks.mean_width_m,
+        )
+        cells = on_known_terrain(tally.cells.counts(), run.grid)
+        out.append(Sampled(source, cells, tally.objects.counts(), tally.gates))
+    return out
+
+
+def on_known_terrain(counts: SourceCounts, grid: Grid) -> SourceCounts:
+    """The counts without cells of unknown height, which rocks beside them count for as well."""
+    known = np.isfinite(grid.values.ravel()[counts.places])
+    if known.all():
+        return counts
+    return SourceCounts(counts.places[known], counts.count[known], counts.square[known])

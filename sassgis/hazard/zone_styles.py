@@ -1,0 +1,140 @@
+"""Ready styles of hazard zones: levels, intensities, what barriers change, what is undecided.
+
+Colours and names are those of the preset. Levels are not told apart by colour alone: a level that
+the preset calls hatched is drawn as stripes on white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from sassgis.hazard.rules import energy_labels
+from sassgis.model.hazard import HazardLevel, HazardPreset
+from sassgis.model.styles import StyleClass, Symbol, VectorStyle
+
+#: Zones let the terrain through, and what is drawn below them.
+ZONE_OPACITY = 0.7
+_ZONE = Symbol("fill", "#808080", opacity=ZONE_OPACITY, outline="#4d4d4d", outline_mm=0.25)
+
+#: What barriers make of the level of a place: label and colour. Green and purple stand apart for
+#: all common kinds of colour vision, and are no colours of levels.
+LEVEL_CHANGES: Mapping[str, tuple[str, str]] = {
+    "lower": ("Lower level", "#1b7837"),
+    "same": ("Same level", "#f7f7f7"),
+    "higher": ("Higher level", "#762a83"),
+}
+
+
+def zone_symbol(colour: str, *, hatched: bool = False) -> Symbol:
+    """The sign of a zone: filled, or striped on white if hatched."""
+    if not hatched:
+        return replace(_ZONE, colour=colour)
+    return replace(
+        _ZONE, colour=colour, hatch="diagonal", hatch_mm=0.9, hatch_step_mm=2.0, ground="#ffffff"
+    )
+
+
+def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyle:
+    """Zones in the colours of their hazard level, the most severe first in the legend.
+
+    Parameters
+    ----------
+    column : str
+        Holds the code of the level, as "slight".
+    levels : sequence of HazardLevel
+        From slight to severe, as ``HazardPreset.levels``.
+
+    Returns
+    -------
+    VectorStyle
+        Hatched levels as stripes on white; a code that is no level is not drawn.
+    """
+    return zone_style(column, [(v.code, v.label, v.colour, v.hatched) for v in levels])
+
+
+def intensity_style(column: str, preset: HazardPreset) -> VectorStyle:
+    """Areas in the colours of their intensity, the strongest first in the legend.
+
+    Parameters
+    ----------
+    column : str
+        Holds the code of the class, as "mean".
+    preset : HazardPreset
+
+    Returns
+    -------
+    VectorStyle
+        The limits (kJ) are in the labels.
+    """
+    return zone_style(
+        column,
+        [
+            (entry.code, f"{entry.label} ({span})", entry.colour, False)
+            for entry, span in zip(preset.intensities, energy_labels(preset), strict=True)
+        ],
+    )
+
+
+def level_change_style(column: str) -> VectorStyle:
+    """Areas by what barriers make of their level.
+
+    Parameters
+    ----------
+    column : str
+        Holds "higher", "same" or "lower" (:data:`LEVEL_CHANGES`).
+
+    Returns
+    -------
+    VectorStyle
+    """
+    return zone_style(
+        column,
+        [(code, label, colour, False) for code, (label, colour) in LEVEL_CHANGES.items()],
+    )
+
+
+def undecided_style() -> VectorStyle:
+    """Fine black lines over places whose level the sample of rocks does not settle.
+
+    They fall to the right, across the stripes of hatched levels.
+    """
+    return VectorStyle(
+        Symbol(
+            "fill", "#000000", opacity=0.8, outline="#000000", outline_mm=0.15, hatch="falling",
+            hatch_mm=0.15, hatch_step_mm=1.4,
+        )
+    )  # fmt: skip
+
+
+def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> VectorStyle:
+    """One sign per code, listed from the last.
+
+    Parameters
+    ----------
+    column : str
+    entries : sequence of (code, label, ``#rrggbb``, hatched)
+        From slight to severe.
+
+    Returns
+    -------
+    VectorStyle
+    """
+    return VectorStyle(
+        symbol=_ZONE,
+        method="categories",
+        column=column,
+        classes=tuple(
+            StyleClass(label, zone_symbol(colour, hatched=hatched), value=code)
+            for code, label, colour, hatched in reversed(entries)
+        ),
+    )
+
+
+def opaque(style: VectorStyle) -> VectorStyle:
+    """The same style, with nothing shining through."""
+    return replace(
+        style,
+        symbol=replace(style.symbol, opacity=1.0),
+        classes=tuple(replace(c, symbol=replace(c.symbol, opacity=1.0)) for c in style.classes),
+    )

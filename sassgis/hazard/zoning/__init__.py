@@ -1,0 +1,1 @@
+"""From a raster of classes to zones: generalised, then drawn as a valid coverage."""

@@ -1,0 +1,471 @@
+"""From a raster of classes to zones: generalised on the raster, then drawn as a valid coverage.
+
+Both stages only ever raise a class: no place lies in a zone of a class below that of its cell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from sassgis.hazard.zoning.outlines import Outlines, regions, smoothed
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.grid import Grid, IntArray
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneSettings:
+    """How zones are drawn.
+
+    Attributes
+    ----------
+    min_area_m2 : float
+        Smallest zone, and smallest hole in a zone (m²).
+    closing_m : float or None
+        Widest gap between parts of a zone that is closed (m); None: two cells.
+    min_width_m : float or None
+        Narrower parts of a zone, as a single fall line, are widened to at least this (m), by an odd
+        number of cells; None: three cells.
+    tolerance_m : float or None
+        Farthest that a zone's boundary runs outside the outline of its cells (m); None: one and a
+        half cells.
+    precision_m : float
+        Coordinates are multiples of it (m).
+
+    Raises
+    ------
+    ConfigError
+        If a value is negative, or the precision is not 1 m divided by a whole number.
+    """
+
+    min_area_m2: float = 100.0
+    closing_m: float | None = None
+    min_width_m: float | None = None
+    tolerance_m: float | None = None
+    precision_m: float = 0.001
+
+    def __post_init__(self) -> None:
+        for field, value in (
+            ("min_area_m2", self.min_area_m2),
+            ("closing_m", self.closing_m),
+            ("min_width_m", self.min_width_m),
+            ("tolerance_m", self.tolerance_m),
+        ):
+            if value is not None and not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(
+                    "unusable value", field=f"zones.{field}", found=value, expected="0 or more"
+                )
+        per_metre = 1.0 / self.precision_m if self.precision_m > 0.0 else 0.0
+        if per_metre < 0.5 or abs(per_metre - round(per_metre)) > 1e-6 * per_metre:
+            raise ConfigError(
+                "unusable value",
+                field="zones.precision_m",
+                found=self.precision_m,
+                expected="1 m divided by a whole number, as 0.001",
+            )
+
+    def smallest_cells(self, cell_size: float) -> int:
+        """Cells that make up the smallest area; at least one."""
+        return max(1, math.ceil(self.min_area_m2 / cell_size**2 - 1e-9))
+
+    def closing_cells(self, cell_size: float) -> int:
+        """Widest gap that is closed (whole cells)."""
+        return 2 if self.closing_m is None else math.floor(self.closing_m / cell_size + 1e-9)
+
+    def width_cells(self, cell_size: float) -> int:
+        """Least width of a part of a zone (cells, odd)."""
+        if self.min_width_m is None:
+            return 3
+        return 2 * math.ceil(max(self.min_width_m / cell_size - 1.0, 0.0) / 2.0 - 1e-9) + 1
+
+    def tolerance_cells(self, cell_size: float) -> float:
+        """Largest distance of the boundary from the outline of the cells (cells)."""
+        return 1.5 if self.tolerance_m is None else self.tolerance_m / cell_size
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Zones: polygons that do not overlap, with their class.
+
+    Attributes
+    ----------
+    polygons : object, shape (n,)
+        ``shapely.Polygon``; neighbours share their vertices.
+    classes : int64, shape (n,)
+        From 1, ascending.
+    """
+
+    polygons: NDArray[Any]
+    classes: IntArray
+
+
+def _disk(span: int) -> list[tuple[int, int]]:
+    """Cells of a disk that spans so many cells, from the corner of its box.
+
+    Where the span is even, its centre is a corner of cells.
+    """
+    centre = (span - 1) / 2.0
+    return [
+        (i, j)
+        for i in range(span)
+        for j in range(span)
+        if (i - centre) ** 2 + (j - centre) ** 2 <= centre**2 + 0.25
+    ]
+
+
+def _square(span: int) -> list[tuple[int, int]]:
+    return [(i, j) for i in range(span) for j in range(span)]
+
+
+def _dilated(mask: BoolArray, shape: list[tuple[int, int]]) -> BoolArray:
+    """Union of shapes set on each cell, by the corner of the shape's box; larger by the box."""
+    span = max(i for i, _ in shape)
+    n_rows, n_cols = mask.shape
+    out = np.zeros((n_rows + span, n_cols + span), np.bool_)
+    for i, j in shape:
+        out[i : i + n_rows, j : j + n_cols] |= mask
+    return out
+
+
+def _eroded(mask: BoolArray, shape: list[tuple[int, int]]) -> BoolArray:
+    """Where the shape fits into the mask, by the corner of its box; smaller by the box."""
+    span = max(i for i, _ in shape)
+    n_rows, n_cols = mask.shape[0] - span, mask.shape[1] - span
+    out = np.ones((n_rows, n_cols), np.bool_)
+    for i, j in shape:
+        out &= mask[i : i + n_rows, j : j + n_cols]
+    return out
+
+
+def _closed(mask: BoolArray, gap: int) -> BoolArray:
+    """Fill where no disk fits that is wider than the gap; beyond the raster there is nothing."""
+    shape = _disk(gap + 1)
+    return _eroded(_dilated(mask, shape), shape)
+
+
+def _widened(mask: BoolArray, width: int) -> BoolArray:
+    """Set disks on the cells of parts that are too narrow for one; the width is odd."""
+    if width == 1:
+        return mask
+    half = width // 2
+    shape = _disk(width)
+    wide = _dilated(_eroded(np.pad(mask, width), shape), shape)
+    # A disk does not reach into the corners of a wide part: they are not narrow for that.
+    slack = (half + 1) // 2
+    near = _dilated(wide, _square(2 * slack + 1))[slack:-slack, slack:-slack]
+    narrow = mask & ~near[width:-width, width:-width]
+    if not narrow.any():
+        return mask
+    return np.asarray(mask | _dilated(narrow, shape)[half:-half, half:-half])
+
+
+def _with_each(
+    classes: IntArray, known: BoolArray, enlarged: Callable[[BoolArray], BoolArray]
+) -> IntArray:
+    """Enlarge {class >= k} for every class k, where the terrain is known."""
+    out = classes.copy()
+    for k in range(1, int(classes.max()) + 1):
+        region = classes >= k
+        if region.any():
+            out[enlarged(region) & known & ~region] = k
+    return out
+
+
+def _without_small_holes(classes: IntArray, smallest: int, known: BoolArray) -> IntArray:
+    """Raise holes in {class >= k} that are smaller than the smallest area to k, for every k.
+
+    A hole hangs together over sides of cells and does not touch the edge of what is known.
+    """
+    out = classes.copy()
+    for k in range(1, int(classes.max()) + 1):
+        part = regions((out >= k).astype(np.int64))
+        is_open = np.zeros(part.cells.size, np.bool_)
+        is_open[part.of_cell[~known]] = True
+        for side in (part.of_cell[[0, -1], :], part.of_cell[:, [0, -1]]):
+            is_open[side] = True
+        hole = (part.klass == 0) & (part.cells < smallest) & ~is_open
+        out = np.where(hole[part.of_cell], np.maximum(out, k), out)
+    return out
+
+
+def _borders(of_cell: IntArray, classes: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """(region, class of its neighbour, sides of cells) for neighbours of a higher class."""
+    lower, higher = [], []
+    for a, b in (
+        ((slice(None), slice(0, -1)), (slice(None), slice(1, None))),
+        ((slice(0, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        for one, other in ((a, b), (b, a)):
+            rises = classes[other] > classes[one]
+            lower.append(of_cell[one][rises])
+            higher.append(classes[other][rises])
+    region = np.concatenate(lower)
+    neighbour = np.concatenate(higher)
+    base = int(classes.max()) + 1
+    key, sides = np.unique(region * base + neighbour, return_counts=True)
+    return key // base, key % base, sides.astype(np.int64)
+
+
+def _without_small_regions(classes: IntArray, smallest: int, known: BoolArray) -> IntArray:
+    """Raise small regions to a higher class that they touch, or let them grow."""
+    part = regions(classes)
+    small = (part.klass > 0) & (part.cells < smallest)
+    if not small.any():
+        return classes
+    raised = np.zeros(part.cells.size, np.int64)
+    region, neighbour, sides = _borders(part.of_cell, classes)
+    # The longest common border decides; of equally long ones the lower class.
+    order = np.lexsort((-neighbour, sides))
+    raised[region[order]] = neighbour[order]
+    joins = small & (raised > 0)
+    out = np.where(joins[part.of_cell], raised[part.of_cell], classes)
+    if joins.any():
+        # What has changed is judged anew before anything grows.
+        return out
+    number = np.zeros(part.cells.size, np.int64)
+    number[small] = np.arange(1, int(small.sum()) + 1)
+    boxes = ndimage.find_objects(number[part.of_cell])
+    for label, box in zip(np.flatnonzero(small), boxes, strict=True):
+        _grow(out, classes, part.of_cell, int(label), box, smallest, known)
+    return out
+
+
+def _grow(
+    out: IntArray,
+    classes: IntArray,
+    of_cell: IntArray,
+    label: int,
+    box: tuple[slice, slice],
+    smallest: int,
+    known: BoolArray,
+) -> None:
+    """Raise the cells nearest to a small region until it has the smallest area, in ``out``.
+
+    All cells at the same distance go together. A region that cannot grow enough, as nodata is all
+    around it, stays as it is.
+    """
+    reach = math.ceil(1.2 * math.sqrt(smallest)) + 1
+    while True:
+        window = tuple(
+            slice(max(s.start - reach, 0), min(s.stop + reach, n))
+            for s, n in zip(box, classes.shape, strict=True)
+        )
+        own = of_cell[window] == label
+        k = int(classes[window][own][0])
+        open_to = known[window] | (classes[window] >= k)
+        distance2 = np.rint(ndimage.distance_transform_edt(~own) ** 2).astype(np.int64)
+        distance2[~open_to] = np.iinfo(np.int64).max
+        limits = np.unique(distance2[open_to])
+        # Fewer cells are never enough; more are needed where nodata cuts some off.
+        at_least = int(np.searchsorted(limits, np.sort(distance2[open_to])[:smallest][-1]))
+        for limit in limits[at_least:]:
+            grown = distance2 <= limit
+            labels = regions(grown.astype(np.int64)).of_cell
+            grown = labels == labels[own][0]
+            if int(grown.sum()) >= smallest:
+                # What would be lowered by it is higher already, and is left.
+                out[window] = np.where(grown, np.maximum(out[window], k), out[window])
+                return
+        if reach >= smallest:
+            return
+        reach = min(2 * reach, smallest)
+
+
+def generalised(
+    classes: IntArray,
+    cell_size: float,
+    settings: ZoneSettings | None = None,
+    at_least: IntArray | None = None,
+    known: BoolArray | None = None,
+) -> IntArray:
+    """Close gaps, fill small holes and let small regions join or grow, on the raster.
+
+    Parameters
+    ----------
+    classes : int, shape (n_rows, n_cols)
+        0 where nothing comes.
+    cell_size : float
+        Side of a cell (m).
+    settings : ZoneSettings, optional
+    at_least : int, shape (n_rows, n_cols), optional
+        Classes below which no cell may lie: the generalised map of a more frequent return period.
+    known : bool, shape (n_rows, n_cols), optional
+        Where the terrain is known; nothing grows elsewhere.
+
+    Returns
+    -------
+    int64, shape (n_rows, n_cols)
+        Nowhere below ``classes`` or ``at_least``. Another pass changes nothing.
+
+    Notes
+    -----
+    The rules are applied in turn until none of them changes anything:
+
+    1. For each class k, parts of {class >= k} narrower than ``min_width_m`` are widened.
+    2. Gaps of {class >= k} no wider than ``closing_m`` are closed. Both by mathematical morphology
+       with disks (Serra 1982).
+    3. Holes in {class >= k} smaller than ``min_area_m2`` are raised to k.
+    4. Regions of one class smaller than ``min_area_m2`` join the higher class with which they share
+       the longest border; those that touch none grow by the nearest cells.
+    """
+    settings = settings or ZoneSettings()
+    out = np.array(classes, np.int64)
+    if at_least is not None:
+        out = np.maximum(out, np.asarray(at_least, np.int64))
+    if out.size == 0 or not out.any():
+        return out
+    if out.min() < 0:
+        raise ValueError("a class is below 0")
+    is_known = np.ones(out.shape, np.bool_) if known is None else np.asarray(known, np.bool_)
+    smallest = settings.smallest_cells(cell_size)
+    gap = settings.closing_cells(cell_size)
+    width = settings.width_cells(cell_size)
+    while True:
+        before = out
+        out = _with_each(out, is_known, lambda region: _widened(region, width))
+        out = _with_each(out, is_known, lambda region: _closed(region, gap))
+        out = _without_small_holes(out, smallest, is_known)
+        out = _without_small_regions(out, smallest, is_known)
+        if np.array_equal(out, before):
+            return out
+
+
+def generalised_series(
+    class_maps: Sequence[IntArray],
+    cell_size: float,
+    settings: ZoneSettings | None = None,
+    known: BoolArray | None = None,
+) -> list[IntArray]:
+    """Generalise maps from the most frequent return period to the rarest, each above the last.
+
+    Parameters
+    ----------
+    class_maps : sequence of int, shape (n_rows, n_cols)
+    cell_size, settings, known
+        As in `generalised`.
+
+    Returns
+    -------
+    list of int64, shape (n_rows, n_cols)
+    """
+    out: list[IntArray] = []
+    for classes in class_maps:
+        out.append(generalised(classes, cell_size, settings, out[-1] if out else None, known))
+    return out
+
+
+def _polygons(outlines: Outlines, grid: Grid, precision_m: float) -> Coverage:
+    """Polygons of outlines: each outer ring with the holes of the same region."""
+    rings = outlines.rings()
+    of_label = outlines.klass
+    hole = rings.double_area < 0
+    order = np.lexsort((hole, rings.label, of_label[rings.label]))
+    label = rings.label[order]
+    length = np.diff(rings.start)[order]
+    start = np.concatenate(([0], np.cumsum(length)))
+    vertex = np.repeat(rings.start[:-1][order] - start[:-1], length) + np.arange(start[-1])
+    per_metre = round(1.0 / precision_m)
+
+    def snapped(metres: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(np.rint(metres * per_metre) / per_metre)
+
+    coordinates = np.column_stack(
+        (
+            snapped(grid.west + rings.col[vertex] * grid.cell_size),
+            snapped(grid.north - rings.row[vertex] * grid.cell_size),
+        )
+    )
+    is_outer = ~hole[order]
+    first = np.append(np.flatnonzero(is_outer), label.size)
+    polygons = shapely.from_ragged_array(shapely.GeometryType.POLYGON, coordinates, (start, first))
+    return Coverage(np.asarray(polygons, object), of_label[label[is_outer]])
+
+
+def nested_coverages(
+    class_maps: Sequence[IntArray],
+    grid: Grid,
+    settings: ZoneSettings | None = None,
+    known: BoolArray | None = None,
+) -> list[Coverage]:
+    """Draw the zones of several return periods, from the most frequent to the rarest.
+
+    Parameters
+    ----------
+    class_maps : sequence of int, shape (n_rows, n_cols)
+        Generalised classes (`generalised_series`), each nowhere below the one before.
+    grid : Grid
+        Where the cells lie; its values are not used.
+    settings : ZoneSettings, optional
+    known : bool, shape (n_rows, n_cols), optional
+        Where the terrain is known; no boundary is smoothed beyond it.
+
+    Returns
+    -------
+    list of Coverage
+        One per map: a valid coverage whose zones contain their cells. {class >= k} of a rarer map
+        contains that of a more frequent one.
+
+    Raises
+    ------
+    ValueError
+        If a map does not fit the grid, is not above the one before, or has a class below 0.
+    InputError
+        If cells are not at least ten times the precision of the coordinates.
+    """
+    settings = settings or ZoneSettings()
+    maps = [np.asarray(m, np.int64) for m in class_maps]
+    for m in maps:
+        if m.shape != grid.shape:
+            raise ValueError(f"classes of shape {m.shape} on a grid of {grid.shape}")
+        if m.size and m.min() < 0:
+            raise ValueError("a class is below 0")
+    if any((rare < frequent).any() for frequent, rare in pairwise(maps)):
+        raise ValueError("a rarer return period is below a more frequent one")
+    if grid.cell_size < 10.0 * settings.precision_m:
+        raise InputError(
+            "cells are too small for the precision of the zones' coordinates",
+            field="zones.precision_m",
+            found=f"{settings.precision_m:g} m with cells of {grid.cell_size:g} m",
+            expected="a tenth of a cell or less",
+        )
+    if not maps or maps[0].size == 0:
+        return [Coverage(np.empty(0, object), np.empty(0, np.int64)) for _ in maps]
+    smallest = settings.smallest_cells(grid.cell_size)
+    tolerance = settings.tolerance_cells(grid.cell_size)
+    has_lid = known is not None and not known.all()
+    # Around the raster goes on what is in no zone: cells cut off at its edge are no small region.
+    rim = math.ceil(math.sqrt(smallest)) + 1
+    maps = [np.pad(m, rim) for m in maps]
+    known = np.pad(np.ones(grid.shape, np.bool_) if known is None else known, rim)
+    grid = replace(
+        grid,
+        values=np.zeros(maps[0].shape),
+        west=grid.west - rim * grid.cell_size,
+        north=grid.north + rim * grid.cell_size,
+    )
+    lid: Outlines | None = None
+    if has_lid:
+        # The known terrain as it is, high enough for any class.
+        highest = int(maps[-1].max())
+        lid = smoothed(np.where(known | (maps[-1] > 0), highest, 0), 1, 0.0)
+    drawn: list[Outlines] = []
+    # The rarest goes first and has the most freedom; the others stay inside it, one by one.
+    for classes in reversed(maps):
+        lid = smoothed(classes, smallest, tolerance, lid)
+        drawn.append(lid)
+    return [_polygons(outlines, grid, settings.precision_m) for outlines in reversed(drawn)]
+
+
+def coverage(classes: IntArray, grid: Grid, settings: ZoneSettings | None = None) -> Coverage:
+    """Draw the zones of one map; see `nested_coverages`."""
+    return nested_coverages([classes], grid, settings)[0]

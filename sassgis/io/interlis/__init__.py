@@ -1,0 +1,1 @@
+"""Hazard zones as INTERLIS 2 transfer files, and their validation."""

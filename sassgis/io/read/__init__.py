@@ -1,0 +1,1 @@
+"""Readers: configuration, terrain, vectors, ground, forest, objects, observations."""

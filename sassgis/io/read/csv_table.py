@@ -1,0 +1,135 @@
+"""Small tables that people write by hand or in a spreadsheet, with row numbers for messages."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from sassgis.io.read.vectors import nearest
+from sassgis.model.errors import InputError
+
+
+def read_text(file: Path, field: str, what: str) -> str:
+    """Text of a UTF-8 file; InputError if it is missing or not text."""
+    if not file.is_file():
+        raise InputError("file not found", file=file, field=field, expected=what)
+    try:
+        # utf-8-sig: spreadsheets put a mark in front of UTF-8.
+        return file.read_bytes().decode("utf-8-sig")
+    except (UnicodeDecodeError, OSError) as error:
+        raise InputError(
+            "cannot be read as text", file=file, field=field, found=str(error), expected="UTF-8"
+        ) from None
+
+
+def csv_rows(
+    text: str, file: Path, required: Sequence[str], optional: Sequence[str], numbers: Sequence[str]
+) -> Iterator[tuple[str, dict[str, str]]]:
+    """Rows of a CSV text by column, with the number of their line.
+
+    Parameters
+    ----------
+    text, file
+        The text, and where it is from.
+    required, optional
+        Columns that must and that may be there; others are refused.
+    numbers
+        Columns in which a spreadsheet that separates by ; may have written decimal commas.
+
+    Yields
+    ------
+    where : str
+        As in "row 3", counted with the header.
+    row : dict
+        Text by column.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, unknown or repeated, or a row does not fit the header.
+    """
+    columns, delimiter, lines = csv_cells(text)
+    check_columns(columns, file, "row 1", required, optional)
+    for line, cells in lines:
+        where = f"row {line}"
+        if len(cells) != len(columns):
+            raise InputError(
+                f"{where} does not fit the header",
+                file=file,
+                found=f"{len(cells)} values",
+                expected=f"{len(columns)} (texts with a {delimiter} in quotes)",
+            )
+        row = {c: v.strip() for c, v in zip(columns, cells, strict=True)}
+        if delimiter == ";":
+            row |= {c: row[c].replace(",", ".") for c in numbers if c in row}
+        yield where, row
+
+
+def csv_cells(text: str) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
+    """Cells of a CSV text as they stand.
+
+    Returns
+    -------
+    columns : list of str
+        The first line.
+    delimiter : {",", ";"}
+        The one that the first line has more of.
+    rows : iterator of (int, list of str)
+        Number of the line, and its cells; empty lines are left out.
+    """
+    lines = text.splitlines()
+    header = lines[0] if lines else ""
+    delimiter = ";" if header.count(";") > header.count(",") else ","
+    reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+    columns = [c.strip() for c in next(reader, [])]
+    rows = ((reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells))
+    return columns, delimiter, rows
+
+
+def check_columns(
+    columns: Sequence[str],
+    file: Path,
+    where: str,
+    required: Sequence[str],
+    optional: Sequence[str],
+) -> None:
+    """Raise InputError where a column is missing, unknown or repeated."""
+    known = (*required, *optional)
+    for column in columns:
+        if column not in known or columns.count(column) > 1:
+            raise InputError(
+                f"{where}: unknown or repeated column",
+                file=file,
+                field=column or "(empty)",
+                expected=nearest(column, known),
+            )
+    for column in required:
+        if column not in columns:
+            raise InputError(
+                f"{where}: missing column",
+                file=file,
+                field=column,
+                found=", ".join(columns) or "nothing",
+                expected=", ".join(known),
+            )
+
+
+def number(value: object, where: str, column: str, file: Path) -> float:
+    """Finite number in a cell; InputError with the row and the column otherwise."""
+    try:
+        if isinstance(value, bool):
+            raise ValueError
+        result = float(value)  # type: ignore[arg-type]
+        if math.isfinite(result):
+            return result
+    except (TypeError, ValueError):
+        pass
+    raise InputError(
+        f"{where}: is not a number",
+        file=file,
+        field=column,
+        found=repr(value),
+        expected="a finite number, with a point for decimals",
+    )

@@ -1,0 +1,75 @@
+"""Onset frequencies of single release areas, from a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast, get_args
+
+from sassgis.io.read.config import Onset
+from sassgis.io.read.csv_table import csv_rows, number, read_text
+from sassgis.io.read.sections import OnsetUnit
+from sassgis.io.read.vectors import nearest
+from sassgis.model.errors import InputError
+
+_COLUMNS = ("area", "scenario", "frequency", "unit")
+
+
+def read_frequencies(
+    file: Path, areas: Sequence[str], scenarios: Sequence[str]
+) -> dict[tuple[str, str], Onset]:
+    """Read onset frequencies by release area and block scenario.
+
+    Parameters
+    ----------
+    file : Path
+        CSV with the columns area, scenario, frequency, unit (per_year, per_year_ha, per_year_m).
+    areas, scenarios : sequence of str
+        Names that there are.
+
+    Returns
+    -------
+    dict of (area, scenario) to Onset
+
+    Raises
+    ------
+    InputError
+        If a column or value is missing, a name is unknown, a frequency is negative, or an area and
+        a scenario turn up twice.
+    """
+    text = read_text(file, "hazard.frequencies", "a CSV table of onset frequencies")
+    found: dict[tuple[str, str], Onset] = {}
+    for where, row in csv_rows(text, file, _COLUMNS, (), ("frequency",)):
+        for column, known in (
+            ("area", areas),
+            ("scenario", scenarios),
+            ("unit", get_args(OnsetUnit)),
+        ):
+            if row[column] not in known:
+                raise InputError(
+                    f"{where}: unknown {column}",
+                    file=file,
+                    field=column,
+                    found=repr(row[column]),
+                    expected=nearest(row[column], known),
+                )
+        frequency = number(row["frequency"], where, "frequency", file)
+        if frequency < 0.0:
+            raise InputError(
+                f"{where}: is negative",
+                file=file,
+                field="frequency",
+                found=f"{frequency:g}",
+                expected="0 or more",
+            )
+        key = row["area"], row["scenario"]
+        if key in found:
+            raise InputError(
+                f"{where}: area and scenario turn up twice",
+                file=file,
+                field="scenario",
+                found=f"{key[0]}, {key[1]}",
+                expected="one row for each",
+            )
+        found[key] = Onset(frequency, cast(OnsetUnit, row["unit"]))
+    return found

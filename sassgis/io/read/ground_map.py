@@ -1,0 +1,382 @@
+"""Ground classes: the built-in table, the user's own, and the map of classes on the DEM's cells."""
+
+from __future__ import annotations
+
+import logging
+import tomllib
+from collections.abc import Iterator, Mapping
+from importlib import resources
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+from affine import Affine
+from numpy.typing import NDArray
+from rasterio.enums import Resampling
+from rasterio.errors import RasterioError
+from rasterio.features import rasterize
+
+from sassgis.io.read.csv_table import check_columns, csv_rows, number, read_text
+from sassgis.io.read.dem import open_raster, resample, same_crs
+from sassgis.io.read.sections import GroundSettings
+from sassgis.io.read.vectors import nearest, read_features
+from sassgis.model.errors import InputError
+from sassgis.model.grid import Grid
+from sassgis.model.ground import GroundClass, GroundTable
+
+log = logging.getLogger(__name__)
+
+_NUMBERS = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
+_REQUIRED = ("name", *_NUMBERS)
+#: Columns that a user's table may leave out: it is then taken as unverified.
+_OPTIONAL = ("source", "verified")
+_TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False, "": False}
+_NO_CODE = np.iinfo(np.int32).min
+
+
+# ---------------------------------------------------------------------------------------------
+# Tables
+
+
+def built_in_table() -> GroundTable:
+    """The ground classes that come with sassgis; ``source`` says what was read and what chosen."""
+    path = resources.files("sassgis") / "data" / "ground_classes.csv"
+    with resources.as_file(path) as file:
+        return GroundTable(tuple(_read_classes(file)))
+
+
+def read_ground_table(path: str | PathLike[str] | None = None) -> GroundTable:
+    """Read the ground classes of a run.
+
+    Parameters
+    ----------
+    path
+        The user's own table, CSV or TOML (``[[classes]]``), with the columns name, eta_max, dp_min,
+        dp_max, mu_f, mu_0, k, d_star_m and, if wanted, source and verified. A class of a built-in
+        name replaces that one; others are added.
+
+    Returns
+    -------
+    GroundTable
+
+    Raises
+    ------
+    InputError
+        With the row, if a column is missing or unknown or a value cannot be used.
+    """
+    table = built_in_table()
+    if path is None:
+        return table
+    classes = {c.name: c for c in table.classes}
+    own = _read_classes(Path(path))
+    names = [c.name for c in own]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                "ground class is defined twice",
+                file=path,
+                field="name",
+                found=repr(name),
+                expected="names that differ",
+            )
+    for ground_class in own:
+        if ground_class.name in classes:
+            log.info("%s: class %s replaces the built-in one", path, ground_class.name)
+        classes[ground_class.name] = ground_class
+    return GroundTable(tuple(classes.values()))
+
+
+def _read_classes(file: Path) -> list[GroundClass]:
+    text = read_text(file, "ground.classes", "a table of ground classes, CSV or TOML")
+    if file.suffix.lower() == ".toml":
+        rows = list(_toml_rows(text, file))
+    else:
+        rows = list(csv_rows(text, file, _REQUIRED, _OPTIONAL, _NUMBERS))
+    if not rows:
+        raise InputError("holds no ground class", file=file, expected="at least one row")
+    return [_ground_class(where, row, file) for where, row in rows]
+
+
+def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(
+            "is not valid TOML", file=file, found=str(error), expected="[[classes]] sections"
+        ) from None
+    rows = document.get("classes")
+    if set(document) != {"classes"} or not isinstance(rows, list):
+        raise InputError(
+            "is not a table of ground classes",
+            file=file,
+            found=f"keys {', '.join(document) or 'none'}",
+            expected="[[classes]] sections and nothing else",
+        )
+    for place, row in enumerate(rows, start=1):
+        where = f"class number {place}"
+        if not isinstance(row, dict):
+            raise InputError(f"{where} is not a section", file=file, expected="[[classes]]")
+        check_columns(list(row), file, where, _REQUIRED, _OPTIONAL)
+        yield where, row
+
+
+def _ground_class(where: str, row: Mapping[str, Any], file: Path) -> GroundClass:
+    name = row["name"]
+    if not isinstance(name, str) or not name.strip():
+        raise InputError(
+            f"{where} has no class name", file=file, field="name", found=repr(name), expected="text"
+        )
+    truth = str(row.get("verified", "")).strip().lower()
+    if truth not in _TRUTH:
+        raise InputError(
+            f"{where}: cannot be used",
+            file=file,
+            field="verified",
+            found=repr(row["verified"]),
+            expected="true or false",
+        )
+    numbers = {column: number(row[column], where, column, file) for column in _NUMBERS}
+    try:
+        return GroundClass(
+            name=name.strip(),
+            **numbers,
+            source=str(row.get("source", "") or f"own table {file.name}"),
+            verified=_TRUTH[truth],
+        )
+    except InputError as error:
+        raise InputError(
+            f"{where}: {error.problem}",
+            file=file,
+            field=error.field,
+            found=error.found,
+            expected=error.expected,
+        ) from None
+
+
+# ---------------------------------------------------------------------------------------------
+# The map of classes
+
+
+def ground_raster(
+    ground: GroundSettings, grid: Grid, table: GroundTable, whole: Grid | None = None
+) -> NDArray[np.int32]:
+    """Ground class of each cell of the DEM.
+
+    Parameters
+    ----------
+    ground
+        Section ``[ground]`` of the configuration.
+    grid
+        The terrain model.
+    table
+        The ground classes.
+    whole
+        The terrain model of which ``grid`` is a part: what the file holds must meet this one. Its
+        heights are not looked at.
+
+    Returns
+    -------
+    int32, shape (n_rows, n_cols)
+        Positions in ``table``. A cell takes the class of the polygon over its centre; where
+        polygons overlap, the later one of the file counts. A raster of codes is aligned by the
+        nearest cell. Where nothing is said, the default class.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used or names a class that the table does not hold.
+    """
+    default = default_class(ground, table)
+    if ground.file is None:
+        return np.full(grid.shape, default, dtype=np.int32)
+    if ground.raster_classes is not None:
+        return _from_codes(ground, ground.file, grid, table, default, whole is not None)
+    return _from_polygons(ground, ground.file, grid, table, default, whole or grid)
+
+
+def default_class(ground: GroundSettings, table: GroundTable) -> int:
+    """Position of the default class; InputError if the table does not hold it."""
+    return _class_index(
+        ground.default, table, "default class", ground.config_file, "ground.default"
+    )
+
+
+def _class_index(name: str, table: GroundTable, who: str, file: Path | None, field: str) -> int:
+    if name in table.names:
+        return table.index(name)
+    raise InputError(
+        f"{who} is not a known ground class",
+        file=file,
+        field=field,
+        found=repr(name),
+        expected=nearest(name, table.names),
+    )
+
+
+def _from_polygons(
+    ground: GroundSettings,
+    file: Path,
+    grid: Grid,
+    table: GroundTable,
+    default: int,
+    whole: Grid,
+) -> NDArray[np.int32]:
+    if _is_raster(file):
+        raise InputError(
+            "is a raster",
+            file=file,
+            field="ground.file",
+            expected='ground.raster_classes beside it, such as {1 = "rock", 2 = "debris"}',
+        )
+    field = ground.class_field
+    features = read_features(
+        file,
+        whole,
+        "ground",
+        layer=ground.layer,
+        fields={"class_field": field},
+        kinds=("polygon",),
+    )
+    shapes = []
+    for feature in features:
+        name = feature.text(field)
+        if name is None:
+            raise InputError(
+                f"{feature.label()} has no ground class",
+                file=file,
+                field=field,
+                expected=f"one of {', '.join(table.names)}",
+            )
+        index = _class_index(name, table, f"class of {feature.label()}", file, field)
+        shapes.append((feature.geometry, index))
+    west, _, _, north = grid.bounds
+    return np.asarray(
+        rasterize(
+            shapes,
+            out_shape=grid.shape,
+            fill=default,
+            transform=Affine(grid.cell_size, 0.0, west, 0.0, -grid.cell_size, north),
+            all_touched=False,
+            dtype=np.int32,
+        )
+    )
+
+
+def _is_raster(file: Path) -> bool:
+    """Whether a file holds a raster (a GeoPackage may hold both: then its layers count)."""
+    if not file.exists() or file.suffix.lower() == ".gpkg":
+        return False
+    try:
+        with open_raster(file, "ground.file") as dataset:
+            return bool(dataset.count)
+    except InputError:
+        return False
+
+
+def _from_codes(
+    ground: GroundSettings,
+    file: Path,
+    grid: Grid,
+    table: GroundTable,
+    default: int,
+    may_miss: bool,
+) -> NDArray[np.int32]:
+    classes = ground.raster_classes or {}
+    indices = {
+        code: _class_index(name, table, f"class of code {code}", file, "ground.raster_classes")
+        for code, name in classes.items()
+    }
+    with open_raster(file, "ground.file") as dataset:
+        if dataset.count != 1:
+            raise InputError(
+                "has several bands",
+                file=file,
+                field="ground.file",
+                found=f"{dataset.count} bands",
+                expected="one band of codes",
+            )
+        if dataset.transform.is_identity:
+            raise InputError(
+                "has no georeference",
+                file=file,
+                field="ground.file",
+                expected="a raster that lies on the map",
+            )
+        codes = _codes(dataset, file)
+        own, target = _pair_of_systems(dataset, grid, file)
+        transform = dataset.transform
+    there = Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
+    aligned = resample(
+        codes, transform, there, grid.shape, Resampling.nearest, _NO_CODE, own, target
+    )
+    present, counts = np.unique(aligned, return_counts=True)
+    if present.tolist() == [_NO_CODE] and not may_miss:
+        raise InputError(
+            "holds no ground class on the DEM",
+            file=file,
+            field="ground.file",
+            expected="a raster that overlaps the DEM",
+        )
+    result = np.full(grid.shape, default, dtype=np.int32)
+    for code, count in zip(present.tolist(), counts.tolist(), strict=True):
+        if code == _NO_CODE:
+            continue
+        if code not in indices:
+            raise InputError(
+                "holds a code without a class",
+                file=file,
+                field="ground.raster_classes",
+                found=f"code {code} in {count} cells",
+                expected=f"a class for it; known codes: {', '.join(map(str, sorted(indices)))}",
+            )
+        result[aligned == code] = indices[code]
+    return result
+
+
+def _codes(dataset: Any, file: Path) -> NDArray[np.int32]:
+    """Codes as whole numbers; nodata as a number that no code can have."""
+    try:
+        raw = dataset.read(1, masked=True)
+    except (RasterioError, OSError) as error:
+        raise InputError(
+            "cannot be read to the end", file=file, field="ground.file", found=str(error)
+        ) from None
+    values = np.asarray(raw.data, dtype=np.float64)
+    known = ~np.ma.getmaskarray(raw) & ~np.isnan(values)
+    odd = known & ((values != np.rint(values)) | (np.abs(values) > 2**31 - 2))
+    if odd.any():
+        row, col = np.unravel_index(int(np.argmax(odd)), values.shape)
+        raise InputError(
+            "holds a code that is no whole number",
+            file=file,
+            field="ground.file",
+            found=f"{values[row, col]:g} at row {row + 1}, column {col + 1}",
+            expected="whole numbers",
+        )
+    return np.where(known, values, _NO_CODE).astype(np.int32)
+
+
+def _pair_of_systems(dataset: Any, grid: Grid, file: Path) -> tuple[str, str]:
+    """Coordinate systems of the codes and of the DEM; two empty texts where they are the same."""
+    if not dataset.crs:
+        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
+        return "", ""
+    own = pyproj.CRS.from_user_input(dataset.crs)
+    own = own.sub_crs_list[0] if own.is_compound else own
+    if own.is_engineering:
+        return "", ""
+    if not grid.crs:
+        raise InputError(
+            "has a coordinate system, yet the DEM is in local coordinates",
+            file=file,
+            field="ground.file",
+            found=str(own.name),
+            expected="local coordinates without a coordinate system",
+        )
+    target = pyproj.CRS.from_wkt(grid.crs)
+    if same_crs(own, target):
+        return "", ""
+    log.info("%s: reprojected from %s to %s (nearest cell)", file, own.name, target.name)
+    return own.to_wkt(), grid.crs

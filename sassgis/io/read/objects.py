@@ -1,0 +1,576 @@
+"""Exposed objects from vector files, the cells that they stand on, and their vulnerability."""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.ops import substring
+
+from sassgis.io.read.csv_table import csv_rows, number, read_text
+from sassgis.io.read.vectors import Feature, check_on_map, feature_names, nearest, read_features
+from sassgis.model.errors import InputError
+from sassgis.model.exposure import (
+    NUMBERS_OF_KIND,
+    OBJECT_KINDS,
+    VULNERABILITY_KINDS,
+    ExposedObject,
+    ObjectKind,
+    Traffic,
+    Vulnerability,
+    VulnerabilityRow,
+)
+from sassgis.model.grid import Grid, IntArray
+from sassgis.model.profiles import TraceSet
+from sassgis.terrain.cells import cell_stretches
+
+log = logging.getLogger(__name__)
+
+_SHAPES: Mapping[str, tuple[str, ...]] = {
+    "building": ("polygon", "point"),
+    "people": ("point", "polygon"),
+    "road": ("line",),
+    "line": ("line",),
+}
+_TRAFFIC = ("traffic_per_day", "speed_kmh", "vehicle_length_m", "persons_per_vehicle")
+#: Shorter stretches, in cells, could be left without a cell of their own.
+_LEAST_CELLS = 3.0
+#: Sharing no more than this much of a cell's side is touching its border, not the cell.
+_BORDER = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedObjects:
+    """Exposed objects with their places.
+
+    Attributes
+    ----------
+    objects : tuple of ExposedObject
+    geometries : tuple of shapely geometry
+        Polygons, line strings or points in the coordinates of the DEM (m), one per object: the
+        ground on which a rock meets the object.
+    """
+
+    objects: tuple[ExposedObject, ...]
+    geometries: tuple[Any, ...]
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+
+# ---------------------------------------------------------------------------------------------
+# Objects
+
+
+def read_objects(
+    file: Path,
+    grid: Grid,
+    *,
+    kind: ObjectKind,
+    name: str = "objects",
+    layer: str | None = None,
+    name_field: str | None = None,
+    fields: Mapping[str, str | None] | None = None,
+    defaults: Mapping[str, float | None] | None = None,
+    segment_m: float = 50.0,
+    radius_m: float = 0.0,
+) -> PlacedObjects:
+    """Read exposed objects; roads and lines are cut into stretches.
+
+    Parameters
+    ----------
+    file, layer
+        The file, and its layer where it has several.
+    grid
+        The terrain model.
+    kind
+        Of all objects of the layer.
+    name
+        Of the entry ``[[objects]]`` of the configuration; also the stem of the objects' names
+        where no attribute gives them.
+    name_field
+        Attribute with the names of the objects.
+    fields
+        Attribute that holds a number of the object, by the number's name: the keys of
+        ``NUMBERS_OF_KIND[kind]``.
+    defaults
+        The number where there is no attribute for it, or where the attribute is empty.
+    segment_m
+        Length of the equal parts into which roads and lines are cut, about (m).
+    radius_m
+        Buildings and people are hit by rocks whose centre comes within this distance (m): half the
+        width of a block, or the reach of people given as points. 0: what is drawn itself.
+
+    Returns
+    -------
+    PlacedObjects
+        In the order of the file, stretches by chainage. Stretches of roads outside the DEM are
+        left out, with a warning.
+
+    Raises
+    ------
+    InputError
+        If the file, the layer, a field or a feature cannot be used, a number is missing or out of
+        range, a name turns up twice, or an object lies outside the DEM.
+    """
+    key = f"objects[{name}]"
+    columns = {k: v for k, v in (fields or {}).items() if v is not None}
+    numbers = {k: v for k, v in (defaults or {}).items() if v is not None}
+    _check_settings(kind, {**numbers, **columns}, segment_m, radius_m, grid, file, key)
+    features = read_features(
+        file,
+        grid,
+        key,
+        layer=layer,
+        fields={"name_field": name_field, **{f"{k}_field": v for k, v in columns.items()}},
+        label=name_field,
+        kinds=_SHAPES[kind],
+    )
+    if name_field is None and len(features) == 1:
+        names = [name]
+    else:
+        names = feature_names(features, name_field, name, file, key)
+    objects: list[ExposedObject] = []
+    geometries: list[Any] = []
+    for feature, own in zip(features, names, strict=True):
+        label = feature.label(name_field)
+        check_on_map(feature, grid, file, f"{key}.file", label)
+        values = _numbers(feature, label, kind, columns, numbers, file, key)
+        whole = _object(own, kind, values, label, columns, file, key)
+        if feature.kind == "line":
+            parts = _stretches(whole, feature.geometry, segment_m, grid, file)
+        else:
+            wide = feature.geometry.buffer(radius_m) if radius_m > 0.0 else feature.geometry
+            parts = [(whole, wide)]
+        objects += [thing for thing, _ in parts]
+        geometries += [shape for _, shape in parts]
+    placed = PlacedObjects(tuple(objects), tuple(geometries))
+    _check_names([placed], file)
+    _warn(placed, grid, file)
+    return placed
+
+
+def joined_objects(parts: Sequence[PlacedObjects], file: Path | None = None) -> PlacedObjects:
+    """All objects of a run, in the order of the parts.
+
+    Parameters
+    ----------
+    parts
+        As read.
+    file
+        The configuration, for messages.
+
+    Raises
+    ------
+    InputError
+        If two objects, or an object and a road, have the same name.
+    """
+    _check_names(parts, file)
+    return PlacedObjects(
+        tuple(o for part in parts for o in part.objects),
+        tuple(g for part in parts for g in part.geometries),
+    )
+
+
+def _check_names(parts: Sequence[PlacedObjects], file: Path | None) -> None:
+    """Stretches share the name of their road; nothing else shares a name."""
+    counts: Counter[str] = Counter()
+    for part in parts:
+        counts.update(o.name for o in part.objects)
+        counts.update({o.parent for o in part.objects if o.parent})
+    for name, count in counts.items():
+        if count > 1:
+            raise InputError(
+                "name is used twice",
+                file=file,
+                field="objects",
+                found=repr(name),
+                expected="names that differ, over all entries of [[objects]]",
+            )
+
+
+def _check_settings(
+    kind: str,
+    given: Mapping[str, object],
+    segment_m: float,
+    radius_m: float,
+    grid: Grid,
+    file: Path,
+    key: str,
+) -> None:
+    if kind not in OBJECT_KINDS:
+        raise InputError(
+            "unknown kind of object",
+            file=file,
+            field=f"{key}.kind",
+            found=repr(kind),
+            expected=nearest(str(kind), OBJECT_KINDS),
+        )
+    for name in given:
+        if name not in NUMBERS_OF_KIND[kind]:
+            raise InputError(
+                f"does not go with kind {kind}",
+                file=file,
+                field=f"{key}.{name}",
+                expected=nearest(name, NUMBERS_OF_KIND[kind]),
+            )
+    if _SHAPES[kind] == ("line",) and not segment_m >= _LEAST_CELLS * grid.cell_size:
+        raise InputError(
+            "stretches would be too short for the cells of the DEM",
+            file=file,
+            field=f"{key}.segment_m",
+            found=f"{segment_m:g}",
+            expected=f"{_LEAST_CELLS * grid.cell_size:g} m or more ({_LEAST_CELLS:g} cells)",
+        )
+    if not 0.0 <= radius_m < np.inf:
+        raise InputError(
+            "is out of range",
+            file=file,
+            field=f"{key}.radius_m",
+            found=f"{radius_m:g}",
+            expected="a number 0 or more",
+        )
+
+
+def _numbers(
+    feature: Feature,
+    label: str,
+    kind: str,
+    columns: Mapping[str, str],
+    defaults: Mapping[str, float],
+    file: Path,
+    key: str,
+) -> dict[str, float]:
+    """The numbers of one feature by name, those that are stated."""
+    values: dict[str, float] = {}
+    for name in NUMBERS_OF_KIND[kind]:
+        column = columns.get(name)
+        if column is not None and feature.text(column) is not None:
+            values[name] = number(feature.attributes[column], label, column, file)
+        elif name in defaults:
+            values[name] = defaults[name]
+        elif column is not None:
+            raise InputError(
+                f"{label} has no value",
+                file=file,
+                field=column,
+                expected=f"a number, or {key}.{name} for features without one",
+            )
+    return values
+
+
+def _object(
+    name: str,
+    kind: ObjectKind,
+    values: Mapping[str, float],
+    label: str,
+    columns: Mapping[str, str],
+    file: Path,
+    key: str,
+) -> ExposedObject:
+    own: dict[str, Any] = dict(values)
+    try:
+        traffic = None
+        if kind == "road":
+            flow = {k: own.pop(k) for k in NUMBERS_OF_KIND["road"] if k in own and k in _ROAD_USE}
+            traffic = _traffic(flow, label, file, key)
+        return ExposedObject(name, kind, traffic=traffic, **own)
+    except InputError as error:
+        if error.file is not None:
+            raise
+        field = str(error.field)
+        raise InputError(
+            f"{label}: {error.problem}",
+            file=file,
+            field=columns.get(field, f"{key}.{field}"),
+            found=error.found,
+            expected=error.expected,
+        ) from None
+
+
+_ROAD_USE = (*_TRAFFIC, "vehicle_value", "trips_per_day")
+
+
+def _traffic(values: Mapping[str, float], label: str, file: Path, key: str) -> Traffic | None:
+    """The traffic of a road; None where no vehicles are stated."""
+    if not values.get("traffic_per_day"):
+        if values.get("traffic_per_day") is None and values:
+            raise InputError(
+                f"{label} has vehicles, but nothing says how many",
+                file=file,
+                field=f"{key}.traffic_per_day",
+                found=", ".join(values),
+                expected="traffic_per_day or traffic_per_day_field as well",
+            )
+        return None
+    for name in _TRAFFIC:
+        if name not in values:
+            raise InputError(
+                f"{label} has traffic, but not all of its numbers",
+                file=file,
+                field=f"{key}.{name}",
+                found=", ".join(values),
+                expected=f"{name} or {name}_field as well",
+            )
+    own = dict(values)
+    return Traffic(vehicles_per_day=own.pop("traffic_per_day"), **own)
+
+
+def _warn(placed: PlacedObjects, grid: Grid, file: Path) -> None:
+    """Tell what can be used but deserves a look."""
+    cells, owner = object_cells(placed, grid)
+    known = np.isfinite(grid.values[np.divmod(cells, grid.shape[1])])
+    n_known = np.bincount(owner, weights=known, minlength=len(placed))
+    n_cells = np.bincount(owner, minlength=len(placed))
+    told: set[str] = set()
+    for i, thing in enumerate(placed.objects):
+        if n_cells[i] and not n_known[i]:
+            log.warning("%s: %s lies on nodata; no rock comes there", file, thing.name)
+        stake = thing.value or thing.value_per_m or thing.persons or thing.traffic is not None
+        if not stake and thing.whole not in told:
+            told.add(thing.whole)
+            log.warning(
+                "%s: %s has neither value nor people nor traffic: only hits are counted",
+                file,
+                thing.whole,
+            )
+        if thing.traffic is not None and thing.traffic.occupancy > 1.0 and thing.whole not in told:
+            told.add(thing.whole)
+            log.warning(
+                "%s: %s: vehicles cover %.0f %% of the length of the road, all lanes together",
+                file,
+                thing.whole,
+                100.0 * thing.traffic.occupancy,
+            )
+
+
+# ---------------------------------------------------------------------------------------------
+# Stretches of roads and lines
+
+
+def _stretches(
+    whole: ExposedObject, geometry: Any, segment_m: float, grid: Grid, file: Path
+) -> list[tuple[ExposedObject, Any]]:
+    """Equal parts of about ``segment_m``; the chainage runs on over separate parts of a line."""
+    line = shapely.line_merge(geometry) if geometry.geom_type.startswith("Multi") else geometry
+    parts = list(getattr(line, "geoms", [line]))
+    if len(parts) > 1:
+        log.info("%s: %s has %d separate parts, one after the other", file, whole.name, len(parts))
+    spans: list[tuple[float, float, Any]] = []
+    start = 0.0
+    for part in parts:
+        n = max(1, round(part.length / segment_m))
+        cuts = np.linspace(0.0, part.length, n + 1)
+        spans += [
+            (start + cuts[i], start + cuts[i + 1], substring(part, cuts[i], cuts[i + 1]))
+            for i in range(n)
+        ]
+        start += part.length
+    names = _chainage_names(whole.name, [(a, b) for a, b, _ in spans])
+    box = shapely.box(*grid.bounds)
+    rows = [
+        (_stretch_of(whole, name, a, b), shape)
+        for name, (a, b, shape) in zip(names, spans, strict=True)
+        if shape.intersection(box).length > 0.0
+    ]
+    if len(rows) < len(spans):
+        log.warning(
+            "%s: %s: %d of %d stretches lie outside the DEM and are left out",
+            file,
+            whole.name,
+            len(spans) - len(rows),
+            len(spans),
+        )
+    return rows
+
+
+def _stretch_of(whole: ExposedObject, name: str, start: float, end: float) -> ExposedObject:
+    return ExposedObject(
+        name,
+        whole.kind,
+        parent=whole.name,
+        value_per_m=whole.value_per_m,
+        damage_length_m=whole.damage_length_m,
+        length_m=float(end - start),
+        from_m=float(start),
+        traffic=whole.traffic,
+    )
+
+
+def _chainage_names(name: str, spans: Sequence[tuple[float, float]]) -> list[str]:
+    """Names as 'road 0+000–0+050', with decimals where whole metres do not tell them apart."""
+    names: list[str] = []
+    for digits in range(4):
+        names = [f"{name} {chainage(a, digits)}–{chainage(b, digits)}" for a, b in spans]
+        if len(set(names)) == len(names):
+            break
+    return names
+
+
+def chainage(metres: float, digits: int = 0) -> str:
+    """Chainage as on a road: kilometres, +, metres."""
+    km, rest = divmod(round(metres, digits), 1000.0)
+    width = 3 if digits == 0 else 4 + digits
+    return f"{int(km)}+{rest:0{width}.{digits}f}"
+
+
+# ---------------------------------------------------------------------------------------------
+# Cells
+
+
+def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]:
+    """Cells that each object touches.
+
+    An object is known to the simulation by these cells: it is up to one cell wider, on each side,
+    than it is drawn. A cell may belong to several objects, but to one stretch of a road only: of
+    those that touch it, the one that is nearest to its centre. The cells of a road's stretches
+    therefore add up to the cells of the road.
+
+    Parameters
+    ----------
+    placed
+        The objects.
+    grid
+        The terrain model.
+
+    Returns
+    -------
+    cells : int64, shape (n,)
+        Flat indices, ascending.
+    owner : int64, shape (n,)
+        Number of the object of each cell, ascending within a cell.
+    """
+    found = [_touched(shape, grid) for shape in placed.geometries]
+    cells = np.concatenate([np.empty(0, np.int64), *found])
+    owner = np.repeat(np.arange(len(found), dtype=np.int64), [f.size for f in found])
+    wholes = {name: i for i, name in enumerate(dict.fromkeys(o.whole for o in placed.objects))}
+    whole = np.array([wholes[o.whole] for o in placed.objects], np.int64)[owner]
+    x, y = grid.cell_centres(cells)
+    shapes = np.array(placed.geometries, dtype=object)
+    far = shapely.distance(shapes[owner], shapely.points(x, y)) if cells.size else np.empty(0)
+    order = np.lexsort((owner, far, cells, whole))
+    cells, owner, whole = cells[order], owner[order], whole[order]
+    first = np.append(True, (np.diff(cells) != 0) | (np.diff(whole) != 0))[: cells.size]
+    cells, owner = cells[first], owner[first]
+    order = np.lexsort((owner, cells))
+    return cells[order], owner[order]
+
+
+def _touched(shape: Any, grid: Grid) -> IntArray:
+    """Cells that a geometry shares more with than a border; each once."""
+    dimension = int(shapely.get_dimensions(shape))
+    if dimension == 0:
+        x, y = shapely.get_coordinates(shape).T
+        cells = np.unique(grid.cell_of(x, y))
+    elif dimension == 1:
+        cells = np.unique(cell_stretches(grid, _trace(shape))[2])
+    else:
+        return _under_polygon(shape, grid)
+    return cells[cells >= 0]
+
+
+def _trace(line: Any) -> TraceSet:
+    points = shapely.get_coordinates(line)
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    points = points[np.append(True, steps > 0.0)]
+    s = np.concatenate([[0.0], np.cumsum(steps[steps > 0.0])])
+    zero = np.zeros(1)
+    return TraceSet(
+        offset=np.array([0, s.size], np.int64),
+        x=np.ascontiguousarray(points[:, 0]),
+        y=np.ascontiguousarray(points[:, 1]),
+        s=s,
+        point=zero.astype(np.int64),
+        fan=zero,
+        end=zero.astype(np.uint8),
+    )
+
+
+def _under_polygon(shape: Any, grid: Grid) -> IntArray:
+    n_rows, n_cols = grid.shape
+    size = grid.cell_size
+    west, south, east, north = shape.bounds
+    first_col, last_col = (int((x - grid.west) // size) for x in (west, east))
+    first_row, last_row = (int((grid.north - y) // size) for y in (north, south))
+    col = np.arange(max(first_col, 0), min(last_col, n_cols - 1) + 1, dtype=np.int64)
+    row = np.arange(max(first_row, 0), min(last_row, n_rows - 1) + 1, dtype=np.int64)
+    if not col.size or not row.size:
+        return np.empty(0, np.int64)
+    shapely.prepare(shape)
+    kept = []
+    reach = (0.5 - _BORDER) * size
+    for i in row.tolist():
+        cells = i * n_cols + col
+        x, y = grid.cell_centres(cells)
+        boxes = shapely.box(x - reach, y - reach, x + reach, y + reach)
+        kept.append(cells[shapely.intersects(shape, boxes)])
+    return np.concatenate(kept)
+
+
+# ---------------------------------------------------------------------------------------------
+# Vulnerability
+
+
+def read_vulnerability(
+    file: Path, intensities: Sequence[str], *, field: str = "risk.vulnerability"
+) -> Vulnerability:
+    """Read what a hit does to objects of each kind.
+
+    Parameters
+    ----------
+    file
+        CSV with columns kind, intensity, vulnerability, lethality, source.
+    intensities
+        Codes of the intensity classes, from weak to strong.
+    field
+        Key of the configuration that names the file, for messages.
+
+    Returns
+    -------
+    Vulnerability
+        Where a number falls with the intensity, a warning is logged.
+
+    Raises
+    ------
+    InputError
+        If the file or a value cannot be used, a kind or an intensity is unknown, or a row is
+        missing or there twice.
+    """
+    text = read_text(file, field, "a table of vulnerability (CSV)")
+    columns = ("kind", "intensity", "vulnerability", "lethality", "source")
+    rows = []
+    for where, row in csv_rows(text, file, columns, (), ("vulnerability", "lethality")):
+        for column, known in (("kind", VULNERABILITY_KINDS), ("intensity", intensities)):
+            if row[column] not in known:
+                raise InputError(
+                    f"{where}: unknown {column}",
+                    file=file,
+                    field=column,
+                    found=repr(row[column]),
+                    expected=nearest(row[column], known),
+                )
+        loss, death = (number(row[c], where, c, file) for c in ("vulnerability", "lethality"))
+        try:
+            rows.append(VulnerabilityRow(row["kind"], row["intensity"], loss, death, row["source"]))
+        except InputError as error:
+            raise InputError(
+                f"{where}: {error.problem}",
+                file=file,
+                field=error.field,
+                found=error.found,
+                expected=error.expected,
+            ) from None
+    if not rows:
+        raise InputError(
+            "has no rows", file=file, field=field, expected="a row for each kind and intensity"
+        )
+    table = Vulnerability(tuple(intensities), tuple(rows), str(file))
+    for phrase in table.falling():
+        log.warning("%s: %s", file, phrase)
+    return table

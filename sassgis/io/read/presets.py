@@ -1,0 +1,312 @@
+"""Hazard presets: the rules of an authority, built in or from the user's own TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from sassgis.hazard.rules import preset_unverified
+from sassgis.io.read.csv_table import read_text
+from sassgis.io.read.vectors import nearest
+from sassgis.model.errors import InputError
+from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
+
+__all__ = ["preset_names", "preset_unverified", "read_preset"]
+
+_WHAT = "a hazard preset, TOML"
+_FOLDER = resources.files("sassgis") / "data" / "presets"
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+_Text = Annotated[str, Field(pattern=r"\S")]
+_Code = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+_Colour = Annotated[str, Field(pattern=r"^#[0-9A-Fa-f]{6}$")]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Source(_Section):
+    text: _Text
+    verified: bool
+
+
+class _Intensity(_Section):
+    code: _Code
+    label: _Text
+    from_kj: _Number
+    colour: _Colour
+    source: str
+
+
+class _ReturnPeriods(_Section):
+    limits_years: list[_Number]
+    source: str
+
+
+class _Level(_Section):
+    code: _Code
+    label: _Text
+    colour: _Colour
+    hatched: bool = False
+    source: str
+
+
+class _Row(_Section):
+    levels: list[str]
+    source: str | list[str]
+
+
+class _File(_Section):
+    title: _Text
+    sources: dict[str, _Source]
+    intensity: list[_Intensity]
+    return_periods: _ReturnPeriods
+    levels: list[_Level]
+    matrix: dict[str, _Row]
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the presets that come with sassgis."""
+    return tuple(
+        sorted(p.name.removesuffix(".toml") for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
+    )
+
+
+def read_preset(name: str | PathLike[str]) -> HazardPreset:
+    """Read a hazard preset.
+
+    Parameters
+    ----------
+    name : str or path
+        One of ``preset_names()``, or the path of a TOML file (docs/presets.md).
+
+    Returns
+    -------
+    HazardPreset
+        Named after the file.
+
+    Raises
+    ------
+    InputError
+        If there is no such preset; a key is unknown or missing; a value cannot be used; the matrix
+        has a hole or contradicts itself; a source, level or intensity is named that is not defined.
+    """
+    if isinstance(name, str) and name in preset_names():
+        text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+        return _preset(text, name, f"built-in preset {name}")
+    path = Path(name)
+    if path.suffix.lower() != ".toml" and not path.is_file():
+        raise InputError(
+            "is not a known hazard preset",
+            field="preset",
+            found=repr(str(name)),
+            expected=f"{nearest(str(name), preset_names())}, or the path of a .toml file",
+        )
+    return _preset(read_text(path, "preset", _WHAT), path.stem, str(path))
+
+
+# ---------------------------------------------------------------------------------------------
+# From the text to the type
+
+
+def _preset(text: str, name: str, file: str) -> HazardPreset:
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError("is not valid TOML", file=file, found=str(error), expected=_WHAT) from None
+    try:
+        content = _File.model_validate(document)
+    except ValidationError as error:
+        raise _told(error, file, document) from None
+    return _Reading(content, file).preset(name)
+
+
+class _Reading:
+    """What the names within a file stand for."""
+
+    def __init__(self, content: _File, file: str) -> None:
+        self._content = content
+        self._file = file
+        self._sources = {
+            k: Provenance(s.text.strip(), s.verified) for k, s in content.sources.items()
+        }
+
+    def preset(self, name: str) -> HazardPreset:
+        content = self._content
+        intensities = tuple(
+            IntensityClass(
+                c.code, c.label, c.from_kj, c.colour, self._source(c.source, f"intensity[{c.code}]")
+            )
+            for c in content.intensity
+        )
+        levels = tuple(
+            HazardLevel(
+                c.code, c.label, c.colour, c.hatched, self._source(c.source, f"levels[{c.code}]")
+            )
+            for c in content.levels
+        )
+        known = [c.code for c in intensities]
+        for code in content.matrix:
+            if code not in known:
+                raise self._unknown("row of no intensity class", f"matrix.{code}", code, known)
+        for code in known:
+            if code not in content.matrix:
+                raise InputError(
+                    "the matrix has a hole: no row for an intensity class",
+                    file=self._file,
+                    field="matrix",
+                    found=", ".join(content.matrix) or "no row",
+                    expected=f"a section [matrix.{code}]",
+                )
+        rows = [content.matrix[code] for code in known]
+        return HazardPreset(
+            name,
+            content.title.strip(),
+            intensities,
+            tuple(content.return_periods.limits_years),
+            self._source(content.return_periods.source, "return_periods"),
+            levels,
+            tuple(self._levels(row, f"matrix.{c}") for row, c in zip(rows, known, strict=True)),
+            tuple(self._fields(row, f"matrix.{c}") for row, c in zip(rows, known, strict=True)),
+            self._file,
+        )
+
+    def _source(self, key: str, where: str) -> Provenance:
+        if key not in self._sources:
+            raise self._unknown(
+                "names a source that is not defined",
+                f"{where}.source",
+                key,
+                list(self._sources),
+            )
+        return self._sources[key]
+
+    def _levels(self, row: _Row, where: str) -> tuple[int, ...]:
+        codes = [c.code for c in self._content.levels]
+        for code in row.levels:
+            if code not in codes:
+                raise self._unknown("names no level", f"{where}.levels", code, codes)
+        return tuple(codes.index(code) for code in row.levels)
+
+    def _fields(self, row: _Row, where: str) -> tuple[Provenance, ...]:
+        if isinstance(row.source, str):
+            return (self._source(row.source, where),) * len(row.levels)
+        if len(row.source) != len(row.levels):
+            raise InputError(
+                "does not have a source for each level",
+                file=self._file,
+                field=f"{where}.source",
+                found=f"{len(row.source)} sources",
+                expected=f"one source for all, or {len(row.levels)}",
+            )
+        return tuple(self._source(key, where) for key in row.source)
+
+    def _unknown(self, problem: str, field: str, found: str, known: list[str]) -> InputError:
+        return InputError(
+            problem,
+            file=self._file,
+            field=field,
+            found=repr(found),
+            expected=nearest(found, known),
+        )
+
+
+# ---------------------------------------------------------------------------------------------
+# From what pydantic finds to one line
+
+_MODELS: Mapping[str, type[BaseModel]] = {
+    "sources": _Source,
+    "intensity": _Intensity,
+    "return_periods": _ReturnPeriods,
+    "levels": _Level,
+    "matrix": _Row,
+}
+_LISTS = ("intensity", "levels")
+_EXPECTED = {
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "list_type": "a list in [ ]",
+}
+_MEANT = {
+    "colour": 'a colour such as "#d7262b"',
+    "code": "a letter, then letters, digits and _",
+}
+_KEYS = {
+    "title": "a line that says whose rules these are",
+    "sources": "sections [sources.KEY] with text and verified",
+    "intensity": "a section [[intensity]] per class, from weak to strong",
+    "return_periods": "a section [return_periods]",
+    "levels": "a section [[levels]] per level, from slight to severe",
+    "matrix": "a section [matrix.CODE] per intensity class",
+    "text": "the publication, with page or section where known",
+    "verified": "true if the value was read in the source, false if not",
+    "code": _MEANT["code"],
+    "label": "the name on maps",
+    "from_kj": "the lower limit of the energy (kJ), 0 for the lowest class",
+    "colour": _MEANT["colour"],
+    "source": "the KEY of one of the sections [sources.KEY]",
+    "limits_years": "upper limits of the classes of return period, such as [30, 100, 300]",
+}
+
+
+def _told(error: ValidationError, file: str, document: Mapping[str, Any]) -> InputError:
+    problems = error.errors()
+    # A misspelt key shows up twice, as unknown and as missing: the first tells more.
+    first = min(problems, key=lambda p: p["type"] != "extra_forbidden")
+    told = _one_line(dict(first), file, document)
+    if len(problems) > 1:
+        told.args = (f"{told} (and {len(problems) - 1} more)",)
+    return told
+
+
+def _one_line(e: Mapping[str, Any], file: str, document: Mapping[str, Any]) -> InputError:
+    # `source` of a row is a text or a list: pydantic tells both attempts.
+    loc = [part for part in e["loc"] if part not in ("str", "list[str]")]
+    field, key, kind = _dotted(loc, document), str(loc[-1]), e["type"]
+    if kind == "extra_forbidden":
+        known = list(_MODELS[loc[0]].model_fields if len(loc) > 1 else _File.model_fields)
+        return InputError("unknown key", file=file, field=field, expected=nearest(key, known))
+    if kind == "missing":
+        expected = _KEYS.get(key)
+        if loc[0] == "matrix" and key == "levels":
+            expected = "a level for each class of return period"
+        return InputError("missing key", file=file, field=field, expected=expected)
+    expected = _EXPECTED.get(kind, str(e["msg"]))
+    if kind == "string_pattern_mismatch":
+        expected = _MEANT.get(key, "a text that is not empty")
+    elif kind == "list_type" and key in _LISTS and len(loc) == 1:
+        expected = f"sections [[{key}]], with double brackets"
+    elif kind in ("model_type", "dict_type"):
+        expected = _KEYS.get(str(loc[0]), "a section")
+    shown = repr(e["input"])
+    return InputError(
+        "cannot be used",
+        file=file,
+        field=field,
+        found=shown if len(shown) <= 60 else f"{shown[:57]}...",
+        expected=expected,
+    )
+
+
+def _dotted(loc: Sequence[Any], document: Mapping[str, Any]) -> str:
+    """Key as the user would look for it: ``levels[slight].colour``."""
+    text = str(loc[0])
+    rest = list(loc[1:])
+    if text in _LISTS and rest:
+        number = rest.pop(0)
+        code = None
+        if isinstance(document[text][number], dict):
+            code = document[text][number].get("code")
+        text += f"[{code}]" if isinstance(code, str) and code else f"[no. {number + 1}]"
+    # The place inside a list is told by the value that was found there.
+    return ".".join([text, *(str(part) for part in rest if isinstance(part, str))])

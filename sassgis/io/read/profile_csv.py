@@ -1,0 +1,123 @@
+"""A profile from a table of chainages and heights, for runs without a map."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from sassgis.io.read.config import Config, profile_gates
+from sassgis.io.read.csv_table import csv_rows, number, read_text
+from sassgis.io.read.vectors import nearest
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.ground import GroundTable
+from sassgis.model.profiles import ProfileSet
+
+log = logging.getLogger(__name__)
+
+
+def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
+    """Read a profile.
+
+    Parameters
+    ----------
+    path
+        CSV with the columns s_m (chainage, rising) and z_m (height) and, if wanted, ground: the
+        class of the segment that starts at the row. Rows without a class take the default.
+    table
+        The ground classes.
+    default
+        Name of the default class.
+
+    Returns
+    -------
+    ProfileSet
+        One profile, in one stretch that lies in no cell of a map.
+
+    Raises
+    ------
+    InputError
+        With the row, if a column is missing, a value cannot be used, chainages do not rise or a
+        class is unknown; or if there are fewer than two rows.
+    """
+    numbers = ("s_m", "z_m")
+    text = read_text(
+        path, "profile.file", "a CSV file with columns s_m, z_m and, if wanted, ground"
+    )
+    s: list[float] = []
+    z: list[float] = []
+    ground: list[int] = []
+    for where, row in csv_rows(text, path, numbers, ("ground",), numbers):
+        chainage = number(row["s_m"], where, "s_m", path)
+        if s and chainage <= s[-1]:
+            raise InputError(
+                f"{where}: chainage does not rise",
+                file=path,
+                field="s_m",
+                found=f"{chainage:g} after {s[-1]:g}",
+                expected="a larger one than in the row before",
+            )
+        s.append(chainage)
+        z.append(number(row["z_m"], where, "z_m", path))
+        name = row.get("ground") or default
+        if name not in table.names:
+            raise InputError(
+                f"{where}: unknown ground class",
+                file=path,
+                field="ground",
+                found=repr(name),
+                expected=nearest(name, table.names),
+            )
+        ground.append(table.index(name))
+    if len(s) < 2:
+        raise InputError(
+            "is too short for a profile",
+            file=path,
+            found=f"{len(s)} row(s)",
+            expected="two rows or more",
+        )
+    return ProfileSet(
+        offset=np.array([0, len(s)], np.int64),
+        s=np.array(s),
+        z=np.array(z),
+        ground=np.array(ground, np.int32),
+        cell_offset=np.array([0, 1], np.int64),
+        cell_s=np.array([s[0], s[-1]]),
+        cell=np.array([-1], np.int64),
+    )
+
+
+def check_on_profile(config: Config, profile: ProfileSet) -> None:
+    """Check that starts, stations and barriers of a configuration lie on its profile.
+
+    Raises
+    ------
+    ConfigError
+        If rocks would start off the profile, or a station or barrier lies off it.
+    """
+    first, last = float(profile.s[0]), float(profile.s[-1])
+    expected = f"within the profile, {first:g} to {last:g} m"
+    if config.profile is not None:
+        low, high = config.profile.start_m
+        if low < first or high > last:
+            raise ConfigError(
+                "rocks would start off the profile",
+                file=config.file,
+                field="profile.start_m",
+                found=f"[{low:g}, {high:g}]",
+                expected=expected,
+            )
+        steepest = np.degrees(np.arctan((-np.diff(profile.z) / np.diff(profile.s)).max()))
+        if steepest <= 0.0:
+            log.warning("%s: the profile descends nowhere", config.profile.file)
+    for gate, chainage in profile_gates(config):
+        if not first <= chainage <= last:
+            section = "stations" if gate.kind == "station" else "barriers"
+            raise ConfigError(
+                "lies off the profile",
+                file=config.file,
+                field=f"{section}[{gate.name}].chainage_m",
+                found=f"{chainage:g}",
+                expected=expected,
+            )

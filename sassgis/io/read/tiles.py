@@ -1,0 +1,327 @@
+"""Terrain in tiles: one lattice of cells, of which only the parts that are needed are read."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import pyproj
+
+from sassgis.io.read.dem import DemFile, crs_name, describe_dem, read_dem, read_dem_part, same_crs
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, Grid, IntArray
+
+log = logging.getLogger(__name__)
+
+#: Rasters by their suffix; other files of a folder of tiles are left alone.
+TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt", ".dem")
+#: Cells of tiles may be off the common lattice by this share of a cell.
+_OFF_LATTICE = 0.01
+#: Heights of tiles that overlap: equal up to here (m), and not of one terrain beyond (median, m).
+_SAME_HEIGHT_M, _OTHER_TERRAIN_M = 0.01, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Some rows and columns of a lattice of cells.
+
+    Attributes
+    ----------
+    row, col : int
+        Of the first cell; may be negative.
+    n_rows, n_cols : int
+    """
+
+    row: int
+    col: int
+    n_rows: int
+    n_cols: int
+
+    @property
+    def end(self) -> tuple[int, int]:
+        """First row and column beyond."""
+        return self.row + self.n_rows, self.col + self.n_cols
+
+    def common(self, other: Part) -> Part | None:
+        """The cells that are in both."""
+        row, col = max(self.row, other.row), max(self.col, other.col)
+        last_row, last_col = (min(a, b) for a, b in zip(self.end, other.end, strict=True))
+        if last_row <= row or last_col <= col:
+            return None
+        return Part(row, col, last_row - row, last_col - col)
+
+    def grown(self, north: int, east: int, south: int, west: int) -> Part:
+        """With so many rows and columns more on each side."""
+        return Part(
+            self.row - north,
+            self.col - west,
+            self.n_rows + north + south,
+            self.n_cols + west + east,
+        )
+
+    def cells_in(self, other: Part, cells: IntArray) -> IntArray:
+        """Flat indices in ``other``, which holds this part, of flat indices of this one."""
+        row, col = np.divmod(np.asarray(cells, np.int64), self.n_cols)
+        flat: IntArray = (row + self.row - other.row) * other.n_cols + (col + self.col - other.col)
+        return flat
+
+
+def hull(parts: Sequence[Part]) -> Part:
+    """The smallest part that holds all of the parts, of which there is one at least."""
+    row, col = min(p.row for p in parts), min(p.col for p in parts)
+    last = (max(p.end[0] for p in parts), max(p.end[1] for p in parts))
+    return Part(row, col, last[0] - row, last[1] - col)
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A raster and the part of the lattice that it covers."""
+
+    dem: DemFile
+    place: Part
+
+
+@dataclass(frozen=True, slots=True)
+class Terrain:
+    """A terrain model that is read part by part.
+
+    Attributes
+    ----------
+    tiles : tuple of Tile
+        From north to south and west to east; where they overlap the first with a height counts.
+    west, north, cell_size : float
+        Of the lattice (m).
+    whole : Part
+        Everything, from row and column 0.
+    crs, vertical_datum : str
+        As in Grid.
+    resampled : Grid or None
+        The heights, where the raster had to be resampled to square cells and so read as a whole.
+    """
+
+    tiles: tuple[Tile, ...]
+    west: float
+    north: float
+    cell_size: float
+    whole: Part
+    crs: str
+    vertical_datum: str
+    resampled: Grid | None = None
+
+    def read(self, part: Part) -> Grid:
+        """Heights of a part of the lattice; NaN where no tile holds one.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be read, or holds heights that do not occur on Earth.
+        """
+        values = np.full((part.n_rows, part.n_cols), np.nan)
+        if self.resampled is not None:
+            own = self.whole.common(part)
+            if own is not None:
+                values[_within(own, part)] = self.resampled.values[_within(own, self.whole)]
+        for tile in self.tiles if self.resampled is None else ():
+            own = tile.place.common(part)
+            if own is not None:
+                here = values[_within(own, part)]
+                # Overlaps: what an earlier tile holds stays.
+                np.copyto(here, _heights(tile, own), where=np.isnan(here))
+        return replace(self._frame(part), values=values)
+
+    def outline(self) -> Grid:
+        """The whole lattice without its heights, which take no memory and are 0."""
+        return self._frame(self.whole)
+
+    def part_of(self, bounds: Sequence[float]) -> Part:
+        """The cells that meet a rectangle (west, south, east, north), also beyond the DEM."""
+        west, south, east, north = bounds
+        col = math.floor((west - self.west) / self.cell_size)
+        row = math.floor((self.north - north) / self.cell_size)
+        last_col = math.floor((east - self.west) / self.cell_size)
+        last_row = math.floor((self.north - south) / self.cell_size)
+        return Part(row, col, last_row - row + 1, last_col - col + 1)
+
+    def _frame(self, part: Part) -> Grid:
+        return Grid(
+            values=np.broadcast_to(np.zeros(1), (part.n_rows, part.n_cols)),
+            west=self.west + part.col * self.cell_size,
+            north=self.north - part.row * self.cell_size,
+            cell_size=self.cell_size,
+            crs=self.crs,
+            vertical_datum=self.vertical_datum,
+        )
+
+
+def _within(part: Part, whole: Part) -> tuple[slice, slice]:
+    """Rows and columns of a part, counted from the first cell of ``whole``."""
+    row, col = part.row - whole.row, part.col - whole.col
+    return slice(row, row + part.n_rows), slice(col, col + part.n_cols)
+
+
+def _heights(tile: Tile, part: Part) -> FloatArray:
+    return read_dem_part(tile.dem, *_within(part, tile.place))
+
+
+def open_terrain(
+    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+) -> Terrain:
+    """Open a terrain model without reading its heights.
+
+    Parameters
+    ----------
+    path
+        A raster, a virtual raster (VRT), or a folder of tiles, of which all rasters with one of
+        TILE_SUFFIXES count.
+    crs, vertical_datum
+        As for sassgis.io.read.dem.read_dem.
+
+    Returns
+    -------
+    Terrain
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, or tiles do not go together: in coordinate system, height system,
+        size of cells, lattice of cells, or in their heights where they overlap.
+    """
+    given = Path(path)
+    if not given.is_dir():
+        dem = describe_dem(given, crs, vertical_datum)
+        if not dem.is_plain:
+            return _resampled(dem, read_dem(given, crs, vertical_datum))
+        return _laid_out([dem], given)
+    files = sorted(f for f in given.iterdir() if f.suffix.lower() in TILE_SUFFIXES)
+    if not files:
+        raise InputError(
+            "holds no tile of a terrain model",
+            file=given,
+            field="terrain.dem",
+            expected="a raster, a VRT, or a folder of rasters (" + ", ".join(TILE_SUFFIXES) + ")",
+        )
+    if len(files) == 1:
+        return open_terrain(files[0], crs, vertical_datum)
+    return _laid_out([describe_dem(f, crs, vertical_datum) for f in files], given)
+
+
+def read_terrain(
+    path: str | PathLike[str], crs: str | None = None, vertical_datum: str | None = None
+) -> Grid:
+    """Read a terrain model as a whole: a raster, or a folder of tiles.
+
+    Parameters and errors are those of open_terrain.
+    """
+    if not Path(path).is_dir():
+        return read_dem(path, crs, vertical_datum)
+    terrain = open_terrain(path, crs, vertical_datum)
+    grid = terrain.read(terrain.whole)
+    if not np.isfinite(grid.values).any():
+        raise InputError("holds no height at all", file=path, field="terrain.dem")
+    return grid
+
+
+def _resampled(dem: DemFile, grid: Grid) -> Terrain:
+    whole = Part(0, 0, *grid.shape)
+    return Terrain(
+        (Tile(dem, whole),), grid.west, grid.north, grid.cell_size, whole, grid.crs,
+        grid.vertical_datum, grid,
+    )  # fmt: skip
+
+
+def _laid_out(dems: Sequence[DemFile], given: Path) -> Terrain:
+    """Put tiles on one lattice."""
+    first = dems[0]
+    for dem in dems:
+        if not dem.is_plain:
+            raise InputError(
+                "cells are not square with north up, as tiles must be",
+                file=dem.file,
+                found=f"{tuple(dem.transform)[:6]}",
+                expected="a raster that gdalwarp has brought onto the lattice of the others",
+            )
+        _check_alike(first, dem)
+    cell = _cell(first)
+    west = min(d.transform.c for d in dems)
+    north = max(d.transform.f for d in dems)
+    tiles = [Tile(d, _place(d, west, north, cell, first)) for d in dems]
+    tiles.sort(key=lambda t: (t.place.row, t.place.col, t.dem.file.name))
+    _check_overlaps(tiles)
+    whole = hull([t.place for t in tiles])
+    covered = sum(t.place.n_rows * t.place.n_cols for t in tiles)
+    log.info("%s: %d tiles, %d cells", given, len(tiles), covered)
+    return Terrain(tuple(tiles), west, north, cell, whole, first.crs, first.vertical_datum)
+
+
+def _cell(dem: DemFile) -> float:
+    return float(dem.transform.a - dem.transform.e) / 2.0
+
+
+def _check_alike(first: DemFile, dem: DemFile) -> None:
+    def refuse(problem: str, found: str, expected: str) -> InputError:
+        return InputError(
+            problem, file=dem.file, found=found, expected=f"{expected}, as {first.file.name}"
+        )
+
+    systems = (first.crs, dem.crs)
+    if systems[0] != systems[1] and (
+        "" in systems or not same_crs(*(pyproj.CRS.from_wkt(s) for s in systems))
+    ):
+        raise refuse(
+            "tiles have different coordinate systems", crs_name(dem.crs), crs_name(first.crs)
+        )
+    if dem.vertical_datum != first.vertical_datum:
+        raise refuse(
+            "tiles have different height systems",
+            dem.vertical_datum or "none stated",
+            first.vertical_datum or "none stated",
+        )
+    a, b = _cell(first), _cell(dem)
+    if abs(a - b) * max(*dem.shape, *first.shape) > _OFF_LATTICE * a:
+        raise refuse("tiles have cells of different sizes", f"{b:.9g} m", f"{a:.9g} m")
+
+
+def _place(dem: DemFile, west: float, north: float, cell: float, first: DemFile) -> Part:
+    col, row = (dem.transform.c - west) / cell, (north - dem.transform.f) / cell
+    off = max(abs(col - round(col)), abs(row - round(row)))
+    if off > _OFF_LATTICE:
+        raise InputError(
+            "cells of the tiles do not lie on one lattice",
+            file=dem.file,
+            found=f"corner {dem.transform.c:.10g}, {dem.transform.f:.10g}, {off:.3g} of a cell off",
+            expected=f"corners a whole number of cells of {cell:g} m from each other; "
+            "gdalwarp -tap makes it so",
+        )
+    return Part(round(row), round(col), *dem.shape)
+
+
+def _check_overlaps(tiles: Sequence[Tile]) -> None:
+    """Where tiles overlap they must tell of one terrain."""
+    for one, two in combinations(tiles, 2):
+        common = one.place.common(two.place)
+        if common is None:
+            continue
+        gap = np.abs(_heights(one, common) - _heights(two, common))
+        gap = gap[np.isfinite(gap)]
+        if not gap.size or gap.max() <= _SAME_HEIGHT_M:
+            continue
+        found = f"{float(np.median(gap)):.3g} m (median), up to {float(gap.max()):.3g} m"
+        if np.median(gap) > _OTHER_TERRAIN_M:
+            raise InputError(
+                f"heights differ from those of {one.dem.file.name} where both overlap",
+                file=two.dem.file,
+                found=f"{found}, in {gap.size} cells",
+                expected=f"the same heights, within {_OTHER_TERRAIN_M:g} m (median)",
+            )
+        log.warning(
+            "%s: heights differ by %s from those of %s, which count where both overlap",
+            two.dem.file,
+            found,
+            one.dem.file.name,
+        )

@@ -1,0 +1,1 @@
+"""Writers: rasters, GeoPackages, tables, manifest; results appear whole or not at all."""

@@ -1,0 +1,174 @@
+"""Tables of single rocks and passages, written part by part."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from sassgis.io.write.staging import writing
+from sassgis.model.errors import OutputError
+from sassgis.model.grid import IntArray
+from sassgis.model.results import Outcome, StopReason
+from sassgis.runs.checkpoint import read_rows
+from sassgis.runs.map import MapRun, Plan, Rows
+
+
+def require_parquet() -> None:
+    """Raise OutputError if Parquet tables are asked for and cannot be written."""
+    try:
+        import pyarrow  # noqa: F401
+    except ImportError:
+        raise OutputError(
+            "Parquet tables need the package pyarrow: pip install 'sassgis[parquet]', "
+            'or set the table to "csv"'
+        ) from None
+
+
+def rock_frame(rows: Rows, run: MapRun, planned: Plan) -> pd.DataFrame:
+    """A row per rock, units in the names."""
+    frame = pd.DataFrame({name: rows.rocks[name] for name in rows.rocks.dtype.names or ()})
+    frame.insert(0, "area", _areas(rows.rocks["line"], run, planned))
+    frame.insert(1, "scenario", np.array([b.name for b in run.blocks])[rows.rock_scenario])
+    frame["reason"] = [StopReason(int(r)).name.lower() for r in frame["reason"]]
+    frame["x_m"] = rows.x
+    frame["y_m"] = rows.y
+    return frame
+
+
+def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
+    """Name of the release area of each line."""
+    names = np.array(planned.points.area_names, dtype=object)
+    area = planned.points.area[line // run.lines_per_point]
+    return names[area] if names.size else np.empty(0, dtype=object)
+
+
+def passage_frame(rows: Rows, run: MapRun, planned: Plan) -> pd.DataFrame:
+    """A row per rock and station or barrier, units in the names."""
+    frame = pd.DataFrame({name: rows.passages[name] for name in rows.passages.dtype.names or ()})
+    names = np.array([g.name for g, _ in run.gates], dtype=object)
+    frame["gate"] = names[rows.passages["gate"]] if names.size else []
+    frame["outcome"] = [Outcome(int(o)).name.lower() for o in frame["outcome"]]
+    frame.insert(0, "area", _areas(rows.passages["line"], run, planned))
+    frame.insert(1, "scenario", np.array([b.name for b in run.blocks])[rows.passage_scenario])
+    return frame
+
+
+def area_gate_table(
+    rocks: pd.DataFrame, passages: pd.DataFrame, areas: Sequence[str], gates: Sequence[str]
+) -> pd.DataFrame:
+    """What comes from each release area to each station and barrier.
+
+    Parameters
+    ----------
+    rocks, passages : DataFrame
+        As of rock_frame and passage_frame.
+    areas, gates : sequence of str
+        Names; each pair has a row, also if nothing comes.
+
+    Returns
+    -------
+    DataFrame
+        ``rocks`` released in the area and followed, ``arrive`` at the gate, ``share``, and exact
+        95 % quantiles (linear between ranks) and maxima of energy, speed and passing height.
+    """
+    released = rocks.groupby("area").size()
+    energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
+    came = passages.assign(energy_kj=energy).groupby(["area", "gate"])
+    table = pd.DataFrame(
+        {
+            "arrive": came.size(),
+            **{
+                f"{quantity}_{name}": values
+                for quantity in ("energy_kj", "speed_mps", "height_m")
+                for name, values in (
+                    ("q95", came[quantity].quantile(0.95)),
+                    ("max", came[quantity].max()),
+                )
+            },
+        }
+    ).reindex(pd.MultiIndex.from_product([areas, gates], names=["area", "gate"]))
+    table["arrive"] = table["arrive"].fillna(0).astype(np.int64)
+    table = table.reset_index()
+    table.insert(2, "rocks", released.reindex(table["area"]).fillna(0).astype(np.int64).to_numpy())
+    table.insert(4, "share", table["arrive"] / table["rocks"])
+    return table
+
+
+def class_table(
+    values: NDArray[np.floating], limits: Sequence[float], unit: str, cell_size: float
+) -> pd.DataFrame:
+    """How much of the map lies in each class of a quantity.
+
+    Parameters
+    ----------
+    values : float, any shape
+        NaN where nothing comes.
+    limits : sequence of float
+        Ascending; a value equal to a limit belongs to the class above it.
+    unit : str
+    cell_size : float
+        Side of a cell (m).
+
+    Returns
+    -------
+    DataFrame
+        Class, cells, area (m2) and the share of the cells that are reached.
+    """
+    known = np.asarray(values)[np.isfinite(values)]
+    counts = np.bincount(np.digitize(known, limits), minlength=len(limits) + 1)
+    names = [
+        f"below {limits[0]:g} {unit}",
+        *(f"{low:g} to {high:g} {unit}" for low, high in itertools.pairwise(limits)),
+        f"{limits[-1]:g} {unit} and more",
+    ]
+    return pd.DataFrame(
+        {
+            "class": names,
+            "cells": counts.astype(np.int64),
+            "area_m2": counts * cell_size**2,
+            "share": counts / max(known.size, 1),
+        }
+    )
+
+
+def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
+    """Write frames one under the other, as CSV or Parquet by the suffix of the path.
+
+    Raises
+    ------
+    OutputError
+        If the disk is full, or pyarrow is missing for Parquet.
+    """
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".csv":
+            with path.open("w", encoding="utf-8", newline="") as stream:
+                for i, frame in enumerate(frames):
+                    frame.to_csv(stream, index=False, header=i == 0, lineterminator="\n")
+            return path
+        require_parquet()
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        writer = None
+        try:
+            for frame in frames:
+                table = pa.Table.from_pandas(frame, preserve_index=False)
+                if writer is None:
+                    writer = pq.ParquetWriter(path, table.schema)
+                writer.write_table(table)
+        finally:
+            if writer is not None:
+                writer.close()
+    return path
+
+
+def rows_of(parts: Iterable[Path]) -> Iterator[Rows]:
+    """Rows of the saved parts, one part in memory at a time."""
+    for part in parts:
+        yield read_rows(part)

@@ -1,0 +1,225 @@
+"""Risk of exposed objects as tables and as layers of the GeoPackage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import geopandas as gpd
+import pandas as pd
+import shapely
+
+from sassgis.hazard.risk import (
+    ADDITIVE,
+    QUANTITIES,
+    RiskTable,
+    object_rows,
+    source_rows,
+    total_rows,
+)
+from sassgis.io.read.objects import PlacedObjects
+from sassgis.io.write.geopackage import VectorLayer
+from sassgis.model.styles import FieldInfo, StyleClass, Symbol, VectorStyle, class_colours
+
+_RAMP = "YlOrRd"
+_NOTHING_COLOUR = "#d0d0d0"
+#: Less than any risk, and more than 0: what has none is a class of its own.
+_LEAST = 1e-30
+_RISK_LIMITS = (1e-6, 1e-5, 1e-4, 1e-3)
+_LOSS_LIMITS = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
+
+_SYMBOLS = {
+    "fill": Symbol("fill", "#808080", opacity=0.9, outline="#333333", outline_mm=0.2),
+    "line": Symbol("line", "#808080", size_mm=1.6),
+    "marker": Symbol("marker", "#808080", size_mm=3.0, outline="#333333", shape="diamond"),
+}
+_LAYERS = (
+    ("risk_objects", "Risk of buildings and people", "fill", 2),
+    ("risk_lines", "Risk along roads and lines", "line", 1),
+    ("risk_points", "Risk of people at points", "marker", 0),
+)
+_WORDS = {
+    "hits": ("hits", "1/year", "rocks that come to the object, at any height above the ground"),
+    "property_loss": ("loss of the object itself", "{}/year", ""),
+    "vehicle_loss": ("loss of vehicles", "{}/year", ""),
+    "loss": ("loss", "{}/year", "the object itself and vehicles"),
+    "vehicles_hit": ("vehicles hit", "1/year", "by falling rocks; not: running into fallen ones"),
+    "deaths": ("deaths", "1/year", "expected number: the collective risk"),
+    "individual_risk": (
+        "individual risk of death",
+        "1/year",
+        "of one of the people there; on a road of one user who drives by",
+    ),
+}
+_SE = "upper bound of the sampling error; none of the model or of the onset frequency"
+
+
+# ---------------------------------------------------------------------------------------------
+# Tables
+
+
+def risk_frames(table: RiskTable, currency: str) -> dict[str, pd.DataFrame]:
+    """The tables of a run by the stem of their files.
+
+    Parameters
+    ----------
+    table : RiskTable
+    currency : str
+        Of all values; a column of its own, so that the names of the others stay.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        ``risk_objects``: a row per object. ``risk_sources``: a row per object and source that hits
+        it. ``risk_total``: sums by road, kind, source, and over all; each is the correctly
+        rounded sum of its rows in the other tables.
+    """
+    hits = [f"hits_{code}" for code in table.intensities]
+    who = ["name", "kind", "part_of"]
+    per_year = _with_errors([*hits, *QUANTITIES])
+    objects = [
+        *who,
+        *("from_m", "length_m", "value", "value_per_m", "persons", "presence", "traffic_per_day"),
+        *per_year,
+        "hits_of_one_rock_per_year",
+    ]
+    sources = [
+        *who,
+        "area",
+        "scenario",
+        *(f"{name}_per_year" for name in hits),
+        *_with_errors(QUANTITIES),
+        "share_of_loss",
+        "share_of_deaths",
+    ]
+    totals = ["scope", "name", "objects"]
+    for q in ADDITIVE:
+        totals += [f"{q}_per_year", f"{q}_per_year_se", f"{q}_per_year_se_apart"]
+    totals.append("individual_risk_largest_per_year")
+    frames = {
+        "risk_objects": pd.DataFrame(object_rows(table), columns=objects),
+        "risk_sources": pd.DataFrame(source_rows(table), columns=sources),
+        "risk_total": pd.DataFrame(total_rows(table), columns=totals),
+    }
+    for frame in frames.values():
+        frame["currency"] = currency
+    return frames
+
+
+def _with_errors(quantities: Sequence[str]) -> list[str]:
+    return [name for q in quantities for name in (f"{q}_per_year", f"{q}_per_year_se")]
+
+
+# ---------------------------------------------------------------------------------------------
+# Layers
+
+
+def risk_vectors(
+    table: RiskTable, placed: PlacedObjects, crs: str, currency: str
+) -> list[VectorLayer]:
+    """Layers of the objects with all that is told of them.
+
+    Parameters
+    ----------
+    table : RiskTable
+    placed : PlacedObjects
+        The objects of the table, in the same order.
+    crs : str
+        Well-known text; empty for local coordinates.
+    currency : str
+
+    Returns
+    -------
+    list of VectorLayer
+        ``risk_objects`` (polygons), ``risk_lines`` (stretches) and ``risk_points``, those that
+        have objects. Colours show the individual risk where people are at stake (on roads: the
+        deaths on each stretch), else the loss.
+    """
+    if placed.objects != table.objects:
+        raise ValueError("the places are not those of the objects of the table")
+    frame = risk_frames(table, currency)["risk_objects"].drop(columns="currency")
+    fields = _fields(table, currency)
+    layers = []
+    for name, title, symbol, dimension in _LAYERS:
+        own = [i for i, g in enumerate(placed.geometries) if shapely.get_dimensions(g) == dimension]
+        if not own:
+            continue
+        rows = gpd.GeoDataFrame(
+            frame.iloc[own].reset_index(drop=True),
+            geometry=[placed.geometries[i] for i in own],
+            crs=crs or None,
+        )
+        shown = "individual_risk" if dimension != 1 else "deaths"
+        if not (rows["deaths_per_year"] > 0.0).any():
+            shown = "loss"
+        layers.append(
+            VectorLayer(
+                name,
+                f"{title}: {_words(shown, currency).label}",
+                f"Mean per year, of rocks of {len(table.sources)} sources. Hits count rocks over "
+                "the cells that the object touches.",
+                rows,
+                fields,
+                style=_style(_SYMBOLS[symbol], shown, currency),
+            )
+        )
+    return layers
+
+
+def _words(quantity: str, currency: str) -> FieldInfo:
+    alias, unit, text = _WORDS[quantity]
+    return FieldInfo(alias, unit.format(currency), text)
+
+
+def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
+    fields = {
+        "name": FieldInfo("name"),
+        "kind": FieldInfo("kind"),
+        "part_of": FieldInfo("part of"),
+        "from_m": FieldInfo("chainage of its beginning", "m"),
+        "length_m": FieldInfo("length", "m"),
+        "value": FieldInfo("value", currency),
+        "value_per_m": FieldInfo("value of a metre", f"{currency}/m"),
+        "persons": FieldInfo("people"),
+        "presence": FieldInfo("presence", "", "share of the time that each of them is there"),
+        "traffic_per_day": FieldInfo("vehicles", "1/day"),
+        "hits_of_one_rock_per_year": FieldInfo(
+            "one simulated rock stands for", "1/year", "the largest of the sources that reach it"
+        ),
+    }
+    described = {
+        f"hits_{c}": FieldInfo(f"hits of intensity {c}", "1/year") for c in table.intensities
+    }
+    described |= {q: _words(q, currency) for q in QUANTITIES}
+    for name, info in described.items():
+        fields[f"{name}_per_year"] = info
+        fields[f"{name}_per_year_se"] = FieldInfo(f"{info.alias}, standard error", info.unit, _SE)
+    return fields
+
+
+def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
+    limits = _LOSS_LIMITS if quantity == "loss" else _RISK_LIMITS
+    unit = _words(quantity, currency).unit.replace("1/year", "per year")
+    texts = [_power(v) for v in limits]
+    labels = [
+        f"below {texts[0]} {unit}",
+        *(f"{low} to {high} {unit}" for low, high in pairwise(texts)),
+        f"{texts[-1]} {unit} and more",
+    ]
+    edges = [_LEAST, *limits, float("inf")]
+    classes = [StyleClass("none", replace(symbol, colour=_NOTHING_COLOUR), upper=_LEAST)]
+    for k, colour in enumerate(class_colours(limits, _RAMP)):
+        classes.append(
+            StyleClass(
+                labels[k], replace(symbol, colour=colour), lower=edges[k], upper=edges[k + 1]
+            )
+        )
+    # Names of stretches would cover the road.
+    label = "" if symbol.kind == "line" else "name"
+    return VectorStyle(symbol, "ranges", f"{quantity}_per_year", tuple(classes), label)
+
+
+def _power(value: float) -> str:
+    """Limits as they are spoken of: 0.0001 is 1e-4."""
+    return f"{value:.0e}".replace("e-0", "e-") if value < 0.01 else f"{value:g}"

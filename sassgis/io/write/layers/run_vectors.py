@@ -1,0 +1,357 @@
+"""The layers of the GeoPackage: tables with their meaning, units and style."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import geopandas as gpd
+import numpy as np
+import shapely
+
+from sassgis.hazard.control_lines import GateSums
+from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.write.layers.footprint import footprints
+from sassgis.model.profiles import LineEnd
+from sassgis.model.results import Outcome, RasterLayer, StopReason
+from sassgis.model.styles import (
+    BARRIER_STYLE,
+    FALL_LINE_STYLE,
+    FOOTPRINT_STYLE,
+    RELEASE_AREA_STYLE,
+    RELEASE_POINT_STYLE,
+    STATION_STYLE,
+    STOP_STYLE,
+    FieldInfo,
+    categorised_style,
+)
+from sassgis.runs.checkpoint import joined_lines
+from sassgis.runs.map import MapRun, Plan, Progress, kept_stops
+
+LINE_END_TEXT = {
+    LineEnd.LEFT_DEM: "edge of the terrain model",
+    LineEnd.NODATA: "nodata",
+    LineEnd.ENERGY_LINE: "energy line",
+    LineEnd.MAX_LENGTH: "greatest length",
+    LineEnd.CLOSED_LOOP: "closed loop",
+}
+STOP_TEXT = {
+    StopReason.REST: "rest",
+    StopReason.BARRIER: "barrier",
+    StopReason.LEFT_PROFILE: "left the profile",
+    StopReason.STEP_LIMIT: "step limit",
+    StopReason.NEVER_STARTED: "never started",
+    StopReason.BROKEN: "broke into pieces",
+}
+_STOP_COLOUR = {
+    StopReason.REST: "#1f4e79",
+    StopReason.BARRIER: "#e07b00",
+    StopReason.LEFT_PROFILE: "#c1121f",
+    StopReason.STEP_LIMIT: "#7b2cbf",
+    StopReason.NEVER_STARTED: "#8d99ae",
+    StopReason.BROKEN: "#5f0f40",
+}
+#: Levels of the footprint: every cell reached, and shares of all rocks.
+FOOTPRINT_LEVELS = (0.0, 0.001, 0.01)
+_FOOTPRINT_COLOUR = ("#fed976", "#fd8d3c", "#bd0026")
+#: Beyond these ends of a fall line nothing is known of the rocks.
+_LINE_CUT = (LineEnd.LEFT_DEM, LineEnd.NODATA, LineEnd.MAX_LENGTH)
+
+
+def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
+    """Release areas with what was released in them."""
+    rocks = planned.rocks_of_point(run)
+    per_area = np.bincount(planned.points.area, weights=rocks, minlength=len(run.areas))
+    frame = gpd.GeoDataFrame(
+        {
+            "name": [a.name for a in run.areas],
+            "scenarios": [";".join(a.scenarios) for a in run.areas],
+            "points": np.bincount(planned.points.area, minlength=len(run.areas)).astype(np.int64),
+            "rocks": per_area.astype(np.int64),
+        },
+        geometry=[a.geometry if a.geometry.area > 0 else a.geometry.buffer(1.0) for a in run.areas],
+        crs=run.grid.crs or None,
+    )
+    return VectorLayer(
+        "release_areas",
+        "Release areas",
+        "Where rocks start; lines and points are drawn with a width of 2 m.",
+        frame,
+        {
+            "name": FieldInfo("name"),
+            "scenarios": FieldInfo("block scenarios"),
+            "points": FieldInfo("release points"),
+            "rocks": FieldInfo("rocks released"),
+        },
+        style=RELEASE_AREA_STYLE,
+    )
+
+
+def release_points(run: MapRun, planned: Plan) -> VectorLayer:
+    """Release points."""
+    points = planned.points
+    frame = gpd.GeoDataFrame(
+        {
+            "area": [points.area_names[a] for a in points.area],
+            "rocks": planned.rocks_of_point(run),
+        },
+        geometry=shapely.points(points.x, points.y),
+        crs=run.grid.crs or None,
+    )
+    return VectorLayer(
+        "release_points",
+        "Release points",
+        "Each stands for the rocks released around it.",
+        frame,
+        {"area": FieldInfo("release area"), "rocks": FieldInfo("rocks released")},
+        style=RELEASE_POINT_STYLE,
+    )
+
+
+def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
+    """Fall lines with length, drop and why they end."""
+    lines = joined_lines(progress.lines)
+    sizes = np.diff(lines.offset)
+    # A line of one point has no length; it is drawn as a dot of zero length.
+    index = np.repeat(np.arange(sizes.size), sizes)
+    x, y = lines.x, lines.y
+    single = np.flatnonzero(sizes == 1)
+    if single.size:
+        at = lines.offset[single]
+        x = np.concatenate([x, x[at]])
+        y = np.concatenate([y, y[at]])
+        index = np.concatenate([index, single])
+        order = np.argsort(index, kind="stable")
+        x, y, index = x[order], y[order], index[order]
+    frame = gpd.GeoDataFrame(
+        {
+            "area": [planned.points.area_names[planned.points.area[p]] for p in lines.point],
+            "length_m": np.round(lines.length_m, 3),
+            "drop_m": np.round(lines.drop_m, 3),
+            "fan": lines.fan,
+            "ends_at": [LINE_END_TEXT[LineEnd(int(e))] for e in lines.end],
+        },
+        geometry=shapely.linestrings(x, y, indices=index) if x.size else [],
+        crs=run.grid.crs or None,
+    )
+    return VectorLayer(
+        "fall_lines",
+        "Fall lines",
+        f"Steepest descent on the terrain smoothed over {run.fall_lines.smoothing_m:g} m.",
+        frame,
+        {
+            "area": FieldInfo("release area"),
+            "length_m": FieldInfo("length in plan", "m"),
+            "drop_m": FieldInfo("drop", "m"),
+            "fan": FieldInfo("sideways deviation", "m per m"),
+            "ends_at": FieldInfo("ends at"),
+        },
+        style=categorised_style(
+            FALL_LINE_STYLE.symbol,
+            "ends_at",
+            {
+                text: (text, "#c1121f" if end in _LINE_CUT else FALL_LINE_STYLE.symbol.colour)
+                for end, text in LINE_END_TEXT.items()
+            },
+        ),
+    )
+
+
+def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
+    """Where single rocks end: all of them, or an even share of all."""
+    total = int(progress.reasons.sum()) + progress.pieces
+    rows = kept_stops(run, progress)
+    on_map = np.isfinite(rows.x) & np.isfinite(rows.y)
+    rocks = rows.rocks[on_map]
+    frame = gpd.GeoDataFrame(
+        {
+            "area": [
+                planned.points.area_names[planned.points.area[i]]
+                for i in rocks["line"] // run.lines_per_point
+            ],
+            "scenario": [run.blocks[k].name for k in rows.rock_scenario[on_map]],
+            "end": [STOP_TEXT[StopReason(int(r))] for r in rocks["reason"]],
+            "runout_m": np.round(rocks["runout_m"], 2),
+            "mass_kg": np.round(rocks["mass_kg"], 1),
+            "max_energy_kj": np.round(rocks["max_energy_kj"], 2),
+            "max_speed_mps": np.round(rocks["max_speed_mps"], 2),
+            "max_height_m": np.round(rocks["max_height_m"], 2),
+            "impacts": rocks["impacts"].astype(np.int64),
+            "piece": rocks["piece"].astype(np.int64),
+        },
+        geometry=shapely.points(rows.x[on_map], rows.y[on_map]),
+        crs=run.grid.crs or None,
+    )
+    which = (
+        f"All {total} rocks."
+        if rows.rocks.size == total
+        else f"{rows.rocks.size} of {total} rocks, chosen at random."
+    )
+    return VectorLayer(
+        "stops",
+        "Where rocks end",
+        which,
+        frame,
+        {
+            "area": FieldInfo("release area"),
+            "scenario": FieldInfo("block scenario"),
+            "end": FieldInfo("why it ends"),
+            "runout_m": FieldInfo("run-out chainage", "m"),
+            "mass_kg": FieldInfo("mass", "kg"),
+            "max_energy_kj": FieldInfo("largest energy on the way", "kJ"),
+            "max_speed_mps": FieldInfo("largest speed on the way", "m/s"),
+            "max_height_m": FieldInfo("largest passing height on the way", "m"),
+            "impacts": FieldInfo("impacts"),
+            "piece": FieldInfo(
+                "piece",
+                "",
+                "0: the rock itself; else a piece of it, or a block that it set in motion",
+            ),
+        },
+        style=categorised_style(
+            STOP_STYLE.symbol,
+            "end",
+            {text: (text, _STOP_COLOUR[reason]) for reason, text in STOP_TEXT.items()},
+        ),
+    )
+
+
+_STATISTICS = {
+    "speed_mps": ("speed", "m/s"),
+    "rotation_hz": ("rotation", "Hz"),
+    "height_m": ("passing height", "m"),
+    "energy_kj": ("kinetic energy", "kJ"),
+    "mass_kg": ("mass", "kg"),
+}
+_OUTCOME_TEXT = {
+    Outcome.STOPPED: "rocks stopped",
+    Outcome.HELD_BY_NET: "rocks taken that then move on",
+    Outcome.OVERTOPPED: "rocks over the top",
+    Outcome.BROKE_THROUGH: "rocks that break through",
+}
+
+
+def gate_rows(gates: GateSums) -> list[dict[str, object]]:
+    """A row of statistics for each station and barrier."""
+    rows = []
+    for i, gate in enumerate(gates.gates):
+        row: dict[str, object] = {"name": gate.name, "kind": gate.kind}
+        outcomes = gates.outcomes(i)
+        row["rocks"] = gates.arrivals(i)
+        if gate.kind != "station":
+            row["height_m"] = gate.height_m
+            row["capacity_kj"] = gate.capacity_kj if np.isfinite(gate.capacity_kj) else None
+            row["hits"] = gates.arrivals(i) - outcomes[Outcome.OVERTOPPED]
+            for outcome in _OUTCOME_TEXT:
+                row[outcome.name.lower()] = outcomes[outcome]
+        for quantity in _STATISTICS:
+            d = gates.distribution(i, quantity)
+            values = dict(
+                zip(("q50", "q95", "q99"), d.quantile(0.5, 0.95, 0.99), strict=True),
+                mean=d.mean,
+                max=d.largest,
+            )
+            for name, value in values.items():
+                row[f"{quantity}_{name}"] = float(f"{value:.5g}") if np.isfinite(value) else None
+        rows.append(row)
+    return rows
+
+
+def _gate_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
+    rows = gate_rows(progress.gates)
+    chosen = [i for i, (g, _) in enumerate(run.gates) if (g.kind != "station") == barriers]
+    template = ["name", "kind", "rocks"]
+    if barriers:
+        template += ["height_m", "capacity_kj", "hits", *(o.name.lower() for o in _OUTCOME_TEXT)]
+    template += [f"{q}_{n}" for q in _STATISTICS for n in ("q50", "q95", "q99", "mean", "max")]
+    floats = [c for c in template if c not in ("name", "kind", "rocks", "hits")]
+    data: dict[str, object] = {}
+    for column in template:
+        values = [rows[i].get(column) for i in chosen]
+        if column in ("rocks", "hits", *(o.name.lower() for o in _OUTCOME_TEXT)):
+            data[column] = np.array(values, np.int64)
+        elif column in floats:
+            data[column] = np.array([np.nan if v is None else v for v in values], float)
+        else:
+            data[column] = values
+    frame = gpd.GeoDataFrame(
+        data,
+        geometry=[shapely.LineString(run.gates[i][1]) for i in chosen],
+        crs=run.grid.crs or None,
+    )
+    fields = {
+        "name": FieldInfo("name"),
+        "kind": FieldInfo("kind"),
+        "rocks": FieldInfo("rocks that come"),
+    }
+    if barriers:
+        fields["height_m"] = FieldInfo("height above the ground", "m")
+        fields["capacity_kj"] = FieldInfo("energy capacity", "kJ", "empty: unlimited")
+        fields["hits"] = FieldInfo("rocks that hit it")
+        fields |= {o.name.lower(): FieldInfo(text) for o, text in _OUTCOME_TEXT.items()}
+    words = {"q50": "median", "q95": "95 %", "q99": "99 %", "mean": "mean", "max": "largest"}
+    for quantity, (word, unit) in _STATISTICS.items():
+        for name, text in words.items():
+            fields[f"{quantity}_{name}"] = FieldInfo(f"{word}, {text}", unit)
+    if barriers:
+        return VectorLayer(
+            "barriers",
+            "Walls and nets",
+            "Statistics at the first downhill arrival of each rock, whether it hits or overtops.",
+            frame,
+            fields,
+            style=BARRIER_STYLE,
+        )
+    return VectorLayer(
+        "stations",
+        "Stations",
+        "Statistics of the first downhill passage of each rock.",
+        frame,
+        fields,
+        style=STATION_STYLE,
+    )
+
+
+def stations(run: MapRun, progress: Progress) -> VectorLayer:
+    """Stations with the statistics of what passes."""
+    return _gate_layer(run, progress, barriers=False)
+
+
+def barriers(run: MapRun, progress: Progress) -> VectorLayer:
+    """Walls and nets with hits, what becomes of them, and the statistics for their design."""
+    return _gate_layer(run, progress, barriers=True)
+
+
+def _footprint_label(level: float) -> str:
+    return "reached by a rock" if level == 0.0 else f"reach probability {100 * level:g} % or more"
+
+
+def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
+    """Outline of the cells that rocks reach, and of higher reach probabilities."""
+    reach = next(layer for layer in layers if layer.stem == "reach_probability")
+    frame = footprints(reach.bands[0].values, run.grid, FOOTPRINT_LEVELS)
+    frame.insert(
+        0,
+        "label",
+        [_footprint_label(v) for v in frame["level"]],
+    )
+    frame["ref_width_m"] = run.grid.cell_size
+    return VectorLayer(
+        "footprint",
+        "Footprint",
+        f"Cells that rocks reach. Reference width {run.grid.cell_size:.4g} m (one cell).",
+        frame,
+        {
+            "label": FieldInfo("what"),
+            "level": FieldInfo("reach probability, at least", "1"),
+            "area_m2": FieldInfo("area", "m²"),
+            "ref_width_m": FieldInfo("reference width", "m"),
+        },
+        style=categorised_style(
+            FOOTPRINT_STYLE.symbol,
+            "label",
+            {
+                _footprint_label(level): (_footprint_label(level), colour)
+                for level, colour in zip(FOOTPRINT_LEVELS, _FOOTPRINT_COLOUR, strict=True)
+            },
+        ),
+    )

@@ -1,0 +1,219 @@
+"""The manifest of a result: what went in, with which versions and settings, and what came out."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from enum import Enum
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path, PurePath
+
+import numpy as np
+import pyogrio
+import rasterio
+
+import sassgis
+from sassgis.io.write.staging import CHECKPOINT_STEM, MANIFEST_NAME, MARKER_NAME, writing
+from sassgis.model.errors import InputError
+
+MANIFEST_FORMAT = 1
+
+_PACKAGES = (
+    "numpy",
+    "numba",
+    "scipy",
+    "shapely",
+    "rasterio",
+    "pyogrio",
+    "geopandas",
+    "pyproj",
+    "matplotlib",
+    "pydantic",
+)
+#: Files without which the named one does not say the same.
+_SIDECARS = {
+    ".shp": (".dbf", ".shx", ".prj", ".cpg"),
+    ".asc": (".prj",),
+    ".tif": (".tfw", ".tif.aux.xml"),
+    ".tiff": (".tfw", ".tiff.aux.xml"),
+}
+
+
+def write_manifest(
+    path: Path,
+    *,
+    inputs: Mapping[str, Path],
+    base: Path,
+    crs: str,
+    vertical_datum: str,
+    seed: int,
+    ref_width_m: float | None,
+    preset: str,
+    settings: object,
+    counts: Mapping[str, int],
+    warnings: Sequence[str],
+) -> Path:
+    """Write the manifest of the result in ``path.parent``.
+
+    It is the last file of a result to be written, as it lists the others with their digests. It
+    holds no time and no path of the machine: equal runs give equal manifests.
+
+    Parameters
+    ----------
+    path : Path
+        ``manifest.json`` in the folder of the result.
+    inputs : mapping of role ("dem", "release", ...) to file or folder
+        Sidecar files (of a shapefile, for example) are listed with them.
+    base : Path
+        Folder of the configuration; inputs are named relative to it.
+    crs, vertical_datum : str
+        Horizontal system as well-known text and the name of the heights.
+    seed : int
+    ref_width_m : float or None
+        Width to which reach probabilities refer (m); None if the result has none.
+    preset : str
+        Name of the hazard preset; empty for none.
+    settings
+        All settings of the run with their defaults filled in: a mapping, or a dataclass.
+    counts : mapping of str to int
+        Release points, fall lines, rocks, and so on.
+    warnings : sequence of str
+        What the run told the user.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read.
+    OutputError
+        If the disk is full or not writable.
+    """
+    content = {
+        "format": MANIFEST_FORMAT,
+        "sassgis": sassgis.__version__,
+        "versions": software_versions(),
+        "inputs": [
+            {"role": role, **_described(file, _shown(file, base))}
+            for role, given in inputs.items()
+            for file in input_files(given)
+        ],
+        "crs": crs,
+        "vertical_datum": vertical_datum,
+        "seed": int(seed),
+        "ref_width_m": ref_width_m,
+        "preset": preset,
+        "settings": plain(settings),
+        "settings_sha256": settings_digest(settings),
+        "counts": plain(counts),
+        "warnings": list(warnings),
+        "files": [
+            _described(file, file.relative_to(path.parent).as_posix())
+            for file in _result_files(path.parent)
+        ],
+    }
+    with writing(path):
+        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+        path.write_text(text + "\n", encoding="utf-8")
+    return path
+
+
+def software_versions() -> dict[str, str]:
+    """Versions of Python, the platform and the libraries that make the numbers and the files."""
+    versions = {
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+    }
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:  # pragma: no cover
+            versions[package] = "unknown"
+    # Each brings its own GDAL.
+    versions["gdal (rasterio)"] = str(rasterio.__gdal_version__)
+    versions["gdal (pyogrio)"] = str(pyogrio.__gdal_version_string__)
+    return versions
+
+
+def plain(value: object) -> object:
+    """The value as JSON knows it: dataclasses as objects, arrays as lists, infinity as text.
+
+    Raises
+    ------
+    TypeError
+        If there is no such form.
+    """
+    if isinstance(value, Enum):
+        return value.name.lower()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if isinstance(value, np.generic | np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, PurePath):
+        return value.as_posix()
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {
+            entry.name: plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)
+        }
+    if isinstance(value, Mapping):
+        return {str(key): plain(entry) for key, entry in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, bytes):
+        return [plain(entry) for entry in value]
+    raise TypeError(f"no form in JSON for {type(value).__name__}")
+
+
+def settings_digest(settings: object) -> str:
+    """SHA-256 of the settings in canonical JSON; the order of the keys does not matter."""
+    text = json.dumps(
+        plain(settings), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+    )
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def file_digest(file: Path) -> str:
+    """SHA-256 of the content of a file."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def input_files(given: Path) -> list[Path]:
+    """The files behind a path: itself and its sidecars, or all files of a folder, sorted."""
+    if given.is_dir():
+        return sorted(file for file in given.rglob("*") if file.is_file())
+    sidecars = [given.with_suffix(suffix) for suffix in _SIDECARS.get(given.suffix.lower(), ())]
+    return [given, *(file for file in sidecars if file.is_file())]
+
+
+def _described(file: Path, shown: str) -> dict[str, object]:
+    try:
+        return {"path": shown, "size": file.stat().st_size, "sha256": file_digest(file)}
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", file=shown) from error
+
+
+def _shown(file: Path, base: Path) -> str:
+    """Relative to ``base``, as the user would write it in the configuration."""
+    try:
+        return Path(os.path.relpath(file, base)).as_posix()
+    except ValueError:  # On another drive (Windows).
+        return file.as_posix()
+
+
+def _result_files(folder: Path) -> list[Path]:
+    own = (MANIFEST_NAME, MARKER_NAME)
+    return sorted(
+        file
+        for file in folder.rglob("*")
+        if file.is_file()
+        and file.name not in own
+        and file.relative_to(folder).parts[0].split(".")[0] != CHECKPOINT_STEM
+    )

@@ -1,0 +1,161 @@
+"""Maps as Cloud-Optimised GeoTIFF, each with its QGIS style beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from rasterio.io import MemoryFile
+from rasterio.transform import from_origin
+
+from sassgis.io.qgis.markup import qml
+from sassgis.io.qgis.raster_style import raster_style_elements
+from sassgis.io.write.staging import writing
+from sassgis.model.grid import Grid
+from sassgis.model.results import Band, RasterLayer
+from sassgis.model.styles import HILLSHADE, class_tint
+
+#: Of measured numbers. NaN would do for the cells, but GDAL's most-frequent-value overviews turn it
+#: into zeros (seen with 3.10); every GIS knows this one.
+NODATA = -9999.0
+#: Of maps of classes, by the type of their numbers; 0 is left to mean "not reached".
+CLASS_NODATA = {"uint8": 255, "int16": -32768, "int32": -2147483648}
+_BLOCK = 256
+
+
+def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
+    """Write a map as ``<stem>.tif`` and its style as ``<stem>.qml``.
+
+    The file is a Cloud-Optimised GeoTIFF: float32, nodata -9999, deflate, tiled. A map of classes
+    is written as whole numbers, in the smallest type that holds its classes: uint8 with nodata 255
+    as a rule (else :data:`CLASS_NODATA`), in the colours of its classes, which are named in its tag
+    CLASSES. If another band of it holds fractions, all its bands are float32. The overviews are
+    made of values that occur (the most frequent one), so that a class seen from afar is a class of
+    the map; only heights for shaded relief are averaged. The descriptions and units of the bands
+    and the title and note of the layer are in its tags.
+
+    Parameters
+    ----------
+    layer : RasterLayer
+    grid : Grid
+        Gives the place, cell size and CRS; its values are not used.
+    folder : Path
+        Made if missing.
+
+    Returns
+    -------
+    Path
+        The GeoTIFF.
+
+    Raises
+    ------
+    OutputError
+        If the disk is full or not writable.
+    ValueError
+        If a band does not have the shape of the grid, or there is none; or if a map of classes
+        holds a number above 0 that is no class.
+    """
+    if not layer.bands:
+        raise ValueError(f"the map {layer.stem} has no band")
+    for band in layer.bands:
+        if band.values.shape != grid.shape:
+            raise ValueError(
+                f"band {band.name} of {layer.stem} has shape {band.values.shape}, "
+                f"the grid {grid.shape}"
+            )
+    _check_classes(layer)
+    target = folder / f"{layer.stem}.tif"
+    with writing(target):
+        folder.mkdir(parents=True, exist_ok=True)
+        # GDAL writes when it closes a file and may then only log that the disk is full; plain
+        # Python, writing what GDAL made in memory, fails with the reason.
+        target.write_bytes(_encode(layer, grid))
+    style = target.with_suffix(".qml")
+    with writing(style):
+        style.write_text(qml(raster_style_elements(layer)), encoding="utf-8")
+    return target
+
+
+def _check_classes(layer: RasterLayer) -> None:
+    if not layer.classes:
+        return
+    values = layer.bands[0].values
+    known = {0, *(entry.value for entry in layer.classes)}
+    strange = set(np.unique(values[np.isfinite(values)]).tolist()) - known
+    if strange:
+        raise ValueError(f"the map {layer.stem} holds {sorted(strange)}, which are no classes")
+
+
+def _number_type(layer: RasterLayer) -> tuple[str, float]:
+    """Type of the numbers in the file, and its nodata."""
+    if not layer.classes:
+        return "float32", NODATA
+    held = [np.array([0, *(entry.value for entry in layer.classes)], float)]
+    for band in layer.bands:
+        known = band.values[np.isfinite(band.values)]
+        if not np.array_equal(known, np.round(known)):
+            return "float32", NODATA
+        held.append(np.unique(known).astype(float))
+    values = np.concatenate(held)
+    for name, nodata in CLASS_NODATA.items():
+        limits = np.iinfo(name)
+        if limits.min <= values.min() and values.max() <= limits.max and nodata not in values:
+            return name, nodata
+    return "float32", NODATA
+
+
+def _palette(layer: RasterLayer) -> dict[int, tuple[int, int, int, int]]:
+    """Colours of all values of a byte, for programs that do not read the style."""
+    colours = dict.fromkeys(range(256), (255, 255, 255, 0))
+    for entry in layer.classes:
+        red, green, blue = (round(255 * part) for part in to_rgb(class_tint(entry)))
+        colours[entry.value] = (red, green, blue, 255)
+    return colours
+
+
+def _encode(layer: RasterLayer, grid: Grid) -> bytes:
+    n_rows, n_cols = grid.shape
+    number_type, nodata = _number_type(layer)
+    with MemoryFile(ext=".tif") as memory:
+        with memory.open(
+            driver="COG",
+            width=n_cols,
+            height=n_rows,
+            count=len(layer.bands),
+            dtype=number_type,
+            nodata=nodata,
+            crs=grid.crs or None,
+            transform=from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size),
+            compress="DEFLATE",
+            predictor="YES",
+            level=3,  # Twice as fast as the default of 6, and no larger with floats.
+            num_threads="ALL_CPUS",
+            blocksize=_BLOCK,
+            # Relief made of single heights, picked here and there, would look rough.
+            overview_resampling="AVERAGE" if layer.ramp == HILLSHADE else "MODE",
+            # Kept in the file, or QGIS would write an .aux.xml beside it.
+            statistics="YES",
+            bigtiff="IF_SAFER",
+        ) as dataset:
+            dataset.update_tags(TITLE=layer.title, NOTE=layer.note, AREA_OR_POINT="Area")
+            if layer.classes:
+                names = "; ".join(f"{entry.value} = {entry.label}" for entry in layer.classes)
+                dataset.update_tags(1, CLASSES=names)
+            if grid.vertical_datum:
+                dataset.update_tags(VERTICAL_DATUM=grid.vertical_datum)
+            for number, band in enumerate(layer.bands, start=1):
+                values = np.where(np.isfinite(band.values), band.values, nodata)
+                dataset.write(values.astype(number_type), number)
+                dataset.set_band_description(number, _band_title(band))
+                dataset.set_band_unit(number, band.unit)
+                dataset.update_tags(number, NAME=band.name, DESCRIPTION=band.description)
+            if number_type == "uint8" and len(layer.bands) == 1:
+                dataset.write_colormap(1, _palette(layer))
+        return bytes(memory.getbuffer())
+
+
+def _band_title(band: Band) -> str:
+    """What QGIS lists as the band: its description with the unit."""
+    text = band.description or band.name
+    return f"{text} ({band.unit})" if band.unit and band.unit not in ("1", text) else text

@@ -1,0 +1,331 @@
+"""Results appear whole or not at all, and trouble with the disk is told in one line."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import count
+from pathlib import Path
+from typing import IO
+
+import pyogrio.errors
+import rasterio.errors
+
+from sassgis.model.errors import OutputError, SassgisError
+
+try:  # Advisory locks exist on POSIX only; elsewhere two runs into one folder are not caught.
+    import fcntl
+except ImportError:  # pragma: no cover
+    _LOCKS = False
+else:
+    _LOCKS = True
+
+#: A folder is taken for a result of sassgis, and may be replaced by one, if it holds this file.
+MANIFEST_NAME = "manifest.json"
+#: Files and folders of this stem are the saved state of a simulation and outlive a failed run.
+CHECKPOINT_STEM = "checkpoint"
+#: Marks a working folder, so that no folder of the user's own is mistaken for one.
+MARKER_NAME = ".sassgis-partial"
+
+_REASONS = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EFBIG: "the file would be larger than the system allows",
+    errno.EROFS: "the disk is read-only",
+    errno.EACCES: "permission denied",
+    errno.EPERM: "permission denied",
+    errno.EIO: "the disk reports an error",
+    errno.ENOTDIR: "a part of the path is a file, not a folder",
+    errno.ENAMETOOLONG: "the path is too long",
+    errno.EBUSY: "the folder is in use",
+    errno.EXDEV: "the folder is on another disk than the one beside it",
+}
+#: What GDAL and SQLite say instead of an error number.
+_PHRASES = {
+    "no space left": "the disk is full",
+    "disk is full": "the disk is full",
+    "disk quota": "the disk quota is used up",
+    "file too large": "the file would be larger than the system allows",
+    "permission denied": "permission denied",
+    "read-only file system": "the disk is read-only",
+    "readonly database": "permission denied",
+    "disk i/o error": "the disk reports an error (it may be full)",
+}
+_LIBRARY_ERRORS = (
+    rasterio.errors.RasterioError,
+    pyogrio.errors.DataSourceError,
+    pyogrio.errors.DataLayerError,
+    pyogrio.errors.FeatureError,
+    pyogrio.errors.GeometryError,
+    sqlite3.Error,
+)
+#: Below this many free bytes a failure without a stated reason is put down to a full disk.
+_NEARLY_NOTHING = 1 << 16
+#: Below this many the line at least asks.
+_LITTLE = 1 << 31
+
+
+def _is_library_error(error: BaseException) -> bool:
+    # GDAL's own errors live in a private module of rasterio and of pyogrio: known by their name.
+    return isinstance(error, _LIBRARY_ERRORS) or any(
+        kind.__name__ == "CPLE_BaseError" for kind in type(error).__mro__
+    )
+
+
+def _chain(error: BaseException) -> Iterator[BaseException]:
+    seen: set[int] = set()
+    current: BaseException | None = error
+    while current is not None and id(current) not in seen:
+        seen.add(id(current))
+        yield current
+        current = current.__cause__ or current.__context__
+
+
+def _free_bytes(path: Path) -> int | None:
+    for folder in (path, *path.parents):
+        if folder.is_dir():
+            with suppress(OSError):
+                return shutil.disk_usage(folder).free
+    return None
+
+
+def _reason(error: BaseException, path: Path) -> str | None:
+    """Why the disk refused; None where the error does not speak of the disk."""
+    for link in _chain(error):
+        if isinstance(link, OSError) and link.errno in _REASONS:
+            return _REASONS[link.errno]
+        text = str(link).lower()
+        for phrase, reason in _PHRASES.items():
+            if phrase in text:
+                return reason
+    free = _free_bytes(path)
+    if free is not None and free < _NEARLY_NOTHING:
+        return "the disk is full"
+    return None
+
+
+def output_error(error: BaseException, path: Path) -> OutputError:
+    """One clear line for an error that came up while ``path`` was written.
+
+    Parameters
+    ----------
+    error : BaseException
+        What the operating system, GDAL or SQLite raised.
+    path : Path
+        The file or folder that was being written.
+
+    Returns
+    -------
+    OutputError
+    """
+    reason = _reason(error, path)
+    if reason is None:
+        detail = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        reason = " ".join(detail.split()) or type(error).__name__
+        free = _free_bytes(path)
+        if free is not None and free < _LITTLE and _is_library_error(error):
+            # GDAL may say no more than that a transaction failed, and have cleared up by now.
+            reason += f"; is the disk full? {free / 1e6:.1f} MB are free"
+    return OutputError(f"{path}: cannot be written: {reason}")
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Turn trouble with the disk while ``path`` is written into an OutputError that names it.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    OutputError
+        In place of any OSError and any error of rasterio, pyogrio, GDAL or SQLite in the block.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise output_error(error, path) from error
+    except Exception as error:
+        if _is_library_error(error):
+            raise output_error(error, path) from error
+        raise
+
+
+def partial_folder(target: Path) -> Path:
+    """The working folder of a result: beside it, so that a rename can put it in place."""
+    target = Path(os.path.realpath(target))
+    return target.with_name(target.name + ".partial")
+
+
+@contextmanager
+def staged_output(target: Path, overwrite: bool) -> Iterator[Path]:
+    """Give a working folder that becomes ``target`` if the block ends well.
+
+    The working folder is ``<target>.partial``. When the block ends it is renamed to ``target``; an
+    older result is moved aside first and deleted after. When the block fails, what it wrote is
+    deleted, except for a file or folder named ``checkpoint`` (any suffix), which the next run into
+    the same target finds in its working folder.
+
+    Parameters
+    ----------
+    target : Path
+        Folder of the result. Missing parents are made.
+    overwrite : bool
+        Whether a result that is there already may be replaced.
+
+    Yields
+    ------
+    Path
+        The working folder. It holds nothing but a checkpoint, if an earlier run left one.
+
+    Raises
+    ------
+    OutputError
+        If the target exists and must not be replaced, if another run is writing it, or if the
+        disk is full, not writable, or fails.
+    """
+    shown = target
+    target = Path(os.path.realpath(target))
+    work = partial_folder(target)
+    _check_target(target, shown, overwrite)
+    with _open_work(work):
+        try:
+            yield work
+            with writing(work):
+                _flush_to_disk(work)
+        except BaseException as error:
+            _clear(work)
+            if isinstance(error, Exception) and _speaks_of_output(error, work):
+                raise output_error(error, shown) from error
+            raise
+        try:
+            _check_target(target, shown, overwrite)
+            for entry in work.iterdir():
+                if _outlives_failure(entry):
+                    _remove(entry)
+            _swap(work, target)
+        except (OSError, OutputError) as error:
+            # The result is whole: better left where it is than computed again.
+            line = str(output_error(error, shown)) if isinstance(error, OSError) else str(error)
+            raise OutputError(f"{line}; the finished result is in {work}") from error
+
+
+def _check_target(target: Path, shown: Path, overwrite: bool) -> None:
+    with writing(shown):
+        if not os.path.lexists(target):
+            return
+        if not target.is_dir():
+            raise OutputError(f"{shown}: is a file; the result needs a folder")
+        if os.path.ismount(target):
+            raise OutputError(f"{shown}: is the root of a disk; choose a folder within it")
+        if not any(target.iterdir()):
+            return
+        if not overwrite:
+            raise OutputError(
+                f"{shown}: exists and is not empty; choose another folder, or --overwrite"
+            )
+        if not (target / MANIFEST_NAME).is_file():
+            raise OutputError(
+                f"{shown}: is not a result of sassgis (it has no {MANIFEST_NAME}) and is not "
+                "deleted even with --overwrite; choose another folder"
+            )
+
+
+@contextmanager
+def _open_work(work: Path) -> Iterator[None]:
+    """Make, mark and lock the working folder; leave no empty one behind."""
+    with writing(work):
+        if work.is_dir() and any(work.iterdir()) and not (work / MARKER_NAME).is_file():
+            raise OutputError(
+                f"{work}: is in the way: the result is prepared in a folder of this name; "
+                "move it away or delete it"
+            )
+        work.mkdir(parents=True, exist_ok=True)
+        marker = (work / MARKER_NAME).open("a", encoding="utf-8")
+    with marker:
+        _lock(marker, work)
+        _clear(work)
+        try:
+            yield
+        finally:
+            if work.is_dir() and [entry.name for entry in work.iterdir()] == [MARKER_NAME]:
+                _remove(work)
+
+
+def _lock(marker: IO[str], work: Path) -> None:
+    if not _LOCKS:  # pragma: no cover
+        return
+    try:
+        fcntl.flock(marker, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise OutputError(f"{work}: another run is writing this result") from error
+    except OSError:
+        # Some network disks know no locks; a run must not fail for that.
+        return
+
+
+def _outlives_failure(entry: Path) -> bool:
+    return entry.name == MARKER_NAME or entry.name.split(".")[0] == CHECKPOINT_STEM
+
+
+def _clear(work: Path) -> None:
+    """Delete what is half written; the checkpoint and the marker stay."""
+    for entry in list(work.iterdir()) if work.is_dir() else ():
+        if not _outlives_failure(entry):
+            _remove(entry)
+
+
+def _remove(entry: Path) -> None:
+    if entry.is_dir() and not entry.is_symlink():
+        shutil.rmtree(entry, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            entry.unlink()
+
+
+def _flush_to_disk(work: Path) -> None:
+    """Wait for the disk: some file systems report only now that they are full."""
+    # Windows flushes only what is open for writing.
+    mode = os.O_RDONLY if os.name == "posix" else os.O_RDWR
+    for folder, _, names in os.walk(work):
+        for name in names:
+            descriptor = os.open(Path(folder) / name, mode)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+
+
+def _swap(work: Path, target: Path) -> None:
+    """Rename ``work`` to ``target``; what was there is deleted after, or put back on failure."""
+    if not target.is_dir():
+        os.rename(work, target)
+        return
+    # Never a name in use: it could be the user's own, or what a run that was killed left here.
+    names = (target.with_name(f"{target.name}.replaced{n or ''}") for n in count())
+    aside = next(name for name in names if not os.path.lexists(name))
+    os.rename(target, aside)
+    try:
+        os.rename(work, target)
+    except OSError:
+        os.rename(aside, target)
+        raise
+    _remove(aside)
+
+
+def _speaks_of_output(error: Exception, work: Path) -> bool:
+    """Whether an error that escaped the block is about writing, not about some input."""
+    if isinstance(error, SassgisError):
+        return False
+    if isinstance(error, OSError):
+        if error.filename is not None:
+            return Path(os.path.realpath(os.fsdecode(error.filename))).is_relative_to(work)
+        return error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+    return _is_library_error(error) and (
+        str(work) in str(error) or _reason(error, work) is not None
+    )

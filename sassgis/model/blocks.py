@@ -1,0 +1,149 @@
+"""Block populations: what is drawn at random for each rock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPopulation:
+    """Limits between which each rock is drawn, all uniform and independent.
+
+    Attributes
+    ----------
+    name : str
+        Name of the block scenario.
+    axis_1_m, axis_2_m, axis_3_m : (low, high)
+        Limits of the three *semi*-axes (m). After the draw they are sorted a >= b >= c.
+    density_kgm3 : (low, high)
+    speed_mps : (low, high)
+        Initial speed along the slope, positive downhill.
+    spin_radps : (low, high)
+        Initial spin, positive as a rock that rolls downhill.
+    drop_m : (low, high)
+        Height above the resting position from which the rock is let go.
+    orientation_rad : (low, high)
+        Angle of the major axis to the slope.
+    volume_m3 : (low, high), optional
+        Limits of the volume (m³). Where they are given, the axes are relative: they set the shape,
+        the volume the size.
+    volume_exponent : float, optional
+        b of the power law N(V > v) ~ v^-b from which volumes are drawn between their limits;
+        without it all volumes between them are equally likely.
+    """
+
+    name: str = "block"
+    axis_1_m: Range = (0.5, 0.5)
+    axis_2_m: Range = (0.4, 0.4)
+    axis_3_m: Range = (0.3, 0.3)
+    density_kgm3: Range = (2700.0, 2700.0)
+    speed_mps: Range = (0.0, 0.0)
+    spin_radps: Range = (0.0, 0.0)
+    drop_m: Range = (0.0, 0.0)
+    orientation_rad: Range = (0.0, float(np.pi))
+    volume_m3: Range | None = None
+    volume_exponent: float | None = None
+
+    def __post_init__(self) -> None:
+        positive: tuple[str, ...] = ("axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3")
+        others: tuple[str, ...] = ("speed_mps", "spin_radps", "drop_m", "orientation_rad")
+        if self.volume_m3 is not None:
+            positive = (*positive, "volume_m3")
+        for field in (*positive, *others):
+            low, high = getattr(self, field)
+            if not (np.isfinite(low) and np.isfinite(high)):
+                raise InputError(
+                    f"blocks {self.name!r}: limits must be numbers", field=field, found=(low, high)
+                )
+            if low > high:
+                raise InputError(
+                    f"blocks {self.name!r}: limits are reversed",
+                    field=field,
+                    found=f"[{low:g}, {high:g}]",
+                    expected="[low, high]",
+                )
+            if field in positive and low <= 0.0:
+                raise InputError(
+                    f"blocks {self.name!r}: must be above zero",
+                    field=field,
+                    found=f"[{low:g}, {high:g}]",
+                    expected="two positive numbers, low first",
+                )
+        if self.drop_m[0] < 0.0 or self.speed_mps[0] < 0.0:
+            raise InputError(
+                f"blocks {self.name!r}: drop and speed cannot be negative",
+                field="drop_m" if self.drop_m[0] < 0.0 else "speed_mps",
+                expected="zero or more",
+            )
+        if self.volume_exponent is not None and self.volume_m3 is None:
+            raise InputError(
+                f"blocks {self.name!r}: has no volumes to go with",
+                field="volume_exponent",
+                found=self.volume_exponent,
+                expected="volume_m3 as well",
+            )
+
+    def array(self) -> FloatArray:
+        """Limits as the kernel reads them: float64, shape (10, 2), ordered as the attributes.
+
+        No volume stands as zeros, no exponent as NaN.
+        """
+        exponent = np.nan if self.volume_exponent is None else self.volume_exponent
+        return np.array(
+            [
+                self.axis_1_m,
+                self.axis_2_m,
+                self.axis_3_m,
+                self.density_kgm3,
+                self.speed_mps,
+                self.spin_radps,
+                self.drop_m,
+                self.orientation_rad,
+                self.volume_m3 or (0.0, 0.0),
+                (exponent, exponent),
+            ],
+            dtype=np.float64,
+        )
+
+    @property
+    def largest_mass_kg(self) -> float:
+        """Mass of the heaviest rock that can be drawn (kg)."""
+        return self.largest_volume_m3 * self.density_kgm3[1]
+
+    @property
+    def largest_volume_m3(self) -> float:
+        """Volume of the largest rock that can be drawn (m³)."""
+        if self.volume_m3 is not None:
+            return self.volume_m3[1]
+        axes = self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
+        return 4.0 / 3.0 * float(np.pi) * axes
+
+    @property
+    def mean_width_m(self) -> float:
+        """Twice the mean semi-axis (m): how wide a strip a typical rock sweeps."""
+        axes = [0.5 * sum(limits) for limits in (self.axis_1_m, self.axis_2_m, self.axis_3_m)]
+        if self.volume_m3 is None:
+            return 2.0 * sum(axes) / 3.0
+        sphere = 4.0 / 3.0 * np.pi * axes[0] * axes[1] * axes[2]
+        return 2.0 * self._mean_root_volume_m / float(np.cbrt(sphere)) * sum(axes) / 3.0
+
+    @property
+    def _mean_root_volume_m(self) -> float:
+        """Mean of the cube root of the volume (m): lengths go with it, not with the volume."""
+        assert self.volume_m3 is not None
+        low, high = self.volume_m3
+        if high <= low:
+            return float(np.cbrt(low))
+        # Mean with the density ~ v^(-b-1) between the limits, b = -1 where all are equally likely.
+        b = -1.0 if self.volume_exponent is None else self.volume_exponent
+        v = np.linspace(np.log(low), np.log(high), 2001)
+        weight = np.exp(-b * (v - v[0]))
+        weight[[0, -1]] *= 0.5
+        return float((weight * np.exp(v / 3.0)).sum() / weight.sum())

@@ -1,0 +1,115 @@
+"""Ground classes: the parameters of Bozzolo and Pamini (1986) by kind of ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class GroundClass:
+    """One kind of ground.
+
+    Attributes
+    ----------
+    name : str
+    eta_max : float
+        Largest share of the kinetic energy kept in an impact, 0 to 1 (equation 7).
+    dp_min, dp_max : float
+        Limits of the relative slope variation Δp/p met at an impact (Table 1).
+    mu_f : float
+        Sliding friction (equation 1).
+    mu_0, k, d_star_m : float
+        Rolling friction μ_r = μ_0 + k d*/d (equation 2); d*: diameter of the ground's blocks (m).
+    source : str
+        Where the values come from.
+    verified : bool
+        Whether every value was read in the source that is named.
+    """
+
+    name: str
+    eta_max: float
+    dp_min: float
+    dp_max: float
+    mu_f: float
+    mu_0: float
+    k: float
+    d_star_m: float
+    source: str = ""
+    verified: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise InputError where a value is outside what the model can take."""
+        limits = {
+            "eta_max": (0.0, 1.0),
+            "dp_min": (0.0, 1.0),
+            "dp_max": (0.0, 1.0),
+            "mu_f": (0.0, 10.0),
+            "mu_0": (0.0, 10.0),
+            "k": (0.0, 10.0),
+            "d_star_m": (0.0, 100.0),
+        }
+        for field, (low, high) in limits.items():
+            value = getattr(self, field)
+            if not (np.isfinite(value) and low <= value <= high):
+                raise InputError(
+                    f"ground class {self.name!r} cannot be used",
+                    field=field,
+                    found=value,
+                    expected=f"a number from {low:g} to {high:g}",
+                )
+        if self.dp_min > self.dp_max:
+            raise InputError(
+                f"ground class {self.name!r} cannot be used",
+                field="dp_min",
+                found=f"dp_min {self.dp_min:g} above dp_max {self.dp_max:g}",
+                expected="dp_min <= dp_max",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTable:
+    """The ground classes of a run; a class is referred to by its position here."""
+
+    classes: tuple[GroundClass, ...]
+
+    def __post_init__(self) -> None:
+        names = [c.name for c in self.classes]
+        if not names:
+            raise InputError("no ground class is defined", expected="at least one")
+        doubled = sorted({n for n in names if names.count(n) > 1})
+        if doubled:
+            raise InputError("ground classes are defined twice", found=", ".join(doubled))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(c.name for c in self.classes)
+
+    def index(self, name: str) -> int:
+        """Position of a class; InputError if there is none of that name."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise InputError(
+                "unknown ground class", found=repr(name), expected="one of " + ", ".join(self.names)
+            ) from None
+
+    def array(self) -> FloatArray:
+        """The parameters as the kernel reads them.
+
+        Returns
+        -------
+        float64, shape (n_classes, 7)
+            Columns eta_max, dp_min, dp_max, mu_f, mu_0, k, d_star_m.
+        """
+        return np.array(
+            [
+                [c.eta_max, c.dp_min, c.dp_max, c.mu_f, c.mu_0, c.k, c.d_star_m]
+                for c in self.classes
+            ],
+            dtype=np.float64,
+        )

@@ -1,0 +1,52 @@
+"""The one decorator for compiled code.
+
+numba's on-disk cache looks only at the file that holds the function: after an edit in a callee that
+lives in another file it would serve stale machine code. The cache therefore lives in a folder named
+after the contents of every compiled module, so that an edit anywhere starts a fresh one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+_COMPILED_ROOMS = ("model", "engine", "terrain", "hazard", "gap/residuals", "gap/check/worlds")
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _cache_folder() -> Path:
+    """Folder of the machine code that belongs to the sources as they stand."""
+    digest = hashlib.sha256()
+    for room in _COMPILED_ROOMS:
+        for path in sorted((_PACKAGE / room).rglob("*.py")):
+            digest.update(path.name.encode())
+            digest.update(path.read_bytes())
+    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "sassgis"
+    base = Path(os.environ.get("SASSGIS_CACHE_DIR", default))
+    folder = base / digest.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError:
+        return Path(tempfile.gettempdir()) / "sassgis" / digest.hexdigest()[:16]
+    return folder
+
+
+def kernel(function: F) -> F:
+    """Compile a function with numba: cached, without the GIL, IEEE division."""
+    import numba
+
+    if not os.environ.get("NUMBA_CACHE_DIR"):
+        os.environ["NUMBA_CACHE_DIR"] = str(_cache_folder())
+        # A sixth less time to compile than at numba's own level, for code that is no slower.
+        os.environ.setdefault("NUMBA_OPT", "2")
+        numba.config.reload_config()  # type: ignore[no-untyped-call]
+    compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy")(function)  # type: ignore[assignment]
+    return compiled

@@ -1,0 +1,342 @@
+"""How layers look in QGIS: one description, used in every place that QGIS reads.
+
+The XML made of it (``raster_style``, ``vector_style``) goes into the ``.qml`` beside a raster, the
+``layer_styles`` table of the GeoPackage and the project, so that a layer looks the same wherever it
+is opened from. It is the format of QGIS 3.22; later versions read it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Literal
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import to_hex, to_rgb
+
+from sassgis.model.results import RasterClass
+
+#: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
+HILLSHADE = "hillshade"
+#: Maps over the shaded relief let a little of it through.
+RASTER_OPACITY = 0.85
+
+SymbolKind = Literal["marker", "line", "fill"]
+Hatch = Literal["", "diagonal", "horizontal", "falling"]
+
+
+@dataclass(frozen=True, slots=True)
+class FieldInfo:
+    """What a column means.
+
+    Attributes
+    ----------
+    alias : str
+        Name shown to the reader, without the unit.
+    unit : str
+        Empty for none.
+    description : str
+    """
+
+    alias: str
+    unit: str = ""
+    description: str = ""
+
+    @property
+    def label(self) -> str:
+        """Alias with its unit, as the attribute table and the form show it."""
+        return f"{self.alias} ({self.unit})" if self.unit else self.alias
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """A drawn sign: a marker, a line or a filled area.
+
+    Attributes
+    ----------
+    kind : {"marker", "line", "fill"}
+    colour : str
+        ``#rrggbb`` of the marker, line or filling.
+    opacity : float
+        Of the filling or line, 0 to 1; outlines are opaque.
+    size_mm : float
+        Diameter of a marker or width of a line.
+    outline : str
+        ``#rrggbb``; empty for none. Markers and fills only.
+    outline_mm : float
+    shape : str
+        Of a marker: QGIS's name ("circle", "square", "triangle", "diamond", "star", ...).
+    dash : {"solid", "dash", "dot"}
+        Of a line.
+    hatch : {"", "diagonal", "horizontal", "falling"}
+        Hatch lines in place of the solid filling: rising to the right, level, falling.
+    hatch_mm, hatch_step_mm : float
+        Width of the hatch lines, and from one to the next.
+    ground : str
+        ``#rrggbb`` between the hatch lines, as opaque as they; empty for nothing.
+    """
+
+    kind: SymbolKind
+    colour: str
+    opacity: float = 1.0
+    size_mm: float = 2.0
+    outline: str = ""
+    outline_mm: float = 0.2
+    shape: str = "circle"
+    dash: Literal["solid", "dash", "dot"] = "solid"
+    hatch: Hatch = ""
+    hatch_mm: float = 0.3
+    hatch_step_mm: float = 2.0
+    ground: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StyleClass:
+    """One entry of a legend.
+
+    Attributes
+    ----------
+    label : str
+    symbol : Symbol
+    value : str or int or None
+        Of a category; None is for all other values.
+    lower, upper : float
+        Of a range: lower <= value < upper.
+    """
+
+    label: str
+    symbol: Symbol
+    value: str | int | None = None
+    lower: float = -math.inf
+    upper: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class VectorStyle:
+    """How the features of a layer are drawn.
+
+    Attributes
+    ----------
+    symbol : Symbol
+        Used as it is by a simple style; gives the kind of geometry in every style.
+    method : {"simple", "categories", "ranges"}
+    column : str
+        Whose values choose the class.
+    classes : tuple of StyleClass
+        Ranges ascending.
+    label_column : str
+        Whose text is written beside the feature; empty for none.
+    """
+
+    symbol: Symbol
+    method: Literal["simple", "categories", "ranges"] = "simple"
+    column: str = ""
+    classes: tuple[StyleClass, ...] = field(default=())
+    label_column: str = ""
+
+    def __post_init__(self) -> None:
+        if (self.method == "simple") != (not self.classes):
+            raise ValueError("classes are for the methods 'categories' and 'ranges', and needed")
+        if self.classes and not self.column:
+            raise ValueError("classes need the column that chooses them")
+        if any(entry.symbol.kind != self.symbol.kind for entry in self.classes):
+            raise ValueError("all symbols of a style are of one kind")
+
+
+# --- classes and colours ---------------------------------------------------------------------
+
+
+def class_limits(breaks: Sequence[float]) -> list[tuple[float, float]]:
+    """Lower and upper limits of the classes that ascending ``breaks`` make.
+
+    The limits belong to the class above: lower <= value < upper. The first class is open below,
+    the last above. A first break of zero opens no class below itself, as nothing that is mapped
+    is negative.
+
+    Parameters
+    ----------
+    breaks : sequence of float
+        Strictly ascending, not empty.
+
+    Returns
+    -------
+    list of (lower, upper)
+
+    Raises
+    ------
+    ValueError
+        If the breaks do not ascend or there are none.
+    """
+    if not breaks or any(not low < high for low, high in pairwise(breaks)):
+        raise ValueError(f"class limits must ascend: {tuple(breaks)}")
+    edges = [*breaks, math.inf] if breaks[0] == 0 else [-math.inf, *breaks, math.inf]
+    return list(pairwise(float(edge) for edge in edges))
+
+
+def class_labels(breaks: Sequence[float], unit: str) -> list[str]:
+    """Legend texts of the classes of :func:`class_limits`, with the unit."""
+    return [_range_label(low, high, unit) for low, high in class_limits(breaks)]
+
+
+def class_colours(breaks: Sequence[float], ramp: str) -> list[str]:
+    """Colours (``#rrggbb``) of the classes of :func:`class_limits`.
+
+    The classes are spread over the ramp from end to end, the one below the first break included
+    even where zero as the first break leaves it out: so the palest end of a ramp can be avoided.
+
+    Raises
+    ------
+    ValueError
+        If the breaks do not ascend or matplotlib does not know the ramp.
+    """
+    return ramp_colours(ramp, len(breaks) + 1)[-len(class_limits(breaks)) :]
+
+
+def ramp_colours(ramp: str, count: int) -> list[str]:
+    """Colours (``#rrggbb``) evenly along a colour map of matplotlib.
+
+    Raises
+    ------
+    ValueError
+        If matplotlib does not know the ramp.
+    """
+    try:
+        colours = matplotlib.colormaps[ramp]
+    except KeyError as error:
+        raise ValueError(f"matplotlib has no colour map named {ramp!r}") from error
+    return [to_hex(colours(float(place))) for place in np.linspace(0.0, 1.0, count)]
+
+
+def class_tint(entry: RasterClass) -> str:
+    """Colour (``#rrggbb``) of a class on a raster, where no lines can be drawn.
+
+    A hatched class is as pale as its colour and white in equal parts: what a hatch looks like from
+    afar.
+    """
+    if not entry.hatched:
+        return to_hex(entry.colour)
+    red, green, blue = to_rgb(entry.colour)
+    return to_hex(((1.0 + red) / 2.0, (1.0 + green) / 2.0, (1.0 + blue) / 2.0))
+
+
+def class_name(entry: RasterClass) -> str:
+    """Legend text of a class on a raster; it says where a pale tint stands for a hatch."""
+    return f"{entry.label} (pale)" if entry.hatched else entry.label
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A text with its unit, if there is one to tell."""
+    return f"{text} {unit}" if unit and unit != "1" else text
+
+
+def _range_label(low: float, high: float, unit: str) -> str:
+    if math.isinf(low):
+        return with_unit(f"< {high:g}", unit)
+    if math.isinf(high):
+        return with_unit(f"≥ {low:g}", unit)
+    return with_unit(f"{low:g} – {high:g}", unit)
+
+
+def zero_is_nothing(unit: str) -> bool:
+    """Whether a value of 0 in this unit stays clear on the map.
+
+    A passing height of 0 m is a rock that rolls; a count, probability or energy of 0 is no rock.
+    """
+    return unit != "m"
+
+
+# --- ready styles ----------------------------------------------------------------------------
+
+
+def categorised_style(
+    symbol: Symbol, column: str, entries: Mapping[str | int, tuple[str, str]]
+) -> VectorStyle:
+    """One colour per value.
+
+    Parameters
+    ----------
+    symbol : Symbol
+        Its colour is replaced by that of each entry.
+    column : str
+    entries : mapping of value to (label, ``#rrggbb``)
+
+    Returns
+    -------
+    VectorStyle
+    """
+    return VectorStyle(
+        symbol=symbol,
+        method="categories",
+        column=column,
+        classes=tuple(
+            StyleClass(label, replace(symbol, colour=colour), value=value)
+            for value, (label, colour) in entries.items()
+        ),
+    )
+
+
+def graduated_style(
+    symbol: Symbol, column: str, breaks: Sequence[float], unit: str, ramp: str
+) -> VectorStyle:
+    """One colour per range of a number, with the same limits and colours as a map's classes.
+
+    Parameters
+    ----------
+    symbol : Symbol
+        Its colour is replaced by that of each range.
+    column : str
+    breaks : sequence of float
+    unit : str
+    ramp : str
+        Name of a matplotlib colour map.
+
+    Returns
+    -------
+    VectorStyle
+    """
+    limits = class_limits(breaks)
+    return VectorStyle(
+        symbol=symbol,
+        method="ranges",
+        column=column,
+        classes=tuple(
+            StyleClass(label, replace(symbol, colour=colour), lower=low, upper=high)
+            for (low, high), label, colour in zip(
+                limits, class_labels(breaks, unit), class_colours(breaks, ramp), strict=True
+            )
+        ),
+    )
+
+
+RELEASE_AREA_STYLE = VectorStyle(
+    # No filling: it would tint the zones under it.
+    Symbol("fill", "#6a3d9a", opacity=0.0, outline="#4a1486", outline_mm=0.5),
+    label_column="name",
+)
+RELEASE_POINT_STYLE = VectorStyle(
+    Symbol("marker", "#6a3d9a", size_mm=1.6, outline="#ffffff", outline_mm=0.15, shape="triangle")
+)
+FALL_LINE_STYLE = VectorStyle(Symbol("line", "#404040", opacity=0.7, size_mm=0.2))
+STOP_STYLE = VectorStyle(
+    Symbol("marker", "#1a1a1a", opacity=0.8, size_mm=1.2, outline="#ffffff", outline_mm=0.1)
+)
+STATION_STYLE = VectorStyle(
+    Symbol("line", "#08519c", size_mm=0.5, dash="dash"), label_column="name"
+)
+_WALL = Symbol("line", "#00441b", size_mm=1.2)
+BARRIER_STYLE = VectorStyle(
+    _WALL,
+    "categories",
+    "kind",
+    (
+        StyleClass("wall", _WALL, value="wall"),
+        StyleClass("net", replace(_WALL, dash="dot"), value="net"),
+    ),
+    label_column="name",
+)
+FOOTPRINT_STYLE = VectorStyle(
+    Symbol("fill", "#e31a1c", opacity=0.4, outline="#b10026", outline_mm=0.1)
+)

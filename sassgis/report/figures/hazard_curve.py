@@ -1,0 +1,287 @@
+"""The hazard curve of a place over the fields of the matrix that it crosses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FuncFormatter, NullLocator
+
+from sassgis.hazard.curves import rate_interval, return_period
+from sassgis.hazard.levels import deciding_energy, hazard_level
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray
+from sassgis.model.hazard import HazardCurves, HazardPreset
+from sassgis.report.figures.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    SMALL,
+    TITLE,
+    VERMILION,
+    WIDTH_IN,
+    lines_in,
+    new_figure,
+    power_of_ten,
+    styled,
+    thousands,
+    wrap,
+)
+
+#: Sources with a curve of their own; the others go together.
+MAX_SOURCES = 6
+_COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+_DASHES = ((0, (5, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1)), (0, (8, 2)), "-")
+_FIELD_ALPHA = 0.38
+_HALO = [withStroke(linewidth=2.0, foreground="white")]
+
+
+def _one_place(curves: HazardCurves, row: int) -> HazardCurves:
+    if not 0 <= row < curves.places.size:
+        raise InputError(
+            "there is no such hazard curve", found=row, expected=f"0 to {curves.places.size - 1}"
+        )
+    own = slice(row, row + 1)
+    return replace(
+        curves,
+        places=curves.places[own],
+        rate=curves.rate[own],
+        variance=curves.variance[own],
+        rate_of_a_rock=curves.rate_of_a_rock[own],
+    )
+
+
+def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """The sources from which most rocks come, and the sum of the others.
+
+    Parameters
+    ----------
+    by_source : mapping of str to float, shape (n_energies,)
+
+    Returns
+    -------
+    dict of str to float64
+        At most ``MAX_SOURCES``; those without a rock are left out.
+    """
+    coming = {name: np.asarray(r, float) for name, r in by_source.items() if np.any(r > 0.0)}
+    names = sorted(coming, key=lambda name: -coming[name][0])
+    if len(names) <= MAX_SOURCES:
+        return {name: coming[name] for name in names}
+    out = {name: coming[name] for name in names[: MAX_SOURCES - 1]}
+    rest = names[MAX_SOURCES - 1 :]
+    out[f"{len(rest)} other sources"] = np.sum([coming[name] for name in rest], axis=0)
+    return out
+
+
+def _draw_matrix(ax: Axes, preset: HazardPreset, energy: tuple[float, float]) -> None:
+    """Fill the fields of the matrix with their level, and name it in each."""
+    low, high = ax.get_ylim()
+    limits = [max(e, energy[0]) for e in preset.thresholds_kj]
+    spans = list(pairwise([*limits, energy[1]]))
+    # From rare to frequent along the rates; a limit belongs to the more frequent class.
+    rates = [low, *sorted(1.0 / t for t in preset.return_periods), high]
+    bands = list(pairwise(rates))[::-1]
+    for (left, right), row in zip(spans, preset.matrix, strict=True):
+        for (bottom, top), place in zip(bands, row, strict=True):
+            level = preset.levels[place]
+            bottom, top = max(bottom, low), min(top, high)
+            if top <= bottom or right <= left:
+                continue
+            x, y = [left, right], [bottom, top]
+            # A hatched level is striped on white, as on maps.
+            field = ax.fill_between(
+                x, y[0], y[1], facecolor="white" if level.hatched else level.colour,
+                alpha=_FIELD_ALPHA if not level.hatched else None, lw=0.0, zorder=0.5,
+                gid=f"field-{level.code}",
+            )  # fmt: skip
+            if level.hatched:
+                field.set_hatch("/////")
+                field.set_edgecolor(level.colour)
+            ax.add_patch(_frame(left, right, bottom, top))
+            if np.log(top / bottom) > 0.06 * np.log(high / low):
+                ax.text(
+                    np.sqrt(left * right), np.sqrt(bottom * top), level.label, size=SMALL,
+                    color=GREY, ha="center", va="center", path_effects=_HALO, zorder=1.5,
+                )  # fmt: skip
+
+
+def _frame(left: float, right: float, bottom: float, top: float) -> Rectangle:
+    return Rectangle(
+        (left, bottom), right - left, top - bottom, fc="none", ec="white", lw=1.0, zorder=0.6
+    )
+
+
+def _rate_limits(rates: FloatArray, preset: HazardPreset) -> tuple[float, float]:
+    """Whole powers of ten around the rates that are shown and the limits of the matrix."""
+    known = rates[np.isfinite(rates) & (rates > 0.0)]
+    limits = [1.0 / t for t in preset.return_periods]
+    low = min([0.3 * limits[-1], *limits, *known])
+    high = max([3.0 * limits[0], *limits, *known])
+    # Rates far below the last limit tell nothing more of the level.
+    low = max(low, 1e-4 * limits[-1])
+    return 10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(1.2 * high))
+
+
+@styled
+def hazard_curve_figure(
+    curves: HazardCurves,
+    row: int,
+    preset: HazardPreset,
+    *,
+    by_source: Mapping[str, FloatArray] | None = None,
+    confidence: float = 0.95,
+    title: str = "Hazard curve",
+    note: str = "",
+) -> Figure:
+    """Draw how often rocks come to a place with at least some energy.
+
+    Over the fields of the preset's matrix, whose worst field on the curve is the level.
+
+    Parameters
+    ----------
+    curves : HazardCurves
+        With the thresholds of the preset among its energies.
+    row : int
+        Position of the place in the curves.
+    preset : HazardPreset
+    by_source : mapping of str to float, shape (n_energies,), optional
+        Rate (1/year) of each source at the place; of more than ``MAX_SOURCES``, those from which
+        fewest rocks come are drawn together.
+    confidence : float
+        Of the band around the sum.
+    title, note : str
+
+    Raises
+    ------
+    InputError
+        There is no such place, or a source has another number of energies.
+    """
+    one = _one_place(curves, row)
+    energies = one.energies_kj
+    sources = leading_sources(by_source or {})
+    for name, rates in sources.items():
+        if rates.shape != energies.shape:
+            raise InputError(
+                f"the curve of source {name!r} does not fit the energies",
+                found=f"{rates.size} rates",
+                expected=f"{energies.size}",
+            )
+    total = one.rate[0]
+    lower, upper = (limit[0] for limit in rate_interval(one, confidence))
+    level = int(hazard_level(one, preset)[0])
+    notes = [_level_words(one, preset, level)]
+    if np.isnan(lower[total > 0.0]).any():
+        notes.append("The sample cannot tell the error of the rates.")
+    notes.append(note)
+    below = wrap(" ".join(n for n in notes if n), WIDTH_IN - 0.5)
+    heading = wrap(title, WIDTH_IN - 0.5, TITLE)
+
+    head, foot, legend_h = (
+        0.12 + 0.18 * lines_in(heading) + 0.06,
+        0.42 + 0.135 * lines_in(below) + 0.1,
+        0.2 + 0.17 * ((len(sources) + 2) // 2),
+    )
+    plot_h = 3.6
+    height = head + plot_h + foot + legend_h
+    figure = new_figure(WIDTH_IN, height, constrained=False)
+    ax = figure.add_axes(
+        (0.72 / WIDTH_IN, (foot + legend_h) / height, (WIDTH_IN - 1.5) / WIDTH_IN, plot_h / height)
+    )
+    ax.set_label("curve")
+    first = float(energies[1]) if energies.size > 1 else 1.0
+    second = preset.thresholds_kj[1] if len(preset.thresholds_kj) > 1 else first
+    left = min(first, second / 10.0) / 2.0
+    right = 2.0 * max(float(energies[-1]), 2.0 * preset.thresholds_kj[-1])
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlim(left, right)
+    ax.set_ylim(*_rate_limits(np.concatenate([total, upper]), preset))
+    ax.grid(False)
+    _draw_matrix(ax, preset, (left, right))
+
+    # The rate of all rocks stands at the left edge: 0 kJ has no place on the axis.
+    at = np.maximum(energies, left)
+
+    def shown(rates: FloatArray) -> FloatArray:
+        return np.where(rates > 0.0, rates, np.nan)
+
+    if np.isfinite(lower).any():
+        ax.fill_between(
+            at, np.maximum(np.nan_to_num(lower), 1e-300), np.nan_to_num(upper, nan=0.0),
+            where=np.isfinite(lower) & (upper > 0.0), color=INK, alpha=0.2, lw=0.0, zorder=3,
+            label=f"{100.0 * confidence:g} % interval of the sample", gid="band",
+        )  # fmt: skip
+    for (name, rates), colour, dashes in zip(sources.items(), _COLOURS, _DASHES, strict=False):
+        ax.plot(
+            at, shown(rates), color=colour, ls=dashes, lw=1.3, label=name, zorder=4,
+            gid=f"source-{name}",
+        )  # fmt: skip
+    ax.plot(at, shown(total), color=INK, lw=1.8, label="all sources", zorder=5, gid="total")
+    columns = [one.column(e) for e in preset.thresholds_kj]
+    ax.plot(
+        at[columns], shown(total)[columns], "o", ms=4.5, mfc="white", mec=INK, mew=1.2, zorder=6,
+        clip_on=False, gid="thresholds",
+    )  # fmt: skip
+    _label_axes(ax, preset)
+    ax.legend(
+        loc="upper left", bbox_to_anchor=(0.0, -0.42 / plot_h), ncols=2, borderaxespad=0.0,
+        handlelength=3.2, columnspacing=1.6,
+    )  # fmt: skip
+    figure.text(
+        0.25 / WIDTH_IN, 1.0 - 0.1 / height, heading, size=TITLE, weight="bold", va="top",
+        gid="title",
+    )  # fmt: skip
+    figure.text(
+        0.25 / WIDTH_IN, (foot - 0.38) / height, below, size=SMALL, color=GREY, va="top", gid="note"
+    )
+    return figure
+
+
+def _level_words(one: HazardCurves, preset: HazardPreset, level: int) -> str:
+    """The level of the place and what decides it."""
+    if not level:
+        return "No rock comes here."
+    energy = float(one.energies_kj[int(deciding_energy(one, preset)[0])])
+    years = float(return_period(one.rate[0, one.column(energy)]))
+    rocks = f"rocks of {energy:g} kJ and more" if energy > 0.0 else "rocks of any energy"
+    mean = thousands(years, 0 if years >= 10.0 else 1)
+    return (
+        f"Level: {preset.levels[level - 1].label}, by {rocks}, once in {mean} years. "
+        "Circles: lower limits of the classes of intensity, which decide; the first, all rocks, at "
+        "the left edge."
+    )
+
+
+def _label_axes(ax: Axes, preset: HazardPreset) -> None:
+    ax.set_xlabel("kinetic energy, translation and rotation (kJ)")
+    ax.set_ylabel("frequency of reaching it or more (1/year)")
+    ax.xaxis.set_major_formatter(FuncFormatter(_plain))
+    ax.yaxis.set_major_formatter(FuncFormatter(_plain))
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_minor_locator(NullLocator())
+    right = ax.twinx()
+    right.set_label("return period")
+    right.set_yscale("log")
+    right.set_ylim(*ax.get_ylim())
+    right.grid(False)
+    right.set_yticks([1.0 / t for t in preset.return_periods])
+    right.set_yticklabels([f"{t:g}" for t in preset.return_periods])
+    right.yaxis.set_minor_locator(NullLocator())
+    right.set_ylabel("limits of return period (years)")
+    right.spines["right"].set_visible(True)
+
+
+def _plain(value: float, _: object = None) -> str:
+    if value >= 1.0:
+        return thousands(value)
+    return f"{value:.3g}" if value >= 0.01 else power_of_ten(round(np.log10(value)))

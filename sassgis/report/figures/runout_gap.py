@@ -1,0 +1,252 @@
+"""Observed against predicted run-out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.report.figures import relief
+from sassgis.report.figures.map_figure import draw_release, footprint
+from sassgis.report.figures.style import (
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    SMALL,
+    TEXT,
+    TITLE,
+    WIDTH_IN,
+    count,
+    new_figure,
+    nothing_to_show,
+    percent_formatter,
+    styled,
+    thousands,
+    thousands_formatter,
+    wrap,
+)
+
+#: Shares of the rocks listed beside the curves.
+SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+_MAX_POINTS = 4000
+
+
+def _number(value: float, decimals: int, signed: bool = False) -> str:
+    """Write metres; a dash where there is no number."""
+    if not np.isfinite(value):
+        return "–"
+    text = thousands(value, decimals)
+    return f"+{text}" if signed and value > 0.0 else text
+
+
+def quantile_rows(observed: FloatArray, predicted: FloatArray) -> list[tuple[str, str, str, str]]:
+    """Rows of the table: share, observed, predicted, predicted less observed (m)."""
+    rows = []
+    longest = max((float(np.abs(v).max()) for v in (observed, predicted) if v.size), default=0.0)
+    decimals = 1 if longest < 100.0 else 0
+    for share in SHARES:
+        seen, made = (
+            float(np.quantile(v, share)) if v.size else float("nan") for v in (observed, predicted)
+        )
+        label = "median" if share == 0.5 else f"{100.0 * share:g} %"
+        rows.append(
+            (
+                label,
+                _number(seen, decimals),
+                _number(made, decimals),
+                _number(made - seen, decimals, signed=True),
+            )
+        )
+    return rows
+
+
+def _known(values: FloatArray, columns: int) -> FloatArray:
+    """Rows without missing numbers."""
+    array = np.asarray(values, float).reshape((-1,) if columns == 1 else (-1, columns))
+    known: FloatArray = array[
+        np.isfinite(array) if columns == 1 else np.isfinite(array).all(axis=1)
+    ]
+    return known
+
+
+def _draw_curves(ax: Axes, observed: FloatArray, predicted: FloatArray) -> None:
+    """Draw the two empirical distributions, named at the curves."""
+    ax.set_xlabel("run-out (m)")
+    ax.set_ylabel("rocks that stop before")
+    if not (observed.size or predicted.size):
+        nothing_to_show(ax)
+        return
+    for name, values, colour in (
+        ("predicted", predicted, BLUE),
+        ("observed", observed, INK),
+    ):
+        if not values.size:
+            continue
+        x = np.sort(values)
+        ax.step(
+            np.concatenate([[x[0]], x]),
+            100.0 * np.concatenate([[0.0], np.arange(1, x.size + 1) / x.size]),
+            where="post",
+            color=colour,
+            lw=1.5,
+            ls="-" if name == "observed" else (0, (4, 1.6)),
+            gid=name,
+            label=name,
+        )
+    ax.legend(loc="best", handlelength=2.2)
+    ax.set_ylim(0.0, 103.0)
+    ax.yaxis.set_major_formatter(percent_formatter())
+    ax.xaxis.set_major_formatter(thousands_formatter())
+
+
+def _draw_table(ax: Axes, rows: Sequence[tuple[str, str, str, str]]) -> None:
+    """Write the quantiles as plain text columns."""
+    ax.axis("off")
+    ax.set_xlim(0.0, 1.0)
+    ax.set_ylim(0.0, 1.0)
+    heads = ("share", "observed\n(m)", "predicted\n(m)", "difference\n(m)")
+    right = (0.2, 0.46, 0.73, 1.0)
+    step = 1.0 / (len(rows) + 2.0)
+    for head, x in zip(heads, right, strict=True):
+        ax.text(x, 1.0, head, size=SMALL, color=GREY, ha="right", va="top")
+    ax.plot([0.0, 1.0], [1.0 - 1.75 * step] * 2, color=GREY, lw=0.6)
+    for i, row in enumerate(rows):
+        for text, x in zip(row, right, strict=True):
+            ax.text(x, 1.0 - (2.35 + i) * step, text, size=TEXT, ha="right", va="center")
+
+
+@styled
+def runout_gap_figure(
+    observed_m: FloatArray,
+    predicted_m: FloatArray,
+    *,
+    grid: Grid | None = None,
+    observed_xy: FloatArray | None = None,
+    predicted_xy: FloatArray | None = None,
+    release: Sequence[FloatArray] = (),
+    release_points: FloatArray | None = None,
+    title: str = "Observed and predicted run-out",
+) -> Figure:
+    """Compare run-outs: distributions, quantiles and, with a terrain, the stops on the map.
+
+    Parameters
+    ----------
+    observed_m, predicted_m : float, shape (n,), (m,)
+        Run-outs (m), measured alike.
+    grid : Grid, optional
+        Terrain for the map.
+    observed_xy, predicted_xy : float, shape (n, 2), (m, 2), optional
+        Coordinates of the stops (m).
+    release : float, each of shape (n, 2)
+        Outlines of the release areas (m).
+    release_points : float, shape (n, 2), optional
+    title : str
+
+    Raises
+    ------
+    InputError
+        Stops are given without a terrain to show them on.
+    """
+    seen, made = _known(observed_m, 1), _known(predicted_m, 1)
+    stops = [
+        np.empty((0, 2)) if xy is None else _known(xy, 2) for xy in (observed_xy, predicted_xy)
+    ]
+    if grid is None and any(xy.size for xy in stops):
+        raise InputError("stops can be drawn only over a terrain", field="grid", found="none")
+    note = f"{count(seen.size, 'observed rock')}, {count(made.size, 'predicted rock')}"
+    left, gap, side = 0.62, 0.62, 2.25
+    map_w = map_h = 0.0
+    if grid is not None:
+        marks = np.concatenate(
+            [
+                *stops,
+                *(np.asarray(a, float).reshape(-1, 2) for a in release),
+                np.empty((0, 2)) if release_points is None else np.asarray(release_points, float),
+            ]
+        )
+        box = footprint(grid, np.full(grid.shape, np.nan), marks)
+        aspect = (box[3] - box[1]) / (box[2] - box[0])
+        map_w = WIDTH_IN - left - side - gap - 0.1
+        map_h = map_w * aspect
+        if map_h > 6.0:
+            map_w, map_h = 6.0 / aspect, 6.0
+    else:
+        side = WIDTH_IN - left - 2.75
+    top = 0.45
+    height = max(map_h + top + 0.75, 4.35 if grid is not None else 2.9)
+    figure = new_figure(WIDTH_IN, height, constrained=False)
+    figure.text(
+        0.1 / WIDTH_IN,
+        1.0 - 0.08 / height,
+        wrap(title, WIDTH_IN, TITLE),
+        size=TITLE,
+        weight="bold",
+        va="top",
+        gid="title",
+    )
+    figure.text(
+        0.1 / WIDTH_IN, 0.07 / height, note, size=SMALL, color=GREY, va="bottom", gid="note"
+    )
+
+    def place(x: float, y: float, w: float, h: float, label: str) -> Axes:
+        return figure.add_axes((x / WIDTH_IN, y / height, w / WIDTH_IN, h / height), label=label)
+
+    rows = quantile_rows(seen, made)
+    if grid is None:
+        _draw_curves(place(left, 0.65, side, height - top - 0.65, "curves"), seen, made)
+        _draw_table(place(left + side + 0.15, 0.65, 2.45, height - top - 0.75, "table"), rows)
+        return figure
+    _draw_curves(place(left, height - top - 1.85, side, 1.85, "curves"), seen, made)
+    _draw_table(place(left - 0.3, height - top - 3.75, side + 0.3, 1.3, "table"), rows)
+    ax = place(left + side + gap, height - top - map_h, map_w, map_h, "map")
+    relief.draw_relief(ax, relief.window_of(grid, box).grid(grid))
+    draw_release(ax, release, release_points)
+    for name, xy, colour, mark, size in (
+        ("predicted", stops[1], BLUE, "o", 2.2),
+        ("observed", stops[0], ORANGE, "D", 3.6),
+    ):
+        # Beyond a few thousand dots more ink says nothing more.
+        keep = np.unique(np.linspace(0, len(xy) - 1, min(len(xy), _MAX_POINTS)).astype(int))
+        ax.plot(
+            xy[keep, 0],
+            xy[keep, 1],
+            mark,
+            ms=size,
+            mfc=colour,
+            mec="white" if name == "predicted" else INK,
+            mew=0.25 if name == "predicted" else 0.5,
+            alpha=0.65 if name == "predicted" else 1.0,
+            ls="none",
+            label=f"stop, {name}",
+            zorder=10,
+            gid=f"stops-{name}",
+        )
+    relief.map_axes(ax, box)
+    taken = np.zeros((40, 40))
+    for xy in (*stops, *(np.asarray(a, float).reshape(-1, 2) for a in release)):
+        if len(xy):
+            col = np.clip((xy[:, 0] - box[0]) / (box[2] - box[0]) * 40, 0, 39).astype(int)
+            row = np.clip((box[3] - xy[:, 1]) / (box[3] - box[1]) * 40, 0, 39).astype(int)
+            np.add.at(taken, (row, col), 1.0)
+    corner = relief.emptiest_corner(
+        taken > 0.0, relief.FURNITURE_IN[0] / map_w, relief.FURNITURE_IN[1] / map_h
+    )
+    relief.draw_furniture(ax, box, map_w, right=corner[0], top=corner[1])
+    handles, names = ax.get_legend_handles_labels()
+    figure.legend(
+        handles,
+        names,
+        loc="lower right",
+        ncols=2,
+        bbox_to_anchor=(1.0, 0.0),
+        handletextpad=0.2,
+        columnspacing=1.2,
+        markerscale=1.4,
+    )
+    return figure

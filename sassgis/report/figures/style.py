@@ -1,0 +1,265 @@
+"""The look that all figures share, and how a figure becomes a PNG."""
+
+from __future__ import annotations
+
+import functools
+import io
+import textwrap
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, PercentFormatter
+
+from sassgis.model.errors import OutputError
+from sassgis.model.grid import FloatArray
+from sassgis.model.results import StopReason
+
+#: Width of a figure: the text width of an A4 page (in).
+WIDTH_IN = 6.7
+DPI = 180
+
+SMALL, TEXT, TITLE = 7.0, 8.0, 9.5
+
+# Okabe and Ito (2008), colours told apart by all common kinds of colour vision.
+INK = "#1a1a1a"
+GREY = "#6b6b6b"
+LIGHT = "#d9d9d9"
+BLUE = "#0072B2"
+SKY = "#56B4E9"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+YELLOW = "#F0E442"
+VERMILION = "#D55E00"
+PURPLE = "#CC79A7"
+
+#: Fill colours for kinds of ground, in the order of the table; they repeat after the last.
+GROUND_COLOURS = (
+    "#8c8c8c",
+    "#E6C27A",
+    "#7FBF9B",
+    "#A6D3EE",
+    "#E0A3C2",
+    "#C98A5B",
+    "#5B8FB9",
+    "#EDE79B",
+)
+
+REASON_COLOURS = {
+    StopReason.REST: BLUE,
+    StopReason.BARRIER: VERMILION,
+    StopReason.LEFT_PROFILE: ORANGE,
+    StopReason.STEP_LIMIT: PURPLE,
+    StopReason.NEVER_STARTED: "#8c8c8c",
+    StopReason.BROKEN: "#3d3d3d",
+}
+REASON_NAMES = {
+    StopReason.REST: "came to rest",
+    StopReason.BARRIER: "stopped by a barrier",
+    StopReason.LEFT_PROFILE: "left the profile",
+    StopReason.STEP_LIMIT: "given up (step limit)",
+    StopReason.NEVER_STARTED: "never started",
+    StopReason.BROKEN: "broke into pieces",
+}
+
+_RC: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": TEXT,
+    "text.color": INK,
+    "axes.titlesize": TEXT,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": TEXT,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": GREY,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e3e3e3",
+    "grid.linewidth": 0.5,
+    "xtick.labelsize": SMALL,
+    "ytick.labelsize": SMALL,
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "legend.frameon": False,
+    "legend.fontsize": SMALL,
+    "figure.facecolor": "white",
+    "figure.dpi": 100,
+    "savefig.dpi": DPI,
+    "hatch.linewidth": 0.5,
+}
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# matplotlib reads its defaults from one table per process; the lock keeps threads apart.
+_LOCK = threading.RLock()
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Draw with the settings of this module, whatever the user's matplotlibrc says."""
+    with _LOCK, mpl.rc_context():
+        # Not the backend: setting that would load pyplot.
+        settings: dict[Any, Any] = dict(mpl.rcParamsDefault)
+        for key, value in (settings | _RC).items():
+            if not key.startswith("backend"):
+                mpl.rcParams[key] = value
+        yield
+
+
+def styled(function: Callable[P, R]) -> Callable[P, R]:
+    """Run a figure function in the house style."""
+
+    @functools.wraps(function)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
+        with house_style():
+            return function(*args, **kwargs)
+
+    return wrapper
+
+
+def new_figure(width_in: float, height_in: float, *, constrained: bool = True) -> Figure:
+    """Make a figure that belongs to nobody but the caller (no pyplot)."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained" if constrained else None)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def to_png(figure: Figure) -> bytes:
+    """Draw a figure as PNG; the same figure gives the same bytes on every run."""
+    buffer = io.BytesIO()
+    with house_style():
+        # Without this matplotlib writes its version into the file.
+        figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def save(figure: Figure, path: str | PathLike[str]) -> Path:
+    """Write a figure as PNG.
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    target = Path(path)
+    try:
+        target.write_bytes(to_png(figure))
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{target}: the figure cannot be written ({reason})") from error
+    return target
+
+
+def wrap(text: str, width_in: float, size: float = SMALL) -> str:
+    """Break a text into lines that fit a width at a font size (points)."""
+    # A letter of DejaVu Sans is on average 0.56 of the font size wide.
+    letters = max(12, int(width_in * 72.0 / (0.56 * size)))
+    return "\n".join(
+        line for part in text.splitlines() for line in (textwrap.wrap(part, letters) or [""])
+    )
+
+
+def lines_in(text: str) -> int:
+    """Count the lines of a text; 0 if there is none."""
+    return text.count("\n") + 1 if text else 0
+
+
+def thousands(value: float, decimals: int = 0) -> str:
+    """Write a number with a thin space between thousands."""
+    return f"{value:,.{decimals}f}".replace(",", "\u2009").replace("-", "\u2212")
+
+
+def power_of_ten(exponent: int) -> str:
+    """Write a power of ten, as '10⁻⁶'."""
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def thousands_formatter(decimals: int = 0) -> FuncFormatter:
+    """Tick labels with a thin space between thousands."""
+    return FuncFormatter(lambda value, _: thousands(value, decimals))
+
+
+def count(n: int, noun: str, plural: str | None = None) -> str:
+    """Write '1 rock', '1 200 rocks'."""
+    return f"{thousands(n)} {noun if n == 1 else (plural or noun + 's')}"
+
+
+def nothing_to_show(ax: Axes, text: str = "no data", *, keep_x: bool = False) -> None:
+    """Say in the middle of a panel that it is empty on purpose, and take its ticks away."""
+    ax.set_yticks([])
+    if not keep_x:
+        ax.set_xticks([])
+    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", color=GREY, size=TEXT)
+
+
+def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) -> FloatArray:
+    """Shift labels along one axis, as little as possible, so that they do not overlap.
+
+    Parameters
+    ----------
+    positions : float, shape (n,)
+        Where the middles of the labels want to stand.
+    widths : float or float, shape (n,)
+        Room that each label takes, same unit.
+
+    Returns
+    -------
+    float64, shape (n,)
+        Middles in the order given; their order along the axis is kept.
+    """
+    wanted = np.asarray(positions, float)
+    room = np.broadcast_to(np.asarray(widths, float), wanted.shape)
+    order = np.argsort(wanted, kind="stable")
+    sorted_room = room[order]
+    packed = np.zeros(wanted.size)
+    packed[1:] = np.cumsum((sorted_room[:-1] + sorted_room[1:]) / 2.0)
+    # Less the tightest packing, the middles need only not to fall: an isotonic regression, solved
+    # by merging neighbours that are out of order into their mean.
+    blocks: list[tuple[float, int]] = []
+    for value in wanted[order] - packed:
+        mean, number = float(value), 1
+        while blocks and blocks[-1][0] > mean:
+            before, n_before = blocks.pop()
+            mean = (before * n_before + mean * number) / (n_before + number)
+            number += n_before
+        blocks.append((mean, number))
+    out = np.empty_like(wanted)
+    out[order] = packed + np.repeat([m for m, _ in blocks], [n for _, n in blocks])
+    return out
+
+
+def text_width_pt(text: str, size: float = SMALL) -> float:
+    """Room that a line of text takes (points), a little on the safe side."""
+    return 0.64 * size * len(text) + 4.0
+
+
+def percent_formatter() -> PercentFormatter:
+    """Tick labels in per cent, with a thin space before the sign."""
+    return PercentFormatter(decimals=0, symbol="\u2009%")
+
+
+def round_step(span: float, target: int) -> float:
+    """Give the 1-2-5 step that cuts a span into about ``target`` parts."""
+    if not (np.isfinite(span) and span > 0.0):
+        return 1.0
+    raw = span / max(target, 1)
+    power = 10.0 ** np.floor(np.log10(raw))
+    return float(min((1.0, 2.0, 5.0, 10.0), key=lambda m: abs(np.log(m * power / raw))) * power)

@@ -1,0 +1,383 @@
+"""What a check leaves behind: scores, a row for each world, figures, report."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sassgis import __version__
+from sassgis.gap.check.check_scores import (
+    NAMED_CONFIDENCE,
+    SHRINKAGE_ROCKS,
+    SHRINKAGE_TOLERANCE,
+    Answer,
+    CheckScores,
+    Share,
+    Truth,
+    acceptance,
+    is_covered,
+    is_located,
+    is_right,
+    scores_as_json,
+)
+from sassgis.report.figures import to_png
+from sassgis.report.figures.gap_check_figures import (
+    confusion_figure,
+    reliability_figure,
+    shrinkage_figure,
+)
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, write_report
+
+#: Titles of the measures in the report, in their order.
+_TITLES: Mapping[str, str] = {
+    "top1_full": "single effect named; medium or strong, 100 rocks, everything",
+    "top1_modest": "single effect named; medium or strong, 40 rocks, stations and stops",
+    "top1_clear": "single effect named; medium or strong, all designs",
+    "top1_single": "single effect named; all strengths and designs",
+    "top1_all": "answer right; all worlds",
+    "false_alarm": "no effect, yet one is named",
+    "null_unknown": "no effect, answer “unknown”",
+    "null_right": "no effect, answer “none”",
+    "covered_single": "single effect in the confusion set",
+    "covered_all": "truth in the confusion set; all worlds",
+    "confident_right": f"right; confidence {NAMED_CONFIDENCE} or more",
+    "named_right": "right; one is named",
+    "confident_named_right": f"right; one is named, confidence {NAMED_CONFIDENCE} or more",
+    "unknown_not_named": "unknown effect, no known one named",
+    "unknown_right": "unknown effect, answer “unknown”",
+    "pair_one": "pair, at least one of it named",
+    "pair_both": "pair, both named and no other",
+    "pair_wrong": "pair, one named that is not there",
+    "shrinkage_near": f"shrinkage within {SHRINKAGE_TOLERANCE} of that on fresh rocks",
+    "location_hit": "single local effect: phase right, legs overlap",
+    "location_hit_named": "the same, where the effect is named",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class WorldRow:
+    """A world with its truth, its answer, and what was measured on fresh rocks.
+
+    Attributes
+    ----------
+    truth : Truth
+    answer : Answer
+    measured : mapping
+        S, D_base, D_effect, D_floor, failure; empty if nothing was measured.
+    seconds : float
+        That the diagnosis took.
+    """
+
+    truth: Truth
+    answer: Answer
+    measured: Mapping[str, Any]
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class CheckRecord:
+    """A whole check.
+
+    Attributes
+    ----------
+    plan : mapping
+        seed, worlds, quick, development, thresholds_sha256.
+    programs : tuple of str
+        Hashes of the states of the program that gave the answers.
+    hashes : mapping
+        Of the sealed labels and of the answers.
+    rows : tuple of WorldRow
+    scores : CheckScores
+    """
+
+    plan: Mapping[str, Any]
+    programs: tuple[str, ...]
+    hashes: Mapping[str, str]
+    rows: tuple[WorldRow, ...]
+    scores: CheckScores
+
+
+def write_check(folder: Path, record: CheckRecord) -> tuple[str, ...]:
+    """Write scores.json, worlds.csv, figures and report.html; returns the warnings in them."""
+    warnings = _warnings(record)
+    scores = {
+        **{key: record.plan[key] for key in ("seed", "quick", "development", "thresholds_sha256")},
+        **record.hashes,
+        "program_sha256": list(record.programs),
+        "version": __version__,
+        "warnings": list(warnings),
+        **scores_as_json(record.scores),
+        "seconds": round(sum(row.seconds for row in record.rows), 1),
+    }
+    text = json.dumps(scores, indent=1, allow_nan=False) + "\n"
+    (folder / "scores.json").write_text(text, encoding="utf-8", newline="\n")
+    table = _world_table(record)
+    (folder / "worlds.csv").write_text(table, encoding="utf-8", newline="\n")
+    pictures = _pictures(record)
+    for name, figure in pictures.items():
+        (folder / f"{name}.png").write_bytes(figure.png)
+    write_report(folder / "report.html", _report(record, warnings, tuple(pictures.values())))
+    return warnings
+
+
+def _warnings(record: CheckRecord) -> tuple[str, ...]:
+    scores, lines = record.scores, []
+    if record.plan["development"]:
+        lines.append(
+            "Run for development: thresholds may have been chosen on these very worlds, and the "
+            "scores may flatter."
+        )
+    if record.plan["quick"]:
+        lines.append(
+            f"A quick run of {scores.worlds} worlds: it shows that everything runs, "
+            "and nothing about how good the diagnosis is."
+        )
+    if len(record.programs) > 1:
+        lines.append(
+            f"The answers come from {len(record.programs)} states of the program: it was changed "
+            "between two runs of this check."
+        )
+    if scores.failed:
+        lines.append(
+            f"{scores.failed} of {scores.worlds} worlds have no answer, as the diagnosis failed; "
+            "they count as wrong (see worlds.csv)."
+        )
+    broken = sum(bool(row.measured.get("failure")) for row in record.rows)
+    if broken:
+        lines.append(
+            f"The shrinkage on fresh rocks of {broken} worlds could not be measured; they are "
+            "left out of that score (see worlds.csv)."
+        )
+    return tuple(lines)
+
+
+def _world_table(record: CheckRecord) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(
+        (
+            "case", "slope", "rocks", "kind", "truth", "effects", "strengths", "true_phase",
+            "true_segments", "answer", "confidence", "right", "confusion_set", "covered", "phase",
+            "segments", "located", "shrinkage_stated", "shrinkage_fresh", "distance_base_fresh",
+            "distance_effect_fresh", "distance_floor_fresh", "seconds", "failure",
+        )
+    )  # fmt: skip
+    for row in record.rows:
+        t, a, m = row.truth, row.answer, row.measured
+        located = is_located(t, a) if t.local and t.kind != "stops" else None
+        values: tuple[Any, ...] = (
+            t.case, t.slope, t.rocks, t.kind, t.verdict, "+".join(t.effects),
+            "+".join(t.strengths), t.phase, " ".join(t.segments), a.effect,
+            a.confidence if a.confidence == a.confidence else None, is_right(t, a),
+            " ".join(a.confusion_set), is_covered(t, a), a.phase, " ".join(a.segments), located,
+            a.shrinkage, m.get("S"), m.get("D_base"), m.get("D_effect"), m.get("D_floor"),
+            row.seconds, a.failure or m.get("failure", ""),
+        )  # fmt: skip
+        writer.writerow([_cell(value) for value in values])
+    return out.getvalue()
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _pictures(record: CheckRecord) -> dict[str, ReportFigure]:
+    scores = record.scores
+    compared = [
+        (row.answer.shrinkage, row.measured["S"])
+        for row in record.rows
+        if row.answer.shrinkage is not None
+        and row.truth.rocks >= SHRINKAGE_ROCKS
+        and row.measured.get("S") is not None
+    ]
+    pictures = {
+        "confusion": ReportFigure(
+            "What was answered",
+            "Numbers of worlds by truth and answer, shaded by their share of the row; right "
+            "answers are outlined. Pairs stand together: an answer of the right column may name "
+            "other effects than the true ones.",
+            to_png(confusion_figure(scores.confusion)),
+        ),
+        "reliability": ReportFigure(
+            "What the confidence is worth",
+            "Share of right answers by stated confidence, with 95 % intervals. Points below the "
+            "diagonal claim more than they hold.",
+            to_png(reliability_figure(scores.reliability, NAMED_CONFIDENCE)),
+        ),
+    }
+    if compared:
+        stated, measured = ([float(v) for v in side] for side in zip(*compared, strict=True))
+        pictures["shrinkage"] = ReportFigure(
+            "How far the gap shrinks",
+            f"Shrinkage as stated from the observed rocks, and as found on fresh rocks of the same "
+            f"world. {len(compared)} worlds; the band is what is asked for.",
+            to_png(shrinkage_figure(stated, measured, SHRINKAGE_TOLERANCE)),
+        )
+    return pictures
+
+
+def _report(
+    record: CheckRecord, warnings: tuple[str, ...], figures: tuple[ReportFigure, ...]
+) -> ReportContext:
+    scores, plan = record.scores, record.plan
+    return ReportContext(
+        title="Blind check of the diagnosis",
+        subtitle=f"{scores.worlds} made worlds with sealed labels, battery of seed {plan['seed']}",
+        what_was_run=(
+            ("Worlds", scores.worlds),
+            ("Rocks observed", sum(row.truth.rocks for row in record.rows)),
+            ("Worlds without an answer", scores.failed),
+            ("Mean size of the confusion set", scores.confusion_set_size),
+            ("Mean overlap of the legs of local effects", scores.location_overlap),
+            ("Time of all diagnoses together (h)", sum(r.seconds for r in record.rows) / 3600.0),
+        ),
+        warnings=warnings,
+        key_results=_acceptance_table(scores),
+        figures=figures,
+        tables=(
+            _share_table(
+                "All measures",
+                "measure",
+                [(title, scores.measures[key]) for key, title in _TITLES.items()],
+                "Intervals are those of Clopper and Pearson (95 %). Weak, medium and strong go by "
+                "the strength that the effect came out with.",
+            ),
+            *(
+                _share_table(
+                    f"Single effect named, by {title}", title, [(s.measure, s) for s in rows]
+                )
+                for title, rows in scores.groups.items()
+            ),
+            _share_table(
+                "Reliability",
+                "stated confidence",
+                [
+                    (row.right.measure.removeprefix("confidence "), row.right)
+                    for row in scores.reliability
+                ],
+            ),
+            _shrinkage_table(scores),
+            _answers_table(record),
+        ),
+        provenance=(
+            ("Version", __version__),
+            ("Seed of the battery", str(plan["seed"])),
+            ("Thresholds (SHA-256)", plan["thresholds_sha256"]),
+            ("Sealed labels (SHA-256)", record.hashes["labels_sha256"]),
+            ("Answers (SHA-256)", record.hashes["answers_sha256"]),
+            *(("Program (SHA-256)", digest) for digest in record.programs),
+            (
+                "To verify the seal",
+                "labels.sha256 was written before the first answer: SHA-256 of the line in "
+                "sealed/salt.txt followed by sealed/labels.json",
+            ),
+        ),
+    )
+
+
+def _acceptance_table(scores: CheckScores) -> ReportTable:
+    words = {True: "yes", False: "no", None: None}
+    rows: list[tuple[Cell, ...]] = [
+        (
+            row["measure"],
+            f"{'≥' if row['asked_is'] == 'at least' else '≤'} {_percent(row['asked'])}",
+            _percent(row["reached"]) if row["worlds"] else None,
+            _interval(row["ci95"]) if row["worlds"] else None,
+            f"{row['hits']} of {row['worlds']}",
+            words[row["met"]],
+        )
+        for row in acceptance(scores)
+    ]
+    return ReportTable(
+        "What is asked for, and what is reached",
+        (
+            ("measure", ""), ("asked for", ""), ("reached", ""), ("95 % interval", ""),
+            ("worlds", ""), ("met", ""),
+        ),
+        tuple(rows),
+        "Met says whether the reached share is on the right side of what is asked for; only where "
+        "the whole interval is, can one be sure of it.",
+    )  # fmt: skip
+
+
+def _share_table(
+    title: str, head: str, rows: list[tuple[str, Share]], note: str = ""
+) -> ReportTable:
+    return ReportTable(
+        title,
+        ((head, ""), ("share", ""), ("95 % interval", ""), ("worlds", "")),
+        tuple(
+            (
+                name.replace("_", " "),
+                _percent(s.value) if s.trials else None,
+                _interval([s.low, s.high]) if s.trials else None,
+                f"{s.hits} of {s.trials}",
+            )
+            for name, s in rows
+        ),
+        note,
+    )
+
+
+def _shrinkage_table(scores: CheckScores) -> ReportTable:
+    s = scores.shrinkage
+    return ReportTable(
+        "Shrinkage, stated and on fresh rocks",
+        (("", ""), ("worlds", "")),
+        (
+            ("measured on fresh rocks", s.worlds),
+            ("both given", s.compared),
+            ("stated, but withheld on fresh rocks", s.only_stated),
+            ("withheld, but there on fresh rocks", s.only_measured),
+            ("withheld by both", s.neither),
+            ("mean of stated less measured", s.bias),
+            ("mean absolute difference", s.mean_error),
+        ),
+        f"Worlds with {SHRINKAGE_ROCKS} rocks or more in which an effect was named or a shrinkage "
+        "stated.",
+    )
+
+
+def _answers_table(record: CheckRecord) -> ReportTable:
+    rows: list[tuple[Cell, ...]] = []
+    for row in record.rows:
+        t, a = row.truth, row.answer
+        strengths = ", ".join(t.strengths)
+        truth = t.verdict if t.part != "unknown" else f"unknown ({t.effects[0]})"
+        rows.append(
+            (
+                t.case,
+                f"{t.rocks}, {t.kind}",
+                f"{truth}{f', {strengths}' if strengths else ''}".replace("_", " "),
+                a.effect.replace("_", " "),
+                round(a.confidence, 2),
+                "yes" if is_right(t, a) else "no",
+                "yes" if is_covered(t, a) else "no",
+            )
+        )
+    return ReportTable(
+        "All answers",
+        (
+            ("world", ""), ("rocks, seen", ""), ("truth", ""), ("answer", ""), ("confidence", ""),
+            ("right", ""), ("covered", ""),
+        ),
+        tuple(rows),
+        "More columns in worlds.csv.",
+    )  # fmt: skip
+
+
+def _percent(value: float) -> str:
+    return f"{100.0 * value:.0f}\u2009%"
+
+
+def _interval(limits: list[float]) -> str:
+    return f"{100.0 * limits[0]:.0f}–{100.0 * limits[1]:.0f}\u2009%"

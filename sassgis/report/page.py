@@ -1,0 +1,234 @@
+"""The report: one HTML file that can be mailed, printed and read without anything else."""
+
+from __future__ import annotations
+
+import base64
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, StrictUndefined, Template
+
+from sassgis.model.errors import OutputError
+
+#: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
+Cell = str | int | float | np.integer[Any] | np.floating[Any] | None
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFigure:
+    """A picture in the report.
+
+    Attributes
+    ----------
+    title : str
+    caption : str
+        What is to be seen, in a sentence or two.
+    png : bytes
+        The picture, as ``sassgis.report.figures.to_png`` gives it.
+    alt : str
+        Words for those who cannot see it; default: the title.
+    """
+
+    title: str
+    caption: str
+    png: bytes
+    alt: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportTable:
+    """A table in the report.
+
+    Attributes
+    ----------
+    title : str
+    columns : tuple of (name, unit)
+        The unit stands beneath the name; empty for words and plain counts.
+    rows : tuple of tuple of Cell
+    note : str
+        What the numbers mean; stands beneath the table.
+    """
+
+    title: str
+    columns: tuple[tuple[str, str], ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise OutputError(
+                    f"report table {self.title!r}: a row has {len(row)} cells, "
+                    f"the head {len(self.columns)} columns"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class ReportAnswer:
+    """A part of the answer in plain words.
+
+    Attributes
+    ----------
+    heading : str
+    sentences : tuple of str
+        One paragraph.
+    points : tuple of str
+        A list below it.
+    """
+
+    heading: str
+    sentences: tuple[str, ...] = ()
+    points: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ReportContext:
+    """All that a report says. Sections without content are left out.
+
+    Attributes
+    ----------
+    title, subtitle : str
+    what_was_run : tuple of (name, value)
+        Terrain, release areas, blocks, number of rocks, settings.
+    warnings : tuple of str
+        What a reader must know before trusting the numbers; shown first.
+    verdict : str
+        The answer in a sentence; stands above all but the warnings.
+    answer : tuple of ReportAnswer
+        What follows from it, in plain words.
+    key_results : ReportTable, optional
+    figures : tuple of ReportFigure
+    tables : tuple of ReportTable
+    provenance : tuple of (name, value)
+        Version, seed, hash of the inputs, input files.
+    language : str
+        Language of the text, as HTML names it.
+    """
+
+    title: str
+    subtitle: str = ""
+    what_was_run: tuple[tuple[str, Cell], ...] = ()
+    warnings: tuple[str, ...] = ()
+    verdict: str = ""
+    answer: tuple[ReportAnswer, ...] = ()
+    key_results: ReportTable | None = None
+    figures: tuple[ReportFigure, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
+    provenance: tuple[tuple[str, Cell], ...] = ()
+    language: str = "en"
+
+
+def sensible(value: Cell, digits: int = 3) -> str:
+    """Write a value as a person would.
+
+    Whole numbers are written out. Others get ``digits`` significant digits, and no digit before
+    the point is ever rounded away: 0.0123, 4.57, 0.8, 812, 10 340.
+
+    Parameters
+    ----------
+    value : str, int, float or None
+        Text is given back as it is; None and NaN become a dash.
+    digits : int
+        Significant digits of a number with a fraction.
+    """
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    number = float(value)
+    if math.isnan(number):
+        return "–"
+    if math.isinf(number):
+        return "∞" if number > 0.0 else "−∞"
+    if isinstance(value, int | np.integer) or number == 0.0:
+        text = f"{number:,.0f}"
+    else:
+        # 9.996 is rounded to 10.0 before the decimals that it needs are counted.
+        mantissa, exponent = f"{number:.{digits - 1}e}".split("e")
+        decimals = max(0, digits - 1 - int(exponent))
+        text = f"{number:,.{decimals}f}"
+        if abs(number) < 1e-4:
+            text = f"{mantissa} × 10^{int(exponent)}"
+        elif decimals:
+            # A friction of 0.8 is not known to be 0.800.
+            text = text.rstrip("0").rstrip(".")
+    return text.replace(",", "\u2009").replace("-", "\u2212")
+
+
+def _is_number(value: Cell) -> bool:
+    """Whether a cell is set flush right, as numbers are."""
+    return not isinstance(value, str | bool)
+
+
+def number_columns(table: ReportTable) -> tuple[bool, ...]:
+    """Whether each column of a table holds numbers only."""
+    columns = [[row[i] for row in table.rows] for i in range(len(table.columns))]
+    return tuple(
+        any(cell is not None for cell in column) and all(_is_number(cell) for cell in column)
+        for column in columns
+    )
+
+
+def _data_uri(png: bytes) -> str:
+    """Put a picture into the page itself."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+
+
+@cache
+def _template() -> Template:
+    """Read the page once; every value is escaped, and a misspelt name is an error."""
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["sensible"] = sensible
+    environment.filters["data_uri"] = _data_uri
+    environment.filters["number_columns"] = number_columns
+    source = files("sassgis.data").joinpath("report.html.j2").read_text(encoding="utf-8")
+    return environment.from_string(source)
+
+
+def render_report(context: ReportContext) -> str:
+    """Give the report as HTML text.
+
+    Parameters
+    ----------
+    context : ReportContext
+
+    Returns
+    -------
+    str
+        A whole page: styles and pictures inside, no scripts, nothing fetched from elsewhere.
+    """
+    return _template().render(report=context)
+
+
+def write_report(path: str | PathLike[str], context: ReportContext) -> Path:
+    """Write the report as one HTML file.
+
+    Parameters
+    ----------
+    path : path
+        The file; its folder must exist.
+    context : ReportContext
+
+    Raises
+    ------
+    OutputError
+        The file cannot be written.
+    """
+    target = Path(path)
+    page = render_report(context)
+    try:
+        target.write_text(page, encoding="utf-8", newline="\n")
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(f"{target}: the report cannot be written ({reason})") from error
+    return target

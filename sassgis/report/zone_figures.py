@@ -1,0 +1,171 @@
+"""Figures of hazard zones, hazard curves and risk."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.figure import Figure
+
+from sassgis.hazard.assess import Hazard, raster
+from sassgis.hazard.curves import source_rate
+from sassgis.hazard.levels import hazard_level
+from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.io.read.config import Config
+from sassgis.model.grid import FloatArray
+from sassgis.model.results import RasterLayer
+from sassgis.report import figures
+from sassgis.report.map_report import release_outlines, save_figure
+from sassgis.report.page import ReportFigure
+from sassgis.runs.assessment import Assessment, Rules
+from sassgis.runs.run import Simulation
+
+
+def rings(coverage: Coverage) -> list[FloatArray]:
+    """Outlines of zones, holes included, shape (n, 2) each."""
+    return [shapely.get_coordinates(r) for r in shapely.get_rings(coverage.polygons)]
+
+
+def telling_place(hazard: Hazard) -> int | None:
+    """The place whose hazard curve is drawn: reached by the most sources, and then most often.
+
+    Returns
+    -------
+    int or None
+        Position in ``curves.places``; None if no rock comes anywhere.
+    """
+    curves = hazard.curves
+    if not curves.places.size:
+        return None
+    sources = np.zeros(curves.places.size, np.int64)
+    for sampled in hazard.sampled:
+        sources[np.searchsorted(curves.places, sampled.cells.places)] += 1
+    return int(np.lexsort((curves.places, -curves.rate[:, 0], -sources))[0])
+
+
+def curves_at(hazard: Hazard, place: int) -> dict[str, FloatArray]:
+    """Rate of each source at one place, by its label."""
+    out = {}
+    cell = hazard.curves.places[place]
+    for sampled in hazard.sampled:
+        at = int(np.searchsorted(sampled.cells.places, cell))
+        if at < sampled.cells.places.size and sampled.cells.places[at] == cell:
+            out[sampled.source.label] = source_rate(sampled.source, sampled.cells)[at]
+    return out
+
+
+def _level_layer(like: RasterLayer, hazard: Hazard, rules: Rules, done: Simulation) -> RasterLayer:
+    """The map of levels of one of the simulations."""
+    level = hazard_level(hazard.curves, rules.preset)
+    values = raster(done.run.grid, hazard.curves.places, level).astype(np.float32)
+    values[values == 0.0] = np.nan
+    return replace(like, bands=(replace(like.bands[0], values=values),))
+
+
+def _where(hazard: Hazard, place: int, done: Simulation) -> str:
+    x, y = done.run.grid.cell_centres(hazard.curves.places[place : place + 1])
+    return f"At {x[0]:.0f}, {y[0]:.0f}."
+
+
+def zone_figures(
+    config: Config,
+    rules: Rules,
+    found: Assessment,
+    done: Simulation,
+    maps: tuple[RasterLayer, ...],
+    folder: Path,
+) -> tuple[ReportFigure, ...]:
+    """Draw the figures of a zoning into a folder."""
+    hazard, grid = found.hazard, done.run.grid
+    place = telling_place(hazard)
+    if place is None:
+        return ()
+    by_stem = {layer.stem: layer for layer in maps}
+    around: dict[str, Any] = {
+        "release": release_outlines(done.run),
+        "gates": [(g.name, g.kind, course) for g, course in done.run.gates],
+    }
+    width = f"Reference width {rules.ref_width_m:.4g} m."
+    drawn: list[tuple[str, str, str, Figure]] = [
+        (
+            "hazard_level",
+            "Hazard zones",
+            f"Preset {rules.preset.name}: {rules.preset.title}. Cells, and the zones drawn around "
+            f"them, which are never lower. {width}",
+            figures.map_figure(
+                grid, by_stem["hazard_level"], zones=rings(hazard.levels), note=width, **around
+            ),
+        ),
+        (
+            "intensity",
+            "Intensity by return period",
+            f"Strongest intensity that comes at least once in the return period. {width}",
+            figures.intensity_figure(
+                grid, [m for m in maps if m.stem.startswith("intensity")], note=width, **around
+            ),
+        ),
+        (
+            "confidence",
+            "Where the level is undecided",
+            f"Cells whose level changes within the {100 * config.hazard.confidence:g} % interval "
+            "of the sampling of rocks. More rocks settle them; other frequencies or ground values "
+            "may change any cell.",
+            figures.confidence_figure(
+                grid,
+                by_stem["hazard_level"],
+                by_stem["confidence"].bands[0].values == 1,
+                note=width,
+                **around,
+            ),
+        ),
+    ]
+    if found.without is not None:
+        shown = by_stem["hazard_level"]
+        layers = [_level_layer(shown, h, rules, done) for h in (found.without, hazard)]
+        drawn.append(
+            (
+                "barriers",
+                "What walls and nets change",
+                "Hazard level of the cells without and with walls and nets, from the same rocks.",
+                figures.change_figure(
+                    grid, *layers, names=("Without walls and nets", "With them"), note=width,
+                    **around,
+                ),
+            )
+        )  # fmt: skip
+    drawn.append(
+        (
+            "hazard_curve",
+            "A hazard curve",
+            "At the cell that most sources reach. The level is the worst field that the curve "
+            f"crosses. {width}",
+            figures.hazard_curve_figure(
+                hazard.curves, place, rules.preset, by_source=curves_at(hazard, place),
+                confidence=config.hazard.confidence, note=_where(hazard, place, done),
+            ),
+        )
+    )  # fmt: skip
+    if found.risk is not None:
+        for quantity, unit in (("loss", f"{config.risk.currency}/year"), ("deaths", "1/year")):
+            values = found.risk.of_object(quantity)
+            if not (values > 0.0).any():
+                continue
+            drawn.append(
+                (
+                    f"risk_{quantity}",
+                    f"Risk: {quantity}",
+                    "Objects with the largest values, with one standard error of the sampling of "
+                    "rocks (at most). Values and vulnerability are the user's.",
+                    figures.risk_figure(
+                        [o.name for o in found.risk.objects], values,
+                        found.risk.standard_error(quantity), quantity=quantity, unit=unit,
+                    ),
+                )
+            )  # fmt: skip
+    return tuple(
+        ReportFigure(title, caption, save_figure(folder, name, figure))
+        for name, title, caption, figure in drawn
+    )

@@ -1,0 +1,235 @@
+"""What a batch keeps of each release area, and how the mosaic is added up from it."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.simulate import Bins
+from sassgis.io.read.tiles import Part, Terrain
+from sassgis.io.write.staging import MANIFEST_NAME, writing
+from sassgis.model.errors import InputError
+from sassgis.model.grid import IntArray
+from sassgis.runs.checkpoint import progress_from, state_of
+from sassgis.runs.map import (
+    FallLines,
+    MapRun,
+    Plan,
+    Progress,
+    SourceTally,
+    bins_of,
+    evenly_kept,
+)
+
+RECORD_NAME = "area.json"
+#: Sums of the simulation, and of the same rocks without walls and nets.
+SIMULATION_NAME, BARE_NAME = "simulation.npz", "without_barriers.npz"
+_EDGES = ("energy", "height", "speed")
+_PEAKS = ("reach", "reach_square", "stops", "energy_sum", "energy_max", "height_max", "speed_max")
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What a batch knows of a release area that has been run.
+
+    Attributes
+    ----------
+    fingerprint : str
+        Of all that the result hangs on.
+    area : str
+    west, north : float
+        Outer corner of the part of the terrain model (m).
+    n_rows, n_cols : int
+        Its cells.
+    rounds, points, rocks : int
+        Rounds of rocks, release points, rocks followed.
+    furthest_m : float or None
+        Longest run-out.
+    zones_m2 : dict of str to float
+        Area of the zones, by the code of the hazard level.
+    gates, objects : tuple of int
+        Which stations and barriers, and which exposed objects, of those of the batch were in it.
+    notices : tuple of str
+        What the readers had to say.
+    """
+
+    fingerprint: str
+    area: str
+    west: float
+    north: float
+    n_rows: int
+    n_cols: int
+    rounds: int
+    points: int
+    rocks: int
+    furthest_m: float | None
+    zones_m2: dict[str, float]
+    gates: tuple[int, ...]
+    objects: tuple[int, ...]
+    notices: tuple[str, ...]
+
+    def part(self, terrain: Terrain) -> Part:
+        """The part on the lattice of a terrain model."""
+        return Part(
+            round((terrain.north - self.north) / terrain.cell_size),
+            round((self.west - terrain.west) / terrain.cell_size),
+            self.n_rows,
+            self.n_cols,
+        )
+
+
+def write_record(folder: Path, record: Record) -> None:
+    """Write what is known of an area into its folder."""
+    path = folder / RECORD_NAME
+    with writing(path):
+        text = json.dumps(asdict(record), indent=2, ensure_ascii=False, allow_nan=False)
+        path.write_text(text + "\n", encoding="utf-8")
+
+
+def read_record(folder: Path) -> Record | None:
+    """What is known of an area; None if the folder holds no whole result of a batch."""
+    if not (folder / MANIFEST_NAME).is_file():
+        return None
+    try:
+        plain = json.loads((folder / RECORD_NAME).read_text(encoding="utf-8"))
+        return Record(**plain | {k: tuple(plain[k]) for k in ("gates", "objects", "notices")})
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def write_state(path: Path, progress: Progress, run: MapRun) -> None:
+    """Write the sums of a simulation, with the energies of its hazard curves."""
+    arrays = state_of(progress) | {"thresholds_kj": bins_of(run).threshold}
+    with writing(path), path.open("wb") as stream:
+        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+
+
+def read_state(path: Path) -> dict[str, NDArray[Any]]:
+    """What write_state wrote.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            return {k: stored[k] for k in stored.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        raise InputError(
+            "cannot be read",
+            file=path,
+            expected="the sums of a release area; delete its folder to run it again",
+        ) from None
+
+
+def add_area(
+    total: Progress,
+    run: MapRun,
+    planned: Plan,
+    place: Part,
+    area: int,
+    record: Record,
+    part: Part,
+    state: dict[str, NDArray[Any]],
+    share: float,
+) -> None:
+    """Add the sums of one release area to those of all.
+
+    Parameters
+    ----------
+    total : Progress
+        Grows.
+    run, planned, place
+        Of all areas, on the mosaic: ``place`` of the lattice.
+    area : int
+        Position of the area in ``run.areas``.
+    record, part, state
+        Of the area.
+    share : float
+        Of the rocks whose stop is kept one by one.
+    """
+    gates_in = tuple(run.gates[i] for i in record.gates)
+    own = progress_from(state, part.n_rows * part.n_cols, tuple(g for g, _ in gates_in))
+    bins = bins_of(run)
+    columns = _columns(state["thresholds_kj"], bins.threshold)
+    gates = np.array(record.gates, np.int64)
+    objects = np.array(record.objects, np.int64)
+
+    def cells(flat: IntArray) -> IntArray:
+        return part.cells_in(place, flat)
+
+    if own.sums.cells.size:
+        total.sums.add(cells(own.sums.cells), _wide_sums(own, bins))
+    total.gates.add_sums(own.gates, gates)
+    total.reasons += own.reasons
+    total.lost += own.lost
+    total.pieces += own.pieces
+    total.runout = _sum_of(total.runout, own.runout)
+    for (_, scenario), tally in sorted(own.sources.items()):
+        joined = SourceTally.fresh(run)
+        for sums, counts, places in (
+            (joined.cells, tally.cells.counts(), cells),
+            (joined.objects, tally.objects.counts(), lambda numbers: objects[numbers]),
+        ):
+            n = (counts.places.size, bins.threshold.size)
+            wide = [np.zeros(n, np.int64), np.zeros(n, np.int64)]
+            wide[0][:, columns], wide[1][:, columns] = counts.count, counts.square
+            sums.add(places(counts.places), *wide)
+        joined.gates.add_sums(tally.gates, gates)
+        joined.rocks = tally.rocks
+        total.sources[area, scenario] = joined
+    first_point = int(np.flatnonzero(planned.points.area == area)[0])
+    first_line = first_point * run.lines_per_point
+    total.lines += [_moved_lines(lines, first_point) for lines in own.lines]
+    for rows in own.stops:
+        kept = evenly_kept(rows, run.seed, share)
+        kept.rocks["line"] += first_line
+        total.stops.append(kept)
+    if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
+        reach, line, scenario, rock = own.furthest
+        total.furthest = (reach, line + first_line, scenario, rock)
+
+
+def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> IntArray:
+    """Columns of the wanted energies that hold those of an area.
+
+    The energies of a larger relief begin with those of a smaller one and go on beyond what any rock
+    can have there: what is missing counts nothing.
+    """
+    at: IntArray = np.searchsorted(wanted, own).astype(np.int64)
+    if at.size and (at[-1] >= wanted.size or not np.array_equal(wanted[at], own)):
+        raise ValueError("hazard curves of areas have different energies")
+    return at
+
+
+def _wide_sums(own: Progress, bins: Bins) -> Mapping[str, NDArray[Any]]:
+    """Sums of cells with as many bins as the mosaic has."""
+    out = {name: own.sums.column(name) for name in _PEAKS}
+    for name in _EDGES:
+        counts = own.sums.column(name)
+        wide = np.zeros((counts.shape[0], getattr(bins, name).size - 1), counts.dtype)
+        wide[:, : counts.shape[1]] = counts
+        out[name] = wide
+    return out
+
+
+def _sum_of(one: IntArray, two: IntArray) -> IntArray:
+    out = np.zeros((one.shape[0], max(one.shape[1], two.shape[1])), np.int64)
+    out[:, : one.shape[1]] += one
+    out[:, : two.shape[1]] += two
+    return out
+
+
+def _moved_lines(lines: FallLines, first_point: int) -> FallLines:
+    return FallLines(
+        lines.offset, lines.x, lines.y, lines.point + first_point, lines.fan, lines.length_m,
+        lines.drop_m, lines.end,
+    )  # fmt: skip

@@ -1,0 +1,207 @@
+"""The saved state of a run on the map, so that nothing computed is lost.
+
+The state is a folder ``checkpoint`` in the working folder of the result: ``state.npz`` with all
+sums, and numbered files of rows that have been handed on. It belongs to one fingerprint of settings
+and inputs; with any other it is ignored.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.hazard.control_lines import GateSums
+from sassgis.hazard.source_sums import SourceSums
+from sassgis.hazard.statistics import MapSums
+from sassgis.io.write.staging import CHECKPOINT_STEM, writing
+from sassgis.model.results import Gate
+from sassgis.runs.map import (
+    FallLines,
+    MapRun,
+    Progress,
+    Rows,
+    SourceTally,
+    joined_rows,
+)
+
+_LINE_FIELDS = ("offset", "x", "y", "point", "fan", "length_m", "drop_m", "end")
+_ROW_FIELDS = ("rocks", "rock_scenario", "x", "y", "passages", "passage_scenario")
+
+
+def joined_lines(parts: list[FallLines]) -> FallLines:
+    """Fall lines of several chunks as one."""
+    if not parts:
+        empty = np.empty(0)
+        none = np.empty(0, np.int64)
+        return FallLines(np.zeros(1, np.int64), empty, empty, none, empty, empty, empty,
+                         np.empty(0, np.uint8))  # fmt: skip
+    sizes = np.concatenate([np.diff(p.offset) for p in parts])
+    return FallLines(
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        *(np.concatenate([getattr(p, f) for p in parts]) for f in _LINE_FIELDS[1:]),
+    )
+
+
+class Checkpoint:
+    """Saves and restores the progress of a run.
+
+    Parameters
+    ----------
+    work : Path
+        Working folder of the result.
+    fingerprint : str
+        Of settings and inputs.
+    part : str
+        Tells several simulations for one result apart.
+    """
+
+    def __init__(self, work: Path, fingerprint: str, part: str = "") -> None:
+        self.folder = work / CHECKPOINT_STEM / part
+        self.fingerprint = fingerprint
+        self._waiting: list[Rows] = []
+        self._parts = 0
+
+    def restore(self, run: MapRun) -> Progress | None:
+        """Progress of an earlier run with the same fingerprint, if there is one."""
+        file = self.folder / "state.npz"
+        if not file.is_file():
+            return None
+        try:
+            with np.load(file, allow_pickle=False) as stored:
+                state = {k: stored[k] for k in stored.files}
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+            return None
+        if str(state.get("fingerprint", "")) != self.fingerprint:
+            return None
+        parts = int(state["parts"])
+        if not all(self._part(i).is_file() for i in range(parts)):
+            return None
+        self._parts = parts
+        n_rows, n_cols = run.grid.shape
+        return progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.gates))
+
+    def hand_on(self, rows: Rows) -> None:
+        """Take rows that are to be written to tables; they are saved with the next state."""
+        self._waiting.append(rows)
+
+    def save(self, progress: Progress) -> None:
+        """Save the state; whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If the disk is full or not writable.
+        """
+        with writing(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if self._waiting:
+                rows = joined_rows(self._waiting)
+                _write(self._part(self._parts), {f: getattr(rows, f) for f in _ROW_FIELDS})
+                self._waiting = []
+                self._parts += 1
+            state: dict[str, NDArray[np.generic]] = {
+                "fingerprint": np.array(self.fingerprint),
+                "parts": np.array(self._parts),
+            }
+            state |= state_of(progress)
+            _write(self.folder / "state.npz", state)
+
+    def rows(self) -> list[Path]:
+        """Files of the rows that were handed on, in order."""
+        return [self._part(i) for i in range(self._parts)]
+
+    def _part(self, number: int) -> Path:
+        return self.folder / f"rows_{number:06d}.npz"
+
+
+def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
+    """Everything that has been added up, as plain arrays by name."""
+    state: dict[str, NDArray[np.generic]] = {
+        "chunks": np.array(progress.chunks),
+        "reasons": progress.reasons,
+        "runout": progress.runout,
+        "lost": np.array(progress.lost),
+        "pieces": np.array(progress.pieces),
+        "furthest_m": np.array((progress.furthest or ())[:1], np.float64),
+        "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
+    }
+    state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
+    state |= {f"gates.{k}": v for k, v in progress.gates.state().items()}
+    for (area, scenario), tally in progress.sources.items():
+        name = f"source.{area}.{scenario}"
+        state[f"{name}.rocks"] = np.array(tally.rocks)
+        state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
+        state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
+        state |= {f"{name}.gates.{k}": v for k, v in tally.gates.state().items()}
+    lines = joined_lines(progress.lines)
+    state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
+    stops = joined_rows(progress.stops)
+    state |= {f"stops.{f}": getattr(stops, f) for f in _ROW_FIELDS}
+    return state
+
+
+def progress_from(state: dict[str, Any], n_cells: int, gates: tuple[Gate, ...]) -> Progress:
+    """The progress of a run from its state, the cells of its grid and its stations and barriers."""
+    progress = Progress(
+        int(state["chunks"]),
+        MapSums.from_state(n_cells, _group(state, "sums")),
+        GateSums.from_state(gates, _group(state, "gates")),
+    )
+    progress.reasons = np.array(state["reasons"])
+    progress.runout = np.array(state["runout"])
+    progress.lost = int(state["lost"])
+    progress.pieces = int(state["pieces"])
+    if state["furthest_m"].size:
+        line, scenario, rock = state["furthest_rock"].tolist()
+        progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
+    progress.sources = _sources(state, gates)
+    lines = _group(state, "lines")
+    progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
+    rows = _group(state, "stops")
+    progress.stops = [Rows(*(rows[f] for f in _ROW_FIELDS))]
+    return progress
+
+
+def read_rows(part: Path) -> Rows:
+    """Rows of one file of a checkpoint."""
+    with np.load(part, allow_pickle=False) as stored:
+        return Rows(*(stored[f] for f in _ROW_FIELDS))
+
+
+def _sources(state: dict[str, Any], gates: tuple[Gate, ...]) -> dict[tuple[int, int], SourceTally]:
+    """Tallies of the sources, in the order in which they were saved."""
+    names = [k.removesuffix(".rocks") for k in state if re.fullmatch(r"source\.\d+\.\d+\.rocks", k)]
+    sources = {}
+    for name in names:
+        _, area, scenario = name.split(".")
+        sources[int(area), int(scenario)] = SourceTally(
+            SourceSums.from_state(_group(state, f"{name}.cells")),
+            SourceSums.from_state(_group(state, f"{name}.objects")),
+            GateSums.from_state(gates, _group(state, f"{name}.gates")),
+            int(state[f"{name}.rocks"]),
+        )
+    return sources
+
+
+def _group(state: dict[str, Any], name: str) -> dict[str, Any]:
+    start = name + "."
+    return {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}
+
+
+def _write(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
+    """Write beside and rename, so that a full disk leaves the older state as it was."""
+    fresh = path.with_suffix(".new")
+    try:
+        with fresh.open("wb") as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+            stream.flush()
+            os.fsync(stream.fileno())
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)

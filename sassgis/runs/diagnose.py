@@ -1,0 +1,480 @@
+"""The diagnosis of the gap between observed and simulated rocks, from files to a report."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from sassgis.gap.diagnosis import (
+    Calibrated,
+    Comparison,
+    Contender,
+    Diagnosis,
+)
+from sassgis.gap.ladder.calibration import (
+    best_draws,
+    fitted_rows,
+    folds_of,
+    gain_of,
+    held_out_scores,
+    refine,
+    run_refined,
+    shrinkage_of,
+)
+from sassgis.gap.ladder.fresh import ENSEMBLE
+from sassgis.gap.model_json import model_as_json
+from sassgis.gap.observations.tables import what_can_be_told
+from sassgis.gap.where.findings import where
+from sassgis.gap.which.classifier import LEAST_SEEN, PAIR, UNKNOWN, designs_of, no_idea
+from sassgis.gap.which.ensemble import (
+    Bench,
+    Library,
+    Tried,
+    bench_of,
+    library_of,
+    tasks_of,
+    try_task,
+)
+from sassgis.gap.which.families import FAMILIES
+from sassgis.gap.which.hypotheses import NONE, Draw, families_to_try
+from sassgis.gap.which.signature import Base, base_of, observed_signature
+from sassgis.gap.which.verdict import (
+    Thresholds,
+    best_cause,
+    best_families,
+    measure_next,
+    probability_of,
+    verdict_of,
+)
+from sassgis.io.read.config import Config, load_config, settings_hash
+from sassgis.io.read.gap_thresholds import (
+    read_judge,
+    read_thresholds,
+    thresholds_of,
+)
+from sassgis.io.write.gap_files import write_diagnosis_json
+from sassgis.io.write.program import program_digest
+from sassgis.io.write.staging import CHECKPOINT_STEM, staged_output
+from sassgis.model.errors import InputError, Interrupted
+from sassgis.runs.gap_case import read_case
+from sassgis.runs.gap_outputs import write_outputs
+from sassgis.runs.run import job_count
+
+#: With fewer rocks nothing can be left out.
+_FEWEST_ROCKS = 5
+#: Draws of each contender in the first round.
+DRAWS = 40
+#: Rounds of refinement, and draws in each.
+ROUNDS, REFINED = 3, 24
+#: Effects that are calibrated further, the most probable ones.
+_FURTHER = 3
+#: Draws of a pair of effects.
+_PAIR_DRAWS = 40
+_BOOTSTRAP = 120
+_ORDER: Mapping[str, int] = {name: i for i, name in enumerate(FAMILIES)}
+
+OnProgress = Callable[[int, int, int], None]
+_Map = Callable[..., Iterator[Tried]]
+
+
+def diagnose(
+    config: str | Path,
+    observations: str | Path,
+    out: str | Path,
+    *,
+    jobs: int | None = 1,
+    seed: int = 1,
+    overwrite: bool = False,
+    draws: int = DRAWS,
+    ground_range: float = 1.0,
+    report: bool = True,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Say where the gap lies, which effect causes it, and how far it shrinks.
+
+    Parameters
+    ----------
+    config : path
+        Configuration of the model.
+    observations : path
+        A GeoPackage, or a folder of CSV files.
+    out : path
+        Folder to write.
+    jobs : int, optional
+        Processes; 0 or None: all cores. The answer does not depend on it.
+    seed : int
+    overwrite : bool
+    draws : int
+        Draws of each contender. More take longer and tell effects apart better.
+    ground_range : float
+        Factor on the ranges in which the ground is calibrated; above 1 where the configured classes
+        are guesses. What a wider calibration can explain is no longer laid to an effect.
+    report : bool
+        Whether map, figures, report and configuration are written besides the numbers.
+    on_progress : callable, optional
+        Told of draws done, draws in all, and rocks simulated.
+    say : callable, optional
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    ConfigError, InputError, OutputError
+    Interrupted
+        If the user stops it; campaigns that were made are kept.
+    """
+    tell = say or (lambda _text: None)
+    began = time.perf_counter()
+    # Many small products of matrices: threads of the linear algebra would only wait for each other.
+    with threadpool_limits(1, "blas"), staged_output(Path(out), overwrite) as work:
+        settings = load_config(config)
+        tell("Reading the inputs")
+        case = replace(read_case(settings, observations), ground_range=ground_range)
+        if case.n_rocks < _FEWEST_ROCKS:
+            raise InputError(
+                "too few rocks to tell a cause from chance",
+                file=observations,
+                field="rocks",
+                found=case.n_rocks,
+                expected=f"{_FEWEST_ROCKS} or more",
+            )
+        frozen = thresholds_of(read_thresholds())
+        bench = bench_of(case, seed)
+        fingerprint = _fingerprint(settings, Path(observations), f"{seed} {draws} {ground_range:g}")
+        try:
+            with _workers(bench, job_count(settings, jobs)) as run:
+                tell(f"Letting {case.n_rocks} rocks go in the base model")
+                base, tried = base_of(bench)
+                tell("And in every contender")
+                library = _library(bench, tried, draws, run, work, fingerprint, on_progress)
+                tell("Comparing")
+                diagnosis, library = _diagnosis(base, library, frozen, run, fingerprint)
+        except KeyboardInterrupt:
+            raise Interrupted(
+                "stopped by the user; campaigns of finished contenders are kept: the same command "
+                "goes on from there"
+            ) from None
+        tell("Writing the results")
+        if report:
+            write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
+        else:
+            write_diagnosis_json(work / "diagnosis.json", diagnosis)
+            (work / "model").mkdir()
+        _write_ensemble(work / ENSEMBLE, bench, library, diagnosis.shrinkage.effect)
+    return diagnosis
+
+
+# ---------------------------------------------------------------------------------------------
+# Campaigns
+
+_BENCH: Bench | None = None
+
+
+def _receive(bench: Bench) -> None:
+    global _BENCH
+    _BENCH = bench
+
+
+def _try(task: tuple[str, int]) -> Tried:
+    assert _BENCH is not None
+    return try_task(_BENCH, task, _ORDER)
+
+
+def _try_refined(task: tuple[str, Mapping[str, float], int]) -> Tried:
+    assert _BENCH is not None
+    return run_refined(_BENCH, task)
+
+
+@contextmanager
+def _workers(bench: Bench, jobs: int) -> Iterator[_Map]:
+    """A map over tasks that keeps their order, in this process or in several."""
+    if jobs <= 1:
+        _receive(bench)
+        yield map
+        return
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _receive, (bench,)) as pool:
+        yield partial(pool.map, chunksize=4)
+
+
+def _library(
+    bench: Bench,
+    base: list[Tried],
+    draws: int,
+    run: _Map,
+    work: Path,
+    fingerprint: str,
+    on_progress: OnProgress | None,
+) -> Library:
+    """First round of campaigns; effects that were finished before are not made again."""
+    families = families_to_try(bench.case)
+    tasks = tasks_of(families, draws)
+    tried = list(base)
+    done = 0
+    for effect in families:
+        own = [task for task in tasks if task[0] == effect]
+        saved = work / f"{CHECKPOINT_STEM}.{effect}.pkl"
+        made = _saved(saved, fingerprint)
+        if made is None:
+            made = []
+            for one in run(_try, own):
+                made.append(one)
+                if on_progress is not None:
+                    rocks = 2 * bench.case.n_rocks * (done + len(made))
+                    on_progress(done + len(made), len(tasks), rocks)
+            _save(saved, fingerprint, made)
+        done += len(own)
+        tried += made
+    return library_of(bench, tried)
+
+
+def _saved(file: Path, fingerprint: str) -> list[Tried] | None:
+    """Campaigns of an earlier attempt with the same settings; our own file, in our own folder."""
+    try:
+        known, made = pickle.loads(file.read_bytes())
+    except (
+        OSError,
+        EOFError,
+        pickle.UnpicklingError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        ImportError,
+    ):
+        return None
+    return list(made) if known == fingerprint else None
+
+
+def _save(file: Path, fingerprint: str, made: Sequence[Tried]) -> None:
+    part = file.with_suffix(".part")
+    part.write_bytes(pickle.dumps((fingerprint, list(made))))
+    part.replace(file)
+
+
+def _fingerprint(config: Config, observations: Path, options: str) -> str:
+    """Of settings, inputs, observations, program and options."""
+    digest = hashlib.sha256(settings_hash(config).encode())
+    files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
+    for file in files:
+        if file.is_file():
+            digest.update(file.name.encode() + file.read_bytes())
+    digest.update(program_digest().encode())
+    digest.update(options.encode())
+    return digest.hexdigest()
+
+
+# ---------------------------------------------------------------------------------------------
+# Comparing
+
+
+def _diagnosis(
+    base_model: Base,
+    library: Library,
+    frozen: Thresholds,
+    run: _Map,
+    fingerprint: str,
+) -> tuple[Diagnosis, Library]:
+    """The answer, and the library with all that was calibrated on the way."""
+    bench = base_model.bench
+    case, seed = bench.case, bench.seed
+    shares, caution = _probabilities(base_model)
+    families = best_families(shares)
+    best = best_cause(shares)
+    if best == UNKNOWN:
+        best = families[0]
+    further = [NONE, *families[:_FURTHER]]
+    if "+" in best:
+        tasks = [(best, i) for i in range(_PAIR_DRAWS)]
+        library = library.with_more(bench, list(run(_try, tasks)))
+        further.append(best)
+
+    def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
+        return list(run(_try_refined, tasks))
+
+    library = refine(bench, library, further, again, rounds=ROUNDS, draws=REFINED)
+    part = folds_of(case.n_rocks, seed)
+    shrinkage = shrinkage_of(bench, library, best, part, draws=_BOOTSTRAP, seed=seed)
+    fitted = [library.tried[i].draw for i in best_draws(library, best).tolist()]
+    base = library.tried[int(best_draws(library, NONE)[0])].draw
+    findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
+    most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
+    verdict = verdict_of(shares, most, frozen, case, fitted, findings, caution)
+    named = verdict.effect not in (NONE, UNKNOWN)
+    if verdict.effect == NONE:
+        shrinkage = shrinkage_of(bench, library, NONE, part, draws=0, seed=seed)
+    elif not named:
+        shrinkage = replace(
+            shrinkage, note=f"No effect is named; this is of {best.replace('_', ' ')}, as a bound."
+        )
+    told = what_can_be_told(case.observations)
+    effect = fitted[0] if named else base
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        where=findings,
+        which=_contenders(bench, library, shares, best, part),
+        shrinkage=shrinkage,
+        rocks=case.n_rocks,
+        tables={name: len(table) for name, table in case.observations.tables.items()},
+        cannot_tell=told.cannot_tell,
+        measure_next=measure_next(case, verdict.confusion_set),
+        comparisons=_comparisons(bench, library, best if named else ""),
+        base=_calibrated(base),
+        effect=_calibrated(effect),
+        settings_hash=fingerprint,
+        seed=seed,
+        # Errors were logged while reading.
+        warnings=tuple(str(f) for f in case.observations.findings if f.level == "warning"),
+    )
+    return diagnosis, library
+
+
+def _probabilities(base: Base) -> tuple[dict[str, float], float]:
+    """Probability of each cause, and the caution to state it with.
+
+    By the judge of the richest design of which enough was measured.
+    """
+    case = base.bench.case
+    families = families_to_try(case)
+    for design in designs_of(case):
+        judge = read_judge(design)
+        signature = observed_signature(base, design)
+        if judge.seen(signature) >= LEAST_SEEN:
+            excluded = [name for name in FAMILIES if name not in families]
+            return judge.probabilities(signature, excluded), judge.caution
+    return no_idea((NONE, *families, UNKNOWN, PAIR)), 0.0
+
+
+def _contenders(
+    bench: Bench,
+    library: Library,
+    shares: Mapping[str, float],
+    best: str,
+    part: np.ndarray[tuple[int], np.dtype[np.int64]],
+) -> tuple[Contender, ...]:
+    """Everything that was tried, most probable first."""
+    names = [NONE, *best_families(shares), *([best] if "+" in best else [])]
+    base = held_out_scores(library, NONE, part)
+    rng = np.random.default_rng([bench.seed, 81])
+    found = []
+    for name in names:
+        own = held_out_scores(library, name, part)
+        gain = gain_of(base, own, rng)
+        top = [library.tried[i].draw for i in best_draws(library, name).tolist()]
+        values = {k: _values(top, k) for k in top[0].parameters}
+        found.append(
+            Contender(
+                name,
+                top[0].form,
+                float(np.nanmean(own)),
+                gain.value,
+                (gain.low, gain.high),
+                probability_of(name, shares),
+                dict(top[0].parameters),
+                {k: (float(v.min()), float(v.max())) for k, v in values.items()},
+            )
+        )
+    return tuple(sorted(found, key=lambda c: -c.probability))
+
+
+def _values(draws: Sequence[Draw], name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.array([d.parameters[name] for d in draws if name in d.parameters], np.float64)
+
+
+def _calibrated(draw: Draw) -> Calibrated:
+    stand = draw.model.stand
+    return Calibrated(
+        table=draw.model.table,
+        effects=draw.model.effects,
+        sections=draw.sections,
+        stand=None if stand is None else (stand.s0, stand.s1),
+        stems_per_ha=None if stand is None else stand.stems_per_ha,
+        dbh_cm=None if stand is None else stand.dbh_cm,
+    )
+
+
+_SHOWN = {
+    "runout": ("runout_m", "m"),
+    "aside": ("lateral_m", "m"),
+    "speed": ("speed_mps", "m/s"),
+    "rotation": ("rotation_hz", "1/s"),
+    "height": ("height_m", "m"),
+    "blocks": ("stops_per_rock", ""),
+}
+
+
+def _comparisons(bench: Bench, library: Library, effect: str) -> tuple[Comparison, ...]:
+    """Distributions of every scored quantity: observed, calibrated base, and effect."""
+    base = fitted_rows(library, NONE)
+    after = fitted_rows(library, effect) if effect else None
+    k = len(bench.scale.names)
+    out = []
+    for i, name in enumerate(bench.scale.names):
+        place, _, what = name.partition(":")
+        quantity, unit = _SHOWN[what]
+        shown = "stop" if place == "stop" else bench.case.station_names[int(place[1:])]
+
+        def values(
+            rows: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+            i: int = i,
+            what: str = what,
+        ) -> tuple[float, ...]:
+            there = rows[..., i + k] < 0.5
+            found = rows[..., i][there] * bench.scale.scale[i] + bench.scale.centre[i]
+            if what in ("speed", "blocks"):
+                found = np.exp(found)
+            return tuple(np.round(found, 4).tolist())
+
+        out.append(
+            Comparison(
+                shown,
+                quantity,
+                unit,
+                values(bench.rows),
+                values(base),
+                () if after is None else values(after),
+            )
+        )
+    return tuple(out)
+
+
+def _write_ensemble(file: Path, bench: Bench, library: Library, effect: str) -> None:
+    """The calibrated models, and the scale on which their rocks are compared."""
+    scale = bench.scale
+    kept = {
+        "seed": bench.seed,
+        "effect": effect,
+        "scale": {
+            "names": list(scale.names),
+            "centre": scale.centre.tolist(),
+            "scale": scale.scale.tolist(),
+        },
+        **{
+            name: [
+                model_as_json(library.tried[i].draw.model)
+                for i in best_draws(library, own).tolist()
+            ]
+            for name, own in (("base", NONE), ("effect", effect))
+        },
+    }
+    file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+
+
+def answer(config: str | Path, observations: str | Path, out: str | Path, **options: Any) -> None:
+    """The diagnosis without map, figures and report: the numbers alone, for the blind check."""
+    diagnose(config, observations, out, report=False, **options)

@@ -1,0 +1,200 @@
+"""A configuration and observations put together: the case that a diagnosis looks at."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sassgis.gap.case import Case
+from sassgis.gap.observations.projection import (
+    observed_release_points,
+    project_observations,
+    station_chainages,
+)
+from sassgis.gap.observations.tables import (
+    DENSITY_KGM3,
+    Observations,
+    rock_masses_kg,
+)
+from sassgis.io.read.config import Config
+from sassgis.io.read.observation_files import read_observations
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.runs.inputs import read_map_run
+from sassgis.runs.map import LEAD_IN_M, MapRun, plan
+from sassgis.runs.run import configured
+from sassgis.terrain.fall_lines import fall_line_surface, trace
+from sassgis.terrain.flatten import profiles
+from sassgis.terrain.release import point_keys, take
+from sassgis.terrain.stretch import SHORTEST_LINE_M, usable, with_lead_in
+
+#: Stations are prolonged by this much: a fall line may pass just beside one (m).
+_PROLONG_M = 100.0
+
+
+def read_case(config: Config | str | Path, observations: str | Path) -> Case:
+    """Read a configuration and observations.
+
+    Parameters
+    ----------
+    config : Config or path
+    observations : path
+        A GeoPackage, or a folder of CSV files.
+
+    Returns
+    -------
+    Case
+
+    Raises
+    ------
+    ConfigError, InputError
+        Files that cannot be used, or no rock whose fall line can be traced.
+    """
+    config = configured(config, None)
+    run = read_map_run(config)
+    read = read_observations(Path(observations), run.grid)
+    return case_of(run, read, Path(observations))
+
+
+def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
+    """The case of observations that have been read; ``file`` is for messages."""
+    names = observations.rock_names
+    if not names:
+        raise InputError(
+            "no rocks: neither a table of rocks nor any row with a rock_id",
+            file=file,
+            field="rocks",
+            expected="one row or more",
+        )
+    traces, line = _fall_lines(run, observations, file)
+    flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
+    stations = station_chainages(traces, observations.stations, prolong_m=_PROLONG_M)
+    masses = rock_masses_kg(observations)
+    blocks = rock_populations(observations, run.blocks[0], masses)
+    radius = np.array([_radius(b) for b in blocks], np.float64)
+    return Case(
+        observations=observations,
+        grid=run.grid,
+        table=run.table,
+        engine=run.engine,
+        effects=run.effects,
+        forest=run.forest,
+        traces=traces,
+        profiles=with_lead_in(flat, LEAD_IN_M),
+        line=line,
+        blocks=blocks,
+        start=np.zeros((len(names), 2)),
+        mass_kg=masses,
+        radius_m=radius,
+        stations=stations,
+        projected=project_observations(observations, traces, line, grid=run.grid, profiles=flat),
+    )
+
+
+def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[TraceSet, IntArray]:
+    """Fall lines, and the line of each rock: its own, or one of the configured release points."""
+    points, rock = observed_release_points(observations)
+    n = len(observations.rock_names)
+    if len(points):
+        places = np.column_stack([points.x, points.y])
+        unique, which = np.unique(places, axis=0, return_inverse=True)
+        keys = np.concatenate([point_keys(f"{x:.3f} {y:.3f}", 1) for x, y in unique])
+        starts = ReleasePoints(
+            unique[:, 0].copy(),
+            unique[:, 1].copy(),
+            np.arange(len(unique), dtype=np.int64),
+            keys,
+            tuple(str(k) for k in range(len(unique))),
+        )
+        line = np.full(n, -1, np.int64)
+        line[rock] = which.ravel()
+    else:
+        starts = plan(run).starts
+        line = np.full(n, -1, np.int64)
+    traces = trace(run.grid, fall_line_surface(run.grid, run.fall_lines), starts, run.fall_lines)
+    good = usable(traces, SHORTEST_LINE_M)
+    if not good.any():
+        raise InputError(
+            "no fall line can be traced from the release points",
+            file=file,
+            field="rocks.x, rocks.y",
+            found=f"{len(starts)} points",
+            expected="points on the terrain model, on a slope",
+        )
+    line[(line >= 0) & ~good[line]] = -1
+    # A rock of unknown release may have come from any of the places: they take turns.
+    loose = np.flatnonzero(line < 0)
+    line[loose] = np.resize(np.flatnonzero(good), loose.size)
+    used, line = np.unique(line, return_inverse=True)
+    kept = take(starts, used)
+    traces = trace(run.grid, fall_line_surface(run.grid, run.fall_lines), kept, run.fall_lines)
+    return traces, line.ravel().astype(np.int64)
+
+
+def rock_populations(
+    observations: Observations, configured: BlockPopulation, mass_kg: FloatArray
+) -> tuple[BlockPopulation, ...]:
+    """One population per rock: what was observed is fixed, the rest is drawn as configured.
+
+    Parameters
+    ----------
+    observations : Observations
+    configured : BlockPopulation
+    mass_kg : float64, shape (n_rocks,)
+        NaN where unknown.
+    """
+    rocks = observations.rocks
+    row = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
+    made = []
+    for k, name in enumerate(observations.rock_names):
+        block = replace(configured, name=name)
+        i = row.get(name)
+        if i is not None:
+            block = _fixed(block, observations, i, float(mass_kg[k]))
+        made.append(block)
+    return tuple(made)
+
+
+def _fixed(
+    block: BlockPopulation, observations: Observations, i: int, mass: float
+) -> BlockPopulation:
+    rocks = observations.rocks
+    axes = [float(getattr(rocks, f"semi_axis_{c}_m")[i]) for c in "abc"]
+    density = float(rocks.density_kgm3[i])
+    speed = float(rocks.release_speed_mps[i])
+    changes: dict[str, object] = {}
+    if math.isfinite(density):
+        changes["density_kgm3"] = (density, density)
+    if math.isfinite(speed):
+        changes["speed_mps"] = (speed, speed)
+    if all(math.isfinite(a) for a in axes):
+        changes.update({f"axis_{j + 1}_m": (a, a) for j, a in enumerate(axes)})
+        changes["volume_m3"] = changes["volume_exponent"] = None
+    elif math.isfinite(mass):
+        own = float(rocks.volume_m3[i])
+        volume = own if math.isfinite(own) else mass / _density(density, block)
+        changes["volume_m3"] = (volume, volume)
+        changes["volume_exponent"] = None
+    return replace(block, **changes)  # type: ignore[arg-type]
+
+
+def _density(observed: float, block: BlockPopulation) -> float:
+    if math.isfinite(observed):
+        return observed
+    middle = 0.5 * sum(block.density_kgm3)
+    return middle if middle > 0.0 else DENSITY_KGM3
+
+
+def _radius(block: BlockPopulation) -> float:
+    """Radius of the sphere of equal volume of a rock in the middle of its limits (m)."""
+    if block.volume_m3 is not None:
+        volume = 0.5 * sum(block.volume_m3)
+    else:
+        limits = (block.axis_1_m, block.axis_2_m, block.axis_3_m)
+        volume = 4.0 / 3.0 * math.pi * math.prod(0.5 * sum(axis) for axis in limits)
+    return float(np.cbrt(3.0 * volume / (4.0 * math.pi)))

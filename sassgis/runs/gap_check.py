@@ -1,0 +1,573 @@
+"""The blind check of the diagnosis: worlds with sealed labels, answers, scores."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import secrets
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sassgis.gap.check.check_scores import (
+    SHRINKAGE_ROCKS,
+    Answer,
+    CheckScores,
+    Truth,
+    answer_from,
+    names_in,
+    score,
+)
+from sassgis.gap.check.sealed_cases import labels_text, seal_of, truth_of
+from sassgis.gap.check.worker_pool import Crew, Outcome, Task
+from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
+from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
+from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
+from sassgis.io.write.program import program_digest
+from sassgis.io.write.staging import partial_folder, writing
+from sassgis.model.errors import InputError, Interrupted, OutputError
+from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
+
+WORLDS = 150
+#: Seed of the battery, if none is given.
+SEED = 2026
+#: Rocks on which a stated shrinkage is checked.
+FRESH_ROCKS = 1000
+DIAGNOSER = "sassgis.runs.diagnose:answer"
+MEASURER = "sassgis.gap.ladder.fresh:measured_shrinkage"
+
+_FORMAT = 1
+_MAKER = "sassgis.gap.check.sealed_cases"
+#: Worlds whose fresh rocks are on the disk at the same time.
+_BATCH = 8
+
+OnProgress = Callable[[int, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """What a check found.
+
+    Attributes
+    ----------
+    scores : CheckScores
+    warnings : tuple of str
+    """
+
+    scores: CheckScores
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _World:
+    case: str
+    spec: WorldSpec
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """The files of a check."""
+
+    root: Path
+
+    @property
+    def plan(self) -> Path:
+        return self.root / "check.json"
+
+    @property
+    def seal(self) -> Path:
+        return self.root / "labels.sha256"
+
+    @property
+    def case_list(self) -> Path:
+        return self.root / "cases.sha256"
+
+    @property
+    def answer_list(self) -> Path:
+        return self.root / "answers.sha256"
+
+    @property
+    def salt(self) -> Path:
+        return self.root / "sealed" / "salt.txt"
+
+    @property
+    def labels(self) -> Path:
+        return self.root / "sealed" / "labels.json"
+
+    def case(self, case: str) -> Path:
+        return self.root / "cases" / case
+
+    def answer(self, case: str) -> Path:
+        return self.root / "answers" / case
+
+    def record(self, case: str) -> Path:
+        return self.root / "answers" / f"{case}.json"
+
+    def fresh(self, case: str) -> Path:
+        return self.root / "fresh" / case
+
+    def measured(self, case: str) -> Path:
+        return self.root / "shrinkage" / f"{case}.json"
+
+
+def check(
+    out: str | Path,
+    *,
+    worlds: int = WORLDS,
+    seed: int = SEED,
+    jobs: int | None = None,
+    quick: bool = False,
+    development: bool = False,
+    diagnoser: str = DIAGNOSER,
+    measurer: str = MEASURER,
+    thresholds: Path | None = None,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> CheckResult:
+    """Let the diagnosis answer on made worlds whose truth is withheld from it, and score it.
+
+    First all worlds are made; what their observers have and know is written to ``cases``, of the
+    truth nothing but a hash (``labels.sha256``). Each world is then diagnosed in a process that
+    cannot load the made worlds and sees nothing of the folder but its own case and answer. When
+    all answers are there, their hashes are written, the worlds are made a second time, and the
+    labels, which must have the hash that was written before, are put beside the answers.
+
+    An interrupted check goes on with the same call.
+
+    Parameters
+    ----------
+    out : path
+        Folder of the check.
+    worlds : int
+    seed : int
+        Of the battery.
+    jobs : int, optional
+        Processes; default: one for each core.
+    quick : bool
+        Six small worlds, to see whether everything runs.
+    development : bool
+        Whether a battery may be used on which thresholds were chosen; the scores then say so.
+    diagnoser, measurer : str
+        Functions as "module:name", called as ``diagnose(config, observations, out, jobs=1,
+        seed=, overwrite=False)`` and ``measured_shrinkage(config, fresh, answer_folder)``.
+    thresholds : Path, optional
+        Frozen thresholds of the diagnosis; default: those of the package.
+    on_progress : callable, optional
+        Called with (steps done, steps in all, rocks diagnosed).
+    say : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    CheckResult
+
+    Raises
+    ------
+    InputError
+        If this battery was looked at while the thresholds were chosen; if labels, cases or answers
+        are not those that were sealed.
+    OutputError
+        If the folder holds something else, or cannot be written.
+    Interrupted
+        If the user stops it; all answers are kept.
+    """
+    place = _Place(Path(out))
+    tell = say or (lambda _text: None)
+    step = on_progress or (lambda _done, _total, _rocks: None)
+    jobs = jobs or _cores()
+    digest = _thresholds_digest(thresholds, seed, development)
+    planned = _battery(seed, worlds, quick)
+    plan = {
+        "format": _FORMAT,
+        "seed": seed,
+        "worlds": len(planned),
+        "quick": quick,
+        "development": development,
+        "thresholds_sha256": digest,
+    }
+    try:
+        programs = _claim(place, plan)
+        if not place.seal.exists():
+            tell(f"Making {len(planned)} worlds")
+            _make(place, planned, jobs, step)
+        if not place.answer_list.exists():
+            tell("Diagnosing them, with sealed labels")
+            _answer(place, planned, jobs, diagnoser, step)
+            _write_text(place.answer_list, _answer_digests(place, planned))
+        if not place.labels.exists():
+            tell("Opening the labels")
+            _open(place, planned, jobs, step)
+        truths = _truths(place, planned)
+        answers = {world.case: _read_answer(place, world.case) for world in planned}
+        _measure(place, planned, answers, jobs, measurer, step, tell)
+    except KeyboardInterrupt:
+        raise Interrupted(
+            f"stopped by the user; what was made and answered is kept in {place.root}: "
+            "the same command goes on from there"
+        ) from None
+    return _conclude(place, planned, plan, programs, truths, answers, tell)
+
+
+def _thresholds_digest(file: Path | None, seed: int, development: bool) -> str:
+    content = read_thresholds(file)
+    path = file or THRESHOLDS
+    if seed in content["battery_seeds"] and not development:
+        raise InputError(
+            "this battery was looked at while the diagnosis was made: scores on it would flatter",
+            file=path,
+            field="battery_seeds",
+            found=f"seed {seed}",
+            expected="another --seed, or --development",
+        )
+    return frozen_digest(file)
+
+
+def _battery(seed: int, worlds: int, quick: bool) -> list[_World]:
+    specs = quick_battery(seed) if quick else battery(seed, worlds)
+    seeds = world_seeds(seed, len(specs))
+    width = max(3, len(str(len(specs))))
+    return [
+        _World(f"{k + 1:0{width}d}", spec, own)
+        for k, (spec, own) in enumerate(zip(specs, seeds, strict=True))
+    ]
+
+
+def _cores() -> int:
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+def _claim(place: _Place, plan: dict[str, Any]) -> list[str]:
+    """Take the folder, or go on in it; returns the states of the program that worked in it."""
+    own = program_digest()
+    if place.plan.exists():
+        there = _read_json(place.plan)
+        programs = [str(p) for p in there.pop("programs", [])]
+        if there != plan:
+            keys = [k for k in plan if there.get(k) != plan[k]]
+            raise OutputError(
+                f"{place.root}: holds another check ({', '.join(keys)} differ); "
+                "choose another folder"
+            )
+    else:
+        programs = []
+        with writing(place.root):
+            if place.root.exists() and (not place.root.is_dir() or any(place.root.iterdir())):
+                raise OutputError(f"{place.root}: exists and is no check; choose another folder")
+            place.root.mkdir(parents=True, exist_ok=True)
+    # What comes after the answers does not make them other than they are.
+    if own not in programs and not place.answer_list.exists():
+        programs.append(own)
+    _write_json(place.plan, {**plan, "programs": programs})
+    return programs
+
+
+def _make(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress) -> None:
+    """Write the cases, and the hash of their labels, which stay in memory until they are hashed."""
+    with writing(place.root):
+        for name in ("cases", "answers"):
+            shutil.rmtree(place.root / name, ignore_errors=True)
+            (place.root / name).mkdir()
+    tasks = [
+        Task(w.case, f"{_MAKER}:make_case", (w.spec, w.seed, w.case, str(place.case(w.case))))
+        for w in planned
+    ]
+    made = _all(tasks, jobs, step)
+    salt = secrets.token_hex(32)
+    _write_text(place.salt, f"{salt}\n")
+    lines = [f"{made[w.case]['digest']}  cases/{w.case}" for w in planned]
+    _write_text(place.case_list, "\n".join(lines) + "\n")
+    text = labels_text([made[w.case]["label"] for w in planned])
+    # Last: its presence says that everything before it is there.
+    _write_text(place.seal, f"{seal_of(salt, text)}  sealed/salt.txt + sealed/labels.json\n")
+
+
+def _all(tasks: Sequence[Task], jobs: int, step: OnProgress) -> dict[str, Any]:
+    """Values of tasks that must not fail."""
+    values: dict[str, Any] = {}
+    with Crew(jobs) as crew:
+        for outcome in crew.run(tasks):
+            if outcome.failure:
+                raise OutputError(f"world {outcome.key} cannot be made: {outcome.failure}")
+            values[outcome.key] = outcome.value
+            step(len(values), len(tasks), 0)
+    return values
+
+
+def _answer(
+    place: _Place, planned: Sequence[_World], jobs: int, diagnoser: str, step: OnProgress
+) -> None:
+    rocks = {w.case: w.spec.n_rocks for w in planned}
+    open_cases = [w.case for w in planned if not _is_answered(place, w.case)]
+    if place.labels.exists() and open_cases:
+        raise InputError(
+            "the labels have been opened, and answers are missing",
+            file=place.root,
+            found=", ".join(open_cases),
+            expected="a check in another folder",
+        )
+    total = len(planned)
+    done = total - len(open_cases)
+    seen = sum(n for case, n in rocks.items() if case not in open_cases)
+    for case in open_cases:
+        shutil.rmtree(place.answer(case), ignore_errors=True)
+    tasks = [
+        Task(
+            case,
+            diagnoser,
+            (
+                str(place.case(case) / CONFIG_NAME),
+                str(place.case(case) / OBSERVATIONS_NAME),
+                str(place.answer(case)),
+            ),
+            {"jobs": 1, "seed": 1, "overwrite": False},
+            (place.case(case), place.answer(case), partial_folder(place.answer(case))),
+        )
+        for case in open_cases
+    ]
+    with Crew(jobs, place.root) as crew:
+        for outcome in crew.run(tasks):
+            failure = outcome.failure or _unreadable(place, outcome.key)
+            record = {"failure": failure, "seconds": round(outcome.seconds, 2)}
+            _write_json(place.record(outcome.key), record)
+            done += 1
+            seen += rocks[outcome.key]
+            step(done, total, seen)
+
+
+def _is_answered(place: _Place, case: str) -> bool:
+    return place.record(case).exists()
+
+
+def _unreadable(place: _Place, case: str) -> str:
+    """Why an answer cannot be read; empty if it can."""
+    file = place.answer(case) / "diagnosis.json"
+    try:
+        answer_from(case, json.loads(file.read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        return f"diagnosis.json cannot be used: {type(error).__name__}: {error}"
+    return ""
+
+
+def _read_answer(place: _Place, case: str) -> Answer:
+    record = _read_json(place.record(case))
+    if record["failure"]:
+        return Answer(case, "no answer", math.nan, failure=str(record["failure"]))
+    return answer_from(case, _read_json(place.answer(case) / "diagnosis.json"))
+
+
+def _answer_digests(place: _Place, planned: Sequence[_World]) -> str:
+    lines = []
+    for world in planned:
+        files = [place.record(world.case)]
+        if not _read_json(files[0])["failure"]:
+            files.append(place.answer(world.case) / "diagnosis.json")
+        for file in files:
+            digest = hashlib.sha256(file.read_bytes()).hexdigest()
+            lines.append(f"{digest}  {file.relative_to(place.root).as_posix()}")
+    return "\n".join(lines) + "\n"
+
+
+def _open(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress) -> None:
+    """Make the labels anew and write them down, if they have the hash that was sealed."""
+    _verify_answers(place, planned)
+    tasks = [Task(w.case, f"{_MAKER}:make_label", (w.spec, w.seed, w.case)) for w in planned]
+    labels = _all(tasks, jobs, step)
+    text = labels_text([labels[w.case] for w in planned])
+    _verify_seal(place, text, "labels made anew")
+    _write_text(place.labels, text)
+
+
+def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
+    """The opened labels, after everything has been compared with its hash."""
+    text = place.labels.read_text(encoding="utf-8")
+    _verify_seal(place, text, str(place.labels))
+    _verify_answers(place, planned)
+    for line in place.case_list.read_text(encoding="utf-8").splitlines():
+        digest, name = line.split("  ")
+        if folder_digest(place.root / name) != digest:
+            raise InputError(
+                "the case is not the one that was made",
+                file=place.root / name,
+                expected=f"SHA-256 {digest}, as in {place.case_list.name}",
+            )
+    return [truth_of(label) for label in json.loads(text)]
+
+
+def _verify_seal(place: _Place, text: str, found: str) -> None:
+    sealed = place.seal.read_text(encoding="utf-8").split()[0]
+    salt = place.salt.read_text(encoding="utf-8").strip()
+    actual = seal_of(salt, text)
+    if actual != sealed:
+        raise InputError(
+            "the labels are not those that were sealed",
+            file=place.seal,
+            found=f"{found}: SHA-256 {actual}",
+            expected=f"SHA-256 {sealed}",
+        )
+
+
+def _verify_answers(place: _Place, planned: Sequence[_World]) -> None:
+    frozen = place.answer_list.read_text(encoding="utf-8").splitlines()
+    try:
+        now = _answer_digests(place, planned).splitlines()
+    except OSError as error:
+        raise InputError(
+            "an answer is gone", file=str(error.filename), expected="as it was written"
+        ) from None
+    changed = sorted({line.split("  ")[1] for line in set(frozen) ^ set(now)})
+    if changed:
+        raise InputError(
+            "answers were changed after all had been given",
+            file=place.answer_list,
+            found=", ".join(changed),
+            expected="the answers as they were given",
+        )
+
+
+def _measure(
+    place: _Place,
+    planned: Sequence[_World],
+    answers: dict[str, Answer],
+    jobs: int,
+    measurer: str,
+    step: OnProgress,
+    tell: Callable[[str], None],
+) -> None:
+    """Shrinkage on fresh rocks, where one was stated or an effect was named."""
+    due = [
+        w
+        for w in planned
+        if w.spec.n_rocks >= SHRINKAGE_ROCKS
+        and not answers[w.case].failure
+        and (answers[w.case].shrinkage is not None or names_in(answers[w.case].effect))
+    ]
+    left = [w for w in due if not place.measured(w.case).exists()]
+    if not left:
+        return
+    tell(f"Measuring the shrinkage of {len(due)} worlds on {FRESH_ROCKS} fresh rocks each")
+    done = len(due) - len(left)
+    with Crew(jobs) as makers, Crew(jobs, place.root) as measurers:
+        for first in range(0, len(left), _BATCH):
+            some = left[first : first + _BATCH]
+            fresh = [
+                Task(
+                    w.case,
+                    f"{_MAKER}:make_fresh",
+                    (w.spec, w.seed, FRESH_ROCKS, str(place.fresh(w.case))),
+                )
+                for w in some
+            ]
+            for outcome in makers.run(fresh):
+                if outcome.failure:
+                    raise OutputError(
+                        f"fresh rocks of world {outcome.key} cannot be made: {outcome.failure}"
+                    )
+            for outcome in measurers.run(_measure_tasks(place, some, measurer)):
+                _write_json(place.measured(outcome.key), _measured(outcome))
+                shutil.rmtree(place.fresh(outcome.key), ignore_errors=True)
+                done += 1
+                step(done, len(due), FRESH_ROCKS * done)
+    shutil.rmtree(place.root / "fresh", ignore_errors=True)
+
+
+def _measure_tasks(place: _Place, some: Iterable[_World], measurer: str) -> list[Task]:
+    return [
+        Task(
+            w.case,
+            measurer,
+            (
+                str(place.case(w.case) / CONFIG_NAME),
+                str(place.fresh(w.case)),
+                str(place.answer(w.case)),
+            ),
+            folders=(place.case(w.case), place.fresh(w.case), place.answer(w.case)),
+        )
+        for w in some
+    ]
+
+
+def _measured(outcome: Outcome) -> dict[str, Any]:
+    """What the measuring gave, or why it failed."""
+    value = outcome.value
+    if outcome.failure or not isinstance(value, dict) or "S" not in value:
+        return {"S": None, "failure": outcome.failure or "no shrinkage was given back"}
+    keys = ("S", "D_base", "D_effect", "D_floor")
+    return {"failure": "", **{key: _number(value.get(key)) for key in keys}}
+
+
+def _number(value: object) -> float | None:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)
+
+
+def _conclude(
+    place: _Place,
+    planned: Sequence[_World],
+    plan: dict[str, Any],
+    programs: list[str],
+    truths: Sequence[Truth],
+    answers: dict[str, Answer],
+    tell: Callable[[str], None],
+) -> CheckResult:
+    measured = {
+        w.case: _read_json(place.measured(w.case))
+        for w in planned
+        if place.measured(w.case).exists()
+    }
+    scores = score(truths, answers.values(), {case: m["S"] for case, m in measured.items()})
+    rows = [
+        WorldRow(
+            truth,
+            answers[truth.case],
+            measured.get(truth.case, {}),
+            float(_read_json(place.record(truth.case))["seconds"]),
+        )
+        for truth in truths
+    ]
+    record = CheckRecord(
+        plan=plan,
+        programs=tuple(programs),
+        hashes={
+            "labels_sha256": place.seal.read_text(encoding="utf-8").split()[0],
+            "answers_sha256": hashlib.sha256(place.answer_list.read_bytes()).hexdigest(),
+        },
+        rows=tuple(rows),
+        scores=scores,
+    )
+    tell("Writing scores, figures and report")
+    with writing(place.root):
+        warnings = write_check(place.root, record)
+    return CheckResult(scores, warnings)
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("cannot be read", file=file, found=reason) from None
+    if not isinstance(content, dict):
+        raise InputError("cannot be read", file=file, expected="a JSON object")
+    return content
+
+
+def _write_json(file: Path, content: dict[str, Any]) -> None:
+    _write_text(file, json.dumps(content, indent=1) + "\n")
+
+
+def _write_text(file: Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    with writing(file):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        work = file.with_name(f"{file.name}.partial")
+        work.write_text(text, encoding="utf-8", newline="\n")
+        work.replace(file)

@@ -1,0 +1,127 @@
+"""Short ways to make slopes, grounds, blocks and runs for the tests of effects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sassgis.engine.simulate import COURSE_COLUMNS, Forest, Simulated, simulate
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
+from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.profiles import ProfileSet
+from sassgis.model.settings import EngineSettings
+
+FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
+REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = range(6)
+COL = {name: i for i, name in enumerate(COURSE_COLUMNS)}
+G = 9.81
+
+MIXED = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
+
+
+def ground(name: str = "rock", **changes: float) -> GroundClass:
+    values = {
+        "eta_max": 0.7, "dp_min": 0.0, "dp_max": 0.3, "mu_f": 0.8, "mu_0": 0.5, "k": 0.2,
+        "d_star_m": 0.2,
+    }  # fmt: skip
+    return GroundClass(name, **(values | changes))
+
+
+def plain(name: str = "rock", **changes: float) -> GroundClass:
+    """Ground whose slope does not vary and whose friction does not know the size of the rock."""
+    return ground(name, **({"dp_max": 0.0, "k": 0.0, "d_star_m": 0.0} | changes))
+
+
+def slope(*parts: tuple[float, float], top: float = 500.0) -> tuple[FloatArray, FloatArray]:
+    """(s, z) from plan lengths (m) and angles below the horizontal (degrees)."""
+    ds = np.array([p[0] for p in parts], float)
+    dz = -ds * np.tan(np.radians([p[1] for p in parts]))
+    return np.append(0.0, np.cumsum(ds)), np.append(0.0, np.cumsum(dz)) + top
+
+
+def rough_slope(seed: int, angle: float = 36.0) -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(seed)
+    s = np.arange(0.0, 130.5, 0.5)
+    z = 500.0 - np.tan(np.radians(angle)) * np.minimum(s, 90.0)
+    return s, z + rng.normal(0.0, 0.12, s.size)
+
+
+def profile(line: Any, cell: float = 2.0, classes: Any = 0) -> ProfileSet:
+    """A profile set of one line, on stretches of equal length in place of cells."""
+    s, z = (np.asarray(v, float) for v in line)
+    border = np.append(np.arange(s[0], s[-1] - 1e-9, cell), s[-1])
+    return ProfileSet(
+        np.array([0, s.size]),
+        s,
+        z,
+        np.broadcast_to(np.asarray(classes, np.int32), s.shape).copy(),
+        np.array([0, border.size - 1]),
+        border,
+        np.arange(border.size - 1, dtype=np.int64),
+    )
+
+
+def sphere(radius: float = 0.5, **limits: Any) -> BlockPopulation:
+    r = (radius, radius)
+    return BlockPopulation(axis_1_m=r, axis_2_m=r, axis_3_m=r, **limits)
+
+
+def ellipsoid(a: float, b: float, c: float, **limits: Any) -> BlockPopulation:
+    return BlockPopulation(axis_1_m=(a, a), axis_2_m=(b, b), axis_3_m=(c, c), **limits)
+
+
+def sphere_mass(radius: float, density: float = 2700.0) -> float:
+    return 4.0 / 3.0 * np.pi * radius**3 * density
+
+
+def forest(flat: ProfileSet, stems_per_m2: Any, diameter_m: float = 0.3) -> Forest:
+    """The same stems on all stretches, or stems for each."""
+    stems = np.broadcast_to(np.asarray(stems_per_m2, float), flat.cell.shape).copy()
+    return Forest(stems, np.where(stems > 0.0, diameter_m, 0.0))
+
+
+def run(
+    line: Any,
+    table: Any,
+    blocks: BlockPopulation,
+    effects: EffectSettings | None = None,
+    *,
+    n: int = 1,
+    seed: int = 1,
+    start: Any = 5.0,
+    cell: float = 2.0,
+    settings: EngineSettings | None = None,
+    **more: Any,
+) -> Simulated:
+    """``simulate`` on one line, a ProfileSet or (s, z), and one ground class or a table."""
+    flat = line if isinstance(line, ProfileSet) else profile(line, cell)
+    return simulate(
+        flat,
+        table if isinstance(table, GroundTable) else GroundTable((table,)),
+        blocks,
+        settings or EngineSettings(),
+        seed=seed,
+        rocks_per_line=n,
+        line_keys=np.arange(1, dtype=np.uint64),
+        starts=np.broadcast_to(np.asarray(start, float), (1, 2)),
+        effects=effects,
+        **more,
+    )
+
+
+def first(course: FloatArray, phase: int) -> FloatArray:
+    """The first event of a phase in a course."""
+    return course[np.flatnonzero(course[:, 0] == phase)[0]]
+
+
+def same(one: Simulated, other: Simulated) -> bool:
+    """Whether two runs left the same rocks, passages and maps to the last bit."""
+    return (
+        one.rocks.tobytes() == other.rocks.tobytes()
+        and one.passages.tobytes() == other.passages.tobytes()
+        and one.pieces.tobytes() == other.pieces.tobytes()
+        and all(one.sums[k].tobytes() == other.sums[k].tobytes() for k in one.sums)
+    )

@@ -1,0 +1,279 @@
+"""Soft ground, rough ground and the third axis: single impacts against formulas by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from effects_lab import (
+    COL,
+    FLIGHT,
+    IMPACT,
+    MIXED,
+    ellipsoid,
+    ground,
+    plain,
+    profile,
+    rough_slope,
+    run,
+    same,
+    slope,
+    sphere,
+)
+from scipy import stats
+
+from sassgis.engine.effects import rock_shape, roughness
+from sassgis.engine.ellipse import contact_frame
+from sassgis.model.effects import EffectSettings, Entrainment, RockShape, Roughness, SoftGround
+from sassgis.model.errors import ConfigError
+from sassgis.model.ground import GroundTable
+from sassgis.model.settings import EngineSettings
+
+FLAT = slope((200.0, 0.0))
+VX, VZ, OMEGA = COL["vx_mps"], COL["vz_mps"], COL["omega_radps"]
+#: Lands on its corner, so that it rebounds.
+TILTED = ellipsoid(
+    0.6, 0.4, 0.3, drop_m=(5.0, 5.0), speed_mps=(4.0, 4.0), orientation_rad=(2.2, 2.2)
+)
+
+
+def first_impact(effects, blocks=TILTED, table=None, settings=None, line=FLAT, **more):
+    """Rows of the first impact of a rock and of what follows."""
+    out = run(line, table or plain(), blocks, effects, course_events=8, settings=settings, **more)
+    course = out.courses[0]
+    i = int(np.flatnonzero(course[:, 0] == IMPACT)[0])
+    return course[i], course[i + 1], out.rocks[0]
+
+
+def soft(*args, **settings):
+    settings.setdefault("classes", ())
+    return EffectSettings(soft_ground=SoftGround(*args, **settings))
+
+
+# --- soft ground ---
+
+
+@pytest.mark.parametrize("reference", [2.0, 9.144])
+def test_velocity_scaled_reduces_the_normal_rebound_only(reference):
+    met, hard, _ = first_impact(None)
+    _, yields, _ = first_impact(soft(reference_speed_mps=reference))
+    assert hard[0] == FLIGHT and hard[VZ] > 0.1
+    into = -met[VZ]
+    assert yields[VX] == pytest.approx(hard[VX], rel=1e-12)
+    assert yields[OMEGA] == pytest.approx(hard[OMEGA], rel=1e-12)
+    assert yields[VZ] == pytest.approx(hard[VZ] / (1.0 + (into / reference) ** 2), rel=1e-12)
+
+
+def test_velocity_scaled_at_a_speed_of_v_ref_halves_it():
+    met, hard, _ = first_impact(None)
+    _, yields, _ = first_impact(soft(reference_speed_mps=float(-met[VZ])))
+    assert yields[VZ] == pytest.approx(0.5 * hard[VZ], rel=1e-12)
+
+
+@pytest.mark.parametrize(("modulus", "factor"), [(10.0, 0.02), (2.0, 0.02), (10.0, 0.2)])
+def test_the_scar_takes_what_its_drag_takes(modulus, factor):
+    met, hard, rock = first_impact(None)
+    _, yields, _ = first_impact(soft("scar", modulus_mpa=modulus, depth_factor=factor))
+    mass, into = rock["mass_kg"], -met[VZ]
+    radius = (rock["a_m"] * rock["b_m"] * rock["c_m"]) ** (1 / 3)
+    depth = min(factor * mass**0.25 * modulus**-0.4 * into**0.8, radius)
+    # Segment of a circle below the surface, and its chord, by integration.
+    y = np.linspace(radius - depth, radius, 200_001)
+    section = 2.0 * np.trapezoid(np.sqrt(radius**2 - y**2), y)
+    chord = 2.0 * math.sqrt(radius**2 - (radius - depth) ** 2)
+    left = math.exp(-1.0 * 1800.0 * section * chord / mass)
+    for column in (VX, VZ, OMEGA):
+        assert yields[column] == pytest.approx(math.sqrt(left) * hard[column], rel=1e-4)
+    assert left < 0.97
+
+
+def test_a_deeper_scar_takes_more_from_fast_and_large_blocks_and_on_softer_ground():
+    def left(drop, size, modulus=10.0):
+        blocks = ellipsoid(
+            1.5 * size,
+            size,
+            size,
+            drop_m=(drop, drop),
+            speed_mps=(12.0, 12.0),
+            orientation_rad=(1.9, 1.9),
+        )
+        _, hard, _ = first_impact(None, blocks)
+        _, yields, _ = first_impact(soft("scar", modulus_mpa=modulus), blocks)
+        return yields[VZ] / hard[VZ]
+
+    assert left(20.0, 0.4) < left(2.0, 0.4)
+    assert left(5.0, 0.4, 1.0) < left(5.0, 0.4, 10.0)
+
+
+def test_slip_is_the_rule_of_coulomb_with_its_own_friction():
+    line, table = rough_slope(2), ground(mu_f=0.3)
+    slips = run(line, table, MIXED, soft("slip", friction=0.3), n=60, start=(3.0, 20.0))
+    rule = run(
+        line, table, MIXED, n=60, start=(3.0, 20.0),
+        settings=EngineSettings(eta_max_rule="coulomb"),
+    )  # fmt: skip
+    assert same(slips, rule)
+
+
+def test_slip_leaves_a_spin_deficit():
+    # Without slip the contact point rests after an impact: v_t' = y ω'.
+    for effects, slides in ((None, False), (soft("slip", friction=0.05), True)):
+        met, leaves, rock = first_impact(effects, table=plain(eta_max=1.0))
+        _, y, _ = contact_frame(rock["a_m"], rock["b_m"], met[COL["theta_rad"]])
+        deficit = leaves[VX] - y * leaves[OMEGA]
+        assert (abs(deficit) > 0.5) == slides
+        assert slides or abs(deficit) < 1e-9
+
+
+def test_only_soft_classes_are_soft():
+    table = GroundTable((plain("rock"), plain("meadow"), plain("soil")))
+    on = soft(reference_speed_mps=1.0, classes=("meadow", "soil"))
+    for kind, changes in ((0, False), (1, True), (2, True)):
+        flat = profile(FLAT, classes=kind)
+        _, hard, _ = first_impact(None, table=table, line=flat)
+        _, yields, _ = first_impact(on, table=table, line=flat)
+        assert (yields[VZ] != hard[VZ]) == changes
+    flat = profile(FLAT)
+    everywhere = first_impact(soft(reference_speed_mps=1.0), table=table, line=flat)
+    assert everywhere[1][VZ] < first_impact(None, table=table, line=flat)[1][VZ]
+
+
+@pytest.mark.parametrize("family", ["soft_ground", "roughness", "entrainment"])
+def test_a_class_that_is_none_is_refused(family):
+    kind = {"soft_ground": SoftGround, "roughness": Roughness, "entrainment": Entrainment}[family]
+    with pytest.raises(ConfigError) as caught:
+        first_impact(EffectSettings(**{family: kind(classes=("rock", "marsh"))}))
+    error = caught.value
+    assert error.field == f"effects.{family}.classes"
+    assert "marsh" in str(error) and "rock" in str(error.expected)
+
+
+# --- roughness ---
+
+
+def tilts(form, radius, obstacle=0.05, wavelength=2.0, n=6000):
+    code = {"uniform": roughness.UNIFORM, "wave": roughness.WAVE}[form]
+    rough = roughness.Rough(code, obstacle, wavelength, np.ones(1, np.bool_))
+    return np.array([roughness.tilt(rough, np.uint64(k), 1, radius) for k in range(n)])
+
+
+def test_uniform_tilts_lie_within_the_angle_of_the_obstacle():
+    for radius in (0.2, 0.5, 2.0):
+        own = tilts("uniform", radius)
+        most = math.atan(0.05 / radius)
+        assert np.abs(own).max() <= most
+        assert stats.kstest(own, "uniform", (-most, 2.0 * most)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("form", ["uniform", "wave"])
+def test_the_spread_of_tilts_falls_as_one_over_the_radius(form):
+    # Where blocks bridge the waves.
+    sd = [tilts(form, r, 0.02, wavelength=0.4).std() for r in (0.3, 0.6, 1.2)]
+    assert sd[0] / sd[1] == pytest.approx(2.0, rel=0.03)
+    assert sd[1] / sd[2] == pytest.approx(2.0, rel=0.03)
+
+
+def test_the_wave_has_the_slopes_of_a_sine():
+    own = tilts("wave", 0.3, obstacle=0.1, wavelength=2.0)
+    steepest = math.pi * 0.1 / 2.0
+    assert np.tan(np.abs(own)).max() <= steepest * (1 + 1e-12)
+    # Slopes of a sine at random phases follow the arcsine law.
+    law = stats.arcsine(-steepest, 2.0 * steepest)
+    assert stats.kstest(np.tan(own), law.cdf).pvalue > 1e-3
+
+
+def test_a_sphere_leaves_rough_ground_at_the_angle_of_its_tilt():
+    # It keeps what runs along the surface it met, so that its angle of reflection is the tilt.
+    radius, obstacle = 0.5, 0.2
+    blocks = sphere(radius, drop_m=(1.0, 1.0), speed_mps=(10.0, 10.0))
+    out = run(
+        FLAT, plain(eta_max=1.0), blocks,
+        EffectSettings(roughness=Roughness(obstacle_m=obstacle)), n=3000, course_events=8,
+    )  # fmt: skip
+    angles, forward = [], 0
+    for course in out.courses:
+        i = int(np.flatnonzero(course[:, 0] == IMPACT)[0])
+        leaves = course[i + 1]
+        forward += int(leaves[0] != FLIGHT)
+        if leaves[0] == FLIGHT:
+            angles.append(math.atan2(leaves[VZ], leaves[VX]))
+    most = math.atan(obstacle / radius)
+    assert stats.kstest(angles, "uniform", (0.0, most)).pvalue > 1e-3
+    # A surface that is tilted forwards does not throw it up: it rolls on.
+    assert forward == pytest.approx(1500, abs=110)
+
+
+def test_roughness_only_on_rough_classes():
+    table = GroundTable((plain("rock"), plain("talus")))
+    rough = EffectSettings(roughness=Roughness(obstacle_m=0.3, classes=("talus",)))
+    for kind in (0, 1):
+        flat = profile(FLAT, classes=kind)
+        one = run(flat, table, MIXED, n=20)
+        other = run(flat, table, MIXED, rough, n=20)
+        assert same(one, other)  # they never start on the flat
+        blocks = ellipsoid(0.6, 0.4, 0.3, drop_m=(5.0, 5.0), speed_mps=(5.0, 5.0))
+        one = run(flat, table, blocks, n=20)
+        other = run(flat, table, blocks, rough, n=20)
+        assert same(one, other) == (kind == 0)
+
+
+# --- rock shape ---
+
+
+def test_flat_landings_stop_the_spin_as_often_as_the_block_is_flat():
+    for c, strength in ((0.1, 1.0), (0.3, 1.0), (0.3, 0.5)):
+        chance = strength * (1.0 - c / 0.4)
+        blocks = ellipsoid(
+            0.6, 0.4, c, drop_m=(5.0, 5.0), speed_mps=(4.0, 4.0), orientation_rad=(1.9, 2.8)
+        )
+        out = run(
+            FLAT, plain(), blocks, EffectSettings(rock_shape=RockShape(strength=strength)),
+            n=2000, course_events=6,
+        )  # fmt: skip
+        spins = []
+        for course in out.courses:
+            i = int(np.flatnonzero(course[:, 0] == IMPACT)[0])
+            if course[i + 1, 0] == FLIGHT:
+                spins.append(course[i + 1, OMEGA])
+        assert len(spins) > 500
+        flat = int(np.sum(np.array(spins) == 0.0))
+        assert stats.binomtest(flat, len(spins), chance).pvalue > 1e-3
+
+
+def test_flat_blocks_stop_early_and_round_ones_where_they_did():
+    line = rough_slope(4)
+    on = EffectSettings(rock_shape=RockShape())
+    ends = [
+        run(line, ground(), ellipsoid(0.5, 0.45, 0.1), e, n=400, start=(3.0, 20.0)).rocks
+        for e in (None, on)
+    ]
+    assert ends[1]["runout_m"].mean() < 0.9 * ends[0]["runout_m"].mean()
+    cubes = ellipsoid(0.5, 0.3, 0.3)
+    assert same(run(line, ground(), cubes, n=50), run(line, ground(), cubes, on, n=50))
+
+
+def test_it_does_not_depend_on_the_mass():
+    line, on = rough_slope(4), EffectSettings(rock_shape=RockShape())
+    light, heavy = (
+        run(line, ground(), ellipsoid(0.5, 0.4, 0.2, density_kgm3=(d, d)), on, n=50).rocks
+        for d in (1000.0, 4000.0)
+    )
+    assert (light["runout_m"] == heavy["runout_m"]).all()
+
+
+def test_mean_inertia_is_the_mean_of_the_three():
+    a, b, c = 0.7, 0.5, 0.2
+    rng = np.random.default_rng(1)
+    p = rng.normal(size=(400_000, 3))
+    p *= (rng.random(len(p)) ** (1 / 3) / np.linalg.norm(p, axis=1))[:, None]
+    p *= [a, b, c]
+    moments = [(p**2).sum(axis=1).mean() - (p[:, i] ** 2).mean() for i in range(3)]
+    assert rock_shape.tumbling_inertia(a, b, c) == pytest.approx(np.mean(moments), rel=3e-3)
+    # At an impact: ω' = (I ω + y v_x − x v_y) / (I + x² + y²), with that I.
+    form = EffectSettings(rock_shape=RockShape("mean_inertia"))
+    met, leaves, rock = first_impact(form, table=plain(eta_max=1.0))
+    x, y, _ = contact_frame(rock["a_m"], rock["b_m"], met[COL["theta_rad"]])
+    inertia = rock_shape.tumbling_inertia(rock["a_m"], rock["b_m"], rock["c_m"])
+    after = (inertia * met[OMEGA] + y * met[VX] - x * met[VZ]) / (inertia + x * x + y * y)
+    assert leaves[OMEGA] == pytest.approx(after, rel=1e-9)

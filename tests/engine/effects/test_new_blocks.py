@@ -1,0 +1,372 @@
+"""Breaking and blocks set in motion: mass, energy, numbers, and how they count."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from effects_lab import (
+    BROKEN,
+    IMPACT,
+    MIXED,
+    G,
+    ellipsoid,
+    ground,
+    plain,
+    profile,
+    rough_slope,
+    run,
+    slope,
+    sphere,
+    sphere_mass,
+)
+from scipy import stats
+
+from sassgis.engine.effects import fragmentation
+from sassgis.engine.effects.build import effects_of, room_for_births
+from sassgis.engine.effects.state import (
+    BORN_A,
+    BORN_B,
+    BORN_MASS,
+    BORN_OMEGA,
+    BORN_THETA,
+    BORN_VX,
+    BORN_VZ,
+)
+from sassgis.engine.ellipse import inertia
+from sassgis.engine.rock import _bear_pieces
+from sassgis.engine.simulate import GateCrossings
+from sassgis.engine.state import Block
+from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.ground import GroundTable
+from sassgis.model.results import Gate
+
+FLAT = slope((100.0, 0.0))
+ROUGH = rough_slope(6)
+TALUS = GroundTable((ground("talus"),))
+
+
+def breaking(*args, **settings):
+    return EffectSettings(fragmentation=Fragmentation(*args, **settings))
+
+
+def as_read(settings):
+    """Fragmentation as the kernel reads it."""
+    none = np.zeros(0)
+    effects = effects_of(EffectSettings(fragmentation=settings), TALUS, none, none)
+    assert effects is not None
+    return effects
+
+
+def ended(out):
+    """Rocks and pieces that have not broken."""
+    rows = np.concatenate([out.rocks, out.pieces])
+    return rows[rows["reason"] != BROKEN]
+
+
+BREAKABLE = [
+    Fragmentation(energy_jkg=30.0),
+    Fragmentation(energy_jkg=60.0, survival=0.8, pieces=9, smallest_m3=0.001),
+    Fragmentation(energy_jkg=20.0, survival=0.2, pieces=3, smallest_m3=0.05, loss=0.5),
+    Fragmentation("threshold", energy_jkg=25.0, pieces=4),
+]
+
+
+# --- breaking ---
+
+
+@pytest.mark.parametrize("settings", BREAKABLE)
+def test_pieces_have_the_mass_and_volume_of_their_rock(settings):
+    out = run(ROUGH, ground(), MIXED, EffectSettings(fragmentation=settings), n=200, start=(3, 20))
+    assert (out.rocks["reason"] == BROKEN).sum() > 20
+    rows = ended(out)
+    mass = np.bincount(rows["rock"], rows["mass_kg"], minlength=200)
+    assert np.abs(mass / out.rocks["mass_kg"] - 1.0).max() < 1e-12
+    volume = 4.0 / 3.0 * np.pi * rows["a_m"] * rows["b_m"] * rows["c_m"]
+    assert volume * rows["density_kgm3"] == pytest.approx(rows["mass_kg"], rel=1e-12)
+    # Numbered one by one in each rock's course; all keep its shape.
+    for rock in range(200):
+        own = out.pieces[out.pieces["rock"] == rock]
+        assert (own["piece"] == np.arange(1, own.size + 1)).all()
+        for axis in ("b_m", "c_m"):
+            ratio = out.rocks[axis][rock] / out.rocks["a_m"][rock]
+            assert own[axis] / own["a_m"] == pytest.approx(ratio, rel=1e-12)
+
+
+@pytest.mark.parametrize("settings", BREAKABLE)
+def test_no_piece_is_smaller_than_the_smallest(settings):
+    out = run(ROUGH, ground(), MIXED, EffectSettings(fragmentation=settings), n=200, start=(3, 20))
+    volume = out.pieces["mass_kg"] / out.pieces["density_kgm3"]
+    assert volume.min() >= settings.smallest_m3 * (1 - 1e-12)
+
+
+def test_there_are_more_stops_than_rocks_and_each_is_counted_where_it_is():
+    flat = profile(ROUGH)
+    out = run(flat, ground(), MIXED, breaking(energy_jkg=30.0), n=200, start=(3, 20))
+    rows = ended(out)
+    rows = rows[rows["reason"] <= 1]
+    assert out.sums["stops"].sum() == rows.size > 250
+    inside = (rows["runout_m"] >= 0.0) & (rows["runout_m"] <= flat.s[-1])
+    cell = np.searchsorted(flat.cell_s, rows["runout_m"][inside], side="right") - 1
+    assert (np.bincount(cell, minlength=flat.cell.size) == out.sums["stops"]).all()
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.1, 0.6])
+@pytest.mark.parametrize("form", ["fractal", "threshold"])
+def test_a_break_makes_neither_energy_nor_momentum(form, loss):
+    settings = Fragmentation(form, loss=loss, cone_deg=40.0, smallest_m3=0.0, pieces=6)
+    effects = as_read(settings)
+    block = Block(0.7, 0.5, 0.4, 4 / 3 * math.pi * 0.14 * 2700.0, np.uint64(3))
+    vx, vz, theta, omega = 9.0, -2.0, 0.4, 11.0
+    before = 0.5 * block.mass * (vx**2 + vz**2)
+    turning = 0.5 * block.mass * inertia(block.a, block.b) * omega**2
+    sideways = []
+    for number in range(40):
+        births = room_for_births(50, EffectSettings(fragmentation=settings))
+        assert _bear_pieces(effects, births, block, number, 5.0, 80.0, vx, vz, theta, omega)
+        rows = births.rows[: births.born[0]]
+        assert len(rows) == 6
+        mass = rows[:, BORN_MASS]
+        v2 = rows[:, BORN_VX] ** 2 + rows[:, BORN_VZ] ** 2
+        moving = 0.5 * (mass * v2).sum()
+        spin = 0.5 * (mass * inertia_of(rows) * rows[:, BORN_OMEGA] ** 2).sum()
+        assert moving == pytest.approx((1.0 - loss) * before, rel=1e-12)
+        assert spin <= (1.0 - loss) * turning * (1 + 1e-12)
+        side = mass * (rows[:, BORN_VZ] * vx - rows[:, BORN_VX] * vz)
+        ahead = (mass * (rows[:, BORN_VX] * vx + rows[:, BORN_VZ] * vz)).sum()
+        assert abs(side.sum()) < 1e-9 * abs(side).max()
+        assert 0.0 < ahead <= block.mass * (vx**2 + vz**2) * (1 + 1e-12)
+        assert (rows[:, BORN_THETA] == theta).all()
+        sideways.append(abs(side).max())
+    assert np.unique(sideways).size == 40
+
+
+def inertia_of(rows):
+    return np.array([inertia(a, b) for a, b in rows[:, [BORN_A, BORN_B]]])
+
+
+def test_without_a_cone_pieces_go_on_as_the_whole():
+    settings = Fragmentation(cone_deg=0.0, loss=0.0, smallest_m3=0.0)
+    births = room_for_births(50, EffectSettings(fragmentation=settings))
+    block = Block(0.7, 0.5, 0.4, 1500.0, np.uint64(3))
+    assert _bear_pieces(as_read(settings), births, block, 1, 5.0, 80.0, 9.0, -2.0, 0.4, 11.0)
+    rows = births.rows[: births.born[0]]
+    assert rows[:, BORN_VX] == pytest.approx(9.0, rel=1e-14)
+    assert rows[:, BORN_VZ] == pytest.approx(-2.0, rel=1e-14)
+    assert rows[:, BORN_OMEGA] == pytest.approx(11.0, rel=1e-14)
+
+
+def test_shares_are_those_of_the_fractal():
+    out = np.zeros(20)
+    five = as_read(Fragmentation(survival=0.6, smallest_m3=0.0)).breaking
+    assert fragmentation.shares(five, 1.0, out) == 5
+    assert out[:5] == pytest.approx([0.6, 0.24, 0.096, 0.0384, 0.0256], rel=1e-12)
+    # Too small a last one: fewer pieces; and none at all where two are too many.
+    some = as_read(Fragmentation(survival=0.6, smallest_m3=0.07)).breaking
+    assert fragmentation.shares(some, 1.0, out) == 3
+    assert out[:3] == pytest.approx([0.6, 0.24, 0.16], rel=1e-12)
+    assert fragmentation.shares(some, 0.12, out) == 0
+    equal = as_read(Fragmentation("threshold", pieces=7, smallest_m3=0.1)).breaking
+    assert fragmentation.shares(equal, 0.45, out) == 4
+    assert out[:4] == pytest.approx(0.25, rel=1e-12)
+
+
+@pytest.mark.parametrize(("drop", "shape"), [(2.0, 2.0), (5.0, 2.0), (5.0, 0.8)])
+def test_breaks_are_as_frequent_as_weibull_says(drop, shape):
+    # A sphere that falls straight down on level ground loses all its energy: g h per kg.
+    blocks = sphere(0.5, drop_m=(drop, drop))
+    out = run(FLAT, plain(), blocks, breaking(energy_jkg=50.0, shape=shape), n=3000)
+    chance = 1.0 - math.exp(-((G * drop / 50.0) ** shape))
+    broken = int((out.rocks["reason"] == BROKEN).sum())
+    assert stats.binomtest(broken, 3000, chance).pvalue > 1e-3
+
+
+def test_the_threshold_is_one():
+    for limit, breaks in ((0.99, True), (1.01, False)):
+        effects = breaking("threshold", limit * G * 3.0)
+        out = run(FLAT, plain(), sphere(0.5, drop_m=(3.0, 3.0)), effects, n=20)
+        assert ((out.rocks["reason"] == BROKEN) == breaks).all()
+
+
+def test_endless_breaking_is_told_and_not_cut_off():
+    effects = breaking("threshold", 0.0, pieces=20, smallest_m3=0.0)
+    with pytest.raises(InputError, match="too many pieces") as caught:
+        run(ROUGH, ground(), MIXED, effects, n=3)
+    assert caught.value.field == "effects"
+
+
+# --- on the map ---
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        breaking(energy_jkg=20.0, smallest_m3=0.005),
+        EffectSettings(entrainment=Entrainment(number=0.5, size_ratio=0.9, share=1.0)),
+        EffectSettings(
+            fragmentation=Fragmentation(energy_jkg=30.0), entrainment=Entrainment(number=0.3)
+        ),
+    ],
+)
+def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
+    """Brute force: stations every 5 cm see each block by itself."""
+    flat = profile(ROUGH, 2.0)
+    table = GroundTable((ground("talus"), ground("debris")))
+    at = np.arange(21.0, 129.0, 0.05) + 0.01
+    gates = GateCrossings.same_for_all([Gate(f"{c:.2f}", "station") for c in at], list(at), 1)
+    whole = run(flat, table, MIXED, effects, n=12, start=(3, 20))
+    assert whole.sums["reach"].max() <= 12
+    reach = np.zeros_like(whole.sums["reach"])
+    energy = np.zeros_like(whole.sums["energy_sum"])
+    by_piece, ratios = 0, []
+    for rock in range(12):
+        out = run(flat, table, MIXED, effects, n=1, first_rock=rock, start=(3, 20), gates=gates)
+        reach += out.sums["reach"]
+        energy += out.sums["energy_sum"]
+        assert set(np.unique(out.sums["reach"])) <= {0, 1}
+        seen = out.passages
+        joule = seen["energy_trans_kj"] + seen["energy_rot_kj"]
+        cell = np.searchsorted(flat.cell_s, seen["chainage_m"], side="right") - 1
+        for k in np.unique(cell):
+            own = cell == k
+            largest = joule[own].max()
+            assert out.sums["energy_max"][k] >= largest * (1 - 1e-9)
+            count = np.bincount(np.searchsorted(at, seen["chainage_m"][own]))
+            if count.max() > 1 and out.sums["energy_max"][k] > 1.0:
+                by_piece += int(seen["mass_kg"][own][joule[own].argmax()] < out.rocks["mass_kg"][0])
+                ratios.append(out.sums["energy_max"][k] / largest)
+    assert (reach == whole.sums["reach"]).all()
+    assert (energy == whole.sums["energy_sum"]).all()
+    # More only where it is reached between two stations: before an impact, or going back.
+    assert len(ratios) > 20
+    assert np.mean(np.array(ratios) < 1.02) > 0.8
+    if effects.fragmentation:
+        assert by_piece > 5
+
+
+def test_passages_of_pieces_carry_their_mass():
+    gates = GateCrossings.same_for_all([Gate("S", "station")], [60.0], 1)
+    out = run(ROUGH, ground(), MIXED, breaking(energy_jkg=20.0), n=200, start=(3, 20), gates=gates)
+    rows = np.concatenate([out.rocks, out.pieces])
+    known = {(r["rock"], r["mass_kg"]) for r in rows}
+    assert {(p["rock"], p["mass_kg"]) for p in out.passages} <= known
+    broken = out.rocks["reason"] == BROKEN
+    whole = out.rocks["mass_kg"][out.passages["rock"]]
+    assert (out.passages["mass_kg"] < whole).sum() > 10
+    assert broken.any()
+
+
+def test_new_blocks_do_not_depend_on_how_the_work_is_cut():
+    both = EffectSettings(
+        fragmentation=Fragmentation(energy_jkg=30.0),
+        entrainment=Entrainment(number=0.5, classes=("talus",)),
+    )
+    whole = run(ROUGH, TALUS, MIXED, both, n=30, start=(3, 20))
+    parts = [run(ROUGH, TALUS, MIXED, both, n=10, first_rock=k, start=(3, 20)) for k in (0, 10, 20)]
+    for name in ("rocks", "pieces"):
+        joined = np.concatenate([getattr(p, name) for p in parts])
+        assert joined.tobytes() == getattr(whole, name).tobytes()
+    assert whole.pieces.size > 50
+
+
+# --- blocks set in motion ---
+
+
+def loose(*args, **settings):
+    settings.setdefault("classes", ())
+    return EffectSettings(entrainment=Entrainment(*args, **settings))
+
+
+def set_off(effects, drop=3.0, n=3000, radius=0.5):
+    """Blocks set off by one impact of each of n spheres, and what that impact took (J)."""
+    blocks = sphere(radius, drop_m=(drop, drop))
+    out = run(FLAT, plain(), blocks, effects, n=n, course_events=6)
+    assert all((c[:, 0] == IMPACT).sum() == 1 for c in out.courses)
+    return out, np.bincount(out.pieces["rock"], minlength=n), sphere_mass(radius) * G * drop
+
+
+def chi2_of_poisson(counts, mean, top):
+    seen = np.bincount(np.minimum(counts, top), minlength=top + 1)
+    expected = stats.poisson(mean).pmf(np.arange(top))
+    return stats.chisquare(seen, counts.size * np.append(expected, 1 - expected.sum())).pvalue
+
+
+@pytest.mark.parametrize("mean", [0.3, 2.0])
+def test_numbers_are_poisson(mean):
+    _, counts, _ = set_off(loose(number=mean))
+    assert chi2_of_poisson(counts, mean, 3 if mean < 1 else 7) > 1e-3
+
+
+def test_the_number_grows_with_the_energy_lost():
+    for drop in (1.0, 4.0):
+        _, counts, lost = set_off(loose("energy", number=0.2, energy_kj=10.0), drop)
+        assert chi2_of_poisson(counts, 0.2 * lost / 1e4, 4) > 1e-3
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0])
+def test_they_have_no_more_energy_than_the_impact_took(share):
+    out, counts, lost = set_off(loose(number=3.0, share=share), n=300)
+    # On level ground nothing is gained after the start: the largest energy is that of the start.
+    own = np.bincount(out.pieces["rock"], 1e3 * out.pieces["max_energy_kj"], minlength=300)
+    some = counts > 0
+    expected = np.minimum(share * counts, 1.0)[some] * lost
+    assert own[some] == pytest.approx(expected, rel=1e-9)
+    assert own.max() <= lost * (1 + 1e-9)
+
+
+def test_they_are_as_large_as_told_and_start_from_the_ground():
+    out, _, _ = set_off(loose(number=2.0, size_ratio=0.3), n=100)
+    assert out.pieces["a_m"] == pytest.approx(0.15, rel=1e-12)
+    assert out.pieces["mass_kg"] == pytest.approx(0.3**3 * sphere_mass(0.5), rel=1e-12)
+    assert (out.pieces["start_m"] == 5.0).all()
+    # Thrown up by at most v²/(2 g) at 45 degrees, from where they lay.
+    speed2 = 2e3 * out.pieces["max_energy_kj"] / out.pieces["mass_kg"]
+    assert (out.pieces["max_height_m"] <= 0.5 * speed2 / (2.0 * G) + 1e-6).all()
+
+
+def test_only_where_loose_blocks_lie():
+    table = GroundTable((ground("rock"), ground("talus")))
+    for kind, some in ((0, False), (1, True)):
+        flat = profile(ROUGH, classes=kind)
+        out = run(flat, table, MIXED, loose(number=1.0, classes=("talus",)), n=20, start=(3, 20))
+        assert (out.pieces.size > 0) == some
+
+
+def test_blocks_set_in_motion_set_off_no_others():
+    out = run(ROUGH, TALUS, MIXED, loose(number=10.0), n=20, start=(3, 20))
+    counts = np.bincount(out.pieces["rock"], minlength=20)
+    assert out.pieces["impacts"].sum() > 1000
+    assert (counts <= 20 * out.rocks["impacts"]).all()
+    mean = counts.sum() / out.rocks["impacts"].sum()
+    assert mean == pytest.approx(10.0, rel=0.1)
+
+
+def test_the_rock_itself_goes_on_as_before():
+    base = run(ROUGH, TALUS, MIXED, n=50, start=(3, 20))
+    out = run(ROUGH, TALUS, MIXED, loose(number=1.0), n=50, start=(3, 20))
+    assert out.rocks.tobytes() == base.rocks.tobytes()
+    assert out.sums["stops"].sum() > base.sums["stops"].sum()
+
+
+def test_settings_out_of_range_are_refused():
+    for make in (
+        lambda: Fragmentation(survival=1.0),
+        lambda: Fragmentation(pieces=1),
+        lambda: Fragmentation(loss=1.0),
+        lambda: Fragmentation("explosion"),  # type: ignore[arg-type]
+        lambda: Entrainment(share=1.5),
+        lambda: Entrainment(number=math.nan),
+    ):
+        with pytest.raises(ConfigError) as caught:
+            make()
+        assert caught.value.field and caught.value.expected
+
+
+def test_flat_plates_break_into_flat_plates():
+    out = run(
+        FLAT, plain(), ellipsoid(0.8, 0.7, 0.2, drop_m=(5.0, 5.0)),
+        breaking("threshold", 1.0, pieces=3), n=5,
+    )  # fmt: skip
+    assert out.pieces["c_m"] / out.pieces["a_m"] == pytest.approx(0.25, rel=1e-12)

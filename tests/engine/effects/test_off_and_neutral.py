@@ -1,0 +1,138 @@
+"""Off is off, and effects without strength give the base model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
+
+from sassgis.engine.simulate import GateCrossings
+from sassgis.model.effects import (
+    AirDrag,
+    EffectSettings,
+    Entrainment,
+    Fragmentation,
+    LateralDeflection,
+    RockShape,
+    Roughness,
+    SoftGround,
+    Trees,
+)
+from sassgis.model.results import Gate
+
+FLAT = profile(rough_slope(3))
+GATES = GateCrossings.same_for_all(
+    [Gate("S", "station"), Gate("N", "net", 2.0, 80.0)], [40.0, 70.0], 1
+)
+
+
+def play(effects=None, stems=0.0, **more):
+    return run(
+        FLAT, ground(), MIXED, effects, n=120, start=(3.0, 20.0), gates=GATES,
+        forest=forest(FLAT, stems), **more,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def base():
+    return play()
+
+
+def test_nothing_on_is_the_base_to_the_last_bit(base):
+    assert base.rocks.size == 120
+    assert base.passages.size > 50
+    for off in (EffectSettings(), EffectSettings(lateral_deflection=LateralDeflection())):
+        assert same(play(off), base)
+
+
+NEUTRAL = {
+    "no drag": EffectSettings(air_drag=AirDrag(drag_coefficient=0.0)),
+    "no air": EffectSettings(air_drag=AirDrag(air_density_kgm3=0.0)),
+    "stems that take nothing": EffectSettings(trees=Trees(efficiency=0.0)),
+    "forest without drag": EffectSettings(trees=Trees("viscous", drag_kgps=0.0)),
+    "forest without height": EffectSettings(trees=Trees(height_m=0.0)),
+    "no obstacles": EffectSettings(roughness=Roughness(obstacle_m=0.0)),
+    "no waves": EffectSettings(roughness=Roughness("wave", obstacle_m=0.0)),
+    "never flat": EffectSettings(rock_shape=RockShape(strength=0.0)),
+    "unbreakable": EffectSettings(fragmentation=Fragmentation(energy_jkg=1e6, shape=20.0)),
+    "below the threshold": EffectSettings(fragmentation=Fragmentation("threshold", 1e6)),
+    "too small to break": EffectSettings(fragmentation=Fragmentation(smallest_m3=10.0)),
+    "nothing loose": EffectSettings(entrainment=Entrainment(number=0.0, classes=())),
+    "no energy, nothing loose": EffectSettings(entrainment=Entrainment("energy", 0.0, classes=())),
+}
+
+
+@pytest.mark.parametrize("name", NEUTRAL)
+def test_effects_without_strength_are_the_base_to_the_last_bit(base, name):
+    assert same(play(NEUTRAL[name], stems=0.05), base)
+
+
+def test_trees_without_a_forest_are_the_base_to_the_last_bit(base):
+    assert same(play(EffectSettings(trees=Trees())), base)
+
+
+# Here numbers are multiplied with what is 1 but for rounding, and paths magnify that: close over
+# the first contacts, and in the mean.
+ALMOST = {
+    "fast reference": SoftGround(reference_speed_mps=1e6, classes=()),
+    "no scar": SoftGround("scar", depth_factor=0.0, classes=()),
+    "no drag in the scar": SoftGround("scar", drag_coefficient=0.0, classes=()),
+    "no slip": SoftGround("slip", friction=100.0, classes=()),
+}
+
+
+@pytest.mark.parametrize("name", ALMOST)
+def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
+    # The rule "slip" cannot hold a contact in which the impulse is nearly along the ground.
+    events = {"course_events": 12}
+    hard, soft = play(**events), play(EffectSettings(soft_ground=ALMOST[name]), **events)
+    close = 0
+    for one, other in zip(hard.courses, soft.courses, strict=True):
+        k = min(6, len(one), len(other))
+        close += int(np.allclose(one[:k, :8], other[:k, :8], rtol=1e-6, atol=1e-6))
+    assert close >= 118
+    strong = {
+        "fast reference": SoftGround(reference_speed_mps=1.0, classes=()),
+        "no scar": SoftGround("scar", depth_factor=0.1, classes=()),
+        "no drag in the scar": SoftGround("scar", drag_coefficient=10.0, classes=()),
+        "no slip": SoftGround("slip", friction=0.1, classes=()),
+    }[name]
+    assert not same(play(EffectSettings(soft_ground=strong)), base)
+
+
+def test_mean_inertia_of_a_sphere_is_its_own(base):
+    from effects_lab import sphere
+
+    one = run(FLAT, ground(), sphere(0.5), n=40, course_events=8)
+    other = run(
+        FLAT, ground(), sphere(0.5), EffectSettings(rock_shape=RockShape("mean_inertia")), n=40,
+        course_events=8,
+    )  # fmt: skip
+    for a, b in zip(one.courses, other.courses, strict=True):
+        k = min(6, len(a), len(b))
+        assert np.allclose(a[:k], b[:k], rtol=1e-9, atol=1e-9)
+
+
+def test_an_effect_leaves_the_draws_of_others_alone():
+    # Weak drag moves every impact by rounding only: sizes, tilts and stems met stay the same.
+    drag = AirDrag(air_density_kgm3=1e-9)
+    one, both = (
+        play(
+            EffectSettings(trees=Trees(), roughness=Roughness(), air_drag=air),
+            stems=0.05, course_events=400,
+        )
+        for air in (None, drag)
+    )  # fmt: skip
+    for name in ("start_m", "a_m", "b_m", "c_m", "density_kgm3", "mass_kg"):
+        assert (one.rocks[name] == both.rocks[name]).all()
+    close = [
+        bool(np.allclose(_impacts(a)[:2], _impacts(b)[:2], rtol=1e-5, atol=1e-5))
+        for a, b in zip(one.courses, both.courses, strict=True)
+        if len(_impacts(a)) >= 2 and len(_impacts(b)) >= 2
+    ]
+    assert len(close) > 20
+    assert np.mean(close) > 0.97
+
+
+def _impacts(course):
+    return course[course[:, 0] == 1][:, 2:]

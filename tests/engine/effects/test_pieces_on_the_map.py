@@ -1,0 +1,79 @@
+"""Whole runs with pieces: the same bits for any jobs and chunks, and after an interruption."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sassgis.io.read.config import load_config
+from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation, LateralDeflection
+from sassgis.runs.inputs import read_map_run
+from sassgis.runs.map import joined_rows, plan, simulate_map
+
+
+@pytest.fixture(scope="module")
+def job(make_valley):
+    effects = EffectSettings(
+        fragmentation=Fragmentation(energy_jkg=60.0),
+        entrainment=Entrainment(),
+        lateral_deflection=LateralDeflection(),
+    )
+    run = read_map_run(load_config(make_valley(spacing_m=25.0)))
+    return replace(run, effects=effects, stop_points_max=10**6)
+
+
+@pytest.fixture(scope="module")
+def planned(job):
+    return plan(job)
+
+
+@pytest.fixture(scope="module")
+def whole(job, planned):
+    return simulate_map(job, planned)
+
+
+def bits(progress):
+    sums = progress.sums.state()
+    order = np.argsort(sums["cells"])
+    rows = joined_rows(progress.stops)
+    place = np.lexsort(
+        (rows.rocks["piece"], rows.rocks["rock"], rows.rock_scenario, rows.rocks["line"])
+    )
+    return (
+        {k: v[order].tobytes() for k, v in sums.items()},
+        {k: v.tobytes() for k, v in progress.gates.state().items()},
+        rows.rocks[place].tobytes(), rows.x[place].tobytes(), progress.pieces,
+        progress.reasons.tolist(), progress.furthest,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("jobs", "points"), [(2, 4), (1, 1)])
+def test_pieces_do_not_hang_on_jobs_and_chunks(job, planned, whole, jobs, points):
+    assert bits(simulate_map(job, planned, jobs=jobs, chunk_points=points)) == bits(whole)
+
+
+def test_a_run_that_goes_on_is_the_run_that_was_not_stopped(job, planned, whole):
+    held = []
+
+    def stop(progress, chunks, rows):
+        if progress.chunks == 2:
+            held.append(progress)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate_map(job, planned, on_chunk=stop, chunk_points=3)
+    assert 0 < held[0].pieces < whole.pieces
+    assert bits(simulate_map(job, planned, resume=held[0], chunk_points=3)) == bits(whole)
+
+
+def test_pieces_are_rows_and_stops_but_no_rocks(job, planned, whole):
+    rows = joined_rows(whole.stops).rocks
+    released = planned.rocks_of_point(job).sum()
+    assert whole.reasons.sum() + whole.lost == released
+    assert rows.size == whole.reasons.sum() + whole.pieces
+    assert (rows["piece"] > 0).sum() == whole.pieces > 100
+    stopped = np.isin(rows["reason"], (0, 1)).sum()
+    assert whole.sums.column("stops").sum() == stopped
+    assert whole.sums.column("reach").max() <= released

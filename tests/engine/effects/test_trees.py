@@ -1,0 +1,229 @@
+"""Stems and viscous forests against counts and formulas."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from effects_lab import (
+    COL,
+    IMPACT,
+    REST,
+    G,
+    first,
+    forest,
+    plain,
+    profile,
+    run,
+    slope,
+    sphere,
+    sphere_mass,
+)
+from scipy import stats
+
+from sassgis.engine.effects import trees
+from sassgis.engine.simulate import GateCrossings
+from sassgis.model.effects import EffectSettings, Trees
+from sassgis.model.results import Gate
+
+ANGLE = 30.0
+RADIUS = 0.4
+#: A sphere rolls here at constant speed: friction is the tangent of the slope.
+EVEN = plain(mu_0=math.tan(math.radians(ANGLE)))
+LINE = slope((300.0, ANGLE))
+V0 = 12.0
+ROLLING = sphere(
+    RADIUS, speed_mps=(V0, V0), spin_radps=(V0 / RADIUS, V0 / RADIUS), orientation_rad=(0.0, 0.0)
+)
+MASS = sphere_mass(RADIUS)
+ROLLING_ENERGY = 0.5 * MASS * V0**2 * 1.4
+ONE_STEM = 38.7 * 30.0**2.31  # J, DBH 30 cm
+
+
+def gates(*chainages):
+    return GateCrossings.same_for_all(
+        [Gate(f"S{i}", "station") for i in range(len(chainages))], list(chainages), 1
+    )
+
+
+def energy_at(out, gate):
+    rows = out.passages[out.passages["gate"] == gate]
+    return 1e3 * (rows["energy_trans_kj"] + rows["energy_rot_kj"])
+
+
+def stems_met(effects, flat, stems, n=1500, chainages=(205.0,)):
+    """Stems that each rolling rock has met up to each station; each takes 1e-4 of its energy."""
+    out = run(
+        flat, EVEN, ROLLING, effects, n=n, start=5.0, gates=gates(*chainages),
+        forest=forest(flat, stems),
+    )  # fmt: skip
+    counts = [(ROLLING_ENERGY - energy_at(out, i)) / FEW for i in range(len(chainages))]
+    for c in counts:
+        assert c.size == n
+        assert np.abs(c - np.rint(c)).max() < 1e-4
+    return [np.rint(c).astype(int) for c in counts]
+
+
+FEW = 1e-4 * ROLLING_ENERGY
+WEAK = EffectSettings(trees=Trees("full_stems", efficiency=FEW / ONE_STEM))
+
+
+@pytest.mark.parametrize("cell", [0.5, 2.0, 50.0])
+def test_stems_met_on_a_long_roll_are_poisson(cell):
+    density = 0.012
+    mean = density * (2.0 * RADIUS + 0.3) * 200.0
+    (counts,) = stems_met(WEAK, profile(LINE, cell), density)
+    top = 7
+    seen = np.bincount(np.minimum(counts, top), minlength=top + 1)
+    expected = stats.poisson(mean).pmf(np.arange(top))
+    expected = counts.size * np.append(expected, 1.0 - expected.sum())
+    assert stats.chisquare(seen, expected).pvalue > 1e-3
+    assert counts.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(mean / counts.size))
+
+
+def test_the_same_stems_whatever_the_cells():
+    fine, coarse = (stems_met(WEAK, profile(LINE, cell), 0.012)[0] for cell in (0.5, 50.0))
+    assert (fine == coarse).all()
+
+
+def test_nothing_is_met_outside_the_stand():
+    flat = profile(LINE, 2.0)
+    middle = flat.cell_s[:-1] + 1.0
+    stems = np.where((middle > 100.0) & (middle < 150.0), 0.03, 0.0)
+    before, inside, after, end = stems_met(WEAK, flat, stems, chainages=(99.9, 125.0, 150.1, 250.0))
+    assert (before == 0).all()
+    assert (after == end).all()
+    mean = 0.03 * (2.0 * RADIUS + 0.3)
+    for counts, way in ((inside, 25.0), (after, 50.0)):
+        assert counts.mean() == pytest.approx(mean * way, abs=4.0 * math.sqrt(mean * way / 1500))
+
+
+def test_a_stem_takes_what_the_formula_says():
+    stand = trees.Stand(trees.FULL_STEMS, 0.5, 0.0, 15.0, np.ones(2), np.array([0.3, 0.452]))
+    for cell, dbh in ((0, 30.0), (1, 45.2)):
+        taken = trees.stem_loss(stand, np.uint64(5), 0, cell)
+        assert taken == pytest.approx(0.5 * 38.7 * dbh**2.31, rel=1e-12)
+    # Dorren and Berger (2006): some 100 kJ for a fir of 30 cm, several hundred for one of 50 cm.
+    assert pytest.approx(100e3, rel=0.05) == ONE_STEM
+
+
+def test_where_a_stem_is_hit_matters():
+    offsets = np.linspace(0.0, 1.0, 201)
+    share = np.array([trees.share_taken(x) for x in offsets])
+    assert (np.diff(share) <= 0.0).all()
+    assert share[0] == pytest.approx(0.98, abs=1e-3)
+    assert share[-1] == 0.0
+    assert trees.share_taken(0.58) == pytest.approx(-0.046 + 0.5 * (0.98 + 0.046), rel=1e-12)
+    stand = trees.Stand(trees.STEMS, 1.0, 0.0, 15.0, np.ones(1), np.array([0.3]))
+    taken = [trees.stem_loss(stand, np.uint64(9), i, 0) for i in range(4000)]
+    exact = ONE_STEM * np.trapezoid(share, offsets)
+    assert np.mean(taken) == pytest.approx(exact, rel=0.03)
+    assert min(taken) >= 0.0 and max(taken) <= ONE_STEM
+
+
+# --- flight ---
+
+
+def landing(effects, flat, stems, n=1, speed=20.0, drop=40.0, blocks=None):
+    blocks = blocks or sphere(RADIUS, drop_m=(drop, drop), speed_mps=(speed, speed))
+    out = run(flat, plain(), blocks, effects, n=n, course_events=600, forest=forest(flat, stems))
+    return np.array([first(c, IMPACT) for c in out.courses])
+
+
+@pytest.mark.parametrize("cell", [0.5, 2.0, 100.0])
+def test_stems_are_met_below_their_height_only(cell):
+    flat = profile(slope((200.0, 0.0)), cell)
+    height, density, speed = 15.0, 0.05, 20.0
+    take = 0.05 * MASS
+    effects = EffectSettings(trees=Trees("full_stems", efficiency=take / ONE_STEM, height_m=height))
+    n = 800
+    met = landing(effects, flat, density, n, speed)
+    full = 0.5 * MASS * (speed**2 + 2.0 * G * 40.0)
+    left = 0.5 * MASS * (met[:, COL["vx_mps"]] ** 2 + met[:, COL["vz_mps"]] ** 2)
+    # What a stem takes is no longer gained by falling, so counts are whole but for that.
+    counts = (full - left) / take
+    falls = math.sqrt(2.0 * (40.0 + RADIUS - height) / G), math.sqrt(2.0 * 40.0 / G)
+    mean = density * (2.0 * RADIUS + 0.3) * speed * (falls[1] - falls[0])
+    assert counts.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(mean / n))
+    assert counts.var() == pytest.approx(mean, rel=0.2)
+    tall = landing(
+        EffectSettings(trees=Trees("full_stems", efficiency=take / ONE_STEM, height_m=60.0)),
+        flat, density, n, speed,
+    )  # fmt: skip
+    whole = density * (2.0 * RADIUS + 0.3) * speed * falls[1]
+    left = 0.5 * MASS * (tall[:, COL["vx_mps"]] ** 2 + tall[:, COL["vz_mps"]] ** 2)
+    assert ((full - left) / take).mean() == pytest.approx(whole, abs=4.0 * math.sqrt(whole / n))
+
+
+@pytest.mark.parametrize("cell", [0.5, 2.0, 100.0])
+def test_the_loss_in_a_forest_does_not_depend_on_the_cells(cell):
+    # A rough run through a real forest: the mean run-out agrees with that on cells of 2 m.
+    from effects_lab import MIXED, ground, rough_slope
+
+    effects = EffectSettings(trees=Trees())
+    runs = []
+    for size in (2.0, cell):
+        flat = profile(rough_slope(5), size)
+        out = run(
+            flat, ground(), MIXED, effects, n=1500, start=(3.0, 20.0), forest=forest(flat, 0.04)
+        )
+        runs.append(out.rocks["runout_m"])
+    error = math.hypot(*(r.std() / math.sqrt(r.size) for r in runs))
+    assert runs[0].mean() == pytest.approx(runs[1].mean(), abs=3.0 * error)
+
+
+def test_a_viscous_forest_slows_a_flight_exponentially():
+    k, drop, speed = 600.0, 60.0, 15.0
+    effects = EffectSettings(trees=Trees("viscous", drag_kgps=k, height_m=100.0))
+    for cell in (0.5, 2.0, 100.0):
+        flat = profile(slope((200.0, 0.0)), cell)
+        (met,) = landing(effects, flat, 0.01, speed=speed, drop=drop)
+        t = met[COL["t_s"]]
+        decay = math.exp(-k * t / MASS)
+        assert decay < 0.4
+        assert met[COL["vx_mps"]] == pytest.approx(speed * decay, rel=1e-9)
+        assert met[COL["vz_mps"]] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=1e-3)
+        way = MASS * G / k * (t - MASS / k * (1.0 - decay))
+        assert way == pytest.approx(drop, rel=2e-3)
+    flat = profile(slope((200.0, 0.0)), 2.0)
+    still = run(
+        flat, plain(), sphere(RADIUS, drop_m=(drop, drop)), effects, course_events=600,
+        forest=forest(flat, 0.01),
+    )  # fmt: skip
+    # Also where it falls straight down, and not at all where no tree stands.
+    assert still.rocks["max_speed_mps"][0] < 0.8 * math.sqrt(2.0 * G * drop)
+    (free,) = landing(effects, flat, 0.0, speed=speed, drop=drop)
+    assert free[COL["vx_mps"]] == speed
+
+
+@pytest.mark.parametrize("cell", [0.5, 2.0, 50.0])
+def test_a_viscous_forest_stops_a_rolling_rock(cell):
+    # At constant speed but for the forest: dv/dx = -k/m, so that it ends at m v/k.
+    k = 60.0
+    effects = EffectSettings(trees=Trees("viscous", drag_kgps=k))
+    flat = profile(LINE, cell)
+    out = run(
+        flat, EVEN, ROLLING, effects, n=1, gates=gates(55.0, 105.0), forest=forest(flat, 0.01)
+    )
+    cosine = math.cos(math.radians(ANGLE))
+    for gate, way in ((0, 50.0), (1, 100.0)):
+        speed = out.passages["speed_mps"][out.passages["gate"] == gate]
+        assert speed == pytest.approx(V0 - k / MASS * way / cosine, abs=0.1)
+    assert out.rocks["reason"][0] == REST
+    end = 5.0 + MASS * V0 / k * cosine
+    # Its centre starts and ends beside its foot.
+    assert out.rocks["runout_m"][0] == pytest.approx(end, abs=0.02 * end)
+
+
+def test_a_strong_stem_stops_a_rock_where_it_is_met():
+    # Ways to the first stem are exponential. Friction is just above the slope, so that a rock that
+    # has been stopped stays.
+    ground = plain(mu_0=(1.0 + 1e-9) * math.tan(math.radians(ANGLE)))
+    flat = profile(slope((2000.0, ANGLE)))
+    effects = EffectSettings(trees=Trees("full_stems"))
+    out = run(flat, ground, ROLLING, effects, n=800, forest=forest(flat, 0.02))
+    assert ONE_STEM > ROLLING_ENERGY
+    assert (out.rocks["reason"] == REST).all()
+    ways = out.rocks["runout_m"] - 5.0
+    assert stats.kstest(ways, "expon", (0.0, 1.0 / (0.02 * (2.0 * RADIUS + 0.3)))).pvalue > 1e-3

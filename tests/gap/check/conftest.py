@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sassgis.gap.check.worlds import EffectSpec, WorldSpec
+from sassgis.gap.check.worlds import motion as m
+from sassgis.gap.check.worlds.forces import Forces
+from sassgis.gap.check.worlds.motion import Field, Tables
+from sassgis.gap.check.worlds.world import World, _base_world, _place, with_effects
+
+
+@pytest.fixture(scope="session")
+def null_world() -> World:
+    return _base_world(WorldSpec("cliff_talus_meadow"), 5)
+
+
+@pytest.fixture(scope="session")
+def with_magnitude(null_world: World) -> Callable[[str, float], World]:
+    """The null world with one effect of a given magnitude, not calibrated."""
+
+    def make(name: str, magnitude: float) -> World:
+        effect = _place(null_world, EffectSpec(name), 5)  # type: ignore[arg-type]
+        return with_effects(null_world, (replace(effect, magnitude=magnitude),))
+
+    return make
+
+
+class Plane:
+    """One plane slope that falls to the east, with one kind of ground."""
+
+    def __init__(self, slope: float, law: list[float]) -> None:
+        n_rows, n_cols = 40, 200
+        x = 2.0 * (np.arange(n_cols) + 0.5)
+        self.slope = slope
+        z = np.repeat(-math.tan(slope) * x[None, :], n_rows, axis=0)
+        self.field = Field(
+            z=z,
+            gx=np.full_like(z, -math.tan(slope)),
+            gy=np.zeros_like(z),
+            west=0.0,
+            north=80.0,
+            cell=2.0,
+            ground=np.zeros(z.shape, np.int64),
+            law=np.array([law]),
+            x0=0.0,
+            y0=40.0,
+            ux=1.0,
+            uy=0.0,
+            stations=np.zeros(0),
+            ob_start=np.zeros(z.size + 1, np.int64),
+            ob_near=np.zeros(0, np.int64),
+            obstacles=np.zeros((0, 6)),
+        )
+
+    def rock(self, a: float, b: float, along: float, normal: float, spin: float = 0.0):  # type: ignore[no-untyped-def]
+        """State of a rock with a velocity along and away from the slope, at 50 m."""
+        st = np.zeros(m.N_STATE)
+        c, s = math.cos(self.slope), math.sin(self.slope)
+        st[m.X], st[m.Y], st[m.Z] = 50.0, 40.0, -math.tan(self.slope) * 50.0 + a / c
+        st[m.VX], st[m.VZ] = along * c + normal * s, -along * s + normal * c
+        st[m.HX] = 1.0
+        st[m.SPIN] = spin
+        st[m.A], st[m.B], st[m.C], st[m.DENSITY], st[m.HAND] = a, b, b, 2700.0, 1.0
+        return st
+
+    def run(self, st, dt: float = 0.002, forces: Forces | None = None):  # type: ignore[no-untyped-def]
+        tables = Tables(
+            deposits=np.zeros((200, 8)),
+            passages=np.zeros((10, 11)),
+            impacts=np.zeros((2000, 16)),
+            tracks=np.zeros((20000, 9)),
+            used=np.zeros(4, np.int64),
+            gain=np.full(1, -1.0),
+        )
+        m.run_rocks(
+            self.field,
+            forces or Forces(),
+            st[None, :],
+            np.array([1], np.uint64),
+            np.zeros(1),
+            dt,
+            tables,
+        )
+        return tables
+
+
+@pytest.fixture(scope="session")
+def plane() -> type[Plane]:
+    return Plane

@@ -1,0 +1,238 @@
+"""Worlds as a whole: fall lines, steps, strengths, observations, the battery."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sassgis.gap.check.worlds
+from sassgis.gap.check.worlds import (
+    EffectSpec,
+    WorldSpec,
+    battery,
+    fresh_rocks,
+    make_world,
+    observe,
+    setup,
+)
+from sassgis.gap.check.worlds.battery import FULL, MODEST, quick_battery, world_seeds
+from sassgis.gap.check.worlds.slopes import SLOPE_TYPES, descent, guide
+from sassgis.gap.check.worlds.strength import BANDS, inhomogeneity
+from sassgis.gap.check.worlds.world import (
+    FAMILIES,
+    World,
+    _base_world,
+    draw_rocks,
+    nominal_law,
+    simulate,
+    with_effects,
+)
+from sassgis.model.errors import InputError
+
+
+@pytest.mark.parametrize("slope", SLOPE_TYPES)
+def test_without_effects_rocks_keep_to_the_fall_line(slope: str) -> None:
+    world = _base_world(WorldSpec(slope), 4)
+    rocks = draw_rocks(world, 24, 3)
+    run = simulate(world, rocks)
+    grid = world.relief.grid
+    gx, gy = guide(grid)
+    apart = []
+    for rock in range(24):
+        x, y = rocks.stated[rock, :2]
+        hx, hy = 0.0, 0.0
+        line = [(x, y)]
+        for _ in range(1600):
+            hx, hy = descent(gx, gy, grid.west, grid.north, 2.0, x, y, hx, hy)
+            x, y = x + 0.25 * hx, y + 0.25 * hy
+            line.append((x, y))
+        points = np.array(line)
+        hits = run.impacts[run.impacts[:, 0] == rock, 4:6]
+        d = np.sqrt(((hits[:, None] - points[None]) ** 2).sum(axis=2)).min(axis=1)
+        apart.append(d)
+    distance = np.concatenate(apart)
+    assert np.quantile(distance, 0.9) < 1.5
+
+
+def test_stops_do_not_move_with_the_time_step(null_world: World) -> None:
+    rocks = draw_rocks(null_world, 300, 9)
+    s = []
+    for dt in (0.004, 0.002, 0.001):
+        stops = simulate(null_world, rocks, dt).deposits
+        s.append(null_world.relief.frame.s(stops[:, 3], stops[:, 4])[:, None])
+    spread = s[2].std()
+    assert inhomogeneity(s[1] / spread, s[2] / spread) < 0.1
+    assert inhomogeneity(s[0] / spread, s[2] / spread) < 0.1
+
+
+def test_strengths_are_in_order_and_in_their_bands() -> None:
+    found = []
+    for strength in ("weak", "medium", "strong"):
+        spec = WorldSpec("forested_slope", (EffectSpec("trees", strength),))  # type: ignore[arg-type]
+        effect = make_world(spec, 3).effects[0]
+        low, _, high = BANDS[strength]
+        assert effect.strength == strength
+        assert low <= effect.size <= high
+        found.append(effect.magnitude)
+    assert found[0] < found[1] < found[2]
+
+
+def test_the_same_seed_gives_the_same_world_and_rocks() -> None:
+    spec = WorldSpec("gully", (EffectSpec("release_error", "medium"),))
+    one, other = make_world(spec, 8), make_world(spec, 8)
+    assert one.effects == other.effects
+    assert np.array_equal(one.relief.grid.values, other.relief.grid.values)
+    a, b = observe(one, "everything", 10, 1), observe(other, "everything", 10, 1)
+    for name, table in a.tables.items():
+        for column, values in table.items():
+            assert np.array_equal(values, b.tables[name][column]), (name, column)
+    fresh = fresh_rocks(one, 10)
+    assert not np.array_equal(fresh.tables["rocks"]["mass_kg"], a.tables["rocks"]["mass_kg"])
+
+
+def test_rocks_do_not_depend_on_their_company(null_world: World) -> None:
+    few, many = draw_rocks(null_world, 5, 3), draw_rocks(null_world, 5, 3)
+    whole = simulate(null_world, few).deposits
+    alone = simulate(
+        null_world,
+        type(many)(many.state[3:4], many.stated[3:4], many.keys[3:4], many.campaign[3:4]),
+    ).deposits
+    assert np.array_equal(whole[whole[:, 0] == 3, 1:], alone[:, 1:])
+
+
+def test_each_kind_shows_what_it_says(null_world: World) -> None:
+    shown = {
+        "stations": {"rocks", "stations", "passages"},
+        "stops": {"rocks", "deposits"},
+        "both": {"rocks", "stations", "passages", "deposits"},
+        "everything": {
+            "rocks",
+            "stations",
+            "passages",
+            "deposits",
+            "impacts",
+            "trajectories",
+        },
+    }
+    for kind, names in shown.items():
+        seen = observe(null_world, kind, 12, 2)  # type: ignore[arg-type]
+        assert set(seen.tables) == names
+        for table in seen.tables.values():
+            assert len({len(v) for v in table.values()}) == 1
+    impacts = seen.tables["impacts"]
+    assert (impacts["vn_in_mps"] < 0).all()
+    assert (np.abs(impacts["turn_deg"]) <= 180.0).all()
+    # Where the centre was let go, not the ground beneath it.
+    rocks = seen.tables["rocks"]
+    ground = setup(null_world).releases[np.arange(12) % 12, 2]
+    assert (rocks["z"] - ground > rocks["semi_axis_a_m"]).all()
+    assert seen.metadata["speed_error_rel"] == 0.05
+    with pytest.raises(InputError, match="kind"):
+        observe(null_world, "all", 5, 1)  # type: ignore[arg-type]
+
+
+def test_measured_speeds_have_the_stated_error(null_world: World) -> None:
+    true = simulate(null_world, draw_rocks(null_world, 200, 1004)).passages[:, 7]
+    seen = observe(null_world, "stations", 200, 4).tables["passages"]["speed_mps"]
+    assert np.std(np.log(seen / true)) == pytest.approx(0.05, rel=0.15)
+
+
+def test_the_setup_tells_no_true_parameter(null_world: World) -> None:
+    told = setup(null_world)
+    assert not np.allclose(null_world.law, nominal_law())
+    assert told.class_codes.shape == told.dem.shape
+    assert told.class_codes.max() < len(told.class_names)
+    assert told.dem is null_world.relief.grid
+    col, row = told.dem.col_row(told.releases[:, 0], told.releases[:, 1])
+    assert (col > 2).all() and (row > 2).all()
+
+
+def test_a_missing_terrace_is_missing_from_the_survey_alone(with_magnitude) -> None:  # type: ignore[no-untyped-def]
+    world = with_magnitude("terrace", 2.0)
+    apart = np.abs(world.true_grid.values - world.relief.grid.values)
+    assert 1.0 < apart.max() < 2.0
+    assert setup(world).dem is world.relief.grid
+
+
+def test_the_battery_has_the_mix() -> None:
+    specs = battery(3, 150)
+    verdicts = Counter(_part(s) for s in specs)
+    assert verdicts == {"none": 50, "single": 60, "pair": 20, "unknown": 20}
+    assert battery(3, 150) == specs != battery(4, 150)
+    for part in ("none", "pair"):
+        designs = Counter((s.n_rocks, s.kind) for s in specs if _part(s) == part)
+        assert len(designs) == 16
+        assert max(designs.values()) - min(designs.values()) <= 1
+    unknown = [s for s in specs if _part(s) == "unknown"]
+    assert sum((s.n_rocks, s.kind) == FULL for s in unknown) == 14
+    assert max(Counter(s.effects[0].name for s in unknown).values()) == 3
+    assert "weak" not in {e.strength for s in specs if len(s.effects) == 2 for e in s.effects}
+    for spec in specs:
+        assert len({e.name for e in spec.effects}) == len(spec.effects)
+    assert max(Counter(s.slope for s in specs).values()) == 30
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_families_come_round_evenly_in_each_design(seed: int) -> None:
+    singles = [s for s in battery(seed, 150) if _part(s) == "single"]
+    rest = [s for s in singles if (s.n_rocks, s.kind) not in (FULL, MODEST)]
+    full = [s for s in singles if (s.n_rocks, s.kind) == FULL]
+    modest = [s for s in singles if (s.n_rocks, s.kind) == MODEST]
+    assert [len(full), len(modest), len(rest)] == [24, 20, 16]
+    for cell, most in ((full, 3), (modest, 2), (rest, 2), (singles, 6)):
+        families = Counter(s.effects[0].name for s in cell)
+        assert set(families) == set(FAMILIES)
+        assert max(families.values()) <= most
+    assert len({(s.n_rocks, s.kind) for s in rest}) == 14
+    assert Counter(s.effects[0].strength for s in singles) == {
+        "weak": 12,
+        "medium": 24,
+        "strong": 24,
+    }
+    weak = Counter(s.effects[0].name for s in singles if s.effects[0].strength == "weak")
+    assert set(weak) == set(FAMILIES)
+
+
+def test_the_quick_battery_is_small() -> None:
+    specs = quick_battery(3)
+    assert Counter(_part(s) for s in specs) == {"none": 2, "single": 3, "unknown": 1}
+    assert {s.n_rocks for s in specs} == {20, 40}
+    assert {e.strength for s in specs for e in s.effects} == {"strong"}
+
+
+def test_batteries_have_no_world_in_common() -> None:
+    one, other = world_seeds(1, 400), world_seeds(2, 400)
+    assert len({*one, *other}) == 800
+    assert world_seeds(1, 6) == one[:6]
+
+
+def _part(spec: WorldSpec) -> str:
+    if spec.verdict in ("none", "unknown"):
+        return spec.verdict
+    return "single" if len(spec.effects) == 1 else "pair"
+
+
+def test_worlds_share_no_code_with_what_they_check() -> None:
+    for path in Path(sassgis.gap.check.worlds.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            for name in names:
+                if name.startswith("sassgis."):
+                    assert name.split(".")[1] in ("core", "worlds"), (path.name, name)
+
+
+@pytest.mark.parametrize("name", ["trees", "terrace", "collisions"])
+def test_what_stands_on_the_slope_is_there_after_a_world_is_made(name: str) -> None:
+    world = make_world(WorldSpec("cliff_talus_meadow", (EffectSpec(name, "strong"),)), 50)  # type: ignore[arg-type]
+    rocks = draw_rocks(world, 60, 5)
+    made = simulate(world, rocks)
+    bare = simulate(with_effects(world, ()), rocks)
+    assert made.passages.shape != bare.passages.shape
+    fresh = with_effects(with_effects(world, ()), world.effects)
+    np.testing.assert_array_equal(made.passages, simulate(fresh, rocks).passages)

@@ -1,0 +1,506 @@
+"""Risk of a house and a stretch of road, every term by hand, and what must hold of all tables."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
+
+from sassgis.hazard.risk import (
+    ADDITIVE,
+    QUANTITIES,
+    RiskTable,
+    assess_risk,
+    class_hits,
+    object_rows,
+    risk_totals,
+    source_rows,
+    total_rows,
+    vehicles_in_strip,
+    weighted_variance,
+)
+from sassgis.model.errors import InputError
+from sassgis.model.exposure import ExposedObject, Vulnerability
+from sassgis.model.hazard import Source, SourceCounts
+
+
+def close(value):
+    return pytest.approx(value, rel=1e-12, abs=0.0)
+
+
+# --- by hand ---------------------------------------------------------------------------------
+#
+# One rock of "frequent" stands for 0.5 / 1000 = 5e-4 blocks a year, one of "rare" for
+# 0.1 / 500 = 2e-4. Of "frequent", 20 rocks come to the house, 8 of them with 30 kJ and more and
+# 2 with 300 kJ and more: 12 low, 6 mean, 2 high. Of "rare": 0 low, 2 mean, 3 high.
+#
+#   hits         low                mean               high
+#   frequent     12 * 5e-4 = 6e-3   6 * 5e-4 = 3e-3    2 * 5e-4 = 1e-3
+#   rare          0                 2 * 2e-4 = 4e-4    3 * 2e-4 = 6e-4
+
+
+def test_hits_of_the_house_by_hand(example):
+    assert example.hits[:, 0] == close(np.array([[6e-3, 3e-3, 1e-3], [0.0, 4e-4, 6e-4]]))
+    assert example.of_object("hits")[0] == close(1.1e-2)
+
+
+def test_loss_of_the_house_by_hand(example):
+    # frequent: 600 000 * (6e-3 * 0.01 + 3e-3 * 0.1 + 1e-3 * 0.5) = 600 000 * 8.6e-4 = 516
+    # rare:     600 000 * (4e-4 * 0.1 + 6e-4 * 0.5)               = 600 000 * 3.4e-4 = 204
+    assert example.values["property_loss"][:, 0] == close(np.array([516.0, 204.0]))
+    assert example.of_object("loss")[0] == close(720.0)
+    assert not example.values["vehicle_loss"][:, 0].any()
+
+
+def test_risk_to_people_in_the_house_by_hand(example):
+    # frequent: 0.5 * (6e-3 * 0 + 3e-3 * 0.01 + 1e-3 * 0.2) = 0.5 * 2.3e-4  = 1.15e-4
+    # rare:     0.5 * (4e-4 * 0.01 + 6e-4 * 0.2)            = 0.5 * 1.24e-4 = 6.2e-5
+    assert example.values["individual_risk"][:, 0] == close(np.array([1.15e-4, 6.2e-5]))
+    # Four people.
+    assert example.of_object("deaths")[0] == close(4 * 1.77e-4)
+
+
+def test_vehicles_by_hand(example):
+    # 4800 a day are 200 an hour; one has a part of itself in a strip of 1 m for
+    # (5 + 1) / 60 000 = 1e-4 hours: 0.02 vehicles.
+    assert vehicles_in_strip(4800.0, 60.0, 5.0, 1.0) == close(0.02)
+    # 40 rocks, of which 10 with 30 kJ: 30 * 5e-4 = 1.5e-2 low, 5e-3 mean.
+    assert example.hits[0, 1] == close(np.array([1.5e-2, 5e-3, 0.0]))
+    assert example.values["vehicles_hit"][0, 1] == close(0.02 * 2e-2)
+    # 0.02 * 30 000 * (1.5e-2 * 0.2 + 5e-3 * 0.6) = 600 * 6e-3
+    assert example.values["vehicle_loss"][0, 1] == close(3.6)
+    # 0.02 * 1.5 * (1.5e-2 * 0.05 + 5e-3 * 0.3) = 0.03 * 2.25e-3
+    assert example.values["deaths"][0, 1] == close(6.75e-5)
+    # Two trips a day: 2 / 24 * 1e-4 * 2.25e-3
+    assert example.values["individual_risk"][0, 1] == close(2.0 / 24.0 * 2.25e-7)
+
+
+def test_loss_of_the_road_itself_by_hand(example):
+    # No damage length is stated: the block's width of 1 m at 2000 a metre.
+    # 2000 * 1 * (1.5e-2 * 0.1 + 5e-3 * 0.3) = 2000 * 3e-3
+    assert example.values["property_loss"][0, 1] == close(6.0)
+    assert example.of_object("loss")[1] == close(6.0 + 3.6)
+    assert not example.values["loss"][1, 1]  # No rock of "rare" comes to the road.
+
+
+def test_standard_error_of_the_house_by_hand(example):
+    # Every rock is on a line of its own, so its variance is that of single hits:
+    # k (n - 1) / (n - 1) = k, and Var loss = Σ rate of a rock * hits * cost².
+    # frequent: 5e-4 * (6e-3 * 6000² + 3e-3 * 60 000² + 1e-3 * 300 000²)
+    #         = 5e-4 * (216 000 + 10 800 000 + 90 000 000) = 50 508
+    # rare:     2e-4 * (4e-4 * 60 000² + 6e-4 * 300 000²) = 2e-4 * 55 440 000 = 11 088
+    assert example.variances["loss"][:, 0] == close(np.array([50_508.0, 11_088.0]))
+    assert example.standard_error("loss")[0] == close(math.sqrt(61_596.0))
+
+
+def test_a_damage_length_takes_the_place_of_the_width():
+    long = replace(ROAD, damage_length_m=8.0)
+    table = assess_risk((HOUSE, long), SOURCES, COUNTS, ENERGIES, ENERGIES, vulnerability())
+    assert table.values["property_loss"][0, 1] == close(8 * 6.0)
+    # Traffic is met over the block's width all the same.
+    assert table.values["vehicles_hit"][0, 1] == close(4e-4)
+
+
+def test_what_one_simulated_rock_stands_for(example):
+    assert example.one_rock == close(np.array([5e-4, 5e-4]))
+
+
+def test_the_page_tells_the_numbers_of_the_example(example, repository):
+    text = (repository / "docs" / "risk.md").read_text(encoding="utf-8")
+    told = re.findall(r"<!-- (\w+) (\w+) -->\s*\**([\d.e−-]+)\**", text)
+    place = {"house": 0, "road": 1}
+    assert {(o, q) for o, q, _ in told} >= {
+        *((o, q) for o in place for q in ("hits", "loss", "deaths", "individual_risk")),
+        ("house", "loss_se"),
+        ("road", "vehicles_hit"),
+    }
+    for thing, quantity, number in told:
+        name = quantity.removesuffix("_se")
+        values = example.standard_error(name) if name != quantity else example.of_object(name)
+        assert float(number.replace("−", "-")) == pytest.approx(values[place[thing]], rel=1e-3)
+
+
+# --- dimensions ------------------------------------------------------------------------------
+
+
+def scaled(**factors: float) -> RiskTable:
+    """The example with other units: each factor multiplies what is stated in one of them."""
+    money, length, time = (factors.get(k, 1.0) for k in ("money", "length", "time"))
+    house = replace(HOUSE, value=HOUSE.value * money)
+    assert ROAD.traffic is not None
+    traffic = replace(
+        ROAD.traffic,
+        vehicle_value=ROAD.traffic.vehicle_value * money,
+        vehicle_length_m=ROAD.traffic.vehicle_length_m * length,
+        speed_kmh=ROAD.traffic.speed_kmh * length,
+    )
+    road = replace(ROAD, value_per_m=ROAD.value_per_m * money / length, traffic=traffic)
+    sources = [
+        replace(s, frequency=s.frequency / time, block_width_m=s.block_width_m * length)
+        for s in SOURCES
+    ]
+    return assess_risk((house, road), sources, COUNTS, ENERGIES, ENERGIES, vulnerability())
+
+
+@pytest.mark.parametrize(
+    ("unit", "powers"),
+    [
+        ("money", {"property_loss": 1, "vehicle_loss": 1, "loss": 1}),
+        ("length", {}),
+        ("time", dict.fromkeys(QUANTITIES, -1)),
+    ],
+)
+def test_other_units_give_the_same_risk(example, unit, powers):
+    other = scaled(**{unit: 3.0})
+    for q in QUANTITIES:
+        expected = example.of_object(q) * 3.0 ** powers.get(q, 0)
+        assert other.of_object(q) == pytest.approx(expected, rel=1e-12), q
+        error = example.standard_error(q) * 3.0 ** powers.get(q, 0)
+        assert other.standard_error(q) == pytest.approx(error, rel=1e-12), q
+
+
+def test_vehicles_have_no_dimension():
+    # Twice the speed, half the vehicles; metres and kilometres cancel.
+    n = vehicles_in_strip(1000.0, 50.0, 4.0, 1.0)
+    assert n == close(1000.0 / 86_400.0 * 5.0 / (50.0 / 3.6))  # per second, metres per second
+    assert vehicles_in_strip(1000.0, 100.0, 4.0, 1.0) == close(n / 2)
+    # A metre of traffic standing end to end: each metre of strip holds 1 / L vehicles.
+    full = 24_000.0 * 1.0 / 4.0  # vehicles a day at 1 km/h, 4 m each
+    assert vehicles_in_strip(full, 1.0, 4.0, 0.0) == close(1.0)
+
+
+# --- sums ------------------------------------------------------------------------------------
+
+
+@st.composite
+def tables(draw) -> RiskTable:
+    n_objects, n_sources = draw(st.integers(1, 5)), draw(st.integers(1, 4))
+    kinds = ("building", "road", "line", "people")
+    objects = []
+    for i in range(n_objects):
+        kind = draw(st.sampled_from(kinds))
+        if kind == "building":
+            thing = replace(HOUSE, name=f"h{i}", value=draw(st.floats(0, 1e7)))
+        elif kind == "people":
+            thing = ExposedObject(f"p{i}", "people", persons=draw(st.floats(0, 50)), presence=0.3)
+        else:
+            traffic = ROAD.traffic if kind == "road" else None
+            thing = ExposedObject(
+                f"{kind} {i}", kind, parent=kind, value_per_m=333.3, length_m=7.7, traffic=traffic
+            )
+        objects.append(thing)
+    sources, rows = [], []
+    for s in range(n_sources):
+        sources.append(
+            Source(
+                f"area {s % 2}",
+                f"blocks {s}",
+                draw(st.floats(1e-4, 10.0)),
+                200,
+                10,
+                random_points=draw(st.booleans()),
+                block_width_m=draw(st.floats(0.1, 3.0)),
+            )
+        )
+        count = [
+            sorted(draw(st.lists(st.integers(0, 200), min_size=3, max_size=3)), reverse=True)
+            for _ in objects
+        ]
+        rows.append(counts(range(n_objects), count))
+    return assess_risk(objects, sources, rows, ENERGIES, ENERGIES, vulnerability())
+
+
+@given(tables())
+@settings(max_examples=60, deadline=None)
+def test_totals_are_the_exact_sums_of_their_rows(table):
+    rows = object_rows(table)
+    for total in total_rows(table):
+        match total["scope"]:
+            case "all":
+                own = rows
+            case "kind":
+                own = [r for r in rows if r["kind"] == total["name"]]
+            case "whole":
+                own = [r for r in rows if r["part_of"] == total["name"]]
+            case "source":
+                own = [
+                    r
+                    for r in source_rows(table)
+                    if f"{r['area']} / {r['scenario']}" == total["name"]
+                ]
+        for q in ADDITIVE:
+            column = f"{q}_per_year"
+            assert total[column] == math.fsum(float(r[column]) for r in own), (total["name"], q)
+
+
+@given(tables())
+@settings(max_examples=60, deadline=None)
+def test_sources_add_up_to_each_object_and_to_all(table):
+    parts = source_rows(table)
+    for row in object_rows(table):
+        own = [p for p in parts if p["name"] == row["name"]]
+        for q in QUANTITIES:
+            assert row[f"{q}_per_year"] == math.fsum(float(p[f"{q}_per_year"]) for p in own)
+        if row["loss_per_year"]:
+            assert math.fsum(float(p["share_of_loss"]) for p in own) == pytest.approx(1.0)
+    totals = risk_totals(table)
+    whole = next(t for t in totals if t.scope == "all")
+    for scope in ("source", "kind"):
+        for q in ADDITIVE:
+            added = math.fsum(t.values[q] for t in totals if t.scope == scope)
+            assert added == pytest.approx(whole.values[q], rel=1e-14)
+
+
+@given(tables())
+@settings(max_examples=30, deadline=None)
+def test_classes_of_intensity_add_up_to_all_hits(table):
+    assert (table.hits >= 0.0).all()
+    assert table.hits.sum(axis=2) == pytest.approx(table.values["hits"], rel=1e-12)
+
+
+@given(tables())
+@settings(max_examples=30, deadline=None)
+def test_errors_of_sums_lie_between_apart_and_together(table):
+    for total in risk_totals(table):
+        for q in ADDITIVE:
+            assert total.standard_error_apart[q] <= total.standard_error[q] * (1 + 1e-12)
+
+
+def test_a_source_more_leaves_the_others_as_they_are(example):
+    alone = assess_risk((HOUSE, ROAD), SOURCES[:1], COUNTS[:1], ENERGIES, ENERGIES, vulnerability())
+    for q in QUANTITIES:
+        assert (alone.values[q][0] == example.values[q][0]).all()
+        assert (alone.variances[q][0] == example.variances[q][0]).all()
+
+
+def test_one_user_passes_all_stretches_of_a_road():
+    second = replace(ROAD, name="road 0+050–0+100", from_m=50.0)
+    both = assess_risk(
+        (ROAD, second),
+        SOURCES[:1],
+        [counts([0, 1], [[40, 10, 0], [40, 10, 0]])],
+        ENERGIES,
+        ENERGIES,
+        vulnerability(),
+    )
+    road = next(t for t in risk_totals(both) if t.scope == "whole")
+    assert road.name == "road" and road.objects == 2
+    assert road.individual_risk == close(2 * 2.0 / 24.0 * 2.25e-7)
+    house = next(
+        t
+        for t in risk_totals(
+            assess_risk(
+                (HOUSE, replace(HOUSE, name="another")),
+                SOURCES[:1],
+                [counts([0, 1], [[20, 8, 2], [20, 8, 2]])],
+                ENERGIES,
+                ENERGIES,
+                vulnerability(),
+            )
+        )
+        if t.scope == "all"
+    )
+    # Nobody lives in two houses.
+    assert house.individual_risk == close(1.15e-4)
+
+
+def test_the_length_of_the_stretches_does_not_change_the_loss_of_a_road():
+    # The same hits, spread over one stretch of 50 m or over two of 25 m.
+    one = assess_risk(
+        (ROAD,), SOURCES[:1], [counts([0], [[40, 10, 4]])], ENERGIES, ENERGIES, vulnerability()
+    )
+    halves = tuple(replace(ROAD, name=f"half {i}", length_m=25.0) for i in (1, 2))
+    two = assess_risk(
+        halves,
+        SOURCES[:1],
+        [counts([0, 1], [[25, 6, 1], [15, 4, 3]])],
+        ENERGIES,
+        ENERGIES,
+        vulnerability(),
+    )
+    for q in ADDITIVE:
+        assert two.of_object(q).sum() == close(one.of_object(q)[0])
+
+
+# --- what cannot be ---------------------------------------------------------------------------
+
+
+def test_an_object_without_rows_is_refused():
+    table = Vulnerability(
+        ("low", "mean", "high"), tuple(r for r in vulnerability().rows if r.kind != "vehicle")
+    )
+    with pytest.raises(InputError, match="expected vehicle as well"):
+        assess_risk((HOUSE, ROAD), SOURCES, COUNTS, ENERGIES, ENERGIES, table)
+
+
+def test_counts_of_no_object_are_refused():
+    with pytest.raises(ValueError, match="no object"):
+        assess_risk((HOUSE,), SOURCES, COUNTS, ENERGIES, ENERGIES, vulnerability())
+
+
+def test_an_object_that_nothing_reaches_has_no_risk_and_says_so():
+    none = [SourceCounts.none(3), SourceCounts.none(3)]
+    table = assess_risk((HOUSE, ROAD), SOURCES, none, ENERGIES, ENERGIES, vulnerability())
+    for q in QUANTITIES:
+        assert not table.of_object(q).any() and not table.standard_error(q).any()
+    assert not table.one_rock.any()
+    assert source_rows(table) == []
+
+
+def test_more_energies_than_classes_change_nothing(example):
+    fine = (0.0, 10.0, 30.0, 100.0, 300.0)
+    k = [[[20, 15, 8, 4, 2], [40, 22, 10, 3, 0]], [[5, 5, 5, 4, 3]]]
+    rows = [
+        SourceCounts(c.places, np.array(n, np.int64), np.array(n, np.int64))
+        for c, n in zip(COUNTS, k, strict=True)
+    ]
+    table = assess_risk((HOUSE, ROAD), SOURCES, rows, fine, ENERGIES, vulnerability())
+    for q in QUANTITIES:
+        assert (table.of_object(q) == example.of_object(q)).all()
+
+
+# --- the standard error against repetitions ----------------------------------------------------
+
+
+def drawn(rng, chance, n, source) -> SourceCounts:
+    """A sample: rocks of each line fall into no class or one of three, for one object."""
+    lines = chance.shape[0]
+    if source.random_points:
+        chance = chance[rng.integers(0, lines, lines)]
+    classes = rng.multinomial(n, chance)[:, 1:]  # The first column: does not come.
+    nested = classes[:, ::-1].cumsum(axis=1)[:, ::-1]
+    return SourceCounts(
+        np.zeros(1, np.int64), nested.sum(axis=0)[None], (nested**2).sum(axis=0)[None]
+    )
+
+
+def chances(share: float) -> np.ndarray:
+    """Chances by line: (does not come, low, mean, high), of which ``share`` comes in the mean."""
+    lines = 40
+    rng = np.random.default_rng(5)
+    come = share + min(share, 1.0 - share) * (2.0 * rng.random(lines) - 1.0)
+    split = rng.dirichlet([4.0, 2.0, 1.0], lines)
+    return np.column_stack([1.0 - come, come[:, None] * split])
+
+
+@pytest.mark.parametrize(
+    ("random_points", "share", "most", "most_by_class"),
+    [
+        # How far the bound may lie above the error; with 4000 repetitions: 1.04 and 1.04,
+        (False, 0.02, 1.1, 1.1),
+        (False, 0.2, 1.1, 1.15),  # 1.02 and 1.09,
+        (False, 0.9, 1.1, 1.3),  # 1.04 and 1.26,
+        (True, 0.02, 1.2, 1.3),  # 1.12 and 1.21,
+        (True, 0.4, 1.2, 2.2),  # 1.13 and 2.08.
+    ],
+)
+def test_predicted_error_against_200_repetitions(random_points, share, most, most_by_class):
+    n = 25
+    chance = chances(share)
+    source = Source("a", "b", 1.0, n * len(chance), n, random_points, 1.0)
+    rng = np.random.default_rng(1986)
+    tables = [
+        assess_risk(
+            (HOUSE,),
+            (source,),
+            [drawn(rng, chance, n, source)],
+            ENERGIES,
+            ENERGIES,
+            vulnerability(),
+        )
+        for _ in range(200)
+    ]
+    for q in ("hits", "loss", "deaths"):
+        spread = np.std([t.of_object(q)[0] for t in tables], ddof=1)
+        told = np.sqrt(np.mean([t.standard_error(q)[0] ** 2 for t in tables]))
+        # A standard deviation of 200 is known to 5 %: 15 % is three times that.
+        assert told > 0.85 * spread, q
+        assert told < 1.15 * most * spread, q
+    for i in range(3):
+        spread = np.std([t.hits[0, 0, i] for t in tables], ddof=1)
+        told = np.sqrt(np.mean([t.hits_variance[0, 0, i] for t in tables]))
+        assert 0.85 * spread < told < 1.15 * most_by_class * spread, i
+
+
+@given(
+    st.integers(2, 12),
+    st.booleans(),
+    st.lists(st.floats(0.0, 10.0), min_size=3, max_size=3),
+    st.integers(0, 2**32 - 1),
+)
+@settings(max_examples=150, deadline=None)
+def test_the_bound_is_never_below_the_exact_variance(n, random_points, cost, seed):
+    """With all products of counts at hand, the variance of the sample is never above the bound."""
+    rng = np.random.default_rng(seed)
+    lines = int(rng.integers(2, 9))
+    chance = rng.dirichlet([1.0, 1.0, 1.0, 1.0], lines) ** 2
+    chance[:, 0] += 1.0 - chance.sum(axis=1)
+    k = rng.multinomial(n, chance)[:, 1:]
+    y = k @ np.array(cost)
+    if random_points:
+        exact = lines / (lines - 1) * (np.sum(y**2) - y.sum() ** 2 / lines)
+    else:
+        exact = (n * (k @ np.square(cost)).sum() - np.sum(y**2)) / (n - 1)
+    nested = k[:, ::-1].cumsum(axis=1)[:, ::-1]
+    source = Source("a", "b", float(n * lines), n * lines, n, random_points)  # one rock: 1/year
+    own = SourceCounts(
+        np.zeros(1, np.int64), nested.sum(axis=0)[None], (nested**2).sum(axis=0)[None]
+    )
+    from sassgis.hazard.curves import hazard_curves
+
+    curves = hazard_curves([source], [own], ENERGIES)
+    bound = weighted_variance(np.array([cost]), curves.rate, curves.variance, source)
+    assert bound[0] >= exact * (1 - 1e-9) - 1e-9
+
+
+def test_one_rock_per_line_is_bounded_by_single_hits():
+    source = Source("a", "b", 1.0, 100, 1)
+    k = np.array([[10, 4, 1]])
+    table = assess_risk(
+        (HOUSE,),
+        (source,),
+        [SourceCounts(np.zeros(1, np.int64), k, k.copy())],
+        ENERGIES,
+        ENERGIES,
+        vulnerability(),
+    )
+    assert table.standard_error("hits")[0] == close(0.01 * math.sqrt(10.0))
+
+
+def test_one_random_line_tells_no_error():
+    source = Source("a", "b", 1.0, 50, 50, random_points=True)
+    k = np.array([[10, 4, 1]])
+    table = assess_risk(
+        (HOUSE,),
+        (source,),
+        [SourceCounts(np.zeros(1, np.int64), k, k * k)],
+        ENERGIES,
+        ENERGIES,
+        vulnerability(),
+    )
+    assert math.isnan(table.standard_error("hits")[0])
+
+
+def test_all_rocks_hit_without_any_spread():
+    """Where every rock of every line hits with full force, the sample has no spread."""
+    source = Source("a", "b", 1.0, 100, 10)
+    k, square = np.full((1, 3), 100), np.full((1, 3), 1000)
+    table = assess_risk(
+        (HOUSE,),
+        (source,),
+        [SourceCounts(np.zeros(1, np.int64), k, square)],
+        ENERGIES,
+        ENERGIES,
+        vulnerability(),
+    )
+    assert table.standard_error("loss")[0] == 0.0
+
+
+def test_classes_of_nested_rates():
+    assert class_hits(np.array([5.0, 3.0, 1.0])).tolist() == [2.0, 2.0, 1.0]

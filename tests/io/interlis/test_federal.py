@@ -1,0 +1,340 @@
+"""Layers have the attributes, codes and limits of the federal model, and refuse what it refuses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import made_zones as made
+import numpy as np
+import pyogrio
+import pyproj
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely.geometry import LineString, MultiPolygon, Polygon, box
+
+from sassgis.io.write.geopackage import write_geopackage
+from sassgis.io.write.layers.federal import (
+    CANTONS,
+    FEDERAL_CLASSES,
+    HAZARD_LEVELS,
+    INTENSITY_CLASSES,
+    IntensityZones,
+    SourceZones,
+    assessment_area,
+    federal_note,
+    hazard_area,
+    in_federal_extent,
+    indicative_hazard_area,
+    intensity_by_source,
+    is_lv95,
+    shortened,
+    surface_parts,
+    synoptic_intensity,
+    unique_short_names,
+)
+from sassgis.model.errors import InputError
+from sassgis.model.hazard import HazardLevel, Provenance
+
+LV95: dict[str, Any] = {"crs": "EPSG:2056", "federal": True}
+ZONE = box(made.E, made.N, made.E + 100, made.N + 100)
+INSIDE = (2_600_000.0, 1_100_000.0, 2_601_000.0, 1_101_000.0)
+
+#: As the documentation of the model lists them; typed anew, not taken from the module.
+COLUMNS = {
+    "synoptic_intensity": [
+        "intensity_class",
+        "process_cantonal_term",
+        "return_period_in_years",
+        "extreme_scenario",
+        "subproc_synoptic_intensity",
+        "sources_in_subprocesses_compl",
+    ],
+    "intensity_by_source": [
+        "intensity_class",
+        "process_cantonal_term",
+        "return_period_in_years",
+        "extreme_scenario",
+        "process_source",
+        "subproc_intensity_by_source",
+        "subscenario_probability",
+        "scenario_description",
+    ],
+    "hazard_area": ["main_process", "hazard_level", "subprocesses_complete", "sources_complete"],
+    "indicative_hazard_area": ["indicative_process", "hazard_indication", "method"],
+}
+
+
+def test_columns_are_those_of_the_model() -> None:
+    layers = {layer.name: layer for layer in made.some_layers()}
+    assert list(layers) == list(FEDERAL_CLASSES)
+    for name, columns in COLUMNS.items():
+        assert layers[name].columns == ["fid", *columns]
+    area = layers["assessment_area"].columns
+    assert {"data_responsibility", "rf_state_rock_fall", "comments"} < set(area)
+    assert all(set(layer.fields) == set(layer.columns) - {"fid"} for layer in layers.values())
+    assert all("166.1" in layer.description for layer in layers.values())
+
+
+def test_values_and_types_survive_the_geopackage(tmp_path: Path) -> None:
+    path = write_geopackage(tmp_path / "hazard.gpkg", made.some_layers())
+    types = pyogrio.read_info(path, layer="synoptic_intensity")
+    kinds = dict(zip(types["fields"], types["dtypes"], strict=True))
+    assert kinds["return_period_in_years"] == "int32"
+    assert kinds["extreme_scenario"] == "bool"
+    frame = pyogrio.read_dataframe(path, layer="synoptic_intensity")
+    # The rarest comes first, so that it is drawn under the others.
+    assert frame["extreme_scenario"].tolist() == [True, True, False, False, False]
+    assert frame["return_period_in_years"].tolist()[2:] == [300, 300, 30]
+    assert frame["return_period_in_years"].isna().tolist()[:2] == [True, True]
+    assert set(frame["subproc_synoptic_intensity"]) == {"r_rock_fall"}
+    states = pyogrio.read_dataframe(path, layer="assessment_area", read_geometry=False)
+    others = [c for c in states if "_state_" in c and c != "rf_state_rock_fall"]
+    assert others and set(states.loc[0, others]) == {"not_assessed"}
+    assert states.loc[0, "rf_state_rock_fall"] == "assessed_and_complete"
+
+
+def test_empty_layers_keep_their_columns_and_types(tmp_path: Path) -> None:
+    layers = [
+        assessment_area([], **LV95),
+        synoptic_intensity([], **LV95),
+        intensity_by_source([], **LV95),
+        hazard_area([], [], **LV95),
+        indicative_hazard_area([], **LV95),
+    ]
+    path = write_geopackage(tmp_path / "hazard.gpkg", layers)
+    for layer in layers:
+        info = pyogrio.read_info(path, layer=layer.name)
+        assert info["features"] == 0 and info["crs"] == "EPSG:2056"
+        assert list(info["fields"]) == layer.columns[1:]
+    info = pyogrio.read_info(path, layer="intensity_by_source")
+    kinds = dict(zip(info["fields"], info["dtypes"], strict=True))
+    assert kinds["return_period_in_years"] == "int32"
+    assert kinds["subscenario_probability"] == "float64"
+
+
+def test_parts_become_features_of_their_own_on_whole_millimetres() -> None:
+    frame = hazard_area([made.PARTS], ["slight"], **LV95).frame
+    assert len(frame) == 2 and set(frame.geom_type) == {"Polygon"}
+    corners = shapely.get_coordinates(frame.geometry.to_numpy())
+    assert np.array_equal(corners, np.round(corners, 3))
+    assert {made.N + 50.0} <= set(corners[:, 1])
+
+
+def test_neighbours_stay_without_gaps_and_overlaps_on_the_millimetre_grid() -> None:
+    rng = np.random.default_rng(4)
+    x, y = np.meshgrid(np.arange(6.0), np.arange(6.0))
+    x, y = x + rng.uniform(-0.3, 0.3, x.shape), y + rng.uniform(-0.3, 0.3, x.shape)
+    cells = [
+        Polygon(
+            [
+                (made.E + x[i, j], made.N + y[i, j])
+                for i, j in ((r, c), (r, c + 1), (r + 1, c + 1), (r + 1, c))
+            ]
+        )
+        for r in range(5)
+        for c in range(5)
+    ]
+    assert shapely.coverage_is_valid(cells)
+    frame = hazard_area(cells, ["mean"] * 25, **LV95).frame
+    assert len(frame) == 25
+    assert shapely.coverage_is_valid(frame.geometry.to_numpy())
+
+
+def test_what_vanishes_on_the_grid_is_left_out_and_what_folds_is_mended() -> None:
+    sliver = box(made.E, made.N, made.E + 50, made.N + 0.0003)
+    assert surface_parts(sliver, where="a") == []
+    # Its neck is narrower than the grid: rounding would make it touch itself.
+    neck = made.at(
+        (0, 0), (10, 0), (10, 10), (5.0002, 10), (5.0002, 5), (4.9998, 5), (4.9998, 10), (0, 10)
+    )
+    parts = surface_parts(neck, where="a")
+    assert parts and all(part.is_valid for part in parts)
+    assert sum(part.area for part in parts) == pytest.approx(neck.area, abs=0.02)
+
+
+def test_heights_are_dropped() -> None:
+    (part,) = surface_parts(shapely.force_3d(ZONE, 700.0), where="a")
+    assert not part.has_z
+
+
+@pytest.mark.parametrize(
+    ("geometry", "words"),
+    [
+        (LineString([(made.E, made.N), (made.E + 1, made.N)]), "LineString"),
+        (None, "nothing"),
+        (made.at((0, 0), (10, 10), (10, 0), (0, 10)), "not valid"),
+        (Polygon([(made.E, made.N), (np.inf, made.N), (made.E, made.N + 1)]), "no number"),
+        (box(2_459_999.0, made.N, made.E, made.N + 1), "outside the extent"),
+        (box(made.E, made.N, made.E + 1, 1_310_000.1), "outside the extent"),
+    ],
+)
+def test_unusable_geometry_is_refused(geometry: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        hazard_area([geometry], ["mean"], **LV95)
+
+
+def intensity(years: float | None, extreme: Any = False, code: str = "low", **more: Any) -> Any:
+    return synoptic_intensity([IntensityZones(years, extreme, [ZONE], [code])], **LV95, **more)
+
+
+@pytest.mark.parametrize("years", [1, 30, 30.0, 10_000])
+def test_return_periods_within_the_limits(years: float) -> None:
+    assert intensity(years).frame["return_period_in_years"].tolist() == [years]
+
+
+@pytest.mark.parametrize("years", [0, -3, 0.5, 30.5, 10_001, np.inf, "30", True])
+def test_return_periods_outside_the_limits(years: Any) -> None:
+    with pytest.raises(InputError, match=r"return_period_in_years.*1 to 10000"):
+        intensity(years)
+
+
+@pytest.mark.parametrize("years", [None, float("nan")])
+def test_a_return_period_is_needed_unless_the_scenario_is_extreme(years: Any) -> None:
+    with pytest.raises(InputError, match="unless the scenario is extreme"):
+        intensity(years)
+    assert intensity(years, extreme=True).frame["extreme_scenario"].tolist() == [True]
+
+
+def test_an_extreme_scenario_is_rarer_than_300_years() -> None:
+    assert len(intensity(301, extreme=True).frame) == 1
+    with pytest.raises(InputError, match=r"extreme_scenario.*too frequent.*300 years"):
+        intensity(300, extreme=True)
+
+
+@pytest.mark.parametrize("code", ["Low", "", None, "strong", 3])
+def test_unknown_codes(code: Any) -> None:
+    with pytest.raises(InputError, match=r"intensity_class.*existing_impact"):
+        intensity(30, code=code)
+    with pytest.raises(InputError, match=r"hazard_area\.hazard_level.*residual_hazard"):
+        hazard_area([ZONE], [code], **LV95)
+
+
+@pytest.mark.parametrize("code", HAZARD_LEVELS)
+def test_known_levels(code: str) -> None:
+    assert hazard_area([ZONE], [code], **LV95).frame["hazard_level"].tolist() == [code]
+
+
+@pytest.mark.parametrize("code", INTENSITY_CLASSES)
+def test_known_intensities(code: str) -> None:
+    assert intensity(30, code=code).frame["intensity_class"].tolist() == [code]
+
+
+def test_text_limits() -> None:
+    assert intensity(30, process_cantonal_term="x" * 50).frame.iloc[0, 1] == "x" * 50
+    with pytest.raises(InputError, match=r"51 characters.*at most 50"):
+        intensity(30, process_cantonal_term="x" * 51)
+    with pytest.raises(InputError, match=r"401 characters.*at most 400"):
+        indicative_hazard_area([ZONE], method="x" * 401, **LV95)
+    zones = [IntensityZones(30, False, [ZONE], ["low"])]
+    with pytest.raises(InputError, match=r"401 characters.*at most 400"):
+        intensity_by_source([SourceZones("a", zones, 0.5, "x" * 401)], **LV95)
+    assert hazard_area([], [], **LV95).frame.empty
+
+
+@pytest.mark.parametrize("probability", [-0.01, 1.01, "0.5"])
+def test_probability_limits(probability: Any) -> None:
+    zones = [IntensityZones(30, False, [ZONE], ["low"])]
+    with pytest.raises(InputError, match=r"subscenario_probability.*0 to 1"):
+        intensity_by_source([SourceZones("a", zones, probability)], **LV95)
+
+
+def test_codes_of_the_rest() -> None:
+    with pytest.raises(InputError, match="data_responsibility"):
+        assessment_area([ZONE], canton="XX", **LV95)
+    with pytest.raises(InputError, match="rf_state_rock_fall"):
+        assessment_area([ZONE], canton="TI", rock_fall_state="done", **LV95)
+    with pytest.raises(InputError, match="sources_complete"):
+        hazard_area([ZONE], ["mean"], sources_complete="yes", **LV95)
+    with pytest.raises(InputError, match="1 codes; expected 2"):
+        hazard_area([ZONE, ZONE], ["mean"], **LV95)
+    assert len(CANTONS) == len(set(CANTONS)) == 26
+
+
+def test_federal_layers_need_federal_coordinates() -> None:
+    for crs in ("EPSG:32632", None, ""):
+        with pytest.raises(InputError, match="EPSG:2056"):
+            hazard_area([], [], crs=crs, federal=True)
+
+
+def test_abroad_the_layers_are_the_same_but_claim_nothing() -> None:
+    zone = box(680_000, 5_150_000, 680_100, 5_150_100)
+    abroad: dict[str, Any] = {"crs": "EPSG:32632", "federal": False}
+    layer = hazard_area([zone], ["H4"], **abroad)
+    assert layer.columns == ["fid", *COLUMNS["hazard_area"]]
+    assert "166.1" not in layer.description and layer.frame.crs.to_epsg() == 32632
+    assert all("166.1" not in info.description for info in layer.fields.values())
+    assert "166.1" not in federal_note(False) and "166.1" in federal_note(True)
+    # What holds everywhere still holds.
+    with pytest.raises(InputError, match="unless the scenario is extreme"):
+        synoptic_intensity([IntensityZones(None, False, [zone], ["low"])], **abroad)
+
+
+def test_where_the_model_holds() -> None:
+    lv95 = pyproj.CRS.from_epsg(2056)
+    assert in_federal_extent(lv95, INSIDE)
+    assert in_federal_extent(lv95.to_wkt("WKT1_ESRI"), INSIDE)
+    assert in_federal_extent("EPSG:2056+5728", INSIDE)
+    assert not in_federal_extent("EPSG:21781", INSIDE)
+    assert not in_federal_extent("EPSG:21781", (600_000.0, 100_000.0, 601_000.0, 101_000.0))
+    assert not in_federal_extent("", INSIDE) and not in_federal_extent(None, INSIDE)
+    assert in_federal_extent(lv95, (2_460_000.0, 1_045_000.0, 2_870_000.0, 1_310_000.0))
+    assert not in_federal_extent(lv95, (2_459_999.0, *INSIDE[1:]))
+    assert not in_federal_extent(lv95, (*INSIDE[:3], 1_310_001.0))
+    assert not in_federal_extent(lv95, (np.nan,) * 4)
+    assert not is_lv95("EPSG:4326")
+
+
+@given(st.lists(st.text(alphabet="ab~2 ", min_size=1, max_size=14), max_size=12))
+def test_short_names_differ(names: list[str]) -> None:
+    names = [name for name in names if name.strip()]
+    short = unique_short_names(names, longest=6)
+    plain = {" ".join(name.split()) for name in names}
+    assert list(short) == list(dict.fromkeys(names))
+    assert len(set(short.values())) == len(short)
+    assert all(0 < len(text) <= 6 for text in short.values())
+    if len(plain) == len(short):
+        assert all(short[n] == n for n in short if len(n) <= 6 and n == " ".join(n.split()))
+
+
+def test_names_of_sources_are_cut_so_that_they_differ() -> None:
+    zones = [IntensityZones(30, False, [ZONE], ["low"])]
+    stem = "x" * 60
+    layer = intensity_by_source([SourceZones(stem + e, zones) for e in "ab"], **LV95)
+    assert layer.frame["process_source"].tolist() == ["x" * 50, "x" * 48 + "~2"]
+    with pytest.raises(InputError, match="no name"):
+        intensity_by_source([SourceZones(" ", zones)], **LV95)
+
+
+def test_shortened() -> None:
+    assert shortened("a  b\nc", 5) == "a b c"
+    assert shortened("one two three", 10) == "one two…"
+    assert len(shortened("x" * 500)) == 400
+
+
+def test_legend_has_the_colours_of_the_levels_and_a_hatch_for_residual() -> None:
+    style = hazard_area([], [], **LV95).style
+    assert {c.value for c in style.classes} == set(HAZARD_LEVELS)
+    hatched = {c.value: c.symbol.hatch for c in style.classes}
+    assert hatched["residual_hazard"] == "diagonal" and hatched["mean"] == ""
+    level_colours = {c.symbol.colour for c in style.classes} - {"#ffffff"}
+    intensity_colours = {c.symbol.colour for c in intensity(30).style.classes}
+    assert not level_colours & intensity_colours
+
+
+def test_legend_of_a_preset() -> None:
+    own = HazardLevel("residual_hazard", "pericolo residuo", "#abcdef", True, Provenance("x", True))
+    (entry,) = hazard_area([], [], legend=[own], **LV95).style.classes
+    assert (entry.label, entry.symbol.colour, entry.symbol.hatch) == (
+        "pericolo residuo",
+        "#abcdef",
+        "diagonal",
+    )
+
+
+def test_multipolygons_of_a_code_keep_it() -> None:
+    two = MultiPolygon([made.CORE, made.STEPS])
+    frame = hazard_area([two, ZONE], ["slight", "mean"], **LV95).frame
+    assert frame["hazard_level"].tolist() == ["slight", "slight", "mean"]

@@ -1,0 +1,395 @@
+"""A small made-up result: a plane slope, a fan of fall lines, maps of what they carry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import geopandas as gpd
+import numpy as np
+import rasterio
+from shapely.geometry import LineString, Point, box
+
+from sassgis.hazard.zone_styles import (
+    hazard_level_style,
+    intensity_style,
+    level_change_style,
+    undecided_style,
+)
+from sassgis.io.qgis.layout import PrintLayout
+from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.write.geopackage import FieldInfo, VectorLayer, write_geopackage
+from sassgis.io.write.raster import write_raster
+from sassgis.model.grid import Grid
+from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
+from sassgis.model.results import Band, RasterClass, RasterLayer
+from sassgis.model.styles import (
+    BARRIER_STYLE,
+    FALL_LINE_STYLE,
+    HILLSHADE,
+    RELEASE_AREA_STYLE,
+    RELEASE_POINT_STYLE,
+    STOP_STYLE,
+    Symbol,
+    VectorStyle,
+    categorised_style,
+    graduated_style,
+)
+
+WEST, NORTH, CELL, ROWS, COLS = 2_600_000.0, 1_200_000.0, 2.0, 400, 500
+EXTENT = (WEST, NORTH - ROWS * CELL, WEST + COLS * CELL, NORTH)
+
+
+class Made(NamedTuple):
+    project: Path
+    geopackage: Path
+    rasters: dict[str, Path]
+
+
+def grid(crs: str | None = None) -> Grid:
+    row, col = np.mgrid[0:ROWS, 0:COLS].astype(float)
+    heights = 1800.0 - 1.6 * row + 25 * np.sin(col / 30) * np.cos(row / 40)
+    if crs is None:
+        crs = rasterio.CRS.from_epsg(2056).to_wkt()
+    return Grid(heights, WEST, NORTH, CELL, crs, "LN02")
+
+
+def preset() -> HazardPreset:
+    source = Provenance("nowhere", False)
+    return HazardPreset(
+        name="made-up",
+        title="Made up",
+        intensities=(
+            IntensityClass("low", "low", 0.0, "#fee08b", source),
+            IntensityClass("mean", "mean", 30.0, "#f46d43", source),
+            IntensityClass("high", "high", 300.0, "#a50026", source),
+        ),
+        return_periods=(30.0, 100.0, 300.0),
+        return_period_provenance=source,
+        levels=(
+            HazardLevel("residual_hazard", "residuo", "#ffe000", True, source),
+            HazardLevel("slight", "basso", "#ffe000", False, source),
+            HazardLevel("mean", "medio", "#2b6cff", False, source),
+            HazardLevel("substantial", "elevato", "#e60000", False, source),
+        ),
+        matrix=((2, 2, 1, 0), (3, 2, 2, 0), (3, 3, 3, 0)),
+        matrix_provenance=((source,) * 4,) * 3,
+    )
+
+
+def raster_layers(dem: Grid) -> dict[str, RasterLayer]:
+    row, col = np.mgrid[0:ROWS, 0:COLS].astype(float)
+    inside = (np.abs(col - 250) < 20 + row / 4) & (row > 40) & (row < 340)
+    energy = np.where(inside, 400.0 * (1 - (row - 40) / 300), np.nan)
+    # Cells with exactly the limits of the classes, in bands that can be looked up.
+    energy[100:110, 230:270] = 30.0
+    energy[120:130, 230:270] = np.nextafter(np.float32(30), np.float32(0))
+    energy[140:150, 230:270] = 300.0
+    energy[160:170, 230:270] = 0.0
+    reach = np.where(inside, np.exp(-((col - 250) ** 2) / 2000) * (1 - row / 400), np.nan)
+    height = np.where(inside, np.abs(np.sin(row / 12)) * 6, np.nan)
+
+    def band(name: str, text: str, unit: str, values: np.ndarray) -> Band:
+        return Band(name, text, unit, values.astype(np.float32))
+
+    return {
+        "energy": RasterLayer(
+            "energy",
+            "Energy, 95 % (kJ)",
+            "Share of the passages; reference width 3 m",
+            (
+                band("e95", "Energy not exceeded by 95 % of the passages", "kJ", energy),
+                band("emax", "Greatest energy", "kJ", energy * 1.5),
+            ),
+            (30.0, 300.0),
+            "YlOrRd",
+        ),
+        "reach": RasterLayer(
+            "reach",
+            "Reach probability (1)",
+            "Per released rock; reference width 3 m",
+            (band("reach", "Reach probability", "1", reach),),
+            (),
+            "viridis",
+        ),
+        "height": RasterLayer(
+            "height",
+            "Passing height, 95 % (m)",
+            "",
+            (band("h95", "Passing height", "m", height),),
+            (1.0, 2.0, 5.0),
+            "Blues",
+        ),
+        "level": RasterLayer(
+            "level",
+            "Hazard level on cells",
+            "Worst level; reference width 3 m",
+            (band("level", "Hazard level", "", levels_of_cells()),),
+            (),
+            "",
+            tuple(
+                RasterClass(number, level.label, level.colour, level.hatched)
+                for number, level in enumerate(preset().levels, start=1)
+            ),
+        ),
+        "terrain": RasterLayer(
+            "terrain",
+            "Terrain (relief)",
+            "Heights of the DEM",
+            (band("z", "Height", "m", dem.values),),
+            (),
+            HILLSHADE,
+        ),
+    }
+
+
+#: Bands down the slope (first and last row), from severe to slight.
+LEVEL_ROWS = {"substantial": (40, 120), "mean": (120, 220), "slight": (220, 300)}
+RESIDUAL_ROWS = (300, 360)
+
+
+def levels_of_cells() -> np.ndarray:
+    codes = [level.code for level in preset().levels]
+    level = np.zeros((ROWS, COLS))
+    for code, (first, last) in {**LEVEL_ROWS, "residual_hazard": RESIDUAL_ROWS}.items():
+        level[first:last, 180:320] = codes.index(code) + 1
+    level[:, :10] = np.nan
+    return level
+
+
+def zone_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
+    rows = {**LEVEL_ROWS, "residual_hazard": RESIDUAL_ROWS}
+    boxes = [
+        box(WEST + 180 * CELL, NORTH - last * CELL, WEST + 320 * CELL, NORTH - first * CELL)
+        for first, last in rows.values()
+    ]
+
+    def layer(
+        name: str, title: str, style: VectorStyle, areas: list, **columns: list
+    ) -> VectorLayer:
+        frame = gpd.GeoDataFrame(columns, geometry=areas, crs=crs)
+        return VectorLayer(name, title, "", frame, {}, style=style)
+
+    levels = preset().levels
+    middle = [area.buffer(-40) for area in boxes]
+    return {
+        layer.name: layer
+        for layer in (
+            layer("undecided", "Level not settled", undecided_style(), [boxes[1].buffer(-60)]),
+            layer(
+                "zones",
+                "Hazard level",
+                hazard_level_style("hazard_level", levels),
+                boxes,
+                hazard_level=list(rows),
+            ),
+            layer(
+                "intensity",
+                "Intensity, 100 years",
+                intensity_style("intensity_class", preset()),
+                middle[:3],
+                intensity_class=["high", "mean", "low"],
+            ),
+            layer(
+                "change",
+                "Change of level by the barriers",
+                level_change_style("change"),
+                middle[:3],
+                change=["lower", "same", "higher"],
+            ),
+        )
+    }
+
+
+def vector_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
+    lines = [
+        LineString([(WEST + 500, NORTH - 90), (WEST + 500 + dx, NORTH - 640)])
+        for dx in (-150, -75, 0, 75, 150)
+    ]
+    stops = [Point(line.coords[-1]) for line in lines]
+
+    def frame(geometry: list, **columns: list) -> gpd.GeoDataFrame:
+        return gpd.GeoDataFrame(columns, geometry=geometry, crs=crs)
+
+    name = {"name": FieldInfo("Name", "", "As in the configuration")}
+    layers = [
+        VectorLayer(
+            "barriers",
+            "Barriers",
+            "Walls and nets",
+            frame(
+                [LineString([(WEST + 350, NORTH - 500), (WEST + 650, NORTH - 500)])],
+                name=["Dam & net <A>"],
+                kind=["wall"],
+                height_m=[4.0],
+            ),
+            {**name, "height_m": FieldInfo("Height", "m", "Vertical, above the ground")},
+            style=BARRIER_STYLE,
+        ),
+        VectorLayer(
+            "stations",
+            "Stations",
+            "Where passages are recorded",
+            frame([Point(WEST + 500, NORTH - 400)], name=["Road"], n=[12]),
+            {**name, "n": FieldInfo("Passages")},
+            style=VectorStyle(
+                Symbol("marker", "#ffffff", outline="#08519c", shape="diamond"), label_column="name"
+            ),
+        ),
+        VectorLayer(
+            "stops",
+            "Stops",
+            "Where rocks came to rest",
+            frame(stops, reason=["rest", "rest", "barrier", "left_profile", "rest"]),
+            {"reason": FieldInfo("Reason of stop")},
+            style=categorised_style(
+                STOP_STYLE.symbol,
+                "reason",
+                {
+                    "rest": ("At rest", "#1a1a1a"),
+                    "barrier": ("At a barrier", "#1b9e77"),
+                    "left_profile": ("Left the profile", "#d95f02"),
+                },
+            ),
+        ),
+        VectorLayer(
+            "fall_lines",
+            "Fall lines: furthest rock (kJ)",
+            "Plan of the profiles",
+            frame(lines, energy_kj=[10.0, 30.0, 120.0, 300.0, 800.0]),
+            {"energy_kj": FieldInfo("Greatest energy", "kJ", "Translation and rotation")},
+            style=graduated_style(
+                Symbol("line", "#000000", size_mm=0.8), "energy_kj", (30, 300), "kJ", "plasma"
+            ),
+        ),
+        VectorLayer(
+            "release_points",
+            "Release points",
+            "",
+            frame([Point(WEST + 500, NORTH - 90)], point=[0]),
+            {},
+            style=RELEASE_POINT_STYLE,
+        ),
+        VectorLayer(
+            "release_areas",
+            "Release areas",
+            "",
+            frame([box(WEST + 420, NORTH - 110, WEST + 580, NORTH - 60)], name=["Cliff"]),
+            name,
+            style=RELEASE_AREA_STYLE,
+        ),
+        VectorLayer(
+            "residual",
+            "Residual (hatched)",
+            "",
+            frame([box(WEST + 20, NORTH - 780, WEST + 250, NORTH - 600)], level=["residual"]),
+            {},
+            style=VectorStyle(
+                Symbol("fill", "#ffcc00", outline="#aa8800", outline_mm=0.4, hatch="diagonal")
+            ),
+        ),
+        VectorLayer(
+            "empty_lines",
+            "Nothing here",
+            "No line was traced",
+            gpd.GeoDataFrame(
+                {"length_m": np.zeros(0)}, geometry=gpd.GeoSeries([], crs=crs), crs=crs
+            ),
+            {"length_m": FieldInfo("Length", "m")},
+            style=FALL_LINE_STYLE,
+        ),
+    ]
+    return {layer.name: layer for layer in layers}
+
+
+FACTS = (
+    ("Terrain", "Made-up slope, cells of 2 m, LN02"),
+    ("Model", "SASS (Bozzolo and Pamini, 1986); 120\u00a0000 rocks"),
+    ("Reference width", "2 m (one cell)"),
+)
+NOTES = (
+    "Unverified values: the residual column of the matrix.",
+    "Fine black lines: the sample of rocks leaves the level open (95 % interval).",
+)
+LAYOUTS = (
+    PrintLayout(
+        "Hazard level",
+        "Rockfall hazard: made-up slope",
+        "Worst level of all return periods",
+        (
+            "vector_barriers",
+            "vector_release_areas",
+            "vector_undecided",
+            "vector_zones",
+            "raster_terrain",
+        ),
+        EXTENT,
+        FACTS,
+        NOTES,
+    ),
+    PrintLayout(
+        "Intensity & cells",
+        "Intensity and levels of single cells, in a title that needs more than one line",
+        "",
+        ("vector_intensity", "raster_level", "raster_reach", "raster_energy", "raster_terrain"),
+        EXTENT,
+        FACTS,
+        (),
+        "A4",
+    ),
+)
+
+
+def make(folder: Path, *, local: bool = False) -> Made:
+    dem = grid("" if local else None)
+    maps = raster_layers(dem)
+    crs = None if local else "EPSG:2056"
+    vectors = vector_layers(crs)
+    zones = zone_layers(crs)
+    rasters = {stem: write_raster(layer, dem, folder / "maps") for stem, layer in maps.items()}
+    geopackage = write_geopackage(
+        folder / "result.gpkg",
+        [*vectors.values(), *zones.values()],
+        {"seed": 1, "ref_width_m": 3.0},
+    )
+    project = write_project(
+        folder / "project.qgz",
+        title="Made-up slope – Ü & <test>",
+        crs=dem.crs,
+        groups=[
+            LayerGroup(
+                "Fall lines and stops",
+                tuple(LayerEntry(layer, "result.gpkg") for layer in vectors.values()),
+            ),
+            LayerGroup(
+                "Hazard",
+                (
+                    *(
+                        LayerEntry(zones[name], "result.gpkg", visible=False)
+                        for name in ("undecided", "zones", "change")
+                    ),
+                    LayerGroup(
+                        "Intensity maps",
+                        (LayerEntry(zones["intensity"], "result.gpkg", visible=False),),
+                        exclusive=True,
+                        expanded=False,
+                    ),
+                ),
+            ),
+            LayerGroup(
+                "Maps",
+                (
+                    LayerEntry(maps["energy"], "maps/energy.tif"),
+                    LayerEntry(maps["reach"], "maps/reach.tif", visible=False),
+                    LayerEntry(maps["height"], "maps/height.tif", visible=False),
+                    LayerEntry(maps["level"], "maps/level.tif", visible=False),
+                ),
+                exclusive=True,
+            ),
+            LayerGroup("Terrain", (LayerEntry(maps["terrain"], "maps/terrain.tif"),)),
+        ],
+        extent=EXTENT,
+        abstract="Nothing real.",
+        layouts=LAYOUTS,
+    )
+    return Made(project, geopackage, rasters)

@@ -1,0 +1,420 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from sassgis.io.read.config import (
+    SECTIONS,
+    Config,
+    config_template,
+    file_digest,
+    load_config,
+    profile_gates,
+    resolved,
+    settings_hash,
+)
+from sassgis.io.read.effect_sections import EFFECT_SECTIONS
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.errors import ConfigError
+from sassgis.model.settings import EngineSettings
+
+MINIMAL = """
+[terrain]
+dem = "dem.tif"
+[release]
+file = "release.gpkg"
+[[blocks]]
+name = "large"
+axis_1_m = [0.6, 0.8]
+axis_2_m = 0.5
+axis_3_m = 0.4
+"""
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Callable[..., Config]:
+    def write_and_load(text: str = MINIMAL, **overrides: object) -> Config:
+        path = tmp_path / "run.toml"
+        path.write_text(text, encoding="utf-8")
+        return load_config(path, {k.replace("__", "."): v for k, v in overrides.items()})
+
+    return write_and_load
+
+
+def test_minimal_file_gives_core_types_and_absolute_paths(load, tmp_path):
+    config = load()
+    assert config.dem_path == tmp_path / "dem.tif"
+    assert config.release_path == tmp_path / "release.gpkg"
+    assert config.blocks == (
+        BlockPopulation("large", axis_1_m=(0.6, 0.8), axis_2_m=(0.5, 0.5), axis_3_m=(0.4, 0.4)),
+    )
+    assert config.engine == EngineSettings()
+    assert config.block_names == ("large",)
+
+
+def test_paths_are_relative_to_the_file_not_to_the_working_folder(tmp_path, monkeypatch):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "run.toml").write_text(MINIMAL.replace('"dem.tif"', '"../b/dem.tif"'))
+    monkeypatch.chdir(tmp_path)
+    config = load_config("a/run.toml")
+    assert config.dem_path.resolve() == tmp_path / "b" / "dem.tif"
+    assert config.dem_path.is_absolute()
+
+
+def test_settings_are_frozen(load):
+    config = load()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        config.file = Path()  # type: ignore[misc]
+    with pytest.raises(ValueError, match="frozen"):
+        config.terrain.smoothing_m = 1.0  # type: ignore[misc]
+
+
+def test_overrides_are_validated_like_the_file(load, one_line):
+    assert load(run__seed=7).run.seed == 7
+    with pytest.raises(ConfigError) as error:
+        load(run__seed=-7)
+    one_line(error, "run.seed", "-7")
+
+
+# --- template -------------------------------------------------------------------------------
+
+
+def test_template_loads_with_the_defaults_it_shows(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text(config_template())
+    config = load_config(path)
+    plain = resolved(config)
+    defaults = {n: m.model_construct() for n, m in SECTIONS.items() if n not in ("blocks",)}
+    for section in ("spread", "engine", "run", "output"):
+        assert plain[section] == defaults[section].model_dump(mode="json")
+
+
+def _template_keys() -> dict[str, set[str]]:
+    """Keys of the template by section, those in comments included."""
+    keys: dict[str, set[str]] = {}
+    section = ""
+    for line in config_template().splitlines():
+        head = re.match(r"(?:# )?\[+([\w.]+)\]+\s*$", line)
+        key = re.match(r"(?:# )?(\w+) = ", line)
+        if head:
+            section = head.group(1)
+        elif key and section:
+            keys.setdefault(section, set()).add(key.group(1))
+    return keys
+
+
+#: Every section that has keys of its own.
+ALL_SECTIONS = {n: m for n, m in SECTIONS.items() if n != "effects"} | {
+    f"effects.{n}": m for n, m in EFFECT_SECTIONS.items()
+}
+
+
+@pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
+def test_template_shows_every_key_and_no_other(section):
+    shown = _template_keys()[section]
+    fields = set(ALL_SECTIONS[section].model_fields)
+    if section == "barriers":  # placed as stations are: those keys are explained there
+        shown |= {"file", "layer", "name_field", "chainage_m"}
+    assert shown == fields
+
+
+def test_defaults_in_comments_of_the_template_are_the_true_ones():
+    section, checked = "", 0
+    for line in config_template().splitlines():
+        head = re.match(r"(?:# )?\[+([\w.]+)\]+\s*$", line)
+        if head:
+            section = head.group(1)
+        key = re.match(r"# (\w+) = ([^#]+)", line)
+        if key is None or section in ("stations", "barriers", "objects"):
+            continue
+        field = ALL_SECTIONS[section].model_fields[key.group(1)]
+        if field.default is None:
+            continue
+        shown = tomllib.loads(f"v = {key.group(2)}")["v"]
+        default = field.default
+        if isinstance(default, tuple) and not isinstance(shown, list):
+            shown = [shown, shown]
+        assert shown == (list(default) if isinstance(default, tuple) else default), line
+        checked += 1
+    assert checked >= 15
+
+
+@pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
+def test_every_key_is_described(section):
+    for key, field in ALL_SECTIONS[section].model_fields.items():
+        assert field.description, f"{section}.{key}"
+    assert set(SECTIONS["engine"].model_fields) == {
+        f.name for f in dataclasses.fields(EngineSettings)
+    }
+
+
+# --- errors ---------------------------------------------------------------------------------
+
+WRONG = [
+    ('dem = "dem.tif"', 'demm = "dem.tif"', ["terrain.demm", "unknown key", "'dem'"]),
+    ("[terrain]", "[terain]", ["terain", "unknown key", "'terrain'"]),
+    ("[terrain]", "[terrain]\nrocks = 3", ["terrain.rocks", "this key in [profile]"]),
+    ("[terrain]", "[terrain]\nxyz = 3", ["terrain.xyz", "unknown key", "one of", "smoothing_m"]),
+    ('dem = "dem.tif"', "", ["terrain.dem", "missing key"]),
+    ('file = "release.gpkg"', "", ["release.file", "missing key"]),
+    ('dem = "dem.tif"', "dem = 3", ["terrain.dem", "found 3", "a path"]),
+    ('dem = "dem.tif"', 'dem = ""', ["terrain.dem", "empty"]),
+    ("[release]", "[release]\nspacing_m = 0", ["release.spacing_m", "found 0", "above 0"]),
+    ("[release]", '[release]\nspacing_m = "5"', ["release.spacing_m", "'5'", "a number"]),
+    ("[release]", "[release]\nspacing_m = true", ["release.spacing_m", "True", "a number"]),
+    ("[release]", "[release]\nspacing_m = nan", ["release.spacing_m", "nan", "finite"]),
+    ("[release]", "[release]\nspacing_m = inf", ["release.spacing_m", "inf", "finite"]),
+    ("[release]", '[release]\nplacement = "hex"', ["release.placement", "'hex'", "'random'"]),
+    ("[release]", "[release]\nrocks_per_point = 1.5", ["rocks_per_point", "whole number"]),
+    ("[release]", "[[release]]", ["release", "a section [release]"]),
+    ("[[blocks]]", "[blocks]", ["blocks", "[[blocks]]"]),
+    ("axis_2_m = 0.5", "", ["blocks[large].axis_2_m", "missing key", "SEMI-axis"]),
+    ("axis_2_m = 0.5", "axis_2_m = [0.5]", ["blocks[large].axis_2_m", "[0.5]", "[low, high]"]),
+    ("axis_2_m = 0.5", "axis_2_m = [2, 1]", ["axis_2_m", "reversed", "[low, high]"]),
+    ("axis_2_m = 0.5", "axis_2_m = [1, nan]", ["blocks[large].axis_2_m", "nan", "finite"]),
+    ("axis_2_m = 0.5", "axis_2_m = 0", ["blocks[large].axis_2_m", "above 0"]),
+    ("axis_2_m = 0.5", "axis_2_m = 0.5\ndensity_kgm3 = 2.7", ["density_kgm3", "2.7", "500"]),
+    ('name = "large"', 'name = "a;b"', ["blocks[a;b].name", "semicolon"]),
+    ('name = "large"', "", ["blocks[no. 1].name", "missing key"]),
+    ("[terrain]", "[spread]\nlines_per_point = 3\n[terrain]", ["spread.width_percent", "0.0"]),
+    ("[terrain]", '[engine]\neta_max_rule = "x"\n[terrain]', ["engine.eta_max_rule", "'scale'"]),
+    ("[terrain]", "[engine]\nmax_event = 1\n[terrain]", ["engine.max_event", "'max_events'"]),
+    ("[terrain]", "[engine]\nmax_events = 1\n[terrain]", ["engine.max_events", "100"]),
+    ("[terrain]", "[engine]\ngravity_mps2 = nan\n[terrain]", ["engine.gravity_mps2", "finite"]),
+    ("[terrain]", "[engine]\nend_sliding = 1\n[terrain]", ["engine.end_sliding", "true or false"]),
+    ("[terrain]", "[output]\nenergy_classes_kj = [3, 3]\n[terrain]", ["energy_classes_kj", "asc"]),
+    (
+        "[terrain]",
+        "[output]\nenergy_classes_kj = []\n[terrain]",
+        ["energy_classes_kj", "at least 1"],
+    ),
+    ("[terrain]", '[ground]\nraster_classes = {1="rock"}\n[terrain]', ["ground.raster_classes"]),
+    (
+        "[terrain]",
+        '[ground]\nfile = "g.tif"\nraster_classes = {one="rock"}\n[terrain]',
+        ["ground.raster_classes", "whole number"],
+    ),
+    ("[terrain]", '[[stations]]\nname = "a"\n[terrain]', ["stations[a]", "exactly one of line"]),
+    (
+        "[terrain]",
+        '[[stations]]\nname = "a"\nchainage_m = 1\nfile = "x"\n[terrain]',
+        ["stations[a]", "file and chainage_m", "exactly one"],
+    ),
+    (
+        "[terrain]",
+        '[[stations]]\nname = "a"\nline = [[1, 2]]\n[terrain]',
+        ["stations[a].line", "at least 2"],
+    ),
+    (
+        "[terrain]",
+        '[[stations]]\nname = "a"\nline = [[1, 2], [3]]\n[terrain]',
+        ["stations[a].line", "two numbers"],
+    ),
+    (
+        "[terrain]",
+        '[[stations]]\nname = "a"\nline = [[1, 2], [3, 4]]\nlayer = "x"\n[terrain]',
+        ["stations[a].layer", "file as well"],
+    ),
+    (
+        "[terrain]",
+        '[[barriers]]\nname = "a"\nchainage_m = 1\nheight_m = 3\nkind = "fence"\n[terrain]',
+        ["barriers[a].kind", "'fence'", "'wall' or 'net'"],
+    ),
+    (
+        "[terrain]",
+        '[[barriers]]\nname = "a"\nchainage_m = 1\nheight_m = 0\nkind = "net"\n[terrain]',
+        ["barriers[a].height_m", "above 0"],
+    ),
+    (
+        "[terrain]",
+        '[[barriers]]\nname = "a"\nchainage_m = 1\nheight_m = 3\nkind = "net"\n'
+        "capacity_kj = inf\n[terrain]",
+        ["barriers[a].capacity_kj", "finite"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "words"), WRONG, ids=[w[1] or w[0] for w in WRONG])
+def test_mistakes_are_told_in_one_line(load, one_line, old, new, words):
+    assert old in MINIMAL
+    with pytest.raises(ConfigError) as error:
+        load(MINIMAL.replace(old, new, 1))
+    one_line(error, "run.toml", *words)
+
+
+def test_several_mistakes_are_counted_and_unknown_keys_come_first(load, one_line):
+    text = MINIMAL.replace('dem = "dem.tif"', 'demm = "x"\nsmoothing_m = -1').replace(
+        "[release]", "[release]\nspacing_m = 0\n[engine]\neta_max_rule = 3\n[release2]"
+    )
+    with pytest.raises(ConfigError) as error:
+        load(text)
+    assert re.search(r"unknown key .*\(and 4 more\)$", str(error.value))
+    one_line(error, "run.toml")
+
+
+@pytest.mark.parametrize("section", ["blocks", "stations", "barriers"])
+def test_double_names_are_refused(load, one_line, section):
+    item = {
+        "blocks": '[[blocks]]\nname = "large"\naxis_1_m = 1\naxis_2_m = 1\naxis_3_m = 1\n',
+        "stations": '[[stations]]\nname = "road"\nchainage_m = 3\n' * 2,
+        "barriers": '[[stations]]\nname = "road"\nchainage_m = 3\n'
+        '[[barriers]]\nname = "road"\nchainage_m = 3\nkind = "net"\nheight_m = 2\n',
+    }[section]
+    with pytest.raises(ConfigError) as error:
+        load(MINIMAL + item)
+    one_line(error, "run.toml", "name", "used twice", "large" if section == "blocks" else "road")
+
+
+def test_missing_blocks(load, one_line):
+    with pytest.raises(ConfigError) as error:
+        load(MINIMAL[: MINIMAL.index("[[blocks]]")])
+    one_line(error, "run.toml", "blocks", "at least one [[blocks]]")
+
+
+def test_missing_file(tmp_path, one_line):
+    with pytest.raises(ConfigError) as error:
+        load_config(tmp_path / "none.toml")
+    one_line(error, "none.toml", "file not found")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"[terrain\n", ["not valid TOML", "line 1"]),
+        (b'[terrain]\ndem = "C:\\maps\\dem.tif"\n', ["not valid TOML", "line 2", "write /"]),
+        (b"[run]\nseed = 1\nseed = 2\n", ["not valid TOML", "line 3"]),
+        (b'[project]\nname = "\xe9boulis"\n', ["not UTF-8"]),
+    ],
+)
+def test_files_that_are_not_toml(tmp_path, one_line, content, words):
+    path = tmp_path / "run.toml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as error:
+        load_config(path)
+    one_line(error, "run.toml", *words)
+
+
+def test_byte_order_mark_of_windows_editors_is_read_over(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + MINIMAL.encode())
+    assert load_config(path).block_names == ("large",)
+
+
+# --- numbers --------------------------------------------------------------------------------
+
+QUIET = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+@QUIET
+@given(low=st.floats(1e-3, 5.0), width=st.floats(0.0, 5.0))
+def test_ranges_come_through_unchanged(load, low, width):
+    config = load(MINIMAL.replace("axis_2_m = 0.5", f"axis_2_m = [{low!r}, {low + width!r}]"))
+    assert config.blocks[0].axis_2_m == (low, low + width)
+
+
+@QUIET
+@given(value=st.one_of(st.floats(), st.integers(-(10**6), 10**6)))
+def test_spacing_is_either_usable_or_refused_in_one_line(load, value):
+    text = MINIMAL.replace("[release]", f"[release]\nspacing_m = {value!r}")
+    usable = math.isfinite(value) and 0.0 < value <= 10_000.0
+    if usable:
+        assert load(text).release.spacing_m == value
+    else:
+        with pytest.raises(ConfigError) as error:
+            load(text)
+        assert "release.spacing_m" in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+# --- manifest and fingerprint ---------------------------------------------------------------
+
+
+def test_resolved_is_plain_and_complete(load):
+    import json
+
+    plain = resolved(load())
+    assert json.loads(json.dumps(plain, allow_nan=False)) == plain
+    assert set(plain) == {*SECTIONS, "onsets"}
+    assert plain["engine"] == dataclasses.asdict(EngineSettings())
+    assert plain["release"]["spacing_m"] == 5.0
+
+
+def _run_folder(folder: Path) -> Path:
+    folder.mkdir()
+    (folder / "run.toml").write_text(MINIMAL)
+    (folder / "dem.tif").write_bytes(b"heights")
+    (folder / "release.gpkg").write_bytes(b"areas")
+    return folder / "run.toml"
+
+
+def test_fingerprint_follows_contents_not_places_nor_jobs(tmp_path):
+    here, there = _run_folder(tmp_path / "a"), _run_folder(tmp_path / "b")
+    reference = settings_hash(load_config(here))
+    assert re.fullmatch(r"[0-9a-f]{64}", reference)
+    assert settings_hash(load_config(there, {"run.jobs": 3, "project.name": "other"})) == reference
+    assert settings_hash(load_config(there, {"run.seed": 2})) != reference
+    assert settings_hash(load_config(there, {"engine.eta_max_rule": "coulomb"})) != reference
+    (there.parent / "dem.tif").write_bytes(b"other heights")
+    assert settings_hash(load_config(there)) != reference
+    assert settings_hash(load_config(here), contents=False) != reference
+
+
+def test_side_files_count_in_the_digest(tmp_path):
+    shape = tmp_path / "areas.shp"
+    shape.write_bytes(b"1")
+    alone = file_digest(shape)
+    (tmp_path / "areas.txt").write_bytes(b"no side file")
+    assert file_digest(shape) == alone
+    (tmp_path / "areas.dbf").write_bytes(b"2")
+    assert file_digest(shape) != alone
+
+
+# --- profile runs ---------------------------------------------------------------------------
+
+PROFILE = (
+    MINIMAL[MINIMAL.index("[[blocks]]") :]
+    + """
+[profile]
+file = "profile.csv"
+start_m = [0, 20]
+[[stations]]
+name = "road"
+chainage_m = 120
+[[barriers]]
+name = "net"
+kind = "net"
+height_m = 4
+capacity_kj = 500
+chainage_m = 90
+"""
+)
+
+
+def test_profile_runs_need_no_map(load, tmp_path, one_line):
+    config = load(PROFILE)
+    assert config.profile is not None
+    assert config.profile.file == tmp_path / "profile.csv"
+    assert [(g.name, g.kind, g.capacity_kj, at) for g, at in profile_gates(config)] == [
+        ("road", "station", math.inf, 120.0),
+        ("net", "net", 500.0, 90.0),
+    ]
+    with pytest.raises(ConfigError) as error:
+        _ = config.dem_path
+    one_line(error, "run.toml", "terrain.dem", "missing key")
+
+
+def test_lines_on_the_map_have_no_chainage(load, one_line):
+    config = load(PROFILE.replace("chainage_m = 120", "line = [[0, 0], [1, 1]]"))
+    with pytest.raises(ConfigError) as error:
+        profile_gates(config)
+    one_line(error, "run.toml", "stations[road]", "found line", "expected chainage_m")

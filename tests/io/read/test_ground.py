@@ -1,0 +1,319 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from affine import Affine
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely import Point, box
+
+from sassgis.io.read.config import load_config
+from sassgis.io.read.ground_map import built_in_table, ground_raster, read_ground_table
+from sassgis.io.read.sections import GroundSettings
+from sassgis.model.errors import InputError
+from sassgis.model.ground import GroundClass
+
+WEST, NORTH = 2_700_000.0, 1_150_000.0
+HEADER = "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,source,verified\n"
+GOOD = "scree,0.5,0.1,0.4,0.8,0.5,0.2,0.4,measured 2020,true\n"
+
+
+def settings(path=None, **keys):
+    return GroundSettings.model_validate(
+        {**({} if path is None else {"file": path}), **keys}, context={"base": Path()}
+    )
+
+
+# --- built-in table -------------------------------------------------------------------------
+
+
+def test_rock_and_debris_hold_what_table_1_gives():
+    table = {c.name: c for c in built_in_table().classes}
+    rock, debris = table["rock"], table["debris"]
+    assert (rock.eta_max, rock.dp_min, rock.dp_max) == (0.70, 0.0, 0.3)
+    assert (debris.eta_max, debris.dp_min, debris.dp_max) == (0.55, 0.2, 0.6)
+
+
+def test_only_what_the_paper_covers_is_verified():
+    for c in built_in_table().classes:
+        assert c.verified is (c.name in ("rock", "debris"))
+        if c.verified:
+            assert 0.6 <= c.mu_f <= 1.0
+            assert 0.37 <= c.mu_0 <= 0.67
+            assert 0.17 <= c.k <= 0.26
+            assert "Table 1" in c.source
+            assert "our choice within the ranges" in c.source
+        else:
+            assert c.source.startswith("Unverified")
+
+
+def test_default_class_of_the_configuration_is_built_in():
+    assert settings().default in built_in_table().names
+
+
+# --- own tables -----------------------------------------------------------------------------
+
+
+def test_own_classes_are_added_or_replace(tmp_path):
+    path = tmp_path / "own.csv"
+    path.write_text(HEADER + GOOD + "rock,0.8,0,0.2,0.7,0.4,0.2,0,site,false\n")
+    table = read_ground_table(path)
+    assert table.names == (*built_in_table().names, "scree")
+    assert table.classes[-1] == GroundClass(
+        "scree", 0.5, 0.1, 0.4, 0.8, 0.5, 0.2, 0.4, "measured 2020", True
+    )
+    assert table.classes[table.index("rock")].eta_max == 0.8
+    assert table.classes[table.index("debris")] == built_in_table().classes[1]
+
+
+def test_toml_and_spreadsheet_tables_say_the_same(tmp_path):
+    toml, sheet = tmp_path / "own.toml", tmp_path / "own.csv"
+    toml.write_text(
+        '[[classes]]\nname = "scree"\neta_max = 0.5\ndp_min = 0.1\ndp_max = 0.4\nmu_f = 0.8\n'
+        'mu_0 = 0.5\nk = 0.2\nd_star_m = 0.4\nsource = "measured 2020"\nverified = true\n'
+    )
+    sheet.write_bytes(
+        b"\xef\xbb\xbf"
+        + HEADER.replace(",", ";").encode()
+        # A spreadsheet with decimal commas.
+        + b"scree;0,5;0,1;0,4;0,8;0,5;0,2;0,4;measured 2020;TRUE\r\n;;;;;;;;;\r\n"
+    )
+    assert read_ground_table(toml) == read_ground_table(sheet)
+
+
+def test_source_may_be_left_out_but_is_then_unverified(tmp_path):
+    path = tmp_path / "own.csv"
+    path.write_text("name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m\nscree,.5,0,0,.8,.5,.2,.4\n")
+    own = read_ground_table(path).classes[-1]
+    assert own.verified is False
+    assert "own.csv" in own.source
+
+
+@given(values=st.tuples(*[st.floats(0.0, 1.0)] * 7))
+def test_numbers_come_through_unchanged(values):
+    import tempfile
+
+    eta, a, b, *rest = values
+    numbers = (eta, min(a, b), max(a, b), *rest)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "own.csv"
+        path.write_text(HEADER + "x," + ",".join(map(repr, numbers)) + ",s,no\n")
+        np.testing.assert_array_equal(read_ground_table(path).array()[-1], numbers)
+
+
+BAD_TABLES = [
+    (HEADER.replace("mu_0,", "") + "a,1,0,0,1,1,1,s,no\n", ["row 1", "mu_0", "missing column"]),
+    (HEADER.replace("mu_0", "mu0") + GOOD, ["row 1", "mu0", "unknown", "nearest: mu_0"]),
+    (HEADER + GOOD.replace("0.8", "steep"), ["row 2", "mu_f", "'steep'", "finite number"]),
+    (HEADER + GOOD.replace("0.8", "nan"), ["row 2", "mu_f", "'nan'", "finite number"]),
+    (HEADER + GOOD.replace("0.8", ""), ["row 2", "mu_f", "''", "finite number"]),
+    (HEADER + GOOD + GOOD.replace("scree,0.5", "x,1.5"), ["row 3", "eta_max", "1.5", "0 to 1"]),
+    (HEADER + GOOD.replace("0.1,0.4", "0.4,0.1"), ["row 2", "dp_min", "dp_max 0.1"]),
+    (HEADER + GOOD.replace("scree", " "), ["row 2", "name", "expected text"]),
+    (HEADER + GOOD.replace("true", "perhaps"), ["row 2", "verified", "perhaps", "true or false"]),
+    (HEADER + GOOD.replace("measured", "a, b"), ["row 2", "11 values", "expected 10"]),
+    (HEADER + GOOD + GOOD, ["name", "twice", "'scree'"]),
+    (HEADER, ["no ground class"]),
+    ("", ["row 1", "missing column"]),
+]
+
+
+@pytest.mark.parametrize(("text", "words"), BAD_TABLES)
+def test_tables_that_cannot_be_used(tmp_path, one_line, text, words):
+    path = tmp_path / "own.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_ground_table(path)
+    one_line(error, "own.csv", *words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[[classes]\n", ["not valid TOML"]),
+        ("[rock]\neta_max = 1\n", ["keys rock", "[[classes]]"]),
+        ('[[classes]]\nname = "a"\n', ["class number 1", "eta_max", "missing column"]),
+    ],
+)
+def test_toml_tables_that_cannot_be_used(tmp_path, one_line, text, words):
+    path = tmp_path / "own.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_ground_table(path)
+    one_line(error, "own.toml", *words)
+
+
+def test_missing_table(tmp_path, one_line):
+    with pytest.raises(InputError) as error:
+        read_ground_table(tmp_path / "none.csv")
+    one_line(error, "none.csv", "ground.classes", "file not found")
+
+
+# --- map of classes -------------------------------------------------------------------------
+
+TABLE = built_in_table()
+ROCK, DEBRIS, TALUS = (TABLE.index(n) for n in ("rock", "debris", "talus"))
+
+
+def at(x0, y0, x1, y1):
+    return box(WEST + x0, NORTH - y1, WEST + x1, NORTH - y0)
+
+
+def test_default_everywhere(slope_grid):
+    classes = ground_raster(settings(default="rock"), slope_grid, TABLE)
+    assert classes.shape == slope_grid.shape
+    assert classes.dtype == np.int32
+    assert (classes == ROCK).all()
+
+
+@pytest.mark.parametrize("file", ["ground.gpkg", "ground.shp", "ground.geojson"])
+def test_polygons_rule_the_cells_whose_centre_they_hold(make_layer, slope_grid, file):
+    shapes = [at(0, 0, 104, 50), at(51, 20, 156, 80)]  # ends 1 m before and 1 m past a centre
+    to = "EPSG:4326" if file.endswith("geojson") else None
+    path = make_layer(shapes, file, to=to, kind=["rock", "talus"])
+    classes = ground_raster(settings(path, class_field="kind"), slope_grid, TABLE)
+    expected = np.full(slope_grid.shape, DEBRIS)
+    expected[:5, :10] = ROCK
+    expected[2:8, 5:16] = TALUS  # the later feature lies on top
+    np.testing.assert_array_equal(classes, expected)
+
+
+def _code_raster(make_dem, slope_grid, codes, **options):
+    options = {"dtype": "uint8", "nodata": 0, **options}
+    return make_dem(codes, "codes.tif", **options)
+
+
+def test_raster_of_codes_on_the_same_grid(make_dem, slope_grid):
+    codes = np.tile(np.array([0, 1, 2]), (20, 10))
+    path = _code_raster(make_dem, slope_grid, codes)
+    classes = ground_raster(
+        settings(path, raster_classes={"1": "rock", "2": "talus"}), slope_grid, TABLE
+    )
+    np.testing.assert_array_equal(classes, np.array([DEBRIS, ROCK, TALUS])[codes])
+
+
+def test_raster_of_codes_is_aligned_by_the_nearest_cell(make_dem, slope_grid):
+    # Cells of 5 m, over the western half only, without a coordinate system, south up.
+    codes = np.zeros((40, 30), int) + 1
+    codes[10:20] = 2
+    where = Affine(5.0, 0.0, WEST, 0.0, 5.0, NORTH - 200.0)
+    path = _code_raster(make_dem, slope_grid, codes[::-1], transform=where, crs=None, nodata=None)
+    classes = ground_raster(
+        settings(path, raster_classes={"1": "rock", "2": "talus"}), slope_grid, TABLE
+    )
+    expected = np.full(slope_grid.shape, DEBRIS)
+    expected[:, :15] = ROCK
+    expected[5:10, :15] = TALUS
+    np.testing.assert_array_equal(classes, expected)
+
+
+def test_raster_of_codes_in_another_system(make_dem, slope_grid):
+    # The old Swiss system differs by two round numbers and less than two metres here.
+    codes = np.full((40, 60), 1)
+    codes[:, 30:] = 2
+    where = Affine(10.0, 0.0, WEST - 2e6 - 150.0, 0.0, -10.0, NORTH - 1e6 + 100.0)
+    path = _code_raster(make_dem, slope_grid, codes, transform=where, crs="EPSG:21781")
+    classes = ground_raster(
+        settings(path, raster_classes={"1": "rock", "2": "talus"}), slope_grid, TABLE
+    )
+    assert (classes[:, :14] == ROCK).all()
+    assert (classes[:, 16:] == TALUS).all()
+
+
+# --- errors ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def refused(slope_grid, one_line):
+    def check(path, *words, grid=None, **keys):
+        with pytest.raises(InputError) as error:
+            ground_raster(settings(path, **keys), grid or slope_grid, TABLE)
+        one_line(error, *words)
+
+    return check
+
+
+def test_unknown_default(refused):
+    refused(None, "ground.default", "'rok'", "one of rock, debris", "nearest: rock", default="rok")
+
+
+def test_unknown_default_names_the_configuration(tmp_path, slope_grid, one_line):
+    path = tmp_path / "run.toml"
+    path.write_text(
+        '[ground]\ndefault = "rok"\n[profile]\n'
+        '[[blocks]]\nname = "b"\naxis_1_m = 1\naxis_2_m = 1\naxis_3_m = 1\n'
+    )
+    with pytest.raises(InputError) as error:
+        ground_raster(load_config(path).ground, slope_grid, TABLE)
+    one_line(error, "run.toml", "ground.default", "'rok'")
+
+
+def test_unknown_class_of_a_polygon(refused, make_layer):
+    path = make_layer([at(0, 0, 50, 50), at(50, 0, 90, 50)], kind=["rock", "Talus"])
+    words = ["release.gpkg", "kind", "feature 2", "'Talus'", "nearest: talus"]
+    refused(path, *words, class_field="kind")
+
+
+def test_polygon_without_class(refused, make_layer):
+    path = make_layer([at(0, 0, 50, 50), at(50, 0, 90, 50)], kind=["rock", None])
+    refused(path, "release.gpkg", "kind", "feature 2 has no ground class", class_field="kind")
+
+
+def test_missing_class_field(refused, make_layer):
+    path = make_layer([at(0, 0, 50, 50)], kind=["rock"])
+    refused(path, "release.gpkg", "ground.class_field", "'class'", "one of kind")
+
+
+def test_points_are_no_ground(refused, make_layer):
+    path = make_layer([Point(WEST + 5, NORTH - 5)], kind=["rock"])
+    refused(path, "ground.file", "feature 1", "Point", "a polygon", class_field="kind")
+
+
+def test_polygons_off_the_dem(refused, make_layer):
+    path = make_layer([at(5000, 0, 5050, 50)], kind=["rock"])
+    refused(path, "ground.file", "outside the DEM", class_field="kind")
+
+
+def test_raster_without_classes(refused, make_dem, slope_grid):
+    path = _code_raster(make_dem, slope_grid, np.ones((20, 30)))
+    refused(path, "codes.tif", "ground.file", "is a raster", "ground.raster_classes")
+
+
+def test_missing_files(refused, tmp_path):
+    refused(tmp_path / "none.gpkg", "none.gpkg", "ground.file", "file not found")
+    refused(tmp_path / "none.tif", "none.tif", "file not found", raster_classes={"1": "rock"})
+
+
+@pytest.mark.parametrize(
+    ("codes", "options", "words"),
+    [
+        (np.full((20, 30), 7), {}, ["ground.raster_classes", "code 7 in 600 cells", "1, 2"]),
+        (np.full((20, 30), 1.5), {"dtype": "float32"}, ["whole number", "1.5 at row 1, column 1"]),
+        (np.ones((2, 20, 30)), {}, ["several bands", "2 bands", "one band of codes"]),
+        (np.ones((20, 30)), {"transform": Affine.identity()}, ["no georeference"]),
+        (
+            np.ones((20, 30)),
+            {"transform": Affine(10.0, 0.0, WEST + 9e3, 0.0, -10.0, NORTH)},
+            ["no ground class on the DEM", "overlaps"],
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:The given matrix")
+def test_rasters_that_cannot_be_used(refused, make_dem, slope_grid, codes, options, words):
+    path = _code_raster(make_dem, slope_grid, codes, **options)
+    refused(path, "codes.tif", *words, raster_classes={"1": "rock", "2": "talus"})
+
+
+def test_code_of_an_unknown_class(refused, make_dem, slope_grid):
+    path = _code_raster(make_dem, slope_grid, np.ones((20, 30)))
+    words = ["ground.raster_classes", "class of code 1", "'stone'", "one of rock"]
+    refused(path, *words, raster_classes={"1": "stone"})
+
+
+def test_local_dem_takes_local_codes_only(refused, make_dem, slope_grid):
+    path = _code_raster(make_dem, slope_grid, np.ones((20, 30)))
+    grid = replace(slope_grid, crs="")
+    refused(path, "codes.tif", "local coordinates", "LV95", grid=grid, raster_classes={"1": "rock"})

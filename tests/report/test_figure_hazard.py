@@ -1,0 +1,372 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+
+from sassgis.hazard.curves import rate_interval
+from sassgis.hazard.zone_styles import LEVEL_CHANGES
+from sassgis.io.read.presets import read_preset
+from sassgis.model.errors import InputError
+from sassgis.model.grid import Grid
+from sassgis.model.hazard import HazardCurves
+from sassgis.model.results import Band, RasterClass, RasterLayer
+from sassgis.report.figures import (
+    change_figure,
+    confidence_figure,
+    hazard_curve_figure,
+    intensity_figure,
+    map_figure,
+    risk_figure,
+    to_png,
+)
+from sassgis.report.figures.class_maps import class_positions, draw_stripes
+from sassgis.report.figures.hazard_curve import MAX_SOURCES, leading_sources
+from sassgis.report.figures.hazard_map_figures import columns_of, level_changes
+from sassgis.report.figures.risk_figure import amount
+from sassgis.report.figures.style import new_figure
+
+LEVELS = (
+    RasterClass(1, "residuo", "#ffe34d", hatched=True),
+    RasterClass(2, "basso", "#ffe34d"),
+    RasterClass(4, "elevato", "#d7262b"),
+)
+
+
+def level_of(grid: Grid) -> RasterLayer:
+    values = np.full(grid.shape, np.nan, np.float32)
+    values[8:24, 20:30] = 1.0
+    values[10:20, 20:30] = 2.0
+    values[12:18, 22:28] = 4.0
+    return RasterLayer(
+        "hazard_level", "Hazard level", "By the matrix.", (Band("level", "", "class", values),),
+        (), "", LEVELS,
+    )  # fmt: skip
+
+
+def maps(figure: Figure) -> list:
+    return [ax for ax in figure.axes if ax.get_label() == "map"]
+
+
+def classes_on(ax) -> np.ndarray:
+    (image,) = [i for i in ax.get_images() if i.get_gid() == "layer"]
+    return np.ma.filled(image.get_array().astype(float), np.nan)
+
+
+# --- maps of classes ---------------------------------------------------------------------------
+
+
+def test_only_classes_have_a_position() -> None:
+    found = class_positions(np.array([[0.0, 1.0, 2.0, 3.0], [4.0, 5.0, np.nan, -1.0]]), LEVELS)
+    np.testing.assert_array_equal(found, [[np.nan, 0, 1, np.nan], [2, np.nan, np.nan, np.nan]])
+
+
+def test_a_map_of_classes_has_their_colours_and_names(valley: Grid, find, texts) -> None:
+    figure = map_figure(valley, level_of(valley))
+    (image,) = find(figure, "layer")
+    values = np.ma.filled(image.get_array().astype(float), np.nan)
+    assert [np.count_nonzero(values == k) for k in (0, 1, 2)] == [60, 64, 36]
+    # A hatched class is striped on white.
+    colours = [to_hex(image.cmap(image.norm(k))) for k in range(3)]
+    assert colours == ["#ffffff", "#ffe34d", "#d7262b"]
+    assert [t.get_text() for t in find(figure, "class")] == ["elevato", "basso", "residuo"]
+    words = texts(figure)
+    assert "Hazard level" in words and "By the matrix." in words
+    assert "class |" not in words
+    assert "Short." in texts(map_figure(valley, level_of(valley), note="Short."))
+
+
+def test_stripes_lie_on_the_hatched_cells_alone(valley: Grid, find) -> None:
+    figure = map_figure(valley, level_of(valley))
+    stripes = [s for s in find(figure, "stripes") if s.axes.get_label() == "map"]
+    assert len(stripes) == 1
+    west, east, south, north = stripes[0].get_extent()
+    assert (west - valley.west, east - valley.west) == (100.0, 150.0)
+    assert (valley.north - north, valley.north - south) == (40.0, 120.0)
+    painted = np.asarray(stripes[0].get_array())[..., 3] > 0.0
+    hatched = np.isclose(level_of(valley).bands[0].values[8:24, 20:30], 1.0)
+    rows = (np.arange(painted.shape[0]) + 0.5) * 16 / painted.shape[0]
+    cols = (np.arange(painted.shape[1]) + 0.5) * 10 / painted.shape[1]
+    inside = hatched[rows.astype(int)][:, cols.astype(int)]
+    assert painted[~inside].sum() <= 0.02 * painted.size
+    assert 0.3 < painted[inside].mean() < 0.7
+
+
+def test_fine_lines_fall_where_stripes_rise() -> None:
+    def painted(falling: bool) -> np.ndarray:
+        ax = new_figure(2.0, 2.0, constrained=False).add_axes((0, 0, 1, 1))
+        draw_stripes(
+            ax, np.ones((10, 10), bool), "#000000", extent=(0.0, 0.0, 1.0, 1.0),
+            metres_per_inch=1.0, falling=falling,
+        )  # fmt: skip
+        return np.asarray(ax.get_images()[0].get_array())[..., 3] > 0.0
+
+    rising, falling = painted(False), painted(True)
+    # Row 0 is in the north: along a rising line, a row further down is a column further left.
+    assert (rising[1:, :-1] == rising[:-1, 1:]).all()
+    assert (falling[1:, 1:] == falling[:-1, :-1]).all()
+    assert not (rising[1:, 1:] == rising[:-1, :-1]).all()
+
+
+def test_another_band_of_a_class_map_has_a_ramp(valley: Grid, find) -> None:
+    layer = level_of(valley)
+    more = replace(layer.bands[0], name="factor", unit="1", values=layer.bands[0].values * 7.0)
+    figure = map_figure(valley, replace(layer, bands=(layer.bands[0], more)), band=1)
+    (image,) = find(figure, "layer")
+    assert (image.norm.vmin, image.norm.vmax) == (7.0, 28.0)
+
+
+def test_zones_are_outlined(valley: Grid, find, texts) -> None:
+    ring = np.array([[100.0, -50.0], [150.0, -50.0], [150.0, -90.0]])
+    ring += [valley.west, valley.north]
+    figure = map_figure(valley, level_of(valley), zones=[ring])
+    np.testing.assert_allclose(find(figure, "zones")[0].get_paths()[0].vertices[:3], ring)
+    assert "hin outlines: zones" in texts(figure)
+
+
+# --- side by side ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("panels", "aspect", "columns"), [(1, 1.0, 1), (4, 1.0, 2), (4, 0.2, 1), (4, 4.0, 4)]
+)
+def test_columns_make_the_maps_large(panels: int, aspect: float, columns: int) -> None:
+    assert columns_of(panels, aspect, 6.0, 8.0) == columns
+
+
+def test_intensities_side_by_side(valley: Grid, find, texts) -> None:
+    first = level_of(valley)
+    rare = np.where(np.isfinite(first.bands[0].values), 4.0, np.nan).astype(np.float32)
+    second = replace(
+        first, stem="b", title="Extreme", bands=(replace(first.bands[0], values=rare),)
+    )
+    ring = np.array([[80.0, -10.0], [110.0, -10.0], [110.0, -30.0]])
+    ring += [valley.west, valley.north]
+    figure = intensity_figure(valley, [first, second], release=[ring], note="Width 5 m.")
+    one, two = maps(figure)
+    assert (one.get_xlim(), one.get_ylim()) == (two.get_xlim(), two.get_ylim())
+    assert np.nanmax(classes_on(one)) == 2.0 and np.nanmin(classes_on(one)) == 0.0
+    assert set(np.unique(classes_on(two)[np.isfinite(classes_on(two))])) == {2.0}
+    assert [ax.get_title(loc="left") for ax in (one, two)] == ["Hazard level", "Extreme"]
+    assert [t.get_text() for t in find(figure, "class")] == ["elevato", "basso", "residuo"]
+    assert len(find(figure, "release-areas")) == 2
+    assert len(find(figure, "scale-bar")) == 1
+    words = texts(figure)
+    assert "Width 5 m." in words and "release area" in words
+
+
+def test_the_scale_bar_has_the_scale_of_the_maps(valley: Grid, find) -> None:
+    figure = intensity_figure(valley, [level_of(valley)] * 2)
+    (label,) = find(figure, "scale-bar")
+    metres = float(label.get_text().split()[0])
+    bars = [p for p in label.axes.patches if p.get_zorder() == 21 and hasattr(p, "get_width")]
+    figure.canvas.draw()
+    bar = sum(p.get_window_extent().width for p in bars)
+    ax = maps(figure)[0]
+    pixels = ax.transData.transform([[valley.west, 0.0], [valley.west + metres, 0.0]])
+    assert bar == pytest.approx(np.ptp(pixels[:, 0]), rel=0.02)
+
+
+def test_layers_that_do_not_belong_together(valley: Grid) -> None:
+    layer = level_of(valley)
+    with pytest.raises(InputError, match="no map to draw"):
+        intensity_figure(valley, [])
+    with pytest.raises(InputError, match="other classes"):
+        intensity_figure(valley, [layer, replace(layer, classes=LEVELS[:2])])
+    with pytest.raises(InputError, match="is no map of classes"):
+        intensity_figure(valley, [replace(layer, classes=())])
+    with pytest.raises(InputError, match="does not lie on the cells"):
+        intensity_figure(replace(valley, values=valley.values[1:]), [layer])
+    with pytest.raises(InputError, match="'undecided' does not lie"):
+        confidence_figure(valley, layer, np.zeros((3, 3), bool))
+    with pytest.raises(InputError, match="before and after"):
+        change_figure(valley, layer, replace(layer, classes=LEVELS[:2]))
+
+
+def test_undecided_cells_have_lines_over_them(valley: Grid, find, texts) -> None:
+    open_ = np.zeros(valley.shape, bool)
+    open_[10:14, 22:26] = True
+    open_[30:, :] = True  # No rock comes here.
+    figure = confidence_figure(valley, level_of(valley), open_)
+    stripes = [s for s in find(figure, "stripes") if s.axes.get_label() == "map"]
+    assert len(stripes) == 2
+    black = next(s for s in stripes if np.asarray(s.get_array())[..., :3].max() < 0.2)
+    assert black.get_extent()[0] <= valley.west + 110.0
+    assert "10.0 % of the cells" in texts(figure)
+    assert "undecided" in [t.get_text() for t in find(figure, "class")]
+
+
+def test_changes_of_level() -> None:
+    before = np.array([np.nan, np.nan, 1.0, 2.0, 0.0, 0.0])
+    after = np.array([np.nan, 0.0, 1.0, 1.0, np.nan, 2.0])
+    np.testing.assert_array_equal(level_changes(before, after), [np.nan, 1, 0, -1, -1, 1])
+
+
+def test_before_after_and_what_changed(valley: Grid, find, texts) -> None:
+    before = level_of(valley)
+    values = before.bands[0].values.copy()
+    values[12:18, 22:28] = 2.0
+    values[8:10, 20:30] = np.nan
+    values[30, 30] = 1.0
+    after = replace(before, bands=(replace(before.bands[0], values=values),))
+    figure = change_figure(valley, before, after, names=("before", "after"))
+    assert [ax.get_title(loc="left") for ax in maps(figure)] == ["before", "after", "Change"]
+    change = classes_on(maps(figure)[2])
+    # 25 m² a cell: 36 + 20 cells lower, one higher, the other 104 as before.
+    assert [np.count_nonzero(change == k) for k in (0, 1, 2)] == [56, 104, 1]
+    words = texts(figure)
+    assert "Lower level: 1 400 m²" in words and "higher level: 25 m²" in words
+    names = [t.get_text() for t in find(figure, "class")]
+    assert names[-3:] == ["Higher level", "Same level", "Lower level"]
+    green = maps(figure)[2].get_images()[1].cmap(0)
+    assert to_hex(green) == LEVEL_CHANGES["lower"][1]
+
+
+# --- hazard curve ------------------------------------------------------------------------------
+
+PRESET = read_preset("ch-federal")
+ENERGIES = np.array([0.0, 10.0, 30.0, 100.0, 300.0, 1000.0])
+
+
+def curves(rate: list[float], per_rock: float = 1e-4) -> HazardCurves:
+    rates = np.array([[0.0] * 6, rate])
+    return HazardCurves(
+        np.array([3, 8]), ENERGIES, rates, per_rock * rates, np.array([0.0, per_rock])
+    )
+
+
+CURVE = curves([0.05, 0.03, 0.02, 0.008, 0.001, 0.0])
+
+
+def test_the_curve_is_drawn_with_band_sources_and_fields(find, texts) -> None:
+    sources = {"A / small": CURVE.rate[1] * 0.75, "A / large": CURVE.rate[1] * 0.25}
+    figure = hazard_curve_figure(CURVE, 1, PRESET, by_source=sources, note="Width 5 m.")
+    (total,) = find(figure, "total")
+    x, y = total.get_xdata(), total.get_ydata()
+    np.testing.assert_allclose(y[:5], CURVE.rate[1, :5])
+    assert np.isnan(y[5])
+    np.testing.assert_allclose(x[1:], ENERGIES[1:])
+    # No energy at all stands at the left edge, below every energy drawn.
+    ax = next(a for a in figure.axes if a.get_label() == "curve")
+    assert x[0] == ax.get_xlim()[0] < 10.0
+    (band,) = find(figure, "band")
+    low, high = (limit[1] for limit in rate_interval(CURVE))
+    corners = band.get_paths()[0].vertices
+    at = corners[np.isclose(corners[:, 0], 30.0)][:, 1]
+    assert at.min() == pytest.approx(low[2]) and at.max() == pytest.approx(high[2])
+    np.testing.assert_allclose(
+        find(figure, "source-A / small")[0].get_ydata()[:5], 0.75 * CURVE.rate[1, :5]
+    )
+    (dots,) = find(figure, "thresholds")
+    np.testing.assert_allclose(dots.get_xdata()[1:], [30.0, 300.0])
+    np.testing.assert_allclose(dots.get_ydata(), [0.05, 0.02, 0.001])
+    words = texts(figure)
+    for word in ("A / large", "all sources", "95 % interval", "Width 5 m.", "(kJ)", "1/year"):
+        assert word in words
+    assert {"30", "100", "300"} <= set(words.split(" | "))
+
+
+def test_the_fields_are_those_of_the_matrix(find) -> None:
+    figure = hazard_curve_figure(CURVE, 1, PRESET)
+    ax = next(a for a in figure.axes if a.get_label() == "curve")
+
+    def level_at(energy: float, years: float) -> str:
+        for level in PRESET.levels:
+            for field in find(figure, f"field-{level.code}"):
+                corners = field.get_paths()[0].vertices
+                (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
+                if left <= energy <= right and bottom <= 1.0 / years <= top:
+                    return level.code
+        raise AssertionError((energy, years))
+
+    for i, energy in enumerate((5.0, 60.0, 500.0)):
+        for j, years in enumerate((20.0, 60.0, 200.0, 1000.0)):
+            assert level_at(energy, years) == PRESET.levels[PRESET.matrix[i][j]].code
+    red = next(level for level in PRESET.levels if level.code == "substantial")
+    colour = find(figure, "field-substantial")[0].get_facecolor()[0][:3]
+    np.testing.assert_allclose(colour, to_rgb(red.colour), atol=0.01)
+    named = {t.get_text() for t in ax.texts}
+    assert named == {level.label for level in PRESET.levels}
+
+
+def test_the_note_tells_the_level_and_what_decides_it(texts) -> None:
+    # 30 kJ and more once in 50 years: mean; all rocks once in 20 years: mean by low intensity.
+    assert "Level: mean, by rocks of any energy, once in 20 years." in texts(
+        hazard_curve_figure(CURVE, 1, PRESET)
+    )
+    often = curves([0.05, 0.04, 0.04, 0.008, 0.001, 0.0])
+    assert "by rocks of 30 kJ and more, once in 25 years." in texts(
+        hazard_curve_figure(often, 1, PRESET)
+    )
+    assert "No rock comes here." in texts(hazard_curve_figure(CURVE, 0, PRESET))
+
+
+def test_many_sources_are_brought_together() -> None:
+    sources = {f"s{k}": ENERGIES * 0.0 + k for k in range(10)}
+    leading = leading_sources(sources)
+    assert list(leading) == ["s9", "s8", "s7", "s6", "s5", "4 other sources"]
+    assert len(leading) == MAX_SOURCES
+    assert leading["4 other sources"][0] == 4 + 3 + 2 + 1
+    assert "s0" not in leading_sources({"s0": ENERGIES * 0.0, "s1": ENERGIES})
+
+
+def test_curves_that_cannot_be_drawn() -> None:
+    with pytest.raises(InputError, match="no such hazard curve"):
+        hazard_curve_figure(CURVE, 2, PRESET)
+    with pytest.raises(InputError, match="does not fit the energies"):
+        hazard_curve_figure(CURVE, 1, PRESET, by_source={"a": np.ones(3)})
+
+
+def test_an_error_that_cannot_be_told(texts) -> None:
+    unknown = replace(CURVE, variance=np.full_like(CURVE.variance, np.nan))
+    assert "cannot tell the error" in texts(hazard_curve_figure(unknown, 1, PRESET))
+
+
+# --- risk --------------------------------------------------------------------------------------
+
+
+def test_the_largest_risks_stand_on_top(find, texts) -> None:
+    names = ["a", "b", "c", "nobody", "d"]
+    risk = np.array([2e-5, 5e-5, 1e-5, 0.0, 3e-5])
+    errors = np.array([1e-6, 4e-5, 1e-6, 0.0, np.nan])
+    figure = risk_figure(names, risk, errors, quantity="deaths", unit="1/year", top=3)
+    ax = next(a for a in figure.axes if a.get_label() == "risk")
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["b", "d", "a"]
+    assert np.all(np.diff(ax.get_yticks()) < 0.0)
+    widths = sorted(bar.get_width() for bar in ax.patches)
+    np.testing.assert_allclose(widths, [2e-5, 3e-5, 5e-5])
+    (intervals,) = find(figure, "intervals")
+    spans = [segment[:, 0] for segment in intervals.get_segments()]
+    np.testing.assert_allclose(spans[0], [0.0, 5e-5 + 1.96 * 4e-5])
+    # Where the error cannot be told, there is no line.
+    assert len(spans) == 2
+    np.testing.assert_allclose(spans[1], [2e-5 - 1.96e-6, 2e-5 + 1.96e-6])
+    words = texts(figure)
+    assert "deaths (10⁻⁶ 1/year)" in words
+    assert "Sum of all 5 objects: 1.10 × 10⁻⁴ 1/year." in words
+    assert "Not drawn: 1 object of less risk, together 1.00 × 10⁻⁵ 1/year." in words
+
+
+def test_no_risk_at_all(texts) -> None:
+    figure = risk_figure(["a"], np.zeros(1), np.zeros(1), quantity="loss", unit="CHF/year")
+    assert "no object at risk" in texts(figure)
+    assert to_png(figure).startswith(b"\x89PNG")
+    with pytest.raises(InputError, match="do not belong together"):
+        risk_figure(["a"], np.zeros(2), np.zeros(2), quantity="loss", unit="CHF/year")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (12345.0, "12\u2009300"),
+        (4.5678, "4.57"),
+        (0.0012, "0.0012"),
+        (1.204e-5, "1.20\u2009×\u200910⁻⁵"),
+    ],
+)
+def test_amounts(value: float, text: str) -> None:
+    assert amount(value) == text

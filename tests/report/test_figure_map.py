@@ -1,0 +1,199 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from sassgis.model.errors import InputError
+from sassgis.model.grid import Grid
+from sassgis.model.profiles import TraceSet
+from sassgis.model.results import Band, RasterLayer
+from sassgis.model.styles import class_colours
+from sassgis.report.figures import map_figure
+from sassgis.report.figures.map_figure import MAX_LINES, class_numbers, footprint
+from sassgis.report.figures.relief import coarsen, emptiest_corner, hillshade, window_of
+
+
+def layer_of(
+    grid: Grid, unit: str = "kJ", breaks: tuple[float, ...] = (30.0, 300.0)
+) -> RasterLayer:
+    values = np.full(grid.shape, np.nan, np.float32)
+    values[10:20, 20:30] = 10.0
+    values[12:18, 22:28] = 100.0
+    values[14:16, 24:26] = 300.0
+    values[10, 20] = 0.0
+    band = Band("e95", "energy, 95 %", unit, values)
+    return RasterLayer("energy", "Kinetic energy", "Of passing rocks.", (band,), breaks, "YlOrRd")
+
+
+def straight_lines(grid: Grid, n: int) -> TraceSet:
+    x = np.repeat(grid.west + 100.0 + np.arange(n) * 0.1, 2)
+    y = np.tile([grid.north - 50.0, grid.north - 150.0], n)
+    return TraceSet(
+        np.arange(n + 1) * 2,
+        x,
+        y,
+        np.tile([0.0, 100.0], n),
+        np.arange(n),
+        np.zeros(n),
+        np.zeros(n, np.uint8),
+    )
+
+
+def shown(figure, find):
+    return np.ma.filled(find(figure, "layer")[0].get_array().astype(float), np.nan)
+
+
+def test_a_limit_belongs_to_the_class_above() -> None:
+    numbers = class_numbers(np.array([[-1.0, 29.9, 30.0, 299.0, 300.0, np.nan]]), (30.0, 300.0))
+    np.testing.assert_array_equal(numbers, [[0, 0, 1, 1, 2, np.nan]])
+    np.testing.assert_array_equal(class_numbers(np.array([-1.0, 0.0]), (0.0, 5.0)), [np.nan, 0])
+
+
+def test_layer_is_drawn_by_classes_cropped_and_placed(valley: Grid, find, texts) -> None:
+    figure = map_figure(valley, layer_of(valley))
+    image = find(figure, "layer")[0]
+    values = shown(figure, find)
+    assert set(values[np.isfinite(values)]) == {0.0, 1.0, 2.0}
+    assert np.count_nonzero(values == 2.0) == 4
+    # The one cell of zero energy is no rock and stays clear.
+    assert np.isfinite(values).sum() == 99
+    west, east, _, north = image.get_extent()
+    rows, cols = np.nonzero(values == 2.0)
+    assert west + cols.min() * 5.0 == valley.west + 24 * 5.0
+    assert north - rows.min() * 5.0 == valley.north - 14 * 5.0
+    assert (east - west) / 5.0 < valley.shape[1]
+    colours = [to_hex(image.cmap(image.norm(k))) for k in range(3)]
+    assert colours == class_colours((30.0, 300.0), "YlOrRd")
+    words = texts(figure)
+    for word in ("Kinetic energy", "kJ", "< 30", "30 – 300", "≥ 300", "Of passing rocks.", "N"):
+        assert word in words
+    assert "east (m)" in words and "north (m)" in words
+
+
+def test_heights_of_zero_are_shown(valley: Grid, find) -> None:
+    values = shown(map_figure(valley, layer_of(valley, unit="m")), find)
+    assert np.isfinite(values).sum() == 100
+
+
+def test_layer_without_classes_has_a_ramp_over_its_data(valley: Grid, find) -> None:
+    figure = map_figure(valley, layer_of(valley, breaks=()))
+    image = find(figure, "layer")[0]
+    assert (image.norm.vmin, image.norm.vmax) == (10.0, 300.0)
+
+
+def test_empty_layer_says_so_and_shows_all_terrain(valley: Grid, texts) -> None:
+    layer = layer_of(valley)
+    empty = replace(
+        layer, bands=(replace(layer.bands[0], values=np.full(valley.shape, np.nan, np.float32)),)
+    )
+    figure = map_figure(valley, empty)
+    assert "no values here" in texts(figure)
+    ax = next(a for a in figure.axes if a.get_label() == "map")
+    assert ax.get_xlim() == (valley.bounds[0], valley.bounds[2])
+
+
+def test_release_lines_and_gates(valley: Grid, find, texts) -> None:
+    corner = np.array([valley.west, valley.north])
+    ring = np.array([[80.0, -60.0], [110.0, -60.0], [110.0, -50.0]]) + corner
+    gate = np.array([[90.0, -80.0], [250.0, -80.0]]) + corner
+    figure = map_figure(
+        valley,
+        layer_of(valley),
+        release=[ring, ring[:1]],
+        lines=straight_lines(valley, MAX_LINES + 30),
+        gates=[("road", "station", gate), ("W1", "wall", gate - [0, 10])],
+    )
+    np.testing.assert_allclose(find(figure, "release-areas")[0].get_paths()[0].vertices[:3], ring)
+    np.testing.assert_allclose(find(figure, "release-points")[0].get_xydata(), ring[:1])
+    assert len(find(figure, "fall-lines")[0].get_segments()) == MAX_LINES
+    np.testing.assert_allclose(find(figure, "gate-road")[0].get_xydata(), gate)
+    words = texts(figure)
+    assert f"{MAX_LINES} fall lines of {MAX_LINES + 30} are drawn" in words
+    assert "road" in words and "W1" in words
+    # A gate that leaves the map is named inside the map.
+    ax = next(a for a in figure.axes if a.get_label() == "map")
+    (name,) = [t for t in ax.texts if t.get_text() == "road"]
+    frame, box = ax.get_window_extent(), name.get_window_extent()
+    assert frame.x0 <= box.x0 and box.x1 <= frame.x1
+    assert "dashes: station" in words and "line: wall" in words and "dots: net" not in words
+
+
+def test_extent_is_obeyed_and_checked(valley: Grid) -> None:
+    box = (valley.west + 50.0, valley.north - 150.0, valley.west + 200.0, valley.north - 20.0)
+    figure = map_figure(valley, layer_of(valley), extent=box)
+    ax = next(a for a in figure.axes if a.get_label() == "map")
+    assert (*ax.get_xlim(), *ax.get_ylim()) == (box[0], box[2], box[1], box[3])
+    with pytest.raises(InputError, match="outside the terrain"):
+        map_figure(valley, layer_of(valley), extent=(0.0, 0.0, 1.0, 1.0))
+
+
+def test_wrong_band_or_shape_is_refused(valley: Grid) -> None:
+    with pytest.raises(InputError, match="no such band"):
+        map_figure(valley, layer_of(valley), band=1)
+    other = replace(valley, values=valley.values[:-1])
+    with pytest.raises(InputError, match="does not lie on the cells"):
+        map_figure(other, layer_of(valley))
+
+
+def test_large_maps_keep_single_cells_in_sight(find, texts) -> None:
+    grid = Grid(np.zeros((2000, 1000)), 0.0, 2000.0, 1.0)
+    values = np.full(grid.shape, np.nan, np.float32)
+    values[777, 333] = 50.0
+    layer = RasterLayer("n", "N", "", (Band("n", "n", "kJ", values),), (10.0,), "viridis")
+    figure = map_figure(grid, layer, extent=(0.0, 0.0, 1000.0, 2000.0))
+    image = find(figure, "layer")[0]
+    assert image.get_array().count() == 1
+    row, col = np.argwhere(~np.ma.getmaskarray(image.get_array()))[0]
+    assert (row, col) == (777 // 3, 333 // 3)
+    assert "3 × 3 cells" in texts(figure)
+
+
+def test_coarsened_cells() -> None:
+    values = np.array([[1.0, 2.0, np.nan], [3.0, np.nan, np.nan]])
+    np.testing.assert_array_equal(coarsen(values, 2, "max"), [[3.0, np.nan]])
+    np.testing.assert_array_equal(coarsen(values, 2, "mean"), [[2.0, np.nan]])
+
+
+def test_relief_is_lit_from_the_north_west(valley: Grid) -> None:
+    # A cone: its north-west face must be brighter than its south-east face, nodata stays nodata.
+    y, x = np.mgrid[-20:21, -20:21]
+    cone = Grid(-np.hypot(x, y) * 0.7, 0.0, 0.0, 1.0)
+    shade = hillshade(cone)
+    assert shade[10, 10] > shade[30, 30] + 0.2
+    assert np.isnan(hillshade(valley)[0, -1])
+    assert np.isfinite(hillshade(valley)[0, -9])
+    assert np.nanmin(shade) >= 0.0 and np.nanmax(shade) <= 1.0
+
+
+def test_flat_ground_is_evenly_lit() -> None:
+    shade = hillshade(Grid(np.full((5, 5), 3.0), 0.0, 0.0, 1.0))
+    np.testing.assert_allclose(shade, np.sin(np.radians(45.0)))
+
+
+def test_window_covers_the_extent(valley: Grid) -> None:
+    window = window_of(
+        valley, (valley.west + 12.0, valley.north - 33.0, valley.west + 21.0, valley.north - 4.0)
+    )
+    assert (window.row_0, window.row_1, window.col_0, window.col_1) == (0, 7, 2, 5)
+    part = window.grid(valley)
+    assert part.bounds == (valley.west + 10, valley.north - 35, valley.west + 25, valley.north)
+
+
+def test_footprint_reaches_beyond_the_cells_but_not_the_grid(valley: Grid) -> None:
+    values = np.full(valley.shape, np.nan)
+    values[10:20, 20:40] = 1.0
+    west, south, east, north = footprint(valley, values, np.empty((0, 2)))
+    assert valley.west < west < valley.west + 100.0
+    assert valley.west + 200.0 < east < valley.bounds[2]
+    assert south < valley.north - 100.0 and north > valley.north - 50.0
+    assert footprint(valley, values * np.nan, np.empty((0, 2))) == valley.bounds
+
+
+def test_furniture_goes_where_least_is_hidden() -> None:
+    taken = np.ones((10, 10), bool)
+    taken[:3, 6:] = False
+    assert emptiest_corner(taken, 0.4, 0.3) == (True, True)
+    assert emptiest_corner(np.zeros((4, 4), bool), 0.3, 0.3) == (False, False)

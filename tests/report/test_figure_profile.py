@@ -1,0 +1,119 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sassgis.model.errors import InputError
+from sassgis.model.results import Gate
+from sassgis.report.figures import ProfilePanel, profile_comparison_figure, profile_figure
+from sassgis.report.figures.profile_figure import runs_of
+
+S = np.array([0.0, 40.0, 80.0, 120.0, 170.0])
+Z = np.array([1800.0, 1755.0, 1720.0, 1670.0, 1650.0])
+PATHS = [(S[:3] + 1.0, Z[:3] + 2.0), (S, Z + 3.0)]
+GATES = [
+    (Gate("camera 2", "station"), 60.0, 1737.5),
+    (Gate("1", "wall", 5.0), 80.0, 1720.0),
+    (Gate("2", "net", 4.0), 120.0, 1670.0),
+]
+
+
+def test_profile_shows_what_was_given(find, texts) -> None:
+    figure = profile_figure(
+        S,
+        Z,
+        PATHS,
+        ground=np.array([0, 0, 1, 1]),
+        ground_names=("rock", "debris"),
+        gates=GATES,
+        stops=np.array([60.0, np.nan, 165.0]),
+        title="Bedrina 1",
+    )
+    (ax,) = figure.axes
+    assert ax.get_aspect() == 1.0
+    np.testing.assert_allclose(find(figure, "slope")[0].get_xydata(), np.column_stack([S, Z]))
+    segments = find(figure, "trajectories")[0].get_segments()
+    assert [len(p) for p in segments] == [3, 5]
+    np.testing.assert_allclose(segments[0][:, 1], Z[:3] + 2.0)
+    np.testing.assert_allclose(
+        find(figure, "stops")[0].get_xydata(), [[60.0, 1737.5], [165.0, 1652.0]]
+    )
+    np.testing.assert_allclose(find(figure, "ground-0")[0].get_xdata(), S[:3])
+    np.testing.assert_allclose(find(figure, "ground-1")[0].get_xdata(), S[2:])
+    words = texts(figure)
+    for word in ("Bedrina 1", "rock", "debris", "chainage (m)", "height (m)", "camera 2"):
+        assert word in words
+    assert "2 paths of the centre of mass" in words
+    assert "where 2 rocks ended" in words
+
+
+def test_barriers_stand_at_their_true_height(find, texts) -> None:
+    figure = profile_figure(S, Z, [], gates=GATES)
+    np.testing.assert_allclose(find(figure, "gate-1")[0].get_ydata(), [1720.0, 1725.0])
+    np.testing.assert_allclose(find(figure, "gate-2")[0].get_ydata(), [1670.0, 1674.0])
+    assert find(figure, "gate-camera 2")[0].get_ydata()[0] == 1737.5
+    words = texts(figure)
+    assert "1 (wall, 5 m)" in words and "2 (net, 4 m)" in words
+
+
+def test_axes_really_are_drawn_at_one_scale() -> None:
+    figure = profile_figure(S, Z, [])
+    figure.canvas.draw()
+    (ax,) = figure.axes
+    box = ax.get_window_extent()
+    per_metre = box.width / np.ptp(ax.get_xlim()), box.height / np.ptp(ax.get_ylim())
+    assert per_metre[0] == pytest.approx(per_metre[1], rel=1e-6)
+
+
+def test_everything_drawn_lies_within_the_limits() -> None:
+    high = [(S, Z + 40.0)]
+    (ax,) = profile_figure(S, Z, high, gates=[(Gate("W", "wall", 90.0), 5.0, 1794.0)]).axes
+    assert ax.get_ylim()[1] > 1884.0
+    assert ax.get_ylim()[0] < 1650.0
+
+
+def test_many_short_stretches_go_to_a_legend(texts) -> None:
+    s = np.arange(0.0, 400.0, 4.0)
+    ground = np.arange(s.size - 1) % 3
+    names = ("rock", "coarse debris", "forest floor with stones")
+    figure = profile_figure(s, 1000.0 - 0.6 * s, [], ground=ground, ground_names=names)
+    (legend,) = figure.legends
+    assert [t.get_text() for t in legend.get_texts()] == list(names)
+
+
+def test_an_unnamed_class_is_called_by_its_number(texts) -> None:
+    assert "class 7" in texts(profile_figure(S, Z, [], ground=np.full(4, 7)))
+
+
+def test_comparison_shares_scale_and_limits(find, texts) -> None:
+    before = ProfilePanel(S, Z, PATHS, title="without measures")
+    after = ProfilePanel(S, Z, PATHS[:1], gates=GATES, title="with measures")
+    figure = profile_comparison_figure([before, after])
+    upper, lower = figure.axes
+    assert upper.get_xlim() == lower.get_xlim()
+    assert upper.get_ylim() == lower.get_ylim()
+    assert [len(c.get_segments()) for c in find(figure, "trajectories")] == [2, 1]
+    words = texts(figure)
+    assert "a without measures" in words and "b with measures" in words
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_comparison_fits_on_a_page(n: int) -> None:
+    figure = profile_comparison_figure([ProfilePanel(S, Z, title="t")] * n)
+    assert figure.get_size_inches()[1] <= 9.7
+
+
+def test_runs_of_equal_ground() -> None:
+    assert runs_of(np.array([2, 2, 0, 2])) == [(2, 0, 2), (0, 2, 3), (2, 3, 4)]
+    assert runs_of(np.empty(0, int)) == []
+
+
+def test_arrays_that_do_not_belong_together_are_refused() -> None:
+    with pytest.raises(InputError, match="as many chainages as heights"):
+        profile_figure(S, Z[:-1], [])
+    with pytest.raises(InputError, match="must rise"):
+        profile_figure(S[::-1], Z, [])
+    with pytest.raises(InputError, match="one ground class for each segment"):
+        profile_figure(S, Z, [], ground=np.zeros(2, int))
+    with pytest.raises(InputError, match="at least one panel"):
+        profile_comparison_figure([])

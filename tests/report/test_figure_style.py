@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sassgis.model.errors import OutputError
+from sassgis.report.figures import save, to_png
+from sassgis.report.figures.histograms import runout_figure
+from sassgis.report.figures.style import house_style, round_step, spread, thousands, wrap
+
+positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
+
+
+@given(positions, st.floats(0.1, 50.0))
+def test_spread_labels_keep_order_and_distance(wanted: list[float], gap: float) -> None:
+    placed = spread(wanted, gap)
+    order = np.argsort(wanted, kind="stable")
+    assert np.all(np.diff(placed[order]) >= gap - 1e-6)
+    assert np.sum(placed) == pytest.approx(np.sum(wanted), abs=1e-6)
+
+
+def test_spread_leaves_labels_with_room_alone() -> None:
+    assert spread([10.0, 0.0, 5.0], 4.9).tolist() == [10.0, 0.0, 5.0]
+
+
+def test_spread_gives_wide_labels_more_room() -> None:
+    placed = spread([0.0, 0.0], np.array([2.0, 8.0]))
+    assert placed[1] - placed[0] == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(
+    ("span", "parts", "step"), [(100.0, 5, 20.0), (1.0, 4, 0.2), (730.0, 8, 100.0), (0.0, 5, 1.0)]
+)
+def test_round_steps(span: float, parts: int, step: float) -> None:
+    assert round_step(span, parts) == pytest.approx(step)
+
+
+def test_numbers_have_thin_spaces_and_true_minus() -> None:
+    assert thousands(-1234567.0) == "\u22121\u2009234\u2009567"
+
+
+def test_wrap_keeps_all_words_and_the_given_lines() -> None:
+    text = "a long line of words that cannot stand in one line\nsecond"
+    wrapped = wrap(text, 1.5)
+    assert wrapped.split() == text.split()
+    assert wrapped.splitlines()[-1] == "second"
+    assert len(wrapped.splitlines()) > 2
+
+
+def test_style_ends_with_the_block() -> None:
+    before = dict(mpl.rcParams)
+    with house_style():
+        assert mpl.rcParams["axes.spines.top"] is False
+    assert dict(mpl.rcParams) == before
+
+
+def test_the_users_settings_do_not_change_a_figure() -> None:
+    values, reasons = np.array([10.0, 20.0, 21.0]), np.zeros(3, int)
+    plain = to_png(runout_figure(values, reasons))
+    with mpl.rc_context({"axes.facecolor": "yellow", "font.size": 20.0}):
+        assert to_png(runout_figure(values, reasons)) == plain
+
+
+def test_same_figure_same_bytes_without_version(tmp_path: Path) -> None:
+    values, reasons = np.array([10.0, 20.0, 21.0]), np.zeros(3, int)
+    first = save(runout_figure(values, reasons), tmp_path / "a.png").read_bytes()
+    second = save(runout_figure(values, reasons), tmp_path / "b.png").read_bytes()
+    assert first == second
+    assert first.startswith(b"\x89PNG")
+    assert b"Matplotlib" not in first
+
+
+def test_unwritable_file_is_one_line(tmp_path: Path) -> None:
+    figure = runout_figure(np.array([1.0]), np.array([0]))
+    with pytest.raises(OutputError, match=r"no/a\.png: the figure cannot be written") as caught:
+        save(figure, tmp_path / "no" / "a.png")
+    assert "\n" not in str(caught.value)
+
+
+def test_figures_do_not_load_pyplot() -> None:
+    import subprocess
+
+    code = (
+        "import sys, numpy as np; from sassgis.report.figures import to_png, runout_figure;"
+        "to_png(runout_figure(np.array([1.0, 2.0]), np.array([0, 1])));"
+        "sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sassgis.model.errors import OutputError
+from sassgis.report.figures import runout_figure, to_png
+from sassgis.report.page import (
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    number_columns,
+    render_report,
+    sensible,
+    write_report,
+)
+
+VOID = {"meta", "img", "br"}
+
+
+class Page(HTMLParser):
+    """Reads tags, attributes and words, and checks that every tag is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.words: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] != "style" and data.strip():
+            self.words.append(re.sub(r"[ \n]+", " ", data).strip(" "))
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.words)
+
+
+PNG = to_png(runout_figure(np.array([1.0, 2.0]), np.array([0, 1])))
+TABLE = ReportTable(
+    "Stations",
+    (("station", ""), ("energy, 95 %", "kJ"), ("rocks", "")),
+    (("road", 812.34, 1234), ("camera 2", None, 7)),
+    "Over the rocks that pass.",
+)
+FULL = ReportContext(
+    title="Bedrina 1",
+    subtitle="100 000 rocks",
+    what_was_run=(("Rocks", 100_000),),
+    warnings=("12 rocks left the profile",),
+    key_results=TABLE,
+    figures=(ReportFigure("Run-out", "Where rocks end.", PNG),),
+    tables=(TABLE, replace(TABLE, title="nothing", rows=())),
+    provenance=(("Seed", 42),),
+)
+
+
+def test_full_report_says_everything_warnings_first() -> None:
+    text = Page(render_report(FULL)).text
+    order = [
+        "Bedrina 1 100 000 rocks",
+        "Read this first",
+        "12 rocks left the profile",
+        "Main results",
+        "Over the rocks that pass.",
+        "What was computed",
+        "Figure 1. Run-out.",
+        "Where rocks end.",
+        "Table 1. Stations",
+        "How to repeat this run",
+    ]
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
+    assert "energy, 95 % kJ" in text
+    assert "road 812 1\u2009234" in text
+    assert "camera 2 – 7" in text
+    assert "nothing" not in text
+
+
+def test_page_is_well_formed() -> None:
+    page = Page(render_report(FULL))
+    assert page.open == []
+    assert page.tags.count("h1") == 1
+    assert ("lang", "en") in page.attributes
+
+
+def test_empty_sections_disappear() -> None:
+    text = Page(render_report(ReportContext(title="Bare"))).text
+    assert text == "Bare Bare"
+
+
+def test_everything_from_outside_is_escaped() -> None:
+    evil = '<script>alert("x")</script> & "quoted"'
+    table = ReportTable(evil, ((evil, evil),), ((evil,),), evil)
+    page = render_report(
+        ReportContext(
+            title=evil,
+            subtitle=evil,
+            what_was_run=((evil, evil),),
+            warnings=(evil,),
+            key_results=table,
+            figures=(ReportFigure(evil, evil, PNG, alt=f'{evil}" onload="x'),),
+            tables=(table,),
+            provenance=((evil, evil),),
+        )
+    )
+    parsed = Page(page)
+    assert "script" not in parsed.tags
+    assert not [name for name, _ in parsed.attributes if name.startswith("on")]
+    assert parsed.text.count(evil) == 20
+    assert parsed.open == []
+
+
+def test_nothing_is_fetched_from_elsewhere() -> None:
+    page = render_report(FULL)
+    parsed = Page(page)
+    assert not {"script", "link", "iframe", "object", "base", "form"} & set(parsed.tags)
+    for name, value in parsed.attributes:
+        if name in {"src", "href", "srcset", "action", "poster"}:
+            assert value.startswith("data:image/png;base64,")
+    assert not re.search(r"https?:|//[a-z]|url\(|@import", page.split("data:image/png")[0])
+
+
+def test_pictures_are_inside_unchanged() -> None:
+    (inside,) = re.findall(r'src="data:image/png;base64,([^"]+)"', render_report(FULL))
+    assert base64.b64decode(inside) == PNG
+
+
+def test_written_page_is_the_rendered_one(tmp_path: Path) -> None:
+    path = write_report(tmp_path / "report.html", FULL)
+    assert path.read_bytes().decode("utf-8") == render_report(FULL)
+
+
+def test_unwritable_report_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"report\.html: the report cannot be written"):
+        write_report(tmp_path / "no" / "report.html", FULL)
+
+
+def test_ragged_tables_are_refused() -> None:
+    with pytest.raises(OutputError, match="2 cells, the head 1 columns"):
+        ReportTable("t", (("a", ""),), (("x", 1),))
+
+
+def test_number_columns_are_told_from_words() -> None:
+    assert number_columns(TABLE) == (False, True, True)
+    assert number_columns(replace(TABLE, rows=((None, np.int64(3), np.float32(2.0)),))) == (
+        False,
+        True,
+        True,
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (float("nan"), "–"),
+        (float("inf"), "∞"),
+        ("as it is", "as it is"),
+        (True, "yes"),
+        (0.0, "0"),
+        (1234567, "1\u2009234\u2009567"),
+        (0.01234, "0.0123"),
+        (4.567, "4.57"),
+        (0.8, "0.8"),
+        (9.996, "10"),
+        (812.34, "812"),
+        (10340.2, "10\u2009340"),
+        (-3.14159, "\u22123.14"),
+        (100.0, "100"),
+        (2.5e-6, "2.50 × 10^\u22126"),
+        (np.int64(70000), "70\u2009000"),
+    ],
+)
+def test_sensible_digits(value: object, text: str) -> None:
+    assert sensible(value) == text

@@ -1,0 +1,243 @@
+"""Batches: bad areas, resuming, and a mosaic that equals one run of all areas."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pytest
+import rasterio
+import shapely
+from cut_valley import GOOD, Stopped, Valley, write_vrt
+
+from sassgis.cli import main
+from sassgis.io.read.config import load_config
+from sassgis.model.errors import ConfigError, InputError, OutputError
+from sassgis.runs.batch import batch, find_areas
+from sassgis.runs.zone import zone
+
+# Maps hold everything that is counted; these hold what is made of it.
+TABLES = ("zones", "zone_sources", "sources", "design", "risk_objects", "risk_sources")
+
+
+def digests(folder: Path, *suffixes: str) -> dict[str, str]:
+    """Of the files of a result, by their path."""
+    files = json.loads((folder / "manifest.json").read_text())["files"]
+    found = {f["path"]: f["sha256"] for f in files if f["path"].endswith(suffixes)}
+    assert found
+    return found
+
+
+def on_grid(file: Path, band: str, like: Path) -> np.ndarray:
+    """A band of a map on the cells of another map, 0 where it holds nothing."""
+    with rasterio.open(like) as target:
+        out = np.zeros(target.shape)
+        corner, cell = target.transform, target.res[0]
+    with rasterio.open(file) as raster:
+        index = [raster.tags(i)["NAME"] for i in raster.indexes].index(band) + 1
+        values = raster.read(index, masked=True).astype(float).filled(0.0)
+        row = round((corner.f - raster.transform.f) / cell)
+        col = round((raster.transform.c - corner.c) / cell)
+    out[row : row + values.shape[0], col : col + values.shape[1]] = values
+    return out
+
+
+def test_a_bad_area_is_reported_and_skipped(done: Stopped) -> None:
+    summary = done.result.summary.set_index("area")
+    assert list(summary.index) == ["Mitte", "Mitte bis", "Nord", "crossed"]
+    assert summary.loc[list(GOOD), "status"].tolist() == ["done"] * 3
+    assert summary.loc["crossed", "status"].startswith("skipped: ")
+    assert "is not valid" in summary.loc["crossed", "status"]
+    assert summary.loc["crossed", ["points", "rocks", "seconds"]].isna().all()
+    assert (summary.loc[list(GOOD), ["points", "rocks", "furthest_m", "seconds"]] > 0).all(None)
+    assert any("crossed is skipped" in w for w in done.result.warnings)
+    read = pd.read_csv(done.folder / "summary.csv")
+    assert read["status"].tolist() == done.result.summary["status"].tolist()
+
+
+def test_what_was_done_before_a_stop_is_kept(done: Stopped) -> None:
+    assert done.first["status"].tolist() == ["done", "not run", "not run", "not run"]
+    # The time is that of the call in which it ran.
+    assert done.result.summary["seconds"][0] == done.first["seconds"][0]
+
+
+def test_each_area_runs_on_a_part_of_the_terrain(done: Stopped) -> None:
+    for name in ("mitte", "mitte_bis", "nord"):
+        record = json.loads((done.folder / "areas" / name / "area.json").read_text())
+        assert record["n_rows"] * record["n_cols"] < 0.9 * 450 * 600
+        assert (done.folder / "areas" / name / "report.html").is_file()
+
+
+@pytest.fixture(scope="module")
+def joint(valley: Valley, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One run of the same areas on the whole terrain model, in the order of the batch."""
+    folder = tmp_path_factory.mktemp("joint")
+    release = folder / "release.gpkg"
+    frame = gpd.read_file(valley.releases).set_index("name").loc[list(GOOD)].reset_index()
+    frame.to_file(release, driver="GPKG")
+    config = load_config(valley.config, {"release.file": str(release)})
+    zone(config, folder / "out", jobs=1)
+    return folder / "out"
+
+
+def test_the_mosaic_is_one_run_of_all_areas_to_the_last_bit(done: Stopped, joint: Path) -> None:
+    assert_same_result(done.folder / "mosaic", joint)
+
+
+def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path) -> None:
+    """Ways that leave the fall line, rounds, pieces, and a forest that one area never meets."""
+    inputs = tmp_path / "inputs"
+    shutil.copytree(valley.config.parent, inputs)
+    good = gpd.read_file(valley.releases).set_index("name").loc[["Mitte", "Nord"]].reset_index()
+    good.to_file(inputs / "two.gpkg", driver="GPKG")
+    _west, south, east, north = good[good["name"] == "Nord"].total_bounds
+    stand = shapely.box(east, south + 30.0, east + 150.0, north)
+    gpd.GeoDataFrame(geometry=[stand], crs=good.crs).to_file(inputs / "stand.gpkg", driver="GPKG")
+    config = inputs / valley.config.name
+    rounds = "[hazard]\nundecided_share_max = 0.0001\nrounds_max = 2\n"
+    config.write_text(config.read_text().replace("[hazard]\n", rounds))
+    with config.open("a") as text:
+        text.write("[effects.lateral_deflection]\nangle_deg = 8.0\n[effects.fragmentation]\n")
+        text.write('[effects.trees]\nfile = "stand.gpkg"\nstems_per_ha = 300.0\ndbh_cm = 30.0\n')
+    batch(inputs / "two.gpkg", tmp_path / "out", config=config, dem=inputs / "tiles")
+    together = load_config(config, {"release.file": str(inputs / "two.gpkg")})
+    whole = zone(together, tmp_path / "joint")
+    assert whole.run.progress.pieces > 100
+    own = json.loads((tmp_path / "out" / "areas" / "mitte" / "area.json").read_text())
+    assert own["rounds"] == 2 and own["north"] < south + 30.0
+    assert_same_result(tmp_path / "out" / "mosaic", tmp_path / "joint")
+    told = [
+        json.loads((tmp_path / f / "manifest.json").read_text()) for f in ("out/mosaic", "joint")
+    ]
+    assert told[0]["counts"]["pieces"] == told[1]["counts"]["pieces"]
+    assert all("trees file" in str(t["inputs"]) for t in told)
+
+
+def assert_same_result(mosaic: Path, joint: Path) -> None:
+    for file in sorted((joint / "maps").glob("*.tif")):
+        with rasterio.open(file) as raster:
+            bands = [raster.tags(i)["NAME"] for i in raster.indexes]
+        own = mosaic / "maps" / file.name
+        for band in bands if file.stem != "terrain" else ():
+            assert np.array_equal(on_grid(own, band, file), on_grid(file, band, file)), file.stem
+    for table in TABLES:
+        ours, theirs = (f / "tables" / f"{table}.csv" for f in (mosaic, joint))
+        assert ours.read_bytes() == theirs.read_bytes(), table
+    for layer in ("release_areas", "release_points", "fall_lines", "stops", "barriers"):
+        ours, theirs = (gpd.read_file(f / "result.gpkg", layer=layer) for f in (mosaic, joint))
+        assert ours.equals(theirs), layer
+
+
+def test_frequencies_of_areas_add(done: Stopped) -> None:
+    mosaic = done.folder / "mosaic" / "maps" / "frequency.tif"
+    whole = on_grid(mosaic, "rate_0", mosaic)
+    parts = [
+        on_grid(done.folder / "areas" / n / "maps" / "frequency.tif", "rate_0", mosaic)
+        for n in ("mitte", "mitte_bis", "nord")
+    ]
+    both = (parts[0] > 0) & (parts[1] > 0)
+    assert both.sum() > 500
+    assert np.allclose(whole, sum(parts), rtol=1e-5)
+    assert (whole[both] > np.maximum(parts[0], parts[1])[both]).all()
+
+
+def test_order_files_tiles_and_threads_do_not_matter(
+    done: Stopped, valley: Valley, tmp_path: Path
+) -> None:
+    folder = tmp_path / "files"
+    folder.mkdir()
+    frame = gpd.read_file(valley.releases)
+    for i, name in enumerate(frame["name"].iloc[::-1]):
+        frame[frame["name"] == name].to_file(folder / f"{i}.gpkg", driver="GPKG")
+    (folder / "notes.txt").write_text("no release area")
+    vrt = tmp_path / "dem.vrt"
+    write_vrt(valley.tiles, valley.dem, vrt)
+    out = tmp_path / "out"
+    result = batch(folder, out, config=valley.config, dem=vrt, jobs=1)
+    mine = result.summary.drop(columns=["seconds", "file", "status"])
+    assert mine.equals(done.result.summary.drop(columns=["seconds", "file", "status"]))
+    for part in ("areas/mitte", "areas/mitte_bis", "areas/nord", "mosaic"):
+        kinds = (".tif", ".csv", ".npz")
+        assert digests(out / part, *kinds[: 2 if part == "mosaic" else 3]) == digests(
+            done.folder / part, *kinds[: 2 if part == "mosaic" else 3]
+        )
+
+
+def test_nothing_is_run_again_or_replaced_unasked(
+    done: Stopped, valley: Valley, tmp_path: Path
+) -> None:
+    manifests = sorted(done.folder.rglob("manifest.json"))
+    assert len(manifests) == 4
+    before = [m.stat().st_mtime_ns for m in manifests]
+    again = batch(valley.releases, done.folder, dem=valley.tiles)
+    assert again.summary.equals(done.result.summary) and again.found is None
+    with pytest.raises(OutputError, match="made from other settings or inputs"):
+        batch(valley.releases, done.folder, dem=valley.tiles, seed=7)
+    assert [m.stat().st_mtime_ns for m in manifests] == before
+    assert pd.read_csv(done.folder / "summary.csv")["status"][0] == "done"
+
+
+def test_no_area_at_all_is_an_error(valley: Valley, tmp_path: Path) -> None:
+    frame = gpd.read_file(valley.releases)
+    bad = tmp_path / "bad.gpkg"
+    frame[frame["name"] == "crossed"].to_file(bad, driver="GPKG")
+    with pytest.raises(InputError, match=r"no release area could be run; the first: .*not valid"):
+        batch(bad, tmp_path / "out", config=valley.config)
+    assert "skipped" in (tmp_path / "out" / "summary.csv").read_text()
+
+
+def test_two_areas_of_one_name_are_both_skipped(valley: Valley, tmp_path: Path) -> None:
+    frame = gpd.read_file(valley.releases)
+    twice = pd.concat([frame, frame[frame["name"] == "Nord"]])
+    twice.to_file(tmp_path / "twice.gpkg", driver="GPKG")
+    config = load_config(valley.config, {"release.file": str(tmp_path / "twice.gpkg")})
+    found = find_areas(config)
+    assert [c.name for c in found if c.problem] == ["Nord", "Nord"]
+    assert "used 2 times" in found[-2].problem
+    assert len({c.stem for c in found}) == len(found) == 5
+
+
+def test_files_of_a_folder_name_areas_that_have_no_name(valley: Valley, tmp_path: Path) -> None:
+    frame = gpd.read_file(valley.releases)[["scenario", "geometry"]]
+    frame.iloc[:1].to_file(tmp_path / "Wand.gpkg", driver="GPKG")
+    frame.iloc[2:4].to_file(tmp_path / "Rinne.gpkg", driver="GPKG")
+    (tmp_path / "broken.gpkg").write_text("nothing")
+    config = load_config(valley.config, {"release.file": str(tmp_path)})
+    found = find_areas(config)
+    assert [c.name for c in found] == ["Rinne 1", "Rinne 2", "Wand", "broken"]
+    assert [bool(c.problem) for c in found] == [False, False, False, True]
+    # What the configuration names for another purpose is no release area.
+    own = load_config(valley.config, {"release.file": str(valley.config.parent)})
+    assert {c.release.file for c in find_areas(own)} >= {valley.releases}
+    assert not any("buildings" in str(c.release.file) for c in find_areas(own))
+    (tmp_path / "Wand.gpkg").rename(tmp_path / "Wald.gpkg")
+    trees = {"file": str(tmp_path / "Wald.gpkg"), "stems_per_ha": 300.0, "dbh_cm": 30.0}
+    wooded = load_config(valley.config, {"release.file": str(tmp_path), "effects.trees": trees})
+    assert [c.name for c in find_areas(wooded)] == ["Rinne 1", "Rinne 2", "broken"]
+
+
+def test_the_configuration_is_the_one_beside_the_areas(valley: Valley, tmp_path: Path) -> None:
+    shutil.copy(valley.releases, tmp_path / "release.gpkg")
+    with pytest.raises(ConfigError, match="no configuration is given"):
+        batch(tmp_path / "release.gpkg", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_with_something_else_is_left_alone(valley: Valley, tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(OutputError, match="not of a batch"):
+        batch(valley.releases, tmp_path)
+    assert [f.name for f in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_the_command_tells_bad_input_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["batch", str(tmp_path / "no.gpkg"), "-o", str(tmp_path / "out")])
+    said = capsys.readouterr().err
+    assert stop.value.code == 2 and said.count("\n") == 1 and "file not found" in said

@@ -1,0 +1,60 @@
+"""One small run of the sample valley, shared by all tests of this folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+
+from sassgis.io.read.config import load_config
+from sassgis.runs.inputs import read_map_run
+from sassgis.runs.map import MapRun, Plan, plan
+from sassgis.runs.run import RunResult, run
+
+TABLES = {"output.rock_table": "csv", "output.passage_table": "csv"}
+
+
+@dataclass(frozen=True)
+class SmallRun:
+    """A finished run."""
+
+    config: Path
+    folder: Path
+    result: RunResult
+
+    def band(self, stem: str, name: str) -> np.ndarray:
+        """A band of a map, NaN where it holds nothing."""
+        with rasterio.open(self.folder / "maps" / f"{stem}.tif") as raster:
+            index = [raster.tags(i)["NAME"] for i in raster.indexes].index(name) + 1
+            values: np.ndarray = raster.read(index, masked=True).astype(float).filled(np.nan)
+        return values
+
+
+@pytest.fixture(scope="session")
+def small(make_valley: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> SmallRun:
+    config = make_valley()
+    folder = tmp_path_factory.mktemp("results") / "valley"
+    return SmallRun(config, folder, run(load_config(config, TABLES), folder, jobs=1))
+
+
+@pytest.fixture(scope="session")
+def job(small: SmallRun) -> MapRun:
+    return small.result.run
+
+
+@pytest.fixture(scope="session")
+def planned(job: MapRun) -> Plan:
+    return plan(job)
+
+
+@pytest.fixture
+def read_job() -> Callable[..., MapRun]:
+    def read(config: Path, **overrides: object) -> MapRun:
+        dotted = {key.replace("__", "."): value for key, value in overrides.items()}
+        return read_map_run(load_config(config, dotted))
+
+    return read

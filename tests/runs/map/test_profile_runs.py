@@ -1,0 +1,118 @@
+"""Runs along one profile, from a table or the terrain; terrain without a coordinate system."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pytest
+import rasterio
+
+from sassgis.io.read.config import load_config
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.runs.profile import (
+    arrivals,
+    passage_histogram,
+    profile_from_csv,
+    run_profile,
+    share_within,
+    simulate_profile,
+)
+from sassgis.runs.run import run
+from sassgis.runs.samples import copy_sample
+
+
+@pytest.fixture(scope="module")
+def bedrina(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return copy_sample("bedrina", tmp_path_factory.mktemp("bedrina")).parent / "config_after.toml"
+
+
+def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Path) -> None:
+    result = run_profile(bedrina, tmp_path / "out", rocks=40)
+    found = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*.*")}
+    assert {"report.html", "manifest.json", "tables/rocks.csv", "figures/profile.png"} <= found
+    assert {f"figures/{n}_along.png" for n in ("energy", "speed", "height")} <= found
+    rocks = pd.read_csv(tmp_path / "out" / "tables" / "rocks.csv")
+    assert len(rocks) == 40 and not rocks.duplicated(["scenario", "rock"]).any()
+    passages = pd.read_csv(tmp_path / "out" / "tables" / "passages.csv")
+    for gate in ("camera 2", "2", "3", "1"):
+        assert (passages["gate"].astype(str) == gate).sum() == arrivals(result, gate)
+    counts = json.loads((tmp_path / "out" / "manifest.json").read_text())["counts"]
+    assert counts["rocks"] == 40
+
+
+def test_equal_seeds_give_equal_profiles_and_others_do_not(bedrina: Path) -> None:
+    config = load_config(bedrina)
+    profile = profile_from_csv(config)
+    first, again, other = (simulate_profile(config, profile, rocks=10, seed=s) for s in (1, 1, 2))
+    assert first.rocks.tobytes() == again.rocks.tobytes()
+    assert (first.rocks["mass_kg"] != other.rocks["mass_kg"]).all()
+
+
+def test_scenarios_with_names_that_begin_alike_draw_apart(bedrina: Path) -> None:
+    config = load_config(bedrina)
+    twins = tuple(replace(config.blocks[0], name=f"blocks of {n}") for n in ("one", "two"))
+    result = simulate_profile(replace(config, blocks=twins), profile_from_csv(config), rocks=30)
+    one, two = (result.rocks[result.scenario == k] for k in (0, 1))
+    assert (one["mass_kg"] != two["mass_kg"]).all()
+    # As many paths as stops of the same rocks on the picture.
+    assert len(result.paths) == 2 * result.drawn == 60
+
+
+def test_shares_and_histograms_count_the_passages(bedrina: Path) -> None:
+    result = simulate_profile(load_config(bedrina), profile_from_csv(load_config(bedrina)))
+    histogram = passage_histogram(result, "camera 2", "speed_mps", (0.0, 15.0, 100.0), "m/s")
+    n, share = share_within(result, "camera 2", "speed_mps", 0.0, np.nextafter(15.0, 0.0))
+    assert histogram.counts.sum() == n == arrivals(result, "camera 2") == 100
+    assert histogram.counts[0] == round(share * n)
+
+
+def test_a_profile_from_the_terrain_meets_the_stations_of_the_map(small, tmp_path: Path) -> None:
+    points = gpd.read_file(small.folder / "result.gpkg", layer="release_points")
+    x, y = points.geometry.iloc[0].coords[0]
+    result = run_profile(small.config, tmp_path / "out", point=(x, y), rocks=20)
+    names = [g.name for g, _ in result.profile.gates]
+    assert "upper talus" in names
+    assert result.profile.s[0] == 0.0 and result.profile.z[0] > result.profile.z[-1] + 100.0
+    assert (tmp_path / "out" / "report.html").is_file()
+    assert result.rocks.size == 2 * 20
+
+
+def test_a_point_off_the_terrain_is_refused(small, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--point: no fall line starts here .*2700000 to 2701200"):
+        run_profile(small.config, tmp_path / "out", point=(0.0, 0.0))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_station_off_the_profile_is_refused(bedrina: Path, tmp_path: Path) -> None:
+    table = tmp_path / "short.csv"
+    table.write_text("s_m,z_m\n0,100\n30,70\n")
+    with pytest.raises(ConfigError, match=r"camera 2.*chainage_m.*found 62.*0 to 30 m"):
+        run_profile(bedrina, tmp_path / "out", csv_file=table)
+
+
+def test_local_coordinates_run_from_end_to_end(make_valley, tmp_path: Path) -> None:
+    config = make_valley()
+    folder = config.parent
+    with rasterio.open(folder / "dem.tif") as raster:
+        profile, values = raster.profile, raster.read()
+    profile.update(crs=None)
+    (folder / "dem.tif").unlink()
+    with rasterio.open(folder / "dem.tif", "w", **profile) as raster:
+        raster.write(values)
+    for file in folder.glob("*.gpkg"):
+        frame = gpd.read_file(file)
+        file.unlink()
+        frame.set_crs(None, allow_override=True).to_file(file, driver="GPKG")
+    text = config.read_text()
+    config.write_text(text.replace('dem = "dem.tif"', 'dem = "dem.tif"\ncrs = "local"'))
+    result = run(config, tmp_path / "out", jobs=1)
+    assert result.run.grid.crs == "" and result.rocks > 200
+    with rasterio.open(tmp_path / "out" / "maps" / "energy.tif") as raster:
+        assert raster.crs is None or not raster.crs.is_projected
+        assert raster.bounds == pytest.approx(result.run.grid.bounds)
+    assert len(gpd.read_file(tmp_path / "out" / "result.gpkg", layer="stops")) == result.rocks

@@ -1,0 +1,311 @@
+"""The sums of a run do not hang on threads, chunks or company, and they are right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import geopandas as gpd
+import numpy as np
+import pytest
+import shapely
+
+from sassgis.hazard.statistics import MapSums, reach_probability
+from sassgis.io.write.layers.maps import map_layers
+from sassgis.model.results import StopReason
+from sassgis.runs import map as map_run
+from sassgis.runs.map import (
+    MapRun,
+    Progress,
+    bins_of,
+    chunks_of,
+    joined_rows,
+    plan,
+    sample_of,
+    simulate_map,
+)
+from sassgis.terrain.spread import SpreadSettings
+
+
+def state(progress: Progress) -> dict[str, np.ndarray]:
+    """All sums, cells in ascending order: they come in that of the chunks."""
+    sums = progress.sums.state()
+    order = np.argsort(sums["cells"])
+    out = {f"map {k}": v[order] for k, v in sums.items()}
+    out |= {f"gates {k}": v for k, v in progress.gates.state().items()}
+    stops = joined_rows(progress.stops)
+    order = np.lexsort((stops.rocks["rock"], stops.rock_scenario, stops.rocks["line"]))
+    out |= {"reasons": progress.reasons, "runout": progress.runout}
+    out |= {"rocks": stops.rocks[order], "x": stops.x[order], "y": stops.y[order]}
+    out["furthest"] = np.array(progress.furthest)
+    for source, tally in sorted(progress.sources.items()):
+        out[f"source {source} rocks"] = np.array(tally.rocks)
+        for part in ("cells", "objects", "gates"):
+            values = getattr(tally, part).state()
+            out |= {f"source {source} {part} {k}": v for k, v in values.items()}
+    return out
+
+
+def assert_same(one: Progress, other: Progress) -> None:
+    mine, theirs = state(one), state(other)
+    assert mine.keys() == theirs.keys()
+    for name in mine:
+        assert mine[name].dtype == theirs[name].dtype
+        assert mine[name].tobytes() == theirs[name].tobytes(), name
+
+
+@pytest.fixture(scope="module")
+def whole(job, planned) -> Progress:
+    return simulate_map(job, planned)
+
+
+@pytest.mark.parametrize(("jobs", "chunk_points"), [(2, 32), (1, 1), (2, 5), (1, 1000)])
+def test_sums_are_the_same_bits_for_any_jobs_and_chunks(
+    job, planned, whole, jobs: int, chunk_points: int
+) -> None:
+    assert_same(simulate_map(job, planned, jobs=jobs, chunk_points=chunk_points), whole)
+
+
+def test_chunks_hold_every_point_once(planned) -> None:
+    for size in (1, 7, 32, 1000):
+        chunks = chunks_of(planned, size)
+        assert np.array_equal(
+            np.concatenate([c.points for c in chunks]), np.arange(len(planned.points))
+        )
+        assert max(c.points.size for c in chunks) <= size
+        assert all(np.unique(planned.points.area[c.points]).size == 1 for c in chunks)
+
+
+def test_another_seed_gives_other_rocks(job, planned, whole) -> None:
+    other = replace(job, seed=job.seed + 1)
+    mine = joined_rows(simulate_map(other, plan(other)).stops).rocks
+    theirs = joined_rows(whole.stops).rocks
+    assert mine.size == theirs.size
+    assert (mine["mass_kg"] != theirs["mass_kg"]).all()
+
+
+def rocks_of_area(job: MapRun) -> dict[str, np.ndarray]:
+    """Rocks by the name of their area, without the number of the line in the run."""
+    planned = plan(job)
+    rows = joined_rows(simulate_map(job, planned).stops)
+    order = np.lexsort((rows.rocks["rock"], rows.rock_scenario, rows.rocks["line"]))
+    rocks = rows.rocks[order]
+    area = planned.points.area[rocks["line"] // job.spread.lines_per_point]
+    names = [n for n in rocks.dtype.names if n != "line"]
+    return {
+        name: np.array(rocks[names][area == i].tolist())
+        for i, name in enumerate(planned.points.area_names)
+    }
+
+
+def test_order_and_company_of_areas_do_not_matter(job) -> None:
+    together = rocks_of_area(job)
+    turned = rocks_of_area(replace(job, areas=job.areas[::-1]))
+    fewer = rocks_of_area(replace(job, areas=job.areas[1:3]))
+    assert set(turned) == set(together) > set(fewer)
+    for other in (turned, fewer):
+        for name, rocks in other.items():
+            assert rocks.size > 0 and np.array_equal(rocks, together[name])
+
+
+def test_a_run_that_goes_on_is_the_run_that_was_not_stopped(job, planned, whole) -> None:
+    class Stop(Exception):
+        pass
+
+    held: list[Progress] = []
+
+    def stop(progress: Progress, chunks: int, rows: object) -> None:
+        if progress.chunks == 3:
+            held.append(progress)
+            raise Stop
+
+    with pytest.raises(Stop):
+        simulate_map(job, planned, on_chunk=stop, chunk_points=7)
+    assert held[0].chunks == 3 and held[0].reasons.sum() < whole.reasons.sum()
+    assert_same(simulate_map(job, planned, resume=held[0], chunk_points=7), whole)
+
+
+def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One rock per line and one line per chunk: what is added is then the values of one rock."""
+    one = replace(job, rocks_per_point=1, spacing_m=5.0)
+    planned = plan(one)
+    seen: dict[str, list[tuple[int, float]]] = {"energy": [], "height": [], "speed": []}
+    stopped: list[int] = []
+    add = MapSums.add
+
+    def listen(self, cells, sums) -> None:
+        columns = sums if isinstance(sums, dict) else sums._asdict()
+        came = columns["reach"] > 0
+        assert columns["reach"].max() <= 1
+        for name, values in seen.items():
+            values += zip(cells[came].tolist(), columns[f"{name}_max"][came].tolist(), strict=True)
+        stopped.extend(cells[columns["stops"] > 0].tolist())
+        add(self, cells, sums)
+
+    monkeypatch.setattr(MapSums, "add", listen)
+    progress = simulate_map(one, planned, chunk_points=1)
+    bins = bins_of(one)._asdict()
+    layers = map_layers(
+        progress.sums, one.grid.shape, sample_of(one, planned, progress), bins, one.grid.cell_size
+    )
+    band = {(a.stem, b.name): b.values.ravel() for a in layers for b in a.bands}
+    counts = np.bincount([c for c, _ in seen["energy"]], minlength=one.grid.values.size)
+    assert np.array_equal(np.nan_to_num(band["passages", "passages"]), counts)
+    assert np.array_equal(
+        np.nan_to_num(band["stops", "stops"]), np.bincount(stopped, minlength=counts.size)
+    )
+    assert counts.max() >= 8
+    for name, stem in (("energy", "energy"), ("height", "passing_height"), ("speed", "speed")):
+        values: dict[int, list[float]] = {}
+        for cell, value in seen[name]:
+            values.setdefault(cell, []).append(value)
+        edges = bins[name]
+        for cell, own in values.items():
+            own.sort()
+            assert band[stem, "max"][cell] == np.float32(own[-1])
+            for p, q in ((0.5, "q50"), (0.9, "q90"), (0.95, "q95"), (0.99, "q99")):
+                # The smallest value that p of the rocks do not exceed: in the same bin.
+                exact = own[int(np.ceil(p * len(own) - 1e-9)) - 1]
+                i = min(int(np.searchsorted(edges, exact, side="right")) - 1, edges.size - 2)
+                found = float(band[stem, q][cell])
+                assert edges[i] * (1 - 1e-6) <= found <= edges[i + 1] * (1 + 1e-6)
+            if name == "energy":
+                assert band[stem, "mean"][cell] == pytest.approx(np.mean(own), rel=1e-5, abs=1e-3)
+
+
+# --- The sample ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("placement", ["grid", "random"])
+def test_the_standard_error_is_the_scatter_over_seeds(job, placement: str) -> None:
+    """Scatter of 60 small runs against the error that each of them states, all cells together."""
+    rocks = 2 if placement == "random" else 5
+    # The part of the terrain model around one area: what lies elsewhere only takes time.
+    x, y = job.areas[0].geometry.centroid.coords[0]
+    (row, col) = divmod(int(job.grid.cell_of(np.array([x]), np.array([y]))[0]), job.grid.shape[1])
+    window = (slice(max(row - 60, 0), row + 90), slice(max(col - 30, 0), col + 160))
+    grid = replace(
+        job.grid,
+        values=np.ascontiguousarray(job.grid.values[window]),
+        west=job.grid.west + window[1].start * job.grid.cell_size,
+        north=job.grid.north - window[0].start * job.grid.cell_size,
+    )
+    tiny = replace(
+        job, grid=grid, ground=np.ascontiguousarray(job.ground[window]), gates=(),
+        areas=job.areas[:1], spacing_m=10.0, rocks_per_point=rocks, placement=placement,
+    )  # fmt: skip
+    size = tiny.grid.values.size
+    total, square, stated = np.zeros(size), np.zeros(size), np.zeros(size)
+    n = 60
+    for seed in range(n):
+        run = replace(tiny, seed=seed)
+        planned = plan(run)
+        progress = simulate_map(run, planned)
+        sums = progress.sums
+        p, error = reach_probability(
+            sums.column("reach").astype(np.int64),
+            sums.column("reach_square").astype(np.int64),
+            sample_of(run, planned, progress),
+        )
+        total[sums.cells] += p
+        square[sums.cells] += p**2
+        stated[sums.cells] += error**2
+    scatter = (square - total**2 / n) / (n - 1)
+    assert (total > 0).sum() > 1000
+    assert np.sqrt(scatter.sum() / (stated.sum() / n)) == pytest.approx(1.0, abs=0.2)
+
+
+def test_random_points_differ_between_seeds_and_lie_in_their_areas(job) -> None:
+    one = replace(job, placement="random")
+    first, again, other = (plan(replace(one, seed=s)).points for s in (1, 1, 2))
+    assert np.array_equal(first.x, again.x) and not np.array_equal(first.x, other.x)
+    for i, area in enumerate(one.areas):
+        own = first.area == i
+        expected = area.geometry.area / one.spacing_m**2
+        assert abs(own.sum() - expected) <= 1.0
+        assert shapely.contains_xy(area.geometry, first.x[own], first.y[own]).all()
+    assert simulate_map(one, plan(one)).reasons.sum() > 0
+
+
+def test_bundles_share_the_rocks_of_a_point(job, planned, whole) -> None:
+    spread = replace(job, spread=SpreadSettings(3, 10.0))
+    bundles = plan(spread)
+    progress = simulate_map(spread, bundles, chunk_points=5)
+    lines = [line for part in progress.lines for line in part.fan.tolist()]
+    assert len(lines) == 3 * len(planned.points)
+    assert sorted(set(np.round(lines, 6))) == pytest.approx([-0.1 / 3, 0.0, 0.1 / 3], abs=1e-5)
+    rocks = joined_rows(progress.stops).rocks
+    assert spread.rocks_per_line == 2
+    assert rocks.size + progress.lost == 6 * len(planned.points)
+    assert set(np.unique(rocks["line"])) <= set(range(3 * len(planned.points)))
+    # More lines cover more ground, and their sums do not hang on the chunks either.
+    assert progress.sums.cells.size > whole.sums.cells.size
+    assert_same(progress, simulate_map(spread, bundles, jobs=2))
+
+
+# --- Where rocks start ---------------------------------------------------------------------------
+
+
+def test_rocks_start_along_lines_and_at_points(job) -> None:
+    box = job.areas[0].geometry
+    x, y = box.representative_point().coords[0]
+    line = shapely.LineString([(x - 15.0, y), (x + 15.0, y)])
+    areas = (
+        replace(job.areas[0], name="line", geometry=line),
+        replace(job.areas[0], name="point", geometry=shapely.Point(x, y)),
+        replace(job.areas[0], name="points", geometry=shapely.MultiPoint([(x, y), (x + 3, y)])),
+    )
+    some = replace(job, areas=areas)
+    planned = plan(some)
+    counts = np.bincount(planned.points.area)
+    assert counts.tolist() == [3, 1, 2]
+    assert (planned.moved == 0.0).all()
+    progress = simulate_map(some, planned)
+    assert progress.reasons.sum() == 6 * 6
+    rocks = joined_rows(progress.stops).rocks
+    assert (rocks["start_m"] == 0.0).all() and rocks["runout_m"].max() > 100.0
+
+
+def test_rocks_that_cannot_be_followed_are_counted(job) -> None:
+    """On nodata, and in the last column of the terrain model where it falls outwards."""
+    x, y = job.areas[0].geometry.representative_point().coords[0]
+    values = job.grid.values.copy()
+    hole = job.grid.cell_of(np.array([x + 30.0]), np.array([y]))[0]
+    row, col = divmod(int(hole), job.grid.shape[1])
+    values[row - 3 : row + 4, col - 3 : col + 4] = np.nan
+    areas = (
+        replace(job.areas[0], name="good", geometry=shapely.Point(x, y)),
+        replace(job.areas[0], name="hole", geometry=shapely.Point(x + 30.0, y)),
+    )
+    some = replace(job, areas=areas, grid=replace(job.grid, values=values))
+    planned = plan(some)
+    progress = simulate_map(some, planned)
+    assert progress.lost == 6 and progress.reasons.sum() == 6
+    assert planned.rocks_of_point(some).sum() == progress.lost + progress.reasons.sum()
+    assert sample_of(some, planned, progress).rocks == 6
+
+
+def test_rocks_leave_a_terrain_model_that_ends_too_early(job) -> None:
+    x, _ = job.areas[0].geometry.representative_point().coords[0]
+    cut = int((x + 60.0 - job.grid.west) / job.grid.cell_size)
+    grid = replace(job.grid, values=np.ascontiguousarray(job.grid.values[:, :cut]))
+    short = replace(
+        job, grid=grid, ground=np.ascontiguousarray(job.ground[:, :cut]), areas=job.areas[:1],
+        gates=(),
+    )  # fmt: skip
+    progress = simulate_map(short, plan(short))
+    assert progress.reasons[StopReason.LEFT_PROFILE] > 0
+    ends = map_run.line_ends(progress)
+    assert sum(ends.values()) == len(plan(short).points)
+    assert ends[map_run.LineEnd.LEFT_DEM] > 0
+
+
+def test_a_release_file_of_points_gives_rocks(make_valley, read_job) -> None:
+    config = make_valley()
+    file = config.parent / "release.gpkg"
+    frame = gpd.read_file(file)
+    frame.geometry = frame.geometry.representative_point()
+    frame.to_file(file, driver="GPKG")
+    points = read_job(config)
+    planned = plan(points)
+    assert len(planned.points) == len(frame)
+    assert simulate_map(points, planned).reasons.sum() == 6 * len(frame)

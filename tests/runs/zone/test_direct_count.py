@@ -1,0 +1,230 @@
+"""Hazard curves against rocks that are simulated and counted one at a time, in plain Python.
+
+Each rock is let go alone, so that what it leaves in the cells of its line is its own largest energy
+there. Nothing of what adds up in the program takes part: not the counting at thresholds, not the
+joining of chunks, not the windows or the objects.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
+
+from sassgis.engine.simulate import simulate
+from sassgis.runs.map import LEAD_IN_M, bins_of, gate_crossings, line_draw_keys
+from sassgis.terrain.flatten import profiles
+from sassgis.terrain.release import take
+from sassgis.terrain.spread import trace_bundles
+from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, take_profiles, usable, with_lead_in
+
+#: Area, scenario, line, round: cells with the largest energy of a rock there (kJ).
+Rock = tuple[str, str, int, int, dict[int, float]]
+
+
+def rocks_one_by_one(zoned: Zoned) -> list[Rock]:
+    """Follow every rock of a run by itself."""
+    run, planned = zoned.done.run, zoned.done.planned
+    out: list[Rock] = []
+    m, n = run.spread.lines_per_point, run.rocks_per_line
+    for point in range(len(planned.points)):
+        starts = take(planned.starts, np.array([point]))
+        traces = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, run.spread)
+        flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
+        good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
+        area = int(starts.area[0])
+        moved = planned.moved[point]
+        for scenario in planned.scenarios[area]:
+            blocks = run.blocks[scenario]
+            keys = line_draw_keys(traces, starts.key, m, blocks.name)
+            for member in np.flatnonzero(good):
+                this = np.arange(len(traces)) == member
+                line = take_lines(traces, this)
+                ahead = with_lead_in(take_profiles(flat, this), LEAD_IN_M)
+                for number in range(run.rounds * n):
+                    alone = simulate(
+                        ahead, run.table, blocks, run.engine, seed=run.seed, rocks_per_line=1,
+                        line_keys=keys[this], starts=np.array([[0.0, min(2 * moved, ahead.s[-1])]]),
+                        gates=gate_crossings(run, line), first_rock=number, bins=bins_of(run),
+                    )  # fmt: skip
+                    came = alone.sums["reach"] == 1
+                    cells = alone.cells[came].tolist()
+                    energy = alone.sums["energy_max"][came].tolist()
+                    stratum = (point * m + int(member)) * run.rounds + number // n
+                    out.append(
+                        (run.areas[area].name, blocks.name, stratum, number,
+                         dict(zip(cells, energy, strict=True)))
+                    )  # fmt: skip
+    return out
+
+
+def in_windows(rocks: Iterable[Rock], n_rows: int, n_cols: int, radius: float) -> list[Rock]:
+    """Each rock with its largest energy within a radius (in cells) of every cell."""
+    reach = math.floor(radius)
+    steps = [
+        (i, j)
+        for i in range(-reach, reach + 1)
+        for j in range(-reach, reach + 1)
+        if math.hypot(i, j) <= radius + 1e-9
+    ]
+    out = []
+    for area, scenario, line, number, own in rocks:
+        around: dict[int, float] = {}
+        for cell, energy in own.items():
+            row, col = divmod(cell, n_cols)
+            for i, j in steps:
+                if 0 <= row + i < n_rows and 0 <= col + j < n_cols:
+                    there = (row + i) * n_cols + col + j
+                    around[there] = max(around.get(there, 0.0), energy)
+        out.append((area, scenario, line, number, around))
+    return out
+
+
+def on_objects(rocks: Iterable[Rock], cells: list[set[int]]) -> list[Rock]:
+    """Each rock with its largest energy on every object that it comes to."""
+    out = []
+    for area, scenario, line, number, own in rocks:
+        hit = {}
+        for thing, ground in enumerate(cells):
+            there = [own[c] for c in ground & own.keys()]
+            if there:
+                hit[thing] = max(there)
+        out.append((area, scenario, line, number, hit))
+    return out
+
+
+def counted(rocks: list[Rock], source: tuple[str, str], energies: list[float]) -> tuple:
+    """Rocks of a source by place and energy, the squares by stratum, and how many rocks it has."""
+    per_line: dict[tuple[int, int], list[int]] = defaultdict(lambda: [0] * len(energies))
+    count: dict[int, list[int]] = defaultdict(lambda: [0] * len(energies))
+    own = [r for r in rocks if r[:2] == source]
+    for _, _, line, _, places in own:
+        for place_, energy in places.items():
+            for k, e in enumerate(energies):
+                if energy >= e:
+                    count[place_][k] += 1
+                    per_line[place_, line][k] += 1
+    square: dict[int, list[int]] = defaultdict(lambda: [0] * len(energies))
+    for (place_, _), numbers in per_line.items():
+        square[place_] = [a + b * b for a, b in zip(square[place_], numbers, strict=True)]
+    return count, square, len(own)
+
+
+def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
+    case = two_areas(folder, spread={"lines_per_point": 2, "width_percent": 8.0}, **settings)
+    # Two houses, one of them on its corner, and people at a point in the gully.
+    corner = shapely.affinity.rotate(box(60.3, 33.2, 4.7, 3.1), 30.0)
+    case.write_layer(
+        "houses.gpkg", [corner, box(50.0, 30.0, 3.0, 6.0)],
+        {"name": ["corner", "upper"], "value": [1e5, 2e5], "persons": [2.0, 3.0]},
+    )  # fmt: skip
+    case.write_layer("people.gpkg", [shapely.Point(*place(45.2, 35.4))], {"name": ["bench"]})
+    case.lists["objects"] = [
+        {"name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
+         "value_field": "value", "persons_field": "persons", "presence": 0.6},
+        {"name": "people", "kind": "people", "file": "people.gpkg", "persons": 1,
+         "presence": 0.1, "radius_m": 5.0},
+    ]  # fmt: skip
+    case.write_text("vulnerability.csv", VULNERABILITY.rstrip())
+    case.set("risk.vulnerability", "vulnerability.csv")
+    case.sections["release"] |= {"spacing_m": 5.0, "rocks_per_point": 6}
+    # A second round of rocks, which is never enough.
+    case.sections["hazard"] |= {"undecided_share_max": 0.0001, "rounds_max": 2}
+    case.write()
+    return case, zoned(case.config, folder / "work")
+
+
+@pytest.fixture(scope="module", params=[None, 4.0, 10.0], ids=["cell", "4 m", "10 m"])
+def both(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Zoned, list[Rock], list[Rock]]:
+    """A run; its rocks with the cells they touch; with those for which they count."""
+    hazard = {} if request.param is None else {"ref_width_m": request.param}
+    _, zoned = make(tmp_path_factory.mktemp("counted"), hazard=hazard)
+    rocks = rocks_one_by_one(zoned)
+    if request.param is None:
+        return zoned, rocks, rocks
+    grid = zoned.done.run.grid
+    return zoned, rocks, in_windows(rocks, *grid.shape, 0.5 * request.param / grid.cell_size)
+
+
+def test_there_is_something_to_count(both) -> None:
+    zoned, rocks, _ = both
+    assert len({r[:2] for r in rocks}) == 4
+    assert len(rocks) == sum(s.source.rocks for s in zoned.found.hazard.sampled) > 300
+    assert (zoned.done.run.rocks_per_line, zoned.done.run.rounds) == (3, 2)
+    assert max(max(r[4].values()) for r in rocks if r[4]) > 300.0
+    # Rocks of both areas meet in the gully.
+    north, south = ({c for r in rocks if r[0] == name for c in r[4]} for name in ("north", "south"))
+    assert len(north & south) > 20
+
+
+def test_counts_are_the_same(both) -> None:
+    zoned, _, rocks = both
+    energies = zoned.curves.energies_kj.tolist()
+    for s in zoned.found.hazard.sampled:
+        count, square, n = counted(rocks, (s.source.area, s.source.scenario), energies)
+        assert n == s.source.rocks
+        assert s.cells.places.tolist() == sorted(count)
+        assert s.cells.count.tolist() == [count[c] for c in sorted(count)]
+        assert s.cells.square.tolist() == [square[c] for c in sorted(count)]
+
+
+def test_rates_are_the_same_to_machine_precision(both) -> None:
+    zoned, _, rocks = both
+    curves = zoned.curves
+    energies = curves.energies_kj.tolist()
+    terms: dict[int, list[list[float]]] = defaultdict(lambda: [[] for _ in energies])
+    yearly = {"frequent": 0.4, "rare": 0.03}
+    for area in ("north", "south"):
+        for scenario, frequency in yearly.items():
+            count, _, n = counted(rocks, (area, scenario), energies)
+            for cell, numbers in count.items():
+                for k, number in enumerate(numbers):
+                    terms[cell][k].append(frequency * number / n)
+    assert curves.places.tolist() == sorted(terms)
+    wanted = np.array([[math.fsum(t) for t in terms[c]] for c in sorted(terms)])
+    np.testing.assert_allclose(curves.rate, wanted, rtol=4 * np.finfo(float).eps)
+
+
+def test_objects_are_hit_by_the_rocks_that_come_to_their_cells(both) -> None:
+    """Whatever the reference width: an object is as wide as it is drawn."""
+    zoned, rocks, _ = both
+    grid = zoned.done.run.grid
+    n_rows, n_cols = grid.shape
+    shapes = zoned.rules.placed.geometries
+    touched: list[set[int]] = []
+    for shape in shapes:
+        cells = set()
+        for row in range(n_rows):
+            for col in range(n_cols):
+                if shape.intersection(box(col, row, 1, 1)).area > 1e-6:
+                    cells.add(row * n_cols + col)
+        touched.append(cells)
+    hits = on_objects(rocks, touched)
+    energies = zoned.curves.energies_kj.tolist()
+    assert sum(bool(h[4]) for h in hits) > 10
+    table = zoned.found.risk
+    assert table is not None
+    for i, s in enumerate(zoned.found.hazard.sampled):
+        count, square, n = counted(hits, (s.source.area, s.source.scenario), energies)
+        assert s.objects.places.tolist() == sorted(count)
+        assert s.objects.count.tolist() == [count[c] for c in sorted(count)]
+        assert s.objects.square.tolist() == [square[c] for c in sorted(count)]
+        for thing in range(len(shapes)):
+            k = [count[thing][energies.index(e)] for e in (0.0, 30.0, 300.0)]
+            low, mean, high = k[0] - k[1], k[1] - k[2], k[2]
+            per_rock = s.source.frequency / n
+            np.testing.assert_allclose(
+                table.hits[i, thing], per_rock * np.array([low, mean, high]), rtol=1e-14
+            )
+            # Loss: vulnerabilities 0.01, 0.1 and 0.5 of the value.
+            value = (1e5, 2e5, 0.0)[thing]
+            loss = per_rock * value * (0.01 * low + 0.1 * mean + 0.5 * high)
+            assert table.values["loss"][i, thing] == pytest.approx(loss, rel=1e-12)

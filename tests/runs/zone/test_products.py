@@ -1,0 +1,405 @@
+"""What lies in the files of a zoning: maps, GeoPackage, tables, export."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pandas as pd
+import pytest
+import rasterio
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from zone_slope import CELL, VULNERABILITY, Case, Zoned, box, gully, place, two_areas, zoned
+
+from sassgis.cli import main
+from sassgis.hazard.assess import curves_of, hazard_of, level_zones, raster
+from sassgis.hazard.levels import hazard_level, intensity_class
+from sassgis.hazard.zoning.generalise import ZoneSettings
+
+LEVELS = ["residual_hazard", "slight", "mean", "substantial"]
+INTENSITIES = ["low", "mean", "high"]
+PERIODS = [30, 100, 300, None]
+
+
+@dataclass(frozen=True)
+class Result:
+    """The folder of a zoning."""
+
+    case: Case
+    folder: Path
+
+    def band(self, stem: str, name: str) -> np.ndarray:
+        with rasterio.open(self.folder / "maps" / f"{stem}.tif") as file:
+            index = [file.tags(i)["NAME"] for i in file.indexes].index(name) + 1
+            values: np.ndarray = file.read(index, masked=True).filled(0)
+        return values
+
+    def layer(self, name: str) -> gpd.GeoDataFrame:
+        return gpd.read_file(self.folder / "hazard.gpkg", layer=name)
+
+    def table(self, name: str) -> pd.DataFrame:
+        return pd.read_csv(self.folder / "tables" / f"{name}.csv")
+
+    def intensity(self, years: int | None, layer: str = "synoptic_intensity") -> gpd.GeoDataFrame:
+        zones = self.layer(layer)
+        if years is None:
+            return zones[zones["extreme_scenario"]]
+        return zones[zones["return_period_in_years"] == years]
+
+    @property
+    def known(self) -> np.ndarray:
+        with rasterio.open(self.case.folder / "dem.tif") as file:
+            return ~file.read(1, masked=True).mask
+
+
+def with_everything(folder: Path) -> Case:
+    """Unknown terrain beside the run-out, a wall, a road and houses."""
+    case = two_areas(folder, hazard={"ref_width_m": 6.0})
+    heights = gully()
+    heights[40:, 56:] = np.nan
+    heights[33:36, 80:] = np.nan
+    case.write_dem(heights)
+    case.lists["barriers"] = [
+        {"name": "wall", "kind": "wall", "height_m": 3.0,
+         "line": [list(place(40.0, 20.0)), list(place(40.0, 34.0))]},
+    ]  # fmt: skip
+    case.write_layer(
+        "houses.gpkg", [box(62.0, 33.0, 3.0, 4.0), box(66.0, 30.0, 3.0, 6.0)],
+        {"name": ["left", "right"]},
+    )  # fmt: skip
+    road = shapely.LineString([place(60.0, 10.0), place(60.0, 38.0)])
+    case.write_layer("road.gpkg", [road], {"name": ["lane"]})
+    case.lists["objects"] = [
+        {"name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
+         "value": 4e5, "persons": 2.0, "presence": 0.5},
+        {"name": "lane", "kind": "road", "file": "road.gpkg", "name_field": "name",
+         "segment_m": 20.0, "value_per_m": 500.0, "traffic_per_day": 400.0, "speed_kmh": 50.0,
+         "vehicle_length_m": 4.5, "persons_per_vehicle": 1.5},
+    ]  # fmt: skip
+    roads = [
+        f"{kind},{intensity},{loss},{death},invented"
+        for kind, death in (("road", 0), ("vehicle", 0.2))
+        for intensity, loss in (("low", 0.1), ("mean", 0.4), ("high", 0.9))
+    ]
+    case.write_text("vulnerability.csv", *VULNERABILITY.split(), *roads)
+    case.sections["risk"] = {"vulnerability": "vulnerability.csv"}
+    case.write()
+    return case
+
+
+CASES: dict[str, Callable[[Path], Case]] = {
+    "cells": two_areas,
+    "rare": lambda folder: two_areas(
+        folder, zones={"min_area_m2": 400.0, "closing_m": 12.0, "min_width_m": 10.0}
+    ),
+    "everything": with_everything,
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Result:
+    folder = tmp_path_factory.mktemp("made")
+    case = CASES[request.param](folder)
+    if request.param == "rare":
+        case.blocks[0]["onset_frequency"], case.blocks[1]["onset_frequency"] = 0.1, 0.004
+        case.write()
+    with pytest.raises(SystemExit) as stopped:
+        main(["zone", str(case.config), "-o", str(folder / "out"), "--jobs", "1"])
+    assert stopped.value.code == 0
+    return Result(case, folder / "out")
+
+
+def centres(shape: tuple[int, int]) -> np.ndarray:
+    """Points in the middle of all cells, in the shape of the grid."""
+    rows, cols = np.indices(shape)
+    return shapely.points(*place(cols + 0.5, rows + 0.5))
+
+
+def class_at(zones: gpd.GeoDataFrame, codes: list[str], column: str, shape) -> np.ndarray:
+    """Class of the zone at the centre of each cell, 0 outside; the higher one on a border."""
+    out = np.zeros(shape, np.int64)
+    points = centres(shape)
+    for geometry, code in zip(zones.geometry, zones[column], strict=True):
+        shapely.prepare(geometry)
+        inside = shapely.intersects(geometry, points)
+        out[inside] = np.maximum(out[inside], codes.index(code) + 1)
+    return out
+
+
+def parts(zones: gpd.GeoDataFrame) -> np.ndarray:
+    return shapely.get_parts(np.array(zones.geometry))
+
+
+def test_the_level_map_is_not_empty(made: Result) -> None:
+    level = made.band("hazard_level", "level")
+    assert np.unique(level).size >= 4 and 300 < (level > 0).sum() < 0.5 * level.size
+
+
+def test_no_zone_is_below_its_cells(made: Result) -> None:
+    level = made.band("hazard_level", "level")
+    for name in ("hazard_zones", "hazard_area"):
+        zones = class_at(made.layer(name), LEVELS, "hazard_level", level.shape)
+        assert np.all(zones >= level), name
+    for years in PERIODS:
+        name = "extreme" if years is None else str(years)
+        cells = made.band(f"intensity_{name}", "intensity")
+        zones = class_at(made.intensity(years), INTENSITIES, "intensity_class", cells.shape)
+        assert np.all(zones >= cells), years
+
+
+def test_zones_are_valid_coverages(made: Result) -> None:
+    layers = [made.layer("hazard_zones"), made.layer("hazard_area")]
+    layers += [made.intensity(years) for years in PERIODS]
+    by_source = made.layer("intensity_by_source")
+    for area in ("north", "south"):
+        own = by_source[by_source["process_source"] == area]
+        assert len(own)
+        for years in PERIODS:
+            at = own["extreme_scenario"] if years is None else (
+                own["return_period_in_years"] == years
+            )  # fmt: skip
+            layers.append(own[at])
+    assert sum(len(layer) > 0 for layer in layers) > 8
+    for layer in layers:
+        polygons = parts(layer)
+        assert shapely.is_valid(polygons).all()
+        assert (shapely.area(polygons) > 0.0).all()
+        assert shapely.coverage_is_valid(polygons)
+        assert shapely.union_all(polygons).area == pytest.approx(
+            shapely.area(polygons).sum(), rel=1e-12
+        )
+
+
+def test_rarer_zones_contain_the_more_frequent_ones(made: Result) -> None:
+    for code in range(len(INTENSITIES)):
+        unions = []
+        for years in PERIODS:
+            zones = made.intensity(years)
+            strong = zones[zones["intensity_class"].isin(INTENSITIES[code:])]
+            unions.append(shapely.union_all(parts(strong)))
+        assert not unions[-1].is_empty
+        for frequent, rare in pairwise(unions):
+            assert frequent.difference(rare).area == pytest.approx(0.0, abs=1e-6)
+            assert frequent.area <= rare.area
+
+
+def test_zones_stay_on_known_terrain(made: Result) -> None:
+    known = made.known
+    rows, cols = np.nonzero(~known)
+    x, y = place(cols, rows)
+    unknown = shapely.union_all(shapely.box(x, y - CELL, x + CELL, y))
+    west, north = place(0, 0)
+    east, south = place(known.shape[1], known.shape[0])
+    terrain = shapely.box(west, south, east, north).difference(unknown)
+    for name in ("hazard_zones", "synoptic_intensity", "indicative_hazard_area"):
+        zones = shapely.union_all(parts(made.layer(name)))
+        outside = zones.difference(terrain).area
+        assert outside == pytest.approx(0.0, abs=1e-6), name
+    assessed = shapely.union_all(parts(made.layer("assessment_area")))
+    assert assessed.symmetric_difference(terrain).area == pytest.approx(0.0, abs=1e-6)
+
+
+def test_areas_in_tables_are_those_of_the_layers(made: Result) -> None:
+    zones, table = made.layer("hazard_zones"), made.table("zones")
+    assert len(zones) == len(table)
+    assert np.allclose(table["area_m2"], zones.geometry.area, atol=0.06)
+    assert np.allclose(zones["area_m2"], zones.geometry.area, atol=0.06)
+    # Every zone once in the federal layer.
+    federal = made.layer("hazard_area")
+    for code in LEVELS:
+        own = zones[zones["hazard_level"] == code].geometry.area.sum()
+        same = federal[federal["hazard_level"] == code].geometry.area.sum()
+        assert own == pytest.approx(same, rel=1e-9)
+    # Cells of zones: every reached cell lies in one of them.
+    assert table["cells"].sum() == (made.band("hazard_level", "level") > 0).sum()
+    report = html.unescape((made.folder / "report.html").read_text(encoding="utf-8"))
+    text = re.sub(r"<[^>]+>", " ", report).replace(",", "").replace("\u2009", "")
+    for code in LEVELS:
+        area = zones[zones["hazard_level"] == code].geometry.area.sum()
+        if area:
+            assert re.search(rf"\b{round(area)}\b", text), (code, area)
+
+
+def test_shares_of_sources_add_up(made: Result) -> None:
+    shares = made.table("zone_sources")
+    zones = made.table("zones")
+    total = shares.groupby("zone")["share"].sum()
+    assert np.allclose(total, 1.0, atol=1e-9)
+    assert set(total.index) == set(zones.loc[zones["cells"] > 0, "zone"])
+    largest = shares.loc[shares.groupby("zone")["share"].idxmax()].set_index("zone")
+    governed = zones.set_index("zone").loc[largest.index]
+    assert (governed["governing_area"] == largest["area"]).all()
+    assert (governed["governing_scenario"] == largest["scenario"]).all()
+    sources = made.table("sources")
+    assert set(zip(sources["area"], sources["scenario"], strict=True)) == {
+        (a, b["name"]) for a in ("north", "south") for b in made.case.blocks
+    }
+    one_rock = sources["onset_per_year"] / sources["rocks"]
+    assert np.allclose(sources["per_year_of_one_rock"], one_rock, rtol=1e-5)
+
+
+def test_risk_adds_up(made: Result) -> None:
+    if "objects" not in made.case.lists:
+        assert not (made.folder / "tables" / "risk_objects.csv").exists()
+        return
+    for suffix in ("", "_without_barriers"):
+        objects, sources, totals = (
+            made.table(f"risk_{n}{suffix}") for n in ("objects", "sources", "total")
+        )
+        assert objects["loss_per_year"].sum() > 0.0
+        for quantity in ("hits", "loss", "deaths", "vehicles_hit"):
+            column = f"{quantity}_per_year"
+            whole = totals.loc[totals["scope"] == "all", column].item()
+            assert objects[column].sum() == pytest.approx(whole, rel=1e-9)
+            assert sources[column].sum() == pytest.approx(whole, rel=1e-9)
+            for scope in ("kind", "source"):
+                own = totals.loc[totals["scope"] == scope, column].sum()
+                assert own == pytest.approx(whole, rel=1e-9)
+        classes = sum(objects[f"hits_{c}_per_year"] for c in INTENSITIES)
+        assert np.allclose(classes, objects["hits_per_year"], rtol=1e-9)
+        whole = totals[(totals["scope"] == "whole") & (totals["name"] == "lane")]
+        assert whole["objects"].item() == (objects["part_of"] == "lane").sum() == 3
+    layers = pd.concat([made.layer("risk_objects"), made.layer("risk_lines")])
+    table = made.table("risk_objects").set_index("name")["loss_per_year"]
+    assert np.allclose(layers.set_index("name")["loss_per_year"].reindex(table.index), table)
+
+
+def test_what_the_wall_changes_adds_up(made: Result) -> None:
+    if "barriers" not in made.case.lists:
+        assert not (made.folder / "tables" / "level_changes.csv").exists()
+        return
+    table = made.table("level_changes").set_index("level_without")
+    labels = ["residual", "slight", "mean", "substantial"]
+    for layer, sums in (
+        ("hazard_zones", table.sum(axis=0).to_numpy()),
+        ("hazard_zones_without", table.sum(axis=1).to_numpy()),
+    ):
+        zones = made.layer(layer)
+        for label, found in zip(labels, sums[1:], strict=True):
+            wanted = zones[zones["label"] == label].geometry.area.sum()
+            assert found == pytest.approx(wanted, abs=0.5), (layer, label)
+    changes = made.layer("level_changes")
+    order = {c: i for i, c in enumerate(["not_in_danger", *LEVELS])}
+    lower = changes["level_after"].map(order) < changes["level_before"].map(order)
+    assert (lower == (changes["change"] == "lower")).all() and lower.any()
+    assert changes.geometry.area.sum() == pytest.approx(table.to_numpy().sum(), abs=2.0)
+
+
+def test_maps_are_in_the_files_what_they_are_in_memory(made: Result, tmp_path: Path) -> None:
+    found = zoned(made.case.config, tmp_path / "work")
+    shape = found.done.run.grid.shape
+    curves, preset = found.curves, found.rules.preset
+    level = raster(found.done.run.grid, curves.places, hazard_level(curves, preset))
+    assert np.array_equal(made.band("hazard_level", "level"), level)
+    for years in PERIODS:
+        name = "extreme" if years is None else str(years)
+        classes = intensity_class(curves, preset, years)
+        wanted = raster(found.done.run.grid, curves.places, classes)
+        assert np.array_equal(made.band(f"intensity_{name}", "intensity"), wanted)
+    for e in (0, 30, 300):
+        rate = made.band("frequency", f"rate_{e}")
+        np.testing.assert_allclose(rate, found.rate(e).reshape(shape), rtol=1e-6)
+
+
+def test_export_in_switzerland(made: Result, tmp_path: Path, capsys) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["export", str(made.folder), "--xtf", str(tmp_path / "z.xtf"), "--canton", "TI"])
+    out, err = capsys.readouterr()
+    assert stopped.value.code == 0, err
+    text = (tmp_path / "z.xtf").read_text(encoding="utf-8")
+    zones = 0
+    for name in ("assessment_area", "synoptic_intensity", "intensity_by_source", "hazard_area"):
+        assert f"{name} {len(made.layer(name))}" in out
+        zones += len(made.layer(name))
+    assert len(re.findall(r'<[^>]* TID="', text)) >= zones
+
+
+@pytest.mark.parametrize("crs", ["EPSG:31287"])
+def test_export_elsewhere_is_refused(tmp_path: Path, call, crs: str) -> None:
+    """The zones are made all the same, without claiming to be federal."""
+    case = two_areas(tmp_path)
+    case.write_dem(gully(), crs=crs)
+    case.write_layer("release.gpkg", [box(4.0, 20.0, 8.0, 9.0)], {"name": ["north"]}, crs)
+    code, _, err = call("zone", case.config, "-o", tmp_path / "out", "--jobs", "1")
+    assert code == 0, err
+    code, out, err = call("export", tmp_path / "out", "--xtf", tmp_path / "z.xtf")
+    assert code == 2 and out == ""
+    assert err.count("\n") == 1 and err.startswith("Error: ") and "Traceback" not in err
+    assert re.search("2056|Switzerland|LV95", err), err
+    assert not (tmp_path / "z.xtf").exists()
+
+
+def test_a_run_without_zones_cannot_be_exported(tmp_path: Path, call) -> None:
+    case = two_areas(tmp_path)
+    code, _, err = call("run", case.config, "-o", tmp_path / "out", "--jobs", "1")
+    assert code == 0, err
+    code, _, err = call("export", tmp_path / "out", "--xtf", tmp_path / "z.xtf")
+    assert code == 2 and "no hazard zones" in err and err.count("\n") == 1
+
+
+# ---------------------------------------------------------------------------------------------
+# Other settings and frequencies, in memory
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Zoned:
+    folder = tmp_path_factory.mktemp("simulated")
+    return zoned(with_everything(folder).config, folder / "work")
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    yearly=st.tuples(st.floats(1e-5, 3.0), st.floats(1e-5, 3.0)),
+    min_area=st.sampled_from([0.0, 20.0, 100.0, 500.0]),
+    closing=st.sampled_from([0.0, 4.0, 10.0]),
+    width=st.sampled_from([0.0, 6.0, 14.0]),
+    tolerance=st.sampled_from([0.0, 1.0, 3.0, 8.0]),
+)
+def test_whatever_the_settings(
+    simulated: Zoned,
+    yearly: tuple[float, float],
+    min_area: float,
+    closing: float,
+    width: float,
+    tolerance: float,
+) -> None:
+    grid, preset = simulated.done.run.grid, simulated.rules.preset
+    frequency = dict(zip(("frequent", "rare"), yearly, strict=True))
+    sampled = [
+        replace(s, source=replace(s.source, frequency=frequency[s.source.scenario]))
+        for s in simulated.found.hazard.sampled
+    ]
+    how = ZoneSettings(min_area, closing, width, tolerance)
+    curves = curves_of(sampled, simulated.curves.energies_kj)
+    drawn_levels = level_zones([curves], preset, grid, how)[0]
+    found = hazard_of(sampled, curves, drawn_levels, preset, grid, how, 0.95)
+    known = np.isfinite(grid.values)
+    points = centres(grid.shape)
+    before = np.zeros(grid.shape, np.int64)
+    maps = [(intensity_class(found.curves, preset, m.years), m.zones) for m in found.intensities]
+    for classes, zones in [*maps, (hazard_level(found.curves, preset), found.levels)]:
+        assert shapely.coverage_is_valid(zones.polygons) and shapely.is_valid(zones.polygons).all()
+        drawn = np.zeros(grid.shape, np.int64)
+        for polygon, value in zip(zones.polygons, zones.classes, strict=True):
+            shapely.prepare(polygon)
+            inside = shapely.intersects(polygon, points)
+            drawn[inside] = np.maximum(drawn[inside], value)
+        assert np.all(drawn >= raster(grid, found.curves.places, classes))
+        assert not drawn[~known].any()
+        if zones is not found.levels:
+            assert np.all(drawn >= before)
+            before = drawn
+    # Facts of zones: all reached cells, and shares that are whole.
+    assert found.facts.cells.sum() == found.curves.places.size
+    some = found.facts.cells > 0
+    assert np.allclose(found.facts.shares[some].sum(axis=1), 1.0)
+    areas = [p.area for p in found.levels.polygons]
+    assert np.allclose(found.facts.area_m2, areas)

@@ -1,0 +1,135 @@
+"""A hundred runs with a hundred seeds scatter as the standard errors of each of them say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from zone_slope import VULNERABILITY, box, two_areas
+
+from sassgis.hazard.assess import curves_of
+from sassgis.hazard.risk import RiskTable
+from sassgis.hazard.sources import sampled_sources
+from sassgis.io.read.config import load_config
+from sassgis.runs.assessment import read_rules, risk_of
+from sassgis.runs.map import bins_of, plan, simulate_map
+from sassgis.runs.run import read_job
+from sassgis.runs.zone import prepared
+
+SEEDS = 100
+ENERGIES = (0.0, 30.0, 300.0)
+#: Cells must be expected to see so many rocks, of which the errors can be told.
+ENOUGH = 10.0
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """Rates and variances of repeated runs: (seeds, cells, energies); risk tables."""
+
+    rate: np.ndarray
+    variance: np.ndarray
+    rocks: np.ndarray
+    risk: list[RiskTable]
+    random: bool
+
+
+def repeated(folder: Path, **settings: dict[str, object]) -> Repeated:
+    case = two_areas(folder, **settings)
+    case.sections["release"] |= {"rocks_per_point": 60, "spacing_m": 8.0}
+    case.blocks[0] |= {"axis_1_m": [0.2, 0.5], "onset_frequency": 0.1}
+    case.blocks[1] |= {"axis_1_m": [0.7, 1.2], "axis_2_m": 0.7, "onset_frequency": 0.1}
+    case.write_layer(
+        "houses.gpkg", [box(62.0, 33.0, 2.0, 5.0), box(66.0, 35.0, 2.0, 1.0)],
+        {"name": ["first", "second"], "value": [1e6, 3e5], "persons": [4.0, 1.0]},
+    )  # fmt: skip
+    case.lists["objects"] = [
+        {"name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
+         "value_field": "value", "persons_field": "persons", "presence": 0.6},
+    ]  # fmt: skip
+    case.write_text("vulnerability.csv", VULNERABILITY.rstrip())
+    case.set("risk.vulnerability", "vulnerability.csv")
+    job = read_job(load_config(case.config), None, lambda _: None)
+    rules = read_rules(load_config(case.config), job.run)
+    run = prepared(job, rules).run
+    n_cells = run.grid.values.size
+    out = np.zeros((3, SEEDS, n_cells, len(ENERGIES)))
+    tables = []
+    for seed in range(SEEDS):
+        this = replace(run, seed=1000 + seed)
+        planned = plan(this) if run.placement == "random" else job.planned
+        sampled = sampled_sources(this, simulate_map(this, planned), rules.frequencies)
+        energies = bins_of(this).threshold
+        curves = curves_of(sampled, energies)
+        columns = [curves.column(e) for e in ENERGIES]
+        out[0, seed, curves.places] = curves.rate[:, columns]
+        out[1, seed, curves.places] = curves.variance[:, columns]
+        for s in sampled:
+            out[2, seed, s.cells.places] += s.cells.count[:, columns]
+        table = risk_of(rules, sampled, energies)
+        assert table is not None
+        tables.append(table)
+    return Repeated(*out, tables, run.placement == "random")
+
+
+CASES = {
+    "lattice": {},
+    "lattice, 10 m wide": {"hazard": {"ref_width_m": 10.0}},
+    "random": {"release": {"placement": "random"}},
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Repeated:
+    return repeated(tmp_path_factory.mktemp("repeated"), **CASES[request.param])
+
+
+@pytest.mark.parametrize("column", range(len(ENERGIES)), ids=[f"{e:g} kJ" for e in ENERGIES])
+def test_the_spread_is_as_predicted(runs: Repeated, column: int) -> None:
+    rate, variance = runs.rate[..., column], runs.variance[..., column]
+    enough = runs.rocks[..., column].mean(axis=0) >= ENOUGH
+    # Where (nearly) all rocks of every line come, nothing scatters.
+    enough &= variance.mean(axis=0) > (0.02 * rate.mean(axis=0)) ** 2
+    assert enough.sum() > 30
+    spread = rate.std(axis=0, ddof=1)[enough]
+    told = np.sqrt(variance.mean(axis=0))[enough]
+    ratio = spread / told
+    # A standard deviation of 100 values is itself known to 7 %, so that 20 % are 2.8 times that.
+    assert np.mean(np.abs(ratio - 1.0) < 0.2) > 0.95, np.percentile(ratio, [1, 5, 50, 95, 99])
+    assert np.abs(ratio - 1.0).max() < 0.45
+    assert abs(np.sqrt(np.mean(ratio**2)) - 1.0) < 0.08
+
+
+def test_the_error_of_a_single_run_is_good_enough(runs: Repeated) -> None:
+    """Each run tells its own error: typically within 20 % of the true one.
+
+    Not so with a handful of random lines, of which a single sample tells little.
+    """
+    if runs.random:
+        return
+    variance = runs.variance[..., 0]
+    enough = runs.rocks[..., 0].mean(axis=0) >= 4 * ENOUGH
+    enough &= variance.mean(axis=0) > (0.05 * runs.rate[..., 0].mean(axis=0)) ** 2
+    assert enough.sum() > 10
+    told = np.sqrt(variance[:, enough])
+    true = runs.rate[..., 0].std(axis=0, ddof=1)[enough]
+    assert np.median(np.abs(told / true - 1.0)) < 0.2
+
+
+def test_rates_do_not_lean(runs: Repeated) -> None:
+    """Two halves of the seeds have the same mean rate, as far as their errors allow."""
+    first, second = runs.rate[::2, :, 0].mean(axis=0), runs.rate[1::2, :, 0].mean(axis=0)
+    error = np.sqrt(runs.variance[..., 0].mean(axis=0) * 4.0 / SEEDS)
+    some = error > 0.0
+    assert np.std((first - second)[some] / error[some]) == pytest.approx(1.0, abs=0.25)
+
+
+def test_errors_of_risk_are_no_smaller_than_the_spread(runs: Repeated) -> None:
+    """They are upper bounds; for a single object they are not far above."""
+    for quantity, most in (("hits", 1.25), ("loss", 1.6), ("deaths", 1.6)):
+        values = np.array([t.of_object(quantity) for t in runs.risk])
+        told = np.sqrt(np.mean([t.standard_error(quantity) ** 2 for t in runs.risk], axis=0))
+        ratio = told / values.std(axis=0, ddof=1)
+        assert np.all(ratio > 0.8), (quantity, ratio)
+        assert np.all(ratio < most), (quantity, ratio)
