@@ -17,7 +17,7 @@ from pathlib import Path
 import pandas as pd
 
 from sassgis.io.read.config import load_config
-from sassgis.io.write.frames import area_gate_table, class_table, write_table
+from sassgis.io.write.frames import area_control_line_table, class_table, write_table
 from sassgis.model.errors import SassgisError
 from sassgis.runs.run import run
 
@@ -34,11 +34,11 @@ def main(argv: list[str] | None = None) -> None:
     result = run(config, given.output, jobs=given.jobs, overwrite=given.overwrite, say=print)
 
     job = result.run
-    areas = area_gate_table(
+    areas = area_control_line_table(
         pd.read_csv(given.output / "tables" / "rocks.csv", usecols=["area"]),
         pd.read_csv(given.output / "tables" / "passages.csv"),
         [area.name for area in job.areas],
-        [gate.name for gate, _ in job.gates],
+        [control_line.name for control_line, _ in job.control_lines],
     )
     energy = next(layer for layer in result.layers if layer.stem == "energy")
     classes = class_table(

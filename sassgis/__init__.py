@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sassgis.model.blocks import BlockPopulation
     from sassgis.model.grid import Grid
     from sassgis.model.ground import GroundClass, GroundTable
-    from sassgis.model.results import Gate, Outcome, StopReason
+    from sassgis.model.results import ControlLine, Outcome, StopReason
     from sassgis.model.settings import EngineSettings
     from sassgis.runs.profile import run_profile
     from sassgis.runs.run import run
@@ -39,8 +39,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "BlockPopulation",
+    "ControlLine",
     "EngineSettings",
-    "Gate",
     "Grid",
     "GroundClass",
     "GroundTable",
@@ -59,7 +59,7 @@ __all__ = [
 _HOMES = {
     "BlockPopulation": "sassgis.model.blocks",
     "EngineSettings": "sassgis.model.settings",
-    "Gate": "sassgis.model.results",
+    "ControlLine": "sassgis.model.results",
     "Grid": "sassgis.model.grid",
     "GroundClass": "sassgis.model.ground",
     "GroundTable": "sassgis.model.ground",

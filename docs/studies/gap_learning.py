@@ -40,7 +40,7 @@ from scipy.optimize import minimize
 from sklearn.ensemble import ExtraTreesClassifier
 
 from sassgis.gap.case import Case
-from sassgis.gap.check.sealed_cases import write_world
+from sassgis.gap.check.blinded_cases import write_world
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world
 from sassgis.gap.check.worlds.battery import DESIGNS as ALL_DESIGNS
 from sassgis.gap.check.worlds.battery import FULL, MODEST, world_seeds
@@ -53,19 +53,19 @@ from sassgis.gap.which.classifier import (
     PAIR,
     SURE,
     UNKNOWN,
-    Judge,
+    Classifier,
     Trees,
     calibrated,
     cautious,
     standardised,
 )
-from sassgis.gap.which.ensemble import bench_of
+from sassgis.gap.which.ensemble import problem_of
 from sassgis.gap.which.families import FAMILIES as TRIED
 from sassgis.gap.which.features import summary
-from sassgis.gap.which.hypotheses import NONE, Dials, draw
+from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw
 from sassgis.gap.which.signature import Base, base_of, features_of, reference_in, signature_of
 from sassgis.gap.which.verdict import Thresholds, decide
-from sassgis.io.read.gap_thresholds import JUDGES, THRESHOLDS, write_judges
+from sassgis.io.read.gap_thresholds import CLASSIFIERS, THRESHOLDS, write_classifiers
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.runs.gap_case import read_case
@@ -191,25 +191,25 @@ HELD = {
 
 def engine_campaigns(case: Case, base: Base) -> list[tuple[str, dict[str, float]]]:
     """Numbers of campaigns of the engine's effects, strong enough to be seen."""
-    bench, made = base.bench, []
+    problem, made = base.problem, []
     for k, family in enumerate(TRIED):
         kept = 0
         for j in range(SOUGHT):
-            rng = np.random.default_rng([bench.seed, 97, k, j])
-            with_effect = draw(case, (family,), Dials(rng))
-            without = draw(case, (), Dials(rng, with_effect.dials))
+            rng = np.random.default_rng([problem.seed, 97, k, j])
+            with_effect = draw(case, (family,), ParameterDraws(rng))
+            without = draw(case, (), ParameterDraws(rng, with_effect.parameter_draws))
             one, other = (
                 campaigns(
                     case,
-                    bench.ways,
+                    problem.ways,
                     d.model,
                     count=1,
-                    seed=bench.seed + 5,
+                    seed=problem.seed + 5,
                     number=first + 10 * k + j,
                 )[0]
                 for d, first in ((with_effect, 9000), (without, 9500))
             )
-            rows = [bench.scale.rows(summary(case, s, bench.given)[1]) for s in (one, other)]
+            rows = [problem.scale.rows(summary(case, s, problem.given)[1]) for s in (one, other)]
             if rows[0].shape[1] and inhomogeneity(*rows) > LEAST_SIZE:
                 kept += 1
                 made.append((family, features_of(base, one)))
@@ -220,8 +220,11 @@ def engine_campaigns(case: Case, base: Base) -> list[tuple[str, dict[str, float]
 
 def rows_of_case(case: Case, designs: Iterable[str]) -> dict[str, tuple[tuple[str, ...], Any]]:
     """Signatures of the observed and of engine campaigns, by design."""
-    base, _ = base_of(bench_of(case, 1), DRAWS)
-    seen = [("", features_of(base, base.bench.observed)), *engine_campaigns(case, base)]
+    base, _ = base_of(problem_of(case, 1), DRAWS)
+    seen = [
+        ("", features_of(base, base.problem.observed)),
+        *engine_campaigns(case, base),
+    ]
     # The base model itself is one of the engine's campaigns, too.
     seen += [(NONE, dict(zip(base.names, base.x[i].tolist(), strict=True))) for i in (3, 4)]
     out = {}
@@ -395,15 +398,16 @@ def calibration(
     weight = prior_weights(cause)
     special = [list(causes).index(name) for name in PRIOR]
 
-    def of(dials: FloatArray) -> tuple[float, FloatArray]:
+    def of(parameter_draws: FloatArray) -> tuple[float, FloatArray]:
         factors = np.ones(len(causes))
-        factors[special] = np.exp(dials[1:])
-        return float(np.exp(dials[0])), factors
+        factors[special] = np.exp(parameter_draws[1:])
+        return float(np.exp(parameter_draws[0])), factors
 
-    def loss(dials: FloatArray) -> float:
-        p = calibrated(shares, *of(dials))
+    def loss(parameter_draws: FloatArray) -> float:
+        p = calibrated(shares, *of(parameter_draws))
         return float(
-            -(weight * np.log(p[np.arange(truth.size), truth])).sum() + 0.01 * dials @ dials
+            -(weight * np.log(p[np.arange(truth.size), truth])).sum()
+            + 0.01 * parameter_draws @ parameter_draws
         )
 
     return of(minimize(loss, np.zeros(1 + len(PRIOR)), method="Nelder-Mead").x)
@@ -458,7 +462,7 @@ class Answers:
         return np.array([a for a, _ in answers]), np.array([p for _, p in answers])
 
 
-def learn_design(rows: Sequence[Rows], design: str) -> tuple[Judge, dict[str, Answers]]:
+def learn_design(rows: Sequence[Rows], design: str) -> tuple[Classifier, dict[str, Answers]]:
     """Judge of a design, and what is answered of worlds left out, by what was learned on."""
     table = table_of(rows, design)
     causes = tuple(sorted(set(table.cause.tolist())))
@@ -473,27 +477,34 @@ def learn_design(rows: Sequence[Rows], design: str) -> tuple[Judge, dict[str, An
         return Answers(causes, p, table.cause[own], table.rocks[own], table.strength[own], truth)
 
     left_out = answers(calibrated(shares, power, weight))
-    caution = caution_of(left_out)
-    judge = Judge(
-        table.names, causes, centre, scale, as_trees(model, causes), power, weight, caution
+    confidence_calibration = confidence_calibration_of(left_out)
+    classifier = Classifier(
+        table.names,
+        causes,
+        centre,
+        scale,
+        as_trees(model, causes),
+        power,
+        weight,
+        confidence_calibration,
     )
     strange = calibrated(kinds_left_out(table, causes, shares), power, weight)
-    return judge, {
+    return classifier, {
         BOTH: left_out,
         "the same, no unknown effect of the kind": answers(strange),
         "the engine alone": answers(engine_only),
     }
 
 
-def caution_of(left_out: Answers) -> float:
+def confidence_calibration_of(left_out: Answers) -> float:
     """How cautious confidences must be so that, where they are SURE or more, enough is right."""
     answer, p = left_out.decided(Thresholds(NONE_SHARE, LEAST_CONFIDENCE))
     right = answer == np.array(left_out.truth)
     weight = prior_weights(left_out.cause)
-    for caution in np.arange(0.0, 4.0, 0.1):
-        sure = cautious(p, caution) >= SURE
+    for confidence_calibration in np.arange(0.0, 4.0, 0.1):
+        sure = cautious(p, confidence_calibration) >= SURE
         if not sure.any() or (weight * right * sure).sum() >= RIGHT * (weight * sure).sum():
-            return float(round(caution, 1))
+            return float(round(confidence_calibration, 1))
     raise ValueError("no caution is enough")
 
 
@@ -511,7 +522,12 @@ def covering_mass(all_left_out: Sequence[Answers]) -> float:
 
 
 def accuracy(
-    design: str, rocks: int, learned_on: str, one: Answers, thresholds: Thresholds, caution: float
+    design: str,
+    rocks: int,
+    learned_on: str,
+    one: Answers,
+    thresholds: Thresholds,
+    confidence_calibration: float,
 ) -> dict[str, Any]:
     """What is right on worlds left out."""
     answer, p = one.decided(thresholds)
@@ -520,7 +536,7 @@ def accuracy(
     cause, strength = one.cause[mine], one.strength[mine]
     single = ~np.isin(cause, (NONE, PAIR, UNKNOWN))
     right, named = answer == truth, ~np.isin(answer, (NONE, UNKNOWN))
-    weight = prior_weights(cause) * (cautious(p, caution) >= SURE)
+    weight = prior_weights(cause) * (cautious(p, confidence_calibration) >= SURE)
     families = np.isin(one.causes, FAMILIES)
     first = np.array(one.causes)[np.where(families, one.probability[mine], -1.0).argmax(axis=1)]
 
@@ -551,16 +567,22 @@ def learn(folder: Path) -> None:
         )
     mass = covering_mass([answers[BOTH] for _, answers in learned.values()])
     thresholds = Thresholds(NONE_SHARE, LEAST_CONFIDENCE, 0.0, mass)
-    write_judges(JUDGES, {design: judge for design, (judge, _) in learned.items()})
+    write_classifiers(
+        CLASSIFIERS, {design: classifier for design, (classifier, _) in learned.items()}
+    )
     content = {"battery_seeds": [*EARLIER, SEED], **asdict(thresholds)}
     THRESHOLDS.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     told = {
         "worlds": len({r.world for r in rows}),
         "signatures": {d: len(table_of(rows, d).x) for d in DESIGNS},
         "thresholds": asdict(thresholds),
-        "caution": {design: judge.caution for design, (judge, _) in learned.items()},
+        "caution": {
+            design: classifier.confidence_calibration for design, (classifier, _) in learned.items()
+        },
         "left_out": [
-            accuracy(design, rocks, on, answers, thresholds, learned[design][0].caution)
+            accuracy(
+                design, rocks, on, answers, thresholds, learned[design][0].confidence_calibration
+            )
             for design, rocks in ASKED_OF
             for on, answers in learned[design][1].items()
         ],

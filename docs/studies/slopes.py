@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.simulate import GateCrossings, simulate
+from sassgis.engine.simulate import ControlLineCrossings, simulate
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.read.profile_csv import read_profile
@@ -16,7 +16,7 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.map import LEAD_IN_M, line_draw_keys, plan
@@ -155,7 +155,7 @@ def follow(
         Total energy (kJ) and passing height (m) of the first passage; NaN for rocks that do not
         come to the station.
     """
-    gates = [Gate(f"{c:g} m", "station") for c in stations_m]
+    control_lines = [ControlLine(f"{c:g} m", "station") for c in stations_m]
     result = simulate(
         with_lead_in(flat, LEAD_IN_M) if lead_in else flat,
         slope.table,
@@ -165,12 +165,12 @@ def follow(
         rocks_per_line=rocks,
         line_keys=slope.key,
         starts=np.array([slope.start]),
-        gates=GateCrossings.same_for_all(gates, list(stations_m), 1),
+        control_lines=ControlLineCrossings.same_for_all(control_lines, list(stations_m), 1),
     )
-    energy = np.full((len(gates), rocks), np.nan)
-    height = np.full((len(gates), rocks), np.nan)
+    energy = np.full((len(control_lines), rocks), np.nan)
+    height = np.full((len(control_lines), rocks), np.nan)
     rows = result.passages
-    where: tuple[IntArray, IntArray] = (rows["gate"].astype(int), rows["rock"].astype(int))
+    where: tuple[IntArray, IntArray] = (rows["control_line"].astype(int), rows["rock"].astype(int))
     energy[where] = rows["energy_trans_kj"] + rows["energy_rot_kj"]
     height[where] = rows["height_m"]
     return result.rocks, energy, height

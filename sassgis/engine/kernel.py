@@ -13,12 +13,12 @@ from sassgis.engine.effects.state import (
     BORN_B,
     BORN_C,
     BORN_MASS,
-    Births,
     Effects,
+    Spawned,
 )
 from sassgis.engine.recording import CellWork, Pieces
 from sassgis.engine.rock import BARRIER, REST, follow
-from sassgis.engine.state import Block, Course, Gates, Physics, Profile
+from sassgis.engine.state import Block, ControlLines, Course, Physics, Profile
 from sassgis.model import rng
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
@@ -31,7 +31,7 @@ ROCK_COLUMNS = 15
 PIECE_COLUMNS = ROCK_COLUMNS + 3
 #: In place of a number of pieces: rows for passages or pieces were too few; one rock had more
 #: pieces and blocks set in motion than there is room for.
-NO_ROOM, TOO_MANY_BIRTHS = -1, -2
+NO_ROOM, TOO_MANY_SPAWNED = -1, -2
 #: Columns of a passage's row: line, rock, then those of rock._passage.
 PASSAGE_COLUMNS = 13
 
@@ -50,12 +50,12 @@ class Lines(NamedTuple):
     key: NDArray[np.uint64]  # identity of the line for random draws
     stratum: NDArray[np.int64]  # (n,) of the sample; lines of one stratum follow each other
     start: NDArray[np.float64]  # (n, 2) limits of the starting chainage
-    gate_offset: NDArray[np.int64]
-    gate_x: NDArray[np.float64]
-    gate: NDArray[np.int64]
+    control_line_offset: NDArray[np.int64]
+    control_line_x: NDArray[np.float64]
+    control_line: NDArray[np.int64]
 
 
-class GateTable(NamedTuple):
+class ControlLineTable(NamedTuple):
     """Stations and barriers of the run."""
 
     kind: NDArray[np.int64]
@@ -438,7 +438,7 @@ def run_lines(
     ground_table: FloatArray,
     limits: FloatArray,
     physics: Physics,
-    gate_table: GateTable,
+    control_line_table: ControlLineTable,
     bins: Bins,
     seed: int | np.uint64,
     first_rock: int,
@@ -454,7 +454,7 @@ def run_lines(
     events: FloatArray,
     event_counts: IntArray,
     effects: Effects | None,
-    births: Births | None,
+    spawned: Spawned | None,
     piece_rows: FloatArray,
 ) -> tuple[int, int]:
     """Follow ``n_rocks`` rocks on each line.
@@ -552,18 +552,22 @@ def run_lines(
             piece_segment,
         )  # fmt: skip
         pieces = Pieces(border[: n_pieces + 1], piece_cell[:n_pieces], piece_segment[:n_pieces])
-        g0 = lines.gate_offset[i]
-        g1 = lines.gate_offset[i + 1]
-        gate = lines.gate[g0:g1]
-        gate_z = np.empty(g1 - g0)
+        g0 = lines.control_line_offset[i]
+        g1 = lines.control_line_offset[i + 1]
+        control_line = lines.control_line[g0:g1]
+        control_line_z = np.empty(g1 - g0)
         for k in range(g1 - g0):
-            gx = lines.gate_x[g0 + k]
+            gx = lines.control_line_x[g0 + k]
             j = min(max(np.searchsorted(sx, gx, side="right") - 1, 0), n - 1)
-            gate_z[k] = sz[j] + (gx - sx[j]) * tz[j] / tx[j]
-        gates = Gates(
-            lines.gate_x[g0:g1], gate_z, gate_table.kind[gate], gate_table.height[gate],
-            gate_table.capacity[gate], gate,
-        )  # fmt: skip
+            control_line_z[k] = sz[j] + (gx - sx[j]) * tz[j] / tx[j]
+        control_lines = ControlLines(
+            lines.control_line_x[g0:g1],
+            control_line_z,
+            control_line_table.kind[control_line],
+            control_line_table.height[control_line],
+            control_line_table.capacity[control_line],
+            control_line,
+        )
         seen = np.zeros(g1 - g0, np.bool_)
         own = limits[i if limits.shape[0] > 1 else 0]
         for r in range(n_rocks):
@@ -581,13 +585,37 @@ def run_lines(
                 return n_passages, NO_ROOM
             course = Course(events[row_number], count)
             (
-                reason, x, z, furthest, t, impacts, top_speed, top_height, top_energy, n_new,
+                reason,
+                x,
+                z,
+                furthest,
+                t,
+                impacts,
+                top_speed,
+                top_height,
+                top_energy,
+                n_new,
                 n_touched,
             ) = follow(
-                block, profile, ground_table, physics, gates, seen, passages[n_passages:, 2:],
-                pieces, work, course, start, speed, spin, drop, orientation, effects, no_birth,
-                births,
-            )  # fmt: skip
+                block,
+                profile,
+                ground_table,
+                physics,
+                control_lines,
+                seen,
+                passages[n_passages:, 2:],
+                pieces,
+                work,
+                course,
+                start,
+                speed,
+                spin,
+                drop,
+                orientation,
+                effects,
+                no_birth,
+                spawned,
+            )
             event_counts[row_number] = count[0]
             for k in range(n_passages, n_passages + n_new):
                 passages[k, 0] = lines.number[i]
@@ -602,11 +630,11 @@ def run_lines(
             )  # fmt: skip
             row_number += 1
             mass = block.mass
-            if effects is not None and births is not None:
+            if effects is not None and spawned is not None:
                 _collect(event, work, n_touched, block.mass)
                 born = 0
-                while born < min(births.born[0], births.rows.shape[0]):
-                    birth = births.rows[born]
+                while born < min(spawned.born[0], spawned.rows.shape[0]):
+                    birth = spawned.rows[born]
                     born += 1
                     if n_passages + seen.size > passages.shape[0] or n_born >= piece_rows.shape[0]:
                         return n_passages, NO_ROOM
@@ -620,10 +648,10 @@ def run_lines(
                         reason, x, z, furthest, t, impacts, top_speed, top_height, top_energy,
                         n_new, n_touched,
                     ) = follow(
-                        part, profile, ground_table, physics, gates, seen,
+                        part, profile, ground_table, physics, control_lines, seen,
                         passages[n_passages:, 2:], pieces, work,
                         Course(events[0, :0], count), start, 0.0, 0.0, 0.0, 0.0, effects, birth,
-                        births,
+                        spawned,
                     )  # fmt: skip
                     for k in range(n_passages, n_passages + n_new):
                         passages[k, 0] = lines.number[i]
@@ -642,9 +670,9 @@ def run_lines(
                         top_speed, top_height, top_energy,
                     )  # fmt: skip
                     n_born += 1
-                if births.born[0] > births.rows.shape[0]:
-                    return n_passages, TOO_MANY_BIRTHS
-                births.born[0] = 0
+                if spawned.born[0] > spawned.rows.shape[0]:
+                    return n_passages, TOO_MANY_SPAWNED
+                spawned.born[0] = 0
                 n_touched = _give_back(event, work)
                 mass = 1.0
             if window_peak.size:

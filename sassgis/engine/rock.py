@@ -7,6 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.barriers import (
+    HELD_BY_NET,
+    PASSED,
+    STOPPED,
+    control_lines_in_flight,
+    control_lines_on_ground,
+)
 from sassgis.engine.contact import next_contact, resting_height
 from sassgis.engine.effects import (
     air_drag,
@@ -24,11 +31,10 @@ from sassgis.engine.effects.state import (
     BORN_VZ,
     BORN_X,
     BORN_Z,
-    Births,
     Effects,
+    Spawned,
 )
 from sassgis.engine.ellipse import frame_of, inertia, mean_radius
-from sassgis.engine.gates import HELD_BY_NET, PASSED, STOPPED, gates_in_flight, gates_on_ground
 from sassgis.engine.impact import COULOMB, impact, normal_force, turn_about_contact
 from sassgis.engine.recording import CellWork, Pieces, record_flight, record_ground
 from sassgis.engine.rolling import (
@@ -41,7 +47,7 @@ from sassgis.engine.rolling import (
     TO_SLIDING,
     rolling_stretch,
 )
-from sassgis.engine.state import Block, Course, Gates, Physics, Profile
+from sassgis.engine.state import Block, ControlLines, Course, Physics, Profile
 from sassgis.model import rng
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
@@ -165,7 +171,7 @@ def _to_border(pieces: Pieces, piece: int, x: float, way: int) -> tuple[int, flo
 @kernel
 def _bear_pieces(
     effects: Effects,
-    births: Births,
+    spawned: Spawned,
     block: Block,
     number: int,
     x: float,
@@ -177,17 +183,17 @@ def _bear_pieces(
 ) -> bool:
     """Break a block in flight into pieces; False if it is too small to break."""
     volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
-    n = fragmentation.shares(effects.breaking, volume, births.share)
+    n = fragmentation.shares(effects.breaking, volume, spawned.share)
     if n < 2:
         return False
-    ahead = fragmentation.ways(effects.breaking, block.key, number, n, births.share, births.side)
+    ahead = fragmentation.ways(effects.breaking, block.key, number, n, spawned.share, spawned.side)
     spin = math.sqrt(1.0 - effects.breaking.loss) * omega
     for i in range(n):
-        size = births.share[i] ** (1.0 / 3.0)
-        side = births.side[i]
+        size = spawned.share[i] ** (1.0 / 3.0)
+        side = spawned.side[i]
         _bear(
-            births, x, z, ahead * (vx - side * vz), ahead * (vz + side * vx), theta, spin,
-            size * block.a, size * block.b, size * block.c, births.share[i] * block.mass,
+            spawned, x, z, ahead * (vx - side * vz), ahead * (vz + side * vx), theta, spin,
+            size * block.a, size * block.b, size * block.c, spawned.share[i] * block.mass,
         )  # fmt: skip
     return True
 
@@ -195,7 +201,7 @@ def _bear_pieces(
 @kernel
 def _set_off(
     effects: Effects,
-    births: Births,
+    spawned: Spawned,
     block: Block,
     number: int,
     lost: float,
@@ -221,14 +227,14 @@ def _set_off(
         along = way * speed * math.cos(angle)
         up = speed * math.sin(angle)
         _bear(
-            births, x, -np.inf, along * ux - up * uz, along * uz + up * ux, theta, 0.0,
+            spawned, x, -np.inf, along * ux - up * uz, along * uz + up * ux, theta, 0.0,
             size * block.a, size * block.b, size * block.c, mass,
         )  # fmt: skip
 
 
 @kernel
 def _bear(
-    births: Births,
+    spawned: Spawned,
     x: float,
     z: float,
     vx: float,
@@ -241,10 +247,10 @@ def _bear(
     mass: float,
 ) -> None:
     """Add a birth; one without room is counted only."""
-    i = births.born[0]
-    births.born[0] = i + 1
-    if i < births.rows.shape[0]:
-        row = births.rows[i]
+    i = spawned.born[0]
+    spawned.born[0] = i + 1
+    if i < spawned.rows.shape[0]:
+        row = spawned.rows[i]
         row[0] = x
         row[1] = z
         row[2] = vx
@@ -263,7 +269,7 @@ def follow(
     profile: Profile,
     ground_table: FloatArray,
     physics: Physics,
-    gates: Gates,
+    control_lines: ControlLines,
     seen: NDArray[np.bool_],
     passages: FloatArray,
     pieces: Pieces,
@@ -276,7 +282,7 @@ def follow(
     orientation: float,
     effects: Effects | None,
     birth: FloatArray | None,
-    births: Births | None,
+    spawned: Spawned | None,
 ) -> tuple[int, float, float, float, float, int, float, float, float, int, int]:
     """Follow one rock from its release to its end.
 
@@ -349,7 +355,7 @@ def follow(
     top_height = 0.0
     top_energy = 0.0
     furthest = x
-    gates_from = x
+    control_lines_from = x
     reason = STEP_LIMIT
     held_at = np.inf
     spot_x = -np.inf
@@ -395,15 +401,15 @@ def follow(
         phase = FLIGHT
         reason = STEP_LIMIT
         furthest = x
-        gates_from = x
+        control_lines_from = x
         moved = True
         while piece < pieces.cell.size - 1 and pieces.border[piece + 1] < x:
             piece += 1
 
     # Calls that have nothing to do are left out: passing arrays costs more than most of them.
     noting = course.rows.shape[0] > 0
-    guarded = gates.x.size > 0
-    t_gate = np.inf
+    guarded = control_lines.x.size > 0
+    t_control_line = np.inf
     lift = 0.0
     share = 1.0
     outcome = PASSED
@@ -469,15 +475,30 @@ def follow(
             )  # fmt: skip
             if hit < 0:
                 until = limit
-            gate = -1
+            control_line = -1
             if guarded:
-                n_passages, t_gate, outcome, left, gate = gates_in_flight(
-                    gates, seen, passages, n_passages, profile, seg, gates_from, x, z, vx, vz,
-                    theta, omega, g, until, block, inert,
-                )  # fmt: skip
+                n_passages, t_control_line, outcome, left, control_line = control_lines_in_flight(
+                    control_lines,
+                    seen,
+                    passages,
+                    n_passages,
+                    profile,
+                    seg,
+                    control_lines_from,
+                    x,
+                    z,
+                    vx,
+                    vz,
+                    theta,
+                    omega,
+                    g,
+                    until,
+                    block,
+                    inert,
+                )
             spin_energy = 0.5 * inert * omega * omega
-            if gate >= 0:
-                until = t_gate
+            if control_line >= 0:
+                until = t_control_line
             n_touched, piece, top = record_flight(
                 pieces, work, n_touched, piece, x, z, vx, vz, spin_energy, g, until, b, sx, sz,
                 tx, tz,
@@ -492,9 +513,9 @@ def follow(
             vz = wz
             theta -= omega * until
             t += until
-            if gate >= 0:
-                x = gates.x[gate]
-            gates_from = x
+            if control_line >= 0:
+                x = control_lines.x[control_line]
+            control_lines_from = x
             furthest = max(furthest, x)
             if until > 0.0:
                 moved = True
@@ -514,7 +535,7 @@ def follow(
                     vz *= kept
                 if effects.stand.form != trees.OFF:
                     to_stem -= stem_rate * abs(x - came_from)
-                    if gate < 0 and hit < 0 and at_stem:
+                    if control_line < 0 and hit < 0 and at_stem:
                         full = 0.5 * (vx * vx + vz * vz + inert * omega * omega) * block.mass
                         taken = trees.stem_loss(effects.stand, block.key, stems_met, stem_cell)
                         stems_met += 1
@@ -523,7 +544,7 @@ def follow(
                         vx *= kept
                         vz *= kept
                         omega *= kept
-                if cut and gate < 0 and hit < 0:
+                if cut and control_line < 0 and hit < 0:
                     # The same flight goes on, and is one event.
                     clear_from = max(clear_from - until, 0.0)
                     steps += 1
@@ -532,14 +553,14 @@ def follow(
                     continue
             clear_from = 0.0
             skip_to = int(np.int64(-1))
-            if gate >= 0:
+            if control_line >= 0:
                 vx *= left
                 vz *= left
                 omega *= left
                 seg = _segment_at(profile, x, seg)
                 if outcome == STOPPED:
                     # It drops to the foot of the wall.
-                    z = min(z, gates.z[gate] + b)
+                    z = min(z, control_lines.z[control_line] + b)
                     reason = BARRIER
                     phase = END
                 elif outcome == HELD_BY_NET:
@@ -635,7 +656,7 @@ def follow(
                 vz = wn * mz - wt * mx
                 wt = vx * ux + vz * uz
                 wn = vx * nx + vz * nz
-                if effects is not None and births is not None:
+                if effects is not None and spawned is not None:
                     kind = profile.ground[seg]
                     lost = before - 0.5 * (vx * vx + vz * vz + inert * omega * omega)
                     # Blocks set in motion set off no others: a chain would have no end.
@@ -646,14 +667,14 @@ def follow(
                         and effects.set_off.on[kind]
                     ):
                         _set_off(
-                            effects, births, block, impacts, lost * block.mass, x,
+                            effects, spawned, block, impacts, lost * block.mass, x,
                             1 if vx >= 0.0 else -1, profile.angle[seg], tx[seg], tz[seg],
                         )  # fmt: skip
                     if (
                         effects.breaking.form != fragmentation.OFF
                         and fragmentation.breaks(effects.breaking, block.key, impacts, lost)
                         and _bear_pieces(
-                            effects, births, block, impacts, x, z, vx, vz, theta, omega
+                            effects, spawned, block, impacts, x, z, vx, vz, theta, omega
                         )
                     ):
                         reason = BROKEN
@@ -799,17 +820,31 @@ def follow(
             # Friction can turn the rock no faster than its work allows.
             target = max(v2 + dv2, 0.0) / (roll_radius * roll_radius)
             dspin2 = min(target - spin2, 2.0 * mu * g * ux * way_len / inert)
-        gate = -1
+        control_line = -1
         if guarded:
-            n_passages, share, outcome, left, gate = gates_on_ground(
-                gates, seen, passages, n_passages, gates_from, x, end_x, v2, dv2, spin2, dspin2,
-                way * ux, way * uz, way, block, inert,
-            )  # fmt: skip
-        if gate >= 0:
+            n_passages, share, outcome, left, control_line = control_lines_on_ground(
+                control_lines,
+                seen,
+                passages,
+                n_passages,
+                control_lines_from,
+                x,
+                end_x,
+                v2,
+                dv2,
+                spin2,
+                dspin2,
+                way * ux,
+                way * uz,
+                way,
+                block,
+                inert,
+            )
+        if control_line >= 0:
             way_len *= share
             dv2 *= share
             dspin2 *= share
-            end_x = gates.x[gate]
+            end_x = control_lines.x[control_line]
         chord = abs(end_x - x)
         n_touched, piece = record_ground(
             pieces, work, n_touched, piece, x, end_x, v2, dv2, 0.5 * inert * spin2,
@@ -823,9 +858,9 @@ def follow(
             t += 2.0 * way_len / (v + new_v)
         x += way * ux * way_len
         z += way * uz * way_len
-        if gate >= 0:
-            x = gates.x[gate]
-        gates_from = x
+        if control_line >= 0:
+            x = control_lines.x[control_line]
+        control_lines_from = x
         furthest = max(furthest, x)
         if way_len > 0.0:
             moved = True
@@ -835,7 +870,7 @@ def follow(
         v = new_v
         if effects is not None and effects.stand.form != trees.OFF:
             to_stem -= stem_rate * abs(x - came_from)
-            if at_stem and gate < 0:
+            if at_stem and control_line < 0:
                 full = 0.5 * (v * v + inert * omega * omega) * block.mass
                 taken = trees.stem_loss(effects.stand, block.key, stems_met, stem_cell)
                 stems_met += 1
@@ -847,7 +882,7 @@ def follow(
             omega *= kept
         vx = way * v * ux
         vz = way * v * uz
-        if gate >= 0:
+        if control_line >= 0:
             v *= left
             omega *= left
             if outcome == STOPPED:

@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine import gates as gate_rules
+from sassgis.engine import barriers as control_line_rules
 from sassgis.engine import impact as impact_rules
-from sassgis.engine.effects.build import effects_of, room_for_births
+from sassgis.engine.effects.build import effects_of, room_for_spawned
 from sassgis.engine.kernel import (
     NO_ROOM,
     PASSAGE_COLUMNS,
     PIECE_COLUMNS,
     ROCK_COLUMNS,
-    TOO_MANY_BIRTHS,
+    TOO_MANY_SPAWNED,
     CellSums,
+    ControlLineTable,
     Exceedance,
-    GateTable,
     Lines,
     Objects,
     run_lines,
@@ -34,11 +34,11 @@ from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
-from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate
+from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
 from sassgis.model.settings import EngineSettings
 
 #: Pieces and blocks set in motion that one rock may have.
-MOST_BIRTHS = 5000
+MOST_SPAWNED = 5000
 
 #: Columns of a course of events.
 COURSE_COLUMNS = (
@@ -48,7 +48,7 @@ COURSE_COLUMNS = (
 
 
 @dataclass(frozen=True, slots=True)
-class GateCrossings:
+class ControlLineCrossings:
     """Where profiles cross stations and barriers.
 
     Attributes
@@ -61,26 +61,26 @@ class GateCrossings:
         Position in ``gates``.
     """
 
-    gates: tuple[Gate, ...]
+    control_lines: tuple[ControlLine, ...]
     offset: IntArray
     chainage: FloatArray
-    gate: IntArray
+    control_line: IntArray
 
     @classmethod
-    def none(cls, n_lines: int) -> GateCrossings:
+    def none(cls, n_lines: int) -> ControlLineCrossings:
         """No stations and no barriers."""
         return cls((), np.zeros(n_lines + 1, np.int64), np.empty(0), np.empty(0, np.int64))
 
     @classmethod
     def same_for_all(
-        cls, gates: Sequence[Gate], chainages: Sequence[float], n_lines: int
-    ) -> GateCrossings:
+        cls, control_lines: Sequence[ControlLine], chainages: Sequence[float], n_lines: int
+    ) -> ControlLineCrossings:
         """The same gates at the same chainages (m) on every one of ``n_lines`` profiles."""
         order = np.argsort(np.asarray(chainages, float), kind="stable")
         sorted_chainage = np.asarray(chainages, float)[order]
         return cls(
-            tuple(gates),
-            np.arange(n_lines + 1, dtype=np.int64) * len(gates),
+            tuple(control_lines),
+            np.arange(n_lines + 1, dtype=np.int64) * len(control_lines),
             np.tile(sorted_chainage, n_lines),
             np.tile(order.astype(np.int64), n_lines),
         )
@@ -292,11 +292,11 @@ def _physics(settings: EngineSettings) -> Physics:
     )
 
 
-def _gate_rule(gate: Gate) -> int:
+def _control_line_rule(control_line: ControlLine) -> int:
     """How the kernel treats a gate."""
-    if gate.kind == "station":
-        return gate_rules.STATION
-    return gate_rules.LETS_GO if gate.lets_go else gate_rules.STOPS
+    if control_line.kind == "station":
+        return control_line_rules.STATION
+    return control_line_rules.LETS_GO if control_line.lets_go else control_line_rules.STOPS
 
 
 def _check(profiles: ProfileSet, table: GroundTable) -> None:
@@ -335,7 +335,7 @@ def simulate(
     rocks_per_line: int,
     line_keys: NDArray[np.uint64],
     starts: FloatArray,
-    gates: GateCrossings | None = None,
+    control_lines: ControlLineCrossings | None = None,
     objects: ObjectCells | None = None,
     window: Window | None = None,
     line_numbers: IntArray | None = None,
@@ -398,8 +398,8 @@ def simulate(
     _check(profiles, table)
     if bins is None:
         bins = default_bins()
-    if gates is None:
-        gates = GateCrossings.none(n_lines)
+    if control_lines is None:
+        control_lines = ControlLineCrossings.none(n_lines)
     if objects is None:
         objects = ObjectCells.none()
     if line_numbers is None:
@@ -431,14 +431,14 @@ def simulate(
         key=np.asarray(line_keys, np.uint64),
         stratum=np.asarray(np.arange(n_lines) if strata is None else strata, np.int64),
         start=starts,
-        gate_offset=gates.offset,
-        gate_x=gates.chainage,
-        gate=gates.gate,
+        control_line_offset=control_lines.offset,
+        control_line_x=control_lines.chainage,
+        control_line=control_lines.control_line,
     )
-    gate_table = GateTable(
-        np.array([_gate_rule(g) for g in gates.gates], np.int64),
-        np.array([g.height_m for g in gates.gates], np.float64),
-        1e3 * np.array([g.capacity_kj for g in gates.gates], np.float64),
+    control_line_table = ControlLineTable(
+        np.array([_control_line_rule(g) for g in control_lines.control_lines], np.int64),
+        np.array([g.height_m for g in control_lines.control_lines], np.float64),
+        1e3 * np.array([g.capacity_kj for g in control_lines.control_lines], np.float64),
     )
     centres, windows = _windows(window, cells)
     effects = effects or EffectSettings()
@@ -457,14 +457,16 @@ def simulate(
         reach = no_exceedance(cells.size, bins)
         object_reach = no_exceedance(objects.n_objects, bins)
         window_reach = no_exceedance(centres.size, bins)
-        passages = np.zeros((max(room * gates.chainage.size * rocks_per_line, 1), PASSAGE_COLUMNS))
+        passages = np.zeros(
+            (max(room * control_lines.chainage.size * rocks_per_line, 1), PASSAGE_COLUMNS)
+        )
         pieces = np.zeros((room * n if made is not None else 0, PIECE_COLUMNS))
         filled, born = run_lines(
             lines,
             table.array(),
             limits,
             _physics(settings),
-            gate_table,
+            control_line_table,
             bins,
             np.uint64(seed),
             first_rock,
@@ -480,17 +482,17 @@ def simulate(
             events,
             event_counts,
             made,
-            None if made is None else room_for_births(MOST_BIRTHS, effects),
+            None if made is None else room_for_spawned(MOST_SPAWNED, effects),
             pieces,
         )
         if born != NO_ROOM:
             break
         room *= 4
-    if born == TOO_MANY_BIRTHS:
+    if born == TOO_MANY_SPAWNED:
         raise InputError(
             "a rock has too many pieces and blocks set in motion",
             field="effects",
-            found=f"more than {MOST_BIRTHS} in the course of one rock",
+            found=f"more than {MOST_SPAWNED} in the course of one rock",
             expected="fewer pieces, a larger smallest piece, or fewer blocks per impact",
         )
     return Simulated(
@@ -528,7 +530,7 @@ def _piece_rows(rows: FloatArray) -> NDArray[np.void]:
 
 def _passage_rows(rows: FloatArray) -> NDArray[np.void]:
     out = np.zeros(rows.shape[0], PASSAGE_DTYPE)
-    order = ["line", "rock", "gate", "outcome", *list(PASSAGE_DTYPE.names or ())[4:]]
+    order = ["line", "rock", "control_line", "outcome", *list(PASSAGE_DTYPE.names or ())[4:]]
     for i, name in enumerate(order):
         out[name] = rows[:, i]
     return out

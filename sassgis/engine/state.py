@@ -20,7 +20,7 @@ class Profile(NamedTuple):
     ground: NDArray[np.int32]
 
 
-class Gates(NamedTuple):
+class ControlLines(NamedTuple):
     """Stations and barriers on one profile, by rising chainage."""
 
     x: NDArray[np.float64]
@@ -28,7 +28,7 @@ class Gates(NamedTuple):
     kind: NDArray[np.int64]
     height: NDArray[np.float64]
     capacity: NDArray[np.float64]  # J
-    gate: NDArray[np.int64]  # number of the gate in the run
+    control_line: NDArray[np.int64]  # number of the gate in the run
 
 
 class Block(NamedTuple):

@@ -96,7 +96,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True)
-class Contender:
+class Hypothesis:
     """One explanation that was tried.
 
     Attributes
@@ -231,7 +231,7 @@ class Diagnosis:
 
     verdict: Verdict
     where: tuple[Finding, ...]
-    which: tuple[Contender, ...]
+    which: tuple[Hypothesis, ...]
     shrinkage: Shrinkage
     rocks: int
     tables: Mapping[str, int]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.simulate import Forest, GateCrossings, Simulated, simulate
+from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.sample import (
     LOOSE,
@@ -25,7 +25,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
-from sassgis.model.results import Gate, StopReason
+from sassgis.model.results import ControlLine, StopReason
 from sassgis.terrain.release import point_keys
 
 #: Length of the stretches on which a forest stands or not (m).
@@ -180,7 +180,7 @@ class Ways:
     first_m: float
     n_stretches: int
     keys: NDArray[np.uint64]
-    gates: GateCrossings
+    control_lines: ControlLineCrossings
     end: FloatArray
     errors: Errors
 
@@ -197,7 +197,7 @@ def ways_of(case: Case) -> Ways:
         first_m=first,
         n_stretches=n_stretches,
         keys=np.concatenate([point_keys(name, 1) for name in names]),
-        gates=_gates(case),
+        control_lines=_control_lines(case),
         end=case.profiles.s[case.profiles.offset[1:] - 1][case.line],
         errors=errors_of(case),
     )
@@ -259,22 +259,22 @@ def _configured_wood(case: Case, first: float, n: int) -> Forest | None:
     return Forest(stems / seen, girth / seen)
 
 
-def _gates(case: Case) -> GateCrossings:
+def _control_lines(case: Case) -> ControlLineCrossings:
     """Stations on the line of each rock."""
     s = case.station_s
-    gates = tuple(Gate(name, "station") for name in case.station_names)
-    offset, chainage, gate = [0], [], []
+    control_lines = tuple(ControlLine(name, "station") for name in case.station_names)
+    offset, chainage, control_line = [0], [], []
     for row in s:
         known = np.flatnonzero(np.isfinite(row))
         known = known[np.argsort(row[known], kind="stable")]
         chainage.append(row[known])
-        gate.append(known)
+        control_line.append(known)
         offset.append(offset[-1] + known.size)
-    return GateCrossings(
-        gates,
+    return ControlLineCrossings(
+        control_lines,
         np.array(offset, np.int64),
         np.concatenate([np.empty(0), *chainage]),
-        np.concatenate([np.empty(0, np.int64), *gate]).astype(np.int64),
+        np.concatenate([np.empty(0, np.int64), *control_line]).astype(np.int64),
     )
 
 
@@ -327,7 +327,7 @@ def campaigns(
         rocks_per_line=count,
         line_keys=ways.keys,
         starts=start,
-        gates=ways.gates,
+        control_lines=ways.control_lines,
         first_rock=number * 64,
         course_events=_MOST_EVENTS if with_impacts else 0,
         effects=model.effects,
@@ -488,7 +488,7 @@ class _Paths:
         mass = rows["mass_kg"] * np.exp(errors.mass_rel * self._rng.standard_normal(owner.size))
         return PassageRows(
             np.where(kind == LOOSE, -1 - owner, owner),
-            rows["gate"].astype(np.int64),
+            rows["control_line"].astype(np.int64),
             kind,
             self._aside(owner, rows["chainage_m"], kind != WHOLE),
             speed,

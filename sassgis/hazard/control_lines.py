@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.statistics import quantiles
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.results import Gate, Histogram, Outcome
+from sassgis.model.results import ControlLine, Histogram, Outcome
 
 #: Quantities of a passage: unit, and edges of their bins. Beyond the last edge counts in the last.
 QUANTITIES: dict[str, tuple[str, FloatArray]] = {
@@ -51,7 +51,7 @@ class Distribution:
         return tuple(float(v) for v in values[:, 0])
 
 
-class GateSums:
+class ControlLineSums:
     """Growing counts of first passages at each station and barrier.
 
     Parameters
@@ -59,9 +59,9 @@ class GateSums:
     gates : tuple of Gate
     """
 
-    def __init__(self, gates: tuple[Gate, ...]) -> None:
-        self.gates = gates
-        n = len(gates)
+    def __init__(self, control_lines: tuple[ControlLine, ...]) -> None:
+        self.control_lines = control_lines
+        n = len(control_lines)
         self._outcomes = np.zeros((n, len(Outcome)), np.int64)
         self._counts = {
             q: np.zeros((n, edges.size - 1), np.int64) for q, (_, edges) in QUANTITIES.items()
@@ -75,18 +75,18 @@ class GateSums:
         """Count passages (PASSAGE_DTYPE)."""
         if not passages.size:
             return
-        gate = passages["gate"]
-        np.add.at(self._outcomes, (gate, passages["outcome"]), 1)
+        control_line = passages["control_line"]
+        np.add.at(self._outcomes, (control_line, passages["outcome"]), 1)
         energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
         for q, (_, edges) in QUANTITIES.items():
             values = energy if q == "energy_kj" else passages[q]
             bins = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
-            np.add.at(self._counts[q], (gate, bins), 1)
-            np.add.at(self._sum[q], gate, np.rint(values * 1e6).astype(np.int64))
-            np.minimum.at(self._least[q], gate, values)
-            np.maximum.at(self._most[q], gate, values)
+            np.add.at(self._counts[q], (control_line, bins), 1)
+            np.add.at(self._sum[q], control_line, np.rint(values * 1e6).astype(np.int64))
+            np.minimum.at(self._least[q], control_line, values)
+            np.maximum.at(self._most[q], control_line, values)
 
-    def add_sums(self, other: GateSums, numbers: IntArray) -> None:
+    def add_sums(self, other: ControlLineSums, numbers: IntArray) -> None:
         """Join the counts of other rocks.
 
         Parameters
@@ -102,24 +102,24 @@ class GateSums:
             self._least[q][numbers] = np.minimum(self._least[q][numbers], other._least[q])
             self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
 
-    def outcomes(self, gate: int) -> dict[Outcome, int]:
+    def outcomes(self, control_line: int) -> dict[Outcome, int]:
         """How many rocks fared how at a gate (position in ``gates``)."""
-        return {o: int(self._outcomes[gate, o]) for o in Outcome}
+        return {o: int(self._outcomes[control_line, o]) for o in Outcome}
 
-    def arrivals(self, gate: int) -> int:
+    def arrivals(self, control_line: int) -> int:
         """Rocks that came to a gate."""
-        return int(self._outcomes[gate].sum())
+        return int(self._outcomes[control_line].sum())
 
-    def distribution(self, gate: int, quantity: str) -> Distribution:
+    def distribution(self, control_line: int, quantity: str) -> Distribution:
         """One of QUANTITIES at a gate (position in ``gates``)."""
         unit, edges = QUANTITIES[quantity]
-        count = self.arrivals(gate)
+        count = self.arrivals(control_line)
         return Distribution(
             count,
-            1e-6 * int(self._sum[quantity][gate]) / count if count else float("nan"),
-            float(self._least[quantity][gate]) if count else float("nan"),
-            float(self._most[quantity][gate]) if count else float("nan"),
-            Histogram(edges, self._counts[quantity][gate].copy(), unit),
+            1e-6 * int(self._sum[quantity][control_line]) / count if count else float("nan"),
+            float(self._least[quantity][control_line]) if count else float("nan"),
+            float(self._most[quantity][control_line]) if count else float("nan"),
+            Histogram(edges, self._counts[quantity][control_line].copy(), unit),
         )
 
     def state(self) -> dict[str, NDArray[np.generic]]:
@@ -134,10 +134,10 @@ class GateSums:
 
     @classmethod
     def from_state(
-        cls, gates: tuple[Gate, ...], state: Mapping[str, NDArray[np.generic]]
-    ) -> GateSums:
+        cls, control_lines: tuple[ControlLine, ...], state: Mapping[str, NDArray[np.generic]]
+    ) -> ControlLineSums:
         """The sums that ``state`` gave."""
-        sums = cls(gates)
+        sums = cls(control_lines)
         sums._outcomes = np.array(state["outcomes"], np.int64)
         for q in QUANTITIES:
             sums._counts[q] = np.array(state[f"counts_{q}"], np.int64)

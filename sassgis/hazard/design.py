@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.hazard.control_lines import QUANTITIES, GateSums
+from sassgis.hazard.control_lines import QUANTITIES, ControlLineSums
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import Source
 
@@ -35,7 +35,10 @@ class Arrivals:
 
 
 def arrivals(
-    sources: Sequence[Source], gates: Sequence[GateSums], gate: int, quantity: str
+    sources: Sequence[Source],
+    control_lines: Sequence[ControlLineSums],
+    control_line: int,
+    quantity: str,
 ) -> Arrivals:
     """Frequency curve of one quantity at one line, all sources weighted by their frequency.
 
@@ -53,8 +56,8 @@ def arrivals(
     rate = np.zeros(edges.size)
     rocks = np.zeros(edges.size, np.int64)
     largest = -np.inf
-    for source, sums in zip(sources, gates, strict=True):
-        own = sums.distribution(gate, quantity)
+    for source, sums in zip(sources, control_lines, strict=True):
+        own = sums.distribution(control_line, quantity)
         above = np.append(np.cumsum(own.histogram.counts[::-1])[::-1], 0)
         rate += source.rate_per_rock * above
         rocks += above

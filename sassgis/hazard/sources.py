@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.hazard.control_lines import GateSums
+from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.io.read.config import Config, Onset
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.vectors import ReleaseArea, release_names
@@ -36,7 +36,7 @@ class Sampled:
     source: Source
     cells: SourceCounts
     objects: SourceCounts
-    gates: GateSums
+    control_lines: ControlLineSums
 
 
 def onset_frequencies(
@@ -118,7 +118,7 @@ def sampled_sources(
             blocks.mean_width_m,
         )
         cells = on_known_terrain(tally.cells.counts(), run.grid)
-        out.append(Sampled(source, cells, tally.objects.counts(), tally.gates))
+        out.append(Sampled(source, cells, tally.objects.counts(), tally.control_lines))
     return out
 
 

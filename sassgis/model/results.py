@@ -60,7 +60,7 @@ ROCK_DTYPE = np.dtype(
 #: ``height_m`` is the vertical distance from the ground to the centre, less the resting height.
 PASSAGE_DTYPE = np.dtype(
     [
-        ("gate", np.int32),
+        ("control_line", np.int32),
         ("line", np.int64),
         ("rock", np.int32),
         ("outcome", np.uint8),
@@ -78,7 +78,7 @@ PASSAGE_DTYPE = np.dtype(
 
 
 @dataclass(frozen=True, slots=True)
-class Gate:
+class ControlLine:
     """A station or a barrier.
 
     Attributes

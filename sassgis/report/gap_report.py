@@ -10,7 +10,7 @@ import numpy as np
 
 import sassgis
 from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Contender, Diagnosis, Finding, Shrinkage
+from sassgis.gap.diagnosis import Diagnosis, Finding, Hypothesis, Shrinkage
 from sassgis.gap.where.places import (
     is_stretch,
     limits_on,
@@ -100,7 +100,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         "docs/gap_check.md). No real slope is like those: take it as what to look at first, not as "
         "found."
     )
-    named = _contender(diagnosis.which, verdict.effect)
+    named = _hypothesis(diagnosis.which, verdict.effect)
     if named is not None and verdict.effect not in ("none", "unknown"):
         interval = (
             f"(95 % interval {_interval(named.ci95)}; the score of the calibrated base model is "
@@ -117,7 +117,7 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
     return ReportAnswer("How sure this is", tuple(out))
 
 
-def _contender(which: Iterable[Contender], effect: str) -> Contender | None:
+def _hypothesis(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None:
     return next((c for c in which if c.effect == effect), None)
 
 
@@ -407,7 +407,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "Explanations that were tried",
             "The base and the most probable ones were calibrated further than the others; all were "
             "judged on rocks left out of it.",
-            figures.gap_contenders_figure(
+            figures.gap_hypotheses_figure(
                 diagnosis.which, verdict=verdict.effect, confusion=verdict.confusion_set
             ),
         )
@@ -490,7 +490,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
 
 
 def _parameter_table(diagnosis: Diagnosis) -> ReportTable:
-    named = _contender(diagnosis.which, diagnosis.verdict.effect)
+    named = _hypothesis(diagnosis.which, diagnosis.verdict.effect)
     rows: list[tuple[Cell, ...]] = []
     if named is not None:
         for name, value in named.parameters.items():

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from sassgis.engine.course import trajectory
 from sassgis.engine.simulate import simulate
-from sassgis.hazard.control_lines import GateSums, trimmed
+from sassgis.hazard.control_lines import ControlLineSums, trimmed
 from sassgis.io.read.config import Config
-from sassgis.io.write.layers.run_vectors import LINE_END_TEXT, STOP_TEXT, gate_rows
+from sassgis.io.write.layers.run_vectors import LINE_END_TEXT, STOP_TEXT, control_line_rows
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.profiles import TraceSet
@@ -26,7 +26,7 @@ from sassgis.runs.map import (
     MapRun,
     Plan,
     Progress,
-    gate_crossings,
+    control_line_crossings,
     line_draw_keys,
     trace_lines,
 )
@@ -79,45 +79,51 @@ def one_profile_figure(run: MapRun, planned: Plan, line: int, scenario: int, roc
         raise InputError("this fall line is too short for a profile")
     ahead = with_lead_in(flat, LEAD_IN_M)
     blocks = run.blocks[scenario]
-    crossings = gate_crossings(run, traces)
+    crossings = control_line_crossings(run, traces)
     s, z = flat.vertices(0)
     keys = line_draw_keys(bundle, starts.key, run.lines_per_point, blocks.name)[chosen]
     result = simulate(
         ahead, run.table, blocks, run.engine, seed=run.seed,
         rocks_per_line=min(_PATHS, run.rocks_per_line), line_keys=keys,
         first_rock=round_ * run.rocks_per_line,
-        starts=np.array([[0.0, min(2.0 * planned.moved[point], s[-1])]]), gates=crossings,
+        starts=np.array([[0.0, min(2.0 * planned.moved[point], s[-1])]]), control_lines=crossings,
         course_events=_COURSE_EVENTS, effects=run.effects, forest=run.forest,
     )  # fmt: skip
     paths = [trajectory(c, run.engine.gravity_mps2) for c in result.courses]
     ends = result.rocks["runout_m"]
     reach = s <= max(float(ends.max()) + 30.0, s[1])
     last = max(int(reach.sum()), 2)
-    gates = [
-        (crossings.gates[g], float(c), float(np.interp(c, s, z)))
-        for c, g in zip(crossings.chainage, crossings.gate, strict=True)
+    control_lines = [
+        (crossings.control_lines[g], float(c), float(np.interp(c, s, z)))
+        for c, g in zip(crossings.chainage, crossings.control_line, strict=True)
         if c <= s[last - 1]
     ]
     area = planned.points.area_names[planned.points.area[point]]
     return figures.profile_figure(
         s[:last], z[:last], paths, ground=flat.ground[:last].astype(np.int64),
-        ground_names=run.table.names, gates=gates, stops=ends,
+        ground_names=run.table.names, control_lines=control_lines, stops=ends,
         title=f"Fall line of the rock that came furthest: {area}, {blocks.name}",
     )  # fmt: skip
 
 
-def station_figures(gates: GateSums, n: int) -> list[tuple[str, Figure]]:
+def station_figures(control_lines: ControlLineSums, n: int) -> list[tuple[str, Figure]]:
     """A figure for each station or barrier to which rocks came."""
     out = []
-    for i, gate in enumerate(gates.gates):
-        if not gates.arrivals(i):
+    for i, control_line in enumerate(control_lines.control_lines):
+        if not control_lines.arrivals(i):
             continue
         bins = [
-            trimmed(gates.distribution(i, q).histogram)
+            trimmed(control_lines.distribution(i, q).histogram)
             for q in ("speed_mps", "rotation_hz", "height_m")
         ]
-        name = gate.name if gate.kind == "station" else f"{gate.name} ({gate.kind})"
-        out.append((gate.name, figures.station_figure(name, bins[0], bins[1], bins[2], n=n)))
+        name = (
+            control_line.name
+            if control_line.kind == "station"
+            else f"{control_line.name} ({control_line.kind})"
+        )
+        out.append(
+            (control_line.name, figures.station_figure(name, bins[0], bins[1], bins[2], n=n))
+        )
     return out
 
 
@@ -134,9 +140,9 @@ def runout_counts(progress: Progress, bins: int = 40) -> Figure:
     )
 
 
-def gate_tables(gates: GateSums) -> list[ReportTable]:
+def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
     """Statistics at stations and barriers, for the report."""
-    rows = gate_rows(gates)
+    rows = control_line_rows(control_lines)
     tables = []
 
     def number(value: object) -> Cell:
@@ -230,7 +236,9 @@ def map_report(
 ) -> ReportContext:
     """Draw the figures of a run into ``folder`` and put the report together."""
     outlines = release_outlines(run)
-    gates: list[tuple[str, str, FloatArray]] = [(g.name, g.kind, c) for g, c in run.gates]
+    control_lines: list[tuple[str, str, FloatArray]] = [
+        (g.name, g.kind, c) for g, c in run.control_lines
+    ]
     by_stem = {layer.stem: layer for layer in layers}
     total = int(progress.reasons.sum())
     pictures = []
@@ -239,7 +247,7 @@ def map_report(
         for stem in ("energy", "reach_probability", "passing_height", "stops"):
             layer = by_stem[stem]
             figure = figures.map_figure(
-                run.grid, layer, release=outlines, gates=gates,
+                run.grid, layer, release=outlines, control_lines=control_lines,
                 lines=_drawn_lines(progress) if stem == "stops" else None,
             )  # fmt: skip
             png = save_figure(folder, f"map_{stem}", figure)
@@ -261,7 +269,7 @@ def map_report(
                 save_figure(folder, "runout", runout_counts(progress)),
             )
         )
-    drawn = station_figures(progress.gates, total)
+    drawn = station_figures(progress.control_lines, total)
     for (name, figure), stem in zip(drawn, file_stems([n for n, _ in drawn]), strict=True):
         pictures.append(
             ReportFigure(
@@ -338,7 +346,7 @@ def map_report(
         warnings=tuple(warnings),
         key_results=ends,
         figures=tuple(pictures),
-        tables=(*gate_tables(progress.gates), blocks, ground, line_ends),
+        tables=(*control_line_tables(progress.control_lines), blocks, ground, line_ends),
         provenance=(
             ("Program", str(facts["program"])),
             ("Seed", run.seed),

@@ -32,7 +32,7 @@ from sassgis.io.read.tiles import Part, Terrain, hull, open_terrain
 from sassgis.io.read.vectors import (
     Feature,
     ReleaseArea,
-    read_gates,
+    read_control_lines,
     read_release_feature,
     release_area,
     release_features,
@@ -47,7 +47,7 @@ from sassgis.model.errors import (
 )
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.report.map_report import file_stems
 from sassgis.runs.assessment import Assessment, Rules, read_rules
 from sassgis.runs.batch_state import (
@@ -135,7 +135,7 @@ class Setting:
     terrain: Terrain
     outline: Grid
     table: GroundTable
-    gates: tuple[tuple[Gate, FloatArray], ...]
+    control_lines: tuple[tuple[ControlLine, FloatArray], ...]
     rules: Rules
     names: tuple[str, ...]
     digest: str
@@ -401,14 +401,14 @@ def read_setting(
         terrain = open_terrain(config.dem_path, config.terrain.crs, config.terrain.vertical_datum)
         outline = terrain.outline()
         table = read_ground_table(config.ground.classes)
-        gates = tuple(read_gates(config, outline))
-        bare = map_run_of(config, outline, _no_ground(outline), table, (), gates, None)
+        control_lines = tuple(read_control_lines(config, outline))
+        bare = map_run_of(config, outline, _no_ground(outline), table, (), control_lines, None)
         # The table of frequencies is read by area, with the names of all.
         hazard = config.hazard.model_copy(update={"frequencies": None})
         rules = read_rules(replace(config, hazard=hazard), bare)
         onset_frequencies(config, bare, names)
     setting = Setting(
-        config, terrain, outline, table, gates, replace(rules, notices=()), names,
+        config, terrain, outline, table, control_lines, replace(rules, notices=()), names,
         _shared_digest(config), first_margin_m,
     )  # fmt: skip
     return setting, tuple(dict.fromkeys((*notices, *rules.notices)))
@@ -453,11 +453,13 @@ def _area_on(
     return grid, release_area(feature, candidate.name, candidate.release, grid, names)
 
 
-def _gates_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
+def _control_lines_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
     """Stations and barriers that meet a part of the terrain."""
     box = shapely.box(*grid.bounds)
     return tuple(
-        i for i, (_, xy) in enumerate(setting.gates) if shapely.LineString(xy).intersects(box)
+        i
+        for i, (_, xy) in enumerate(setting.control_lines)
+        if shapely.LineString(xy).intersects(box)
     )
 
 
@@ -470,9 +472,9 @@ def _objects_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
 
 def _area_run(setting: Setting, grid: Grid, area: ReleaseArea) -> MapRun:
     """The run of an area on a part of the terrain, but for the ground and the forest."""
-    gates = [setting.gates[i] for i in _gates_in(setting, grid)]
+    control_lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
     ground = _no_ground(grid)
-    return map_run_of(setting.config, grid, ground, setting.table, (area,), gates, None)
+    return map_run_of(setting.config, grid, ground, setting.table, (area,), control_lines, None)
 
 
 def _fingerprint(
@@ -603,7 +605,7 @@ def _run_area(
             rocks=int(done.progress.reasons.sum()),
             furthest_m=_furthest(done.progress),
             zones_m2={},
-            gates=_gates_in(setting, run.grid),
+            control_lines=_control_lines_in(setting, run.grid),
             objects=objects,
             notices=tuple(notices),
         )
@@ -698,7 +700,7 @@ def _write_mosaic(
 
         done = simulation(job, bare=False)
         bare = None
-        barriers = any(g.kind != "station" for g, _ in job.run.gates)
+        barriers = any(g.kind != "station" for g, _ in job.run.control_lines)
         if barriers and config.hazard.compare_barriers:
             bare = simulation(without_barriers(job), bare=True)
 
@@ -749,7 +751,7 @@ def _mosaic_job(
             ground,
             setting.table,
             areas,
-            setting.gates,
+            setting.control_lines,
             forest_of(config, grid, setting.outline),
         ),
         thresholds_kj=setting.rules.preset.thresholds_kj,

@@ -71,7 +71,7 @@ class Record:
     rocks: int
     furthest_m: float | None
     zones_m2: dict[str, float]
-    gates: tuple[int, ...]
+    control_lines: tuple[int, ...]
     objects: tuple[int, ...]
     notices: tuple[str, ...]
 
@@ -99,7 +99,9 @@ def read_record(folder: Path) -> Record | None:
         return None
     try:
         plain = json.loads((folder / RECORD_NAME).read_text(encoding="utf-8"))
-        return Record(**plain | {k: tuple(plain[k]) for k in ("gates", "objects", "notices")})
+        return Record(
+            **plain | {k: tuple(plain[k]) for k in ("control_lines", "objects", "notices")}
+        )
     except (OSError, ValueError, TypeError, KeyError):
         return None
 
@@ -156,11 +158,11 @@ def add_area(
     share : float
         Of the rocks whose stop is kept one by one.
     """
-    gates_in = tuple(run.gates[i] for i in record.gates)
-    own = progress_from(state, part.n_rows * part.n_cols, tuple(g for g, _ in gates_in))
+    control_lines_in = tuple(run.control_lines[i] for i in record.control_lines)
+    own = progress_from(state, part.n_rows * part.n_cols, tuple(g for g, _ in control_lines_in))
     bins = bins_of(run)
     columns = _columns(state["thresholds_kj"], bins.threshold)
-    gates = np.array(record.gates, np.int64)
+    control_lines = np.array(record.control_lines, np.int64)
     objects = np.array(record.objects, np.int64)
 
     def cells(flat: IntArray) -> IntArray:
@@ -168,7 +170,7 @@ def add_area(
 
     if own.sums.cells.size:
         total.sums.add(cells(own.sums.cells), _wide_sums(own, bins))
-    total.gates.add_sums(own.gates, gates)
+    total.control_lines.add_sums(own.control_lines, control_lines)
     total.reasons += own.reasons
     total.lost += own.lost
     total.pieces += own.pieces
@@ -183,7 +185,7 @@ def add_area(
             wide = [np.zeros(n, np.int64), np.zeros(n, np.int64)]
             wide[0][:, columns], wide[1][:, columns] = counts.count, counts.square
             sums.add(places(counts.places), *wide)
-        joined.gates.add_sums(tally.gates, gates)
+        joined.control_lines.add_sums(tally.control_lines, control_lines)
         joined.rocks = tally.rocks
         total.sources[area, scenario] = joined
     first_point = int(np.flatnonzero(planned.points.area == area)[0])

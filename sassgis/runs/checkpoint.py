@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.hazard.control_lines import GateSums
+from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.hazard.statistics import MapSums
 from sassgis.io.write.staging import CHECKPOINT_STEM, writing
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.runs.map import (
     FallLines,
     MapRun,
@@ -84,7 +84,7 @@ class Checkpoint:
             return None
         self._parts = parts
         n_rows, n_cols = run.grid.shape
-        return progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.gates))
+        return progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.control_lines))
 
     def hand_on(self, rows: Rows) -> None:
         """Take rows that are to be written to tables; they are saved with the next state."""
@@ -132,13 +132,13 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
     }
     state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
-    state |= {f"gates.{k}": v for k, v in progress.gates.state().items()}
+    state |= {f"gates.{k}": v for k, v in progress.control_lines.state().items()}
     for (area, scenario), tally in progress.sources.items():
         name = f"source.{area}.{scenario}"
         state[f"{name}.rocks"] = np.array(tally.rocks)
         state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
         state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
-        state |= {f"{name}.gates.{k}": v for k, v in tally.gates.state().items()}
+        state |= {f"{name}.gates.{k}": v for k, v in tally.control_lines.state().items()}
     lines = joined_lines(progress.lines)
     state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
     stops = joined_rows(progress.stops)
@@ -146,12 +146,14 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
     return state
 
 
-def progress_from(state: dict[str, Any], n_cells: int, gates: tuple[Gate, ...]) -> Progress:
+def progress_from(
+    state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
+) -> Progress:
     """The progress of a run from its state, the cells of its grid and its stations and barriers."""
     progress = Progress(
         int(state["chunks"]),
         MapSums.from_state(n_cells, _group(state, "sums")),
-        GateSums.from_state(gates, _group(state, "gates")),
+        ControlLineSums.from_state(control_lines, _group(state, "control_lines")),
     )
     progress.reasons = np.array(state["reasons"])
     progress.runout = np.array(state["runout"])
@@ -160,7 +162,7 @@ def progress_from(state: dict[str, Any], n_cells: int, gates: tuple[Gate, ...]) 
     if state["furthest_m"].size:
         line, scenario, rock = state["furthest_rock"].tolist()
         progress.furthest = (float(state["furthest_m"][0]), line, scenario, rock)
-    progress.sources = _sources(state, gates)
+    progress.sources = _sources(state, control_lines)
     lines = _group(state, "lines")
     progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
     rows = _group(state, "stops")
@@ -174,7 +176,9 @@ def read_rows(part: Path) -> Rows:
         return Rows(*(stored[f] for f in _ROW_FIELDS))
 
 
-def _sources(state: dict[str, Any], gates: tuple[Gate, ...]) -> dict[tuple[int, int], SourceTally]:
+def _sources(
+    state: dict[str, Any], control_lines: tuple[ControlLine, ...]
+) -> dict[tuple[int, int], SourceTally]:
     """Tallies of the sources, in the order in which they were saved."""
     names = [k.removesuffix(".rocks") for k in state if re.fullmatch(r"source\.\d+\.\d+\.rocks", k)]
     sources = {}
@@ -183,7 +187,7 @@ def _sources(state: dict[str, Any], gates: tuple[Gate, ...]) -> dict[tuple[int, 
         sources[int(area), int(scenario)] = SourceTally(
             SourceSums.from_state(_group(state, f"{name}.cells")),
             SourceSums.from_state(_group(state, f"{name}.objects")),
-            GateSums.from_state(gates, _group(state, f"{name}.gates")),
+            ControlLineSums.from_state(control_lines, _group(state, f"{name}.gates")),
             int(state[f"{name}.rocks"]),
         )
     return sources

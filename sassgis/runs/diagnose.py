@@ -21,8 +21,8 @@ from threadpoolctl import threadpool_limits
 from sassgis.gap.diagnosis import (
     Calibrated,
     Comparison,
-    Contender,
     Diagnosis,
+    Hypothesis,
 )
 from sassgis.gap.ladder.calibration import (
     best_draws,
@@ -40,11 +40,11 @@ from sassgis.gap.observations.tables import what_can_be_told
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.classifier import LEAST_SEEN, PAIR, UNKNOWN, designs_of, no_idea
 from sassgis.gap.which.ensemble import (
-    Bench,
-    Library,
+    CalibrationProblem,
+    Ensemble,
     Tried,
-    bench_of,
-    library_of,
+    ensemble_of,
+    problem_of,
     tasks_of,
     try_task,
 )
@@ -61,7 +61,7 @@ from sassgis.gap.which.verdict import (
 )
 from sassgis.io.read.config import Config, load_config, settings_hash
 from sassgis.io.read.gap_thresholds import (
-    read_judge,
+    read_classifier,
     read_thresholds,
     thresholds_of,
 )
@@ -155,16 +155,16 @@ def diagnose(
                 expected=f"{_FEWEST_ROCKS} or more",
             )
         frozen = thresholds_of(read_thresholds())
-        bench = bench_of(case, seed)
+        problem = problem_of(case, seed)
         fingerprint = _fingerprint(settings, Path(observations), f"{seed} {draws} {ground_range:g}")
         try:
-            with _workers(bench, job_count(settings, jobs)) as run:
+            with _workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Letting {case.n_rocks} rocks go in the base model")
-                base, tried = base_of(bench)
+                base, tried = base_of(problem)
                 tell("And in every contender")
-                library = _library(bench, tried, draws, run, work, fingerprint, on_progress)
+                ensemble = _ensemble(problem, tried, draws, run, work, fingerprint, on_progress)
                 tell("Comparing")
-                diagnosis, library = _diagnosis(base, library, frozen, run, fingerprint)
+                diagnosis, ensemble = _diagnosis(base, ensemble, frozen, run, fingerprint)
         except KeyboardInterrupt:
             raise Interrupted(
                 "stopped by the user; campaigns of finished contenders are kept: the same command "
@@ -176,53 +176,53 @@ def diagnose(
         else:
             write_diagnosis_json(work / "diagnosis.json", diagnosis)
             (work / "model").mkdir()
-        _write_ensemble(work / ENSEMBLE, bench, library, diagnosis.shrinkage.effect)
+        _write_ensemble(work / ENSEMBLE, problem, ensemble, diagnosis.shrinkage.effect)
     return diagnosis
 
 
 # ---------------------------------------------------------------------------------------------
 # Campaigns
 
-_BENCH: Bench | None = None
+_CALIBRATION_PROBLEM: CalibrationProblem | None = None
 
 
-def _receive(bench: Bench) -> None:
-    global _BENCH
-    _BENCH = bench
+def _receive(problem: CalibrationProblem) -> None:
+    global _CALIBRATION_PROBLEM
+    _CALIBRATION_PROBLEM = problem
 
 
 def _try(task: tuple[str, int]) -> Tried:
-    assert _BENCH is not None
-    return try_task(_BENCH, task, _ORDER)
+    assert _CALIBRATION_PROBLEM is not None
+    return try_task(_CALIBRATION_PROBLEM, task, _ORDER)
 
 
 def _try_refined(task: tuple[str, Mapping[str, float], int]) -> Tried:
-    assert _BENCH is not None
-    return run_refined(_BENCH, task)
+    assert _CALIBRATION_PROBLEM is not None
+    return run_refined(_CALIBRATION_PROBLEM, task)
 
 
 @contextmanager
-def _workers(bench: Bench, jobs: int) -> Iterator[_Map]:
+def _workers(problem: CalibrationProblem, jobs: int) -> Iterator[_Map]:
     """A map over tasks that keeps their order, in this process or in several."""
     if jobs <= 1:
-        _receive(bench)
+        _receive(problem)
         yield map
         return
-    with ProcessPoolExecutor(jobs, get_context("spawn"), _receive, (bench,)) as pool:
+    with ProcessPoolExecutor(jobs, get_context("spawn"), _receive, (problem,)) as pool:
         yield partial(pool.map, chunksize=4)
 
 
-def _library(
-    bench: Bench,
+def _ensemble(
+    problem: CalibrationProblem,
     base: list[Tried],
     draws: int,
     run: _Map,
     work: Path,
     fingerprint: str,
     on_progress: OnProgress | None,
-) -> Library:
+) -> Ensemble:
     """First round of campaigns; effects that were finished before are not made again."""
-    families = families_to_try(bench.case)
+    families = families_to_try(problem.case)
     tasks = tasks_of(families, draws)
     tried = list(base)
     done = 0
@@ -235,12 +235,12 @@ def _library(
             for one in run(_try, own):
                 made.append(one)
                 if on_progress is not None:
-                    rocks = 2 * bench.case.n_rocks * (done + len(made))
+                    rocks = 2 * problem.case.n_rocks * (done + len(made))
                     on_progress(done + len(made), len(tasks), rocks)
             _save(saved, fingerprint, made)
         done += len(own)
         tried += made
-    return library_of(bench, tried)
+    return ensemble_of(problem, tried)
 
 
 def _saved(file: Path, fingerprint: str) -> list[Tried] | None:
@@ -285,15 +285,15 @@ def _fingerprint(config: Config, observations: Path, options: str) -> str:
 
 def _diagnosis(
     base_model: Base,
-    library: Library,
+    ensemble: Ensemble,
     frozen: Thresholds,
     run: _Map,
     fingerprint: str,
-) -> tuple[Diagnosis, Library]:
+) -> tuple[Diagnosis, Ensemble]:
     """The answer, and the library with all that was calibrated on the way."""
-    bench = base_model.bench
-    case, seed = bench.case, bench.seed
-    shares, caution = _probabilities(base_model)
+    problem = base_model.problem
+    case, seed = problem.case, problem.seed
+    shares, confidence_calibration = _probabilities(base_model)
     families = best_families(shares)
     best = best_cause(shares)
     if best == UNKNOWN:
@@ -301,23 +301,23 @@ def _diagnosis(
     further = [NONE, *families[:_FURTHER]]
     if "+" in best:
         tasks = [(best, i) for i in range(_PAIR_DRAWS)]
-        library = library.with_more(bench, list(run(_try, tasks)))
+        ensemble = ensemble.with_more(problem, list(run(_try, tasks)))
         further.append(best)
 
     def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
         return list(run(_try_refined, tasks))
 
-    library = refine(bench, library, further, again, rounds=ROUNDS, draws=REFINED)
+    ensemble = refine(problem, ensemble, further, again, rounds=ROUNDS, draws=REFINED)
     part = folds_of(case.n_rocks, seed)
-    shrinkage = shrinkage_of(bench, library, best, part, draws=_BOOTSTRAP, seed=seed)
-    fitted = [library.tried[i].draw for i in best_draws(library, best).tolist()]
-    base = library.tried[int(best_draws(library, NONE)[0])].draw
+    shrinkage = shrinkage_of(problem, ensemble, best, part, draws=_BOOTSTRAP, seed=seed)
+    fitted = [ensemble.tried[i].draw for i in best_draws(ensemble, best).tolist()]
+    base = ensemble.tried[int(best_draws(ensemble, NONE)[0])].draw
     findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
-    verdict = verdict_of(shares, most, frozen, case, fitted, findings, caution)
+    verdict = verdict_of(shares, most, frozen, case, fitted, findings, confidence_calibration)
     named = verdict.effect not in (NONE, UNKNOWN)
     if verdict.effect == NONE:
-        shrinkage = shrinkage_of(bench, library, NONE, part, draws=0, seed=seed)
+        shrinkage = shrinkage_of(problem, ensemble, NONE, part, draws=0, seed=seed)
     elif not named:
         shrinkage = replace(
             shrinkage, note=f"No effect is named; this is of {best.replace('_', ' ')}, as a bound."
@@ -327,13 +327,13 @@ def _diagnosis(
     diagnosis = Diagnosis(
         verdict=verdict,
         where=findings,
-        which=_contenders(bench, library, shares, best, part),
+        which=_hypotheses(problem, ensemble, shares, best, part),
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
         cannot_tell=told.cannot_tell,
         measure_next=measure_next(case, verdict.confusion_set),
-        comparisons=_comparisons(bench, library, best if named else ""),
+        comparisons=_comparisons(problem, ensemble, best if named else ""),
         base=_calibrated(base),
         effect=_calibrated(effect),
         settings_hash=fingerprint,
@@ -341,7 +341,7 @@ def _diagnosis(
         # Errors were logged while reading.
         warnings=tuple(str(f) for f in case.observations.findings if f.level == "warning"),
     )
-    return diagnosis, library
+    return diagnosis, ensemble
 
 
 def _probabilities(base: Base) -> tuple[dict[str, float], float]:
@@ -349,36 +349,36 @@ def _probabilities(base: Base) -> tuple[dict[str, float], float]:
 
     By the judge of the richest design of which enough was measured.
     """
-    case = base.bench.case
+    case = base.problem.case
     families = families_to_try(case)
     for design in designs_of(case):
-        judge = read_judge(design)
+        classifier = read_classifier(design)
         signature = observed_signature(base, design)
-        if judge.seen(signature) >= LEAST_SEEN:
+        if classifier.seen(signature) >= LEAST_SEEN:
             excluded = [name for name in FAMILIES if name not in families]
-            return judge.probabilities(signature, excluded), judge.caution
+            return classifier.probabilities(signature, excluded), classifier.confidence_calibration
     return no_idea((NONE, *families, UNKNOWN, PAIR)), 0.0
 
 
-def _contenders(
-    bench: Bench,
-    library: Library,
+def _hypotheses(
+    problem: CalibrationProblem,
+    ensemble: Ensemble,
     shares: Mapping[str, float],
     best: str,
     part: np.ndarray[tuple[int], np.dtype[np.int64]],
-) -> tuple[Contender, ...]:
+) -> tuple[Hypothesis, ...]:
     """Everything that was tried, most probable first."""
     names = [NONE, *best_families(shares), *([best] if "+" in best else [])]
-    base = held_out_scores(library, NONE, part)
-    rng = np.random.default_rng([bench.seed, 81])
+    base = held_out_scores(ensemble, NONE, part)
+    rng = np.random.default_rng([problem.seed, 81])
     found = []
     for name in names:
-        own = held_out_scores(library, name, part)
+        own = held_out_scores(ensemble, name, part)
         gain = gain_of(base, own, rng)
-        top = [library.tried[i].draw for i in best_draws(library, name).tolist()]
+        top = [ensemble.tried[i].draw for i in best_draws(ensemble, name).tolist()]
         values = {k: _values(top, k) for k in top[0].parameters}
         found.append(
-            Contender(
+            Hypothesis(
                 name,
                 top[0].form,
                 float(np.nanmean(own)),
@@ -418,16 +418,18 @@ _SHOWN = {
 }
 
 
-def _comparisons(bench: Bench, library: Library, effect: str) -> tuple[Comparison, ...]:
+def _comparisons(
+    problem: CalibrationProblem, ensemble: Ensemble, effect: str
+) -> tuple[Comparison, ...]:
     """Distributions of every scored quantity: observed, calibrated base, and effect."""
-    base = fitted_rows(library, NONE)
-    after = fitted_rows(library, effect) if effect else None
-    k = len(bench.scale.names)
+    base = fitted_rows(ensemble, NONE)
+    after = fitted_rows(ensemble, effect) if effect else None
+    k = len(problem.scale.names)
     out = []
-    for i, name in enumerate(bench.scale.names):
+    for i, name in enumerate(problem.scale.names):
         place, _, what = name.partition(":")
         quantity, unit = _SHOWN[what]
-        shown = "stop" if place == "stop" else bench.case.station_names[int(place[1:])]
+        shown = "stop" if place == "stop" else problem.case.station_names[int(place[1:])]
 
         def values(
             rows: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
@@ -435,7 +437,7 @@ def _comparisons(bench: Bench, library: Library, effect: str) -> tuple[Compariso
             what: str = what,
         ) -> tuple[float, ...]:
             there = rows[..., i + k] < 0.5
-            found = rows[..., i][there] * bench.scale.scale[i] + bench.scale.centre[i]
+            found = rows[..., i][there] * problem.scale.scale[i] + problem.scale.centre[i]
             if what in ("speed", "blocks"):
                 found = np.exp(found)
             return tuple(np.round(found, 4).tolist())
@@ -445,7 +447,7 @@ def _comparisons(bench: Bench, library: Library, effect: str) -> tuple[Compariso
                 shown,
                 quantity,
                 unit,
-                values(bench.rows),
+                values(problem.rows),
                 values(base),
                 () if after is None else values(after),
             )
@@ -453,11 +455,13 @@ def _comparisons(bench: Bench, library: Library, effect: str) -> tuple[Compariso
     return tuple(out)
 
 
-def _write_ensemble(file: Path, bench: Bench, library: Library, effect: str) -> None:
+def _write_ensemble(
+    file: Path, problem: CalibrationProblem, ensemble: Ensemble, effect: str
+) -> None:
     """The calibrated models, and the scale on which their rocks are compared."""
-    scale = bench.scale
+    scale = problem.scale
     kept = {
-        "seed": bench.seed,
+        "seed": problem.seed,
         "effect": effect,
         "scale": {
             "names": list(scale.names),
@@ -466,8 +470,8 @@ def _write_ensemble(file: Path, bench: Bench, library: Library, effect: str) -> 
         },
         **{
             name: [
-                model_as_json(library.tried[i].draw.model)
-                for i in best_draws(library, own).tolist()
+                model_as_json(ensemble.tried[i].draw.model)
+                for i in best_draws(ensemble, own).tolist()
             ]
             for name, own in (("base", NONE), ("effect", effect))
         },

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sassgis.gap.check.blinded_cases import labels_text, seal_of, truth_of
 from sassgis.gap.check.check_scores import (
     SHRINKAGE_ROCKS,
     Answer,
@@ -22,8 +23,7 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
-from sassgis.gap.check.sealed_cases import labels_text, seal_of, truth_of
-from sassgis.gap.check.worker_pool import Crew, Outcome, Task
+from sassgis.gap.check.worker_pool import Outcome, Task, WorkerPool
 from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
@@ -292,8 +292,8 @@ def _make(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress)
 def _all(tasks: Sequence[Task], jobs: int, step: OnProgress) -> dict[str, Any]:
     """Values of tasks that must not fail."""
     values: dict[str, Any] = {}
-    with Crew(jobs) as crew:
-        for outcome in crew.run(tasks):
+    with WorkerPool(jobs) as worker_pool:
+        for outcome in worker_pool.run(tasks):
             if outcome.failure:
                 raise OutputError(f"world {outcome.key} cannot be made: {outcome.failure}")
             values[outcome.key] = outcome.value
@@ -332,8 +332,8 @@ def _answer(
         )
         for case in open_cases
     ]
-    with Crew(jobs, place.root) as crew:
-        for outcome in crew.run(tasks):
+    with WorkerPool(jobs, place.root) as worker_pool:
+        for outcome in worker_pool.run(tasks):
             failure = outcome.failure or _unreadable(place, outcome.key)
             record = {"failure": failure, "seconds": round(outcome.seconds, 2)}
             _write_json(place.record(outcome.key), record)
@@ -402,15 +402,15 @@ def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
 
 
 def _verify_seal(place: _Place, text: str, found: str) -> None:
-    sealed = place.seal.read_text(encoding="utf-8").split()[0]
+    blinded = place.seal.read_text(encoding="utf-8").split()[0]
     salt = place.salt.read_text(encoding="utf-8").strip()
     actual = seal_of(salt, text)
-    if actual != sealed:
+    if actual != blinded:
         raise InputError(
             "the labels are not those that were sealed",
             file=place.seal,
             found=f"{found}: SHA-256 {actual}",
-            expected=f"SHA-256 {sealed}",
+            expected=f"SHA-256 {blinded}",
         )
 
 
@@ -454,7 +454,7 @@ def _measure(
         return
     tell(f"Measuring the shrinkage of {len(due)} worlds on {FRESH_ROCKS} fresh rocks each")
     done = len(due) - len(left)
-    with Crew(jobs) as makers, Crew(jobs, place.root) as measurers:
+    with WorkerPool(jobs) as makers, WorkerPool(jobs, place.root) as measurers:
         for first in range(0, len(left), _BATCH):
             some = left[first : first + _BATCH]
             fresh = [

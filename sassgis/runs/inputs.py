@@ -15,11 +15,11 @@ from sassgis.io.read.config import Config
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import read_terrain
-from sassgis.io.read.vectors import ReleaseArea, read_gates, read_release
+from sassgis.io.read.vectors import ReleaseArea, read_control_lines, read_release
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.runs.map import MapRun
 from sassgis.terrain.fall_lines import FallLineSettings
 from sassgis.terrain.spread import SpreadSettings
@@ -89,8 +89,8 @@ def read_map_run(
     chosen = read_release(config.release, grid, config.block_names, areas)
     table = read_ground_table(config.ground.classes)
     ground = ground_raster(config.ground, grid, table)
-    gates = read_gates(config, grid)
-    return map_run_of(config, grid, ground, table, chosen, gates, forest_of(config, grid))
+    control_lines = read_control_lines(config, grid)
+    return map_run_of(config, grid, ground, table, chosen, control_lines, forest_of(config, grid))
 
 
 def map_run_of(
@@ -99,7 +99,7 @@ def map_run_of(
     ground: NDArray[np.int32],
     table: GroundTable,
     areas: Sequence[ReleaseArea],
-    gates: Sequence[tuple[Gate, FloatArray]],
+    control_lines: Sequence[tuple[ControlLine, FloatArray]],
     forest: Forest | None,
 ) -> MapRun:
     """A run with the settings of the configuration and inputs that have been read."""
@@ -109,7 +109,7 @@ def map_run_of(
         table=table,
         areas=tuple(areas),
         blocks=config.blocks,
-        gates=tuple(gates),
+        control_lines=tuple(control_lines),
         engine=config.engine,
         fall_lines=fall_line_settings(config),
         spread=SpreadSettings(config.spread.lines_per_point, config.spread.width_percent),

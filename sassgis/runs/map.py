@@ -21,15 +21,15 @@ from numpy.typing import NDArray
 
 from sassgis.engine.simulate import (
     Bins,
+    ControlLineCrossings,
     Forest,
-    GateCrossings,
     ObjectCells,
     Simulated,
     Window,
     default_bins,
     simulate,
 )
-from sassgis.hazard.control_lines import GateSums
+from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.hazard.statistics import MapSums, Sample
 from sassgis.io.read.vectors import ReleaseArea
@@ -39,7 +39,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
-from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, Gate, StopReason
+from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine, StopReason
 from sassgis.model.settings import EngineSettings
 from sassgis.runs.interrupts import held_back
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface
@@ -105,7 +105,7 @@ class MapRun:
     table: GroundTable
     areas: tuple[ReleaseArea, ...]
     blocks: tuple[BlockPopulation, ...]
-    gates: tuple[tuple[Gate, FloatArray], ...]
+    control_lines: tuple[tuple[ControlLine, FloatArray], ...]
     engine: EngineSettings
     fall_lines: FallLineSettings
     spread: SpreadSettings
@@ -313,19 +313,19 @@ def scenario_word(name: str) -> np.uint64:
     return np.uint64(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little"))
 
 
-def gate_crossings(run: MapRun, traces: TraceSet) -> GateCrossings:
+def control_line_crossings(run: MapRun, traces: TraceSet) -> ControlLineCrossings:
     """Where lines cross the stations and barriers of a run."""
-    found = [crossings(traces, course) for _, course in run.gates]
+    found = [crossings(traces, course) for _, course in run.control_lines]
     line = np.concatenate([np.empty(0, np.int64), *(f[0] for f in found)])
     chainage = np.concatenate([np.empty(0), *(f[1] for f in found)])
-    gate = np.repeat(np.arange(len(found), dtype=np.int64), [f[0].size for f in found])
-    order = np.lexsort((gate, chainage, line))
+    control_line = np.repeat(np.arange(len(found), dtype=np.int64), [f[0].size for f in found])
+    order = np.lexsort((control_line, chainage, line))
     counts = np.bincount(line, minlength=len(traces)).astype(np.int64)
-    return GateCrossings(
-        tuple(g for g, _ in run.gates),
+    return ControlLineCrossings(
+        tuple(g for g, _ in run.control_lines),
         np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
         chainage[order],
-        gate[order],
+        control_line[order],
     )
 
 
@@ -412,7 +412,7 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> _Outcome:
     ahead = with_lead_in(take_profiles(flat, good), LEAD_IN_M)
     last = ahead.s[ahead.offset[1:] - 1]
     start = np.column_stack([np.zeros(len(lines)), np.minimum(2.0 * moved[good], last)])
-    crossed = gate_crossings(run, lines)
+    crossed = control_line_crossings(run, lines)
     for k in scenarios if len(lines) else ():
         blocks = run.blocks[k]
         result = simulate(
@@ -424,7 +424,7 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> _Outcome:
             rocks_per_line=run.rocks_per_line,
             line_keys=line_draw_keys(traces, starts.key, m, blocks.name)[good],
             starts=start,
-            gates=crossed,
+            control_lines=crossed,
             objects=run.objects,
             window=run.window,
             line_numbers=number[good],
@@ -472,14 +472,16 @@ class SourceTally:
 
     cells: SourceSums
     objects: SourceSums
-    gates: GateSums
+    control_lines: ControlLineSums
     rocks: int = 0
 
     @classmethod
     def fresh(cls, run: MapRun) -> SourceTally:
         """Nothing added yet."""
         n = bins_of(run).threshold.size
-        return cls(SourceSums(n), SourceSums(n), GateSums(tuple(g for g, _ in run.gates)))
+        return cls(
+            SourceSums(n), SourceSums(n), ControlLineSums(tuple(g for g, _ in run.control_lines))
+        )
 
     def add(self, result: Simulated) -> None:
         """Add the rocks of a chunk."""
@@ -490,7 +492,7 @@ class SourceTally:
             self.cells.add(result.cells, *exceed)
         numbers = np.arange(result.objects["exceed"].shape[0], dtype=np.int64)
         self.objects.add(numbers, result.objects["exceed"], result.objects["exceed_square"])
-        self.gates.add(result.passages)
+        self.control_lines.add(result.passages)
         self.rocks += result.rocks.size
 
 
@@ -523,7 +525,7 @@ class Progress:
 
     chunks: int
     sums: MapSums
-    gates: GateSums
+    control_lines: ControlLineSums
     reasons: IntArray = field(default_factory=lambda: np.zeros(len(StopReason), np.int64))
     lost: int = 0
     runout: IntArray = field(default_factory=lambda: np.zeros((len(StopReason), 0), np.int64))
@@ -537,7 +539,9 @@ class Progress:
     def fresh(cls, run: MapRun) -> Progress:
         """Nothing added yet."""
         n_rows, n_cols = run.grid.shape
-        return cls(0, MapSums(n_rows * n_cols), GateSums(tuple(g for g, _ in run.gates)))
+        return cls(
+            0, MapSums(n_rows * n_cols), ControlLineSums(tuple(g for g, _ in run.control_lines))
+        )
 
 
 def evenly_kept(rows: Rows, seed: int, share: float) -> Rows:
@@ -603,7 +607,7 @@ def _furthest(rows: Rows) -> tuple[float, int, int, int]:
 def _add(progress: Progress, outcome: _Outcome, run: MapRun, share: float, first: bool) -> None:
     for scenario, result in outcome.sums.items():
         progress.sums.add(result.cells, result.sums)
-        progress.gates.add(result.passages)
+        progress.control_lines.add(result.passages)
         source = (outcome.area, scenario)
         if source not in progress.sources:
             progress.sources[source] = SourceTally.fresh(run)

@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 
 import sassgis
 from sassgis.engine.course import trajectory
-from sassgis.engine.simulate import Forest, GateCrossings, Simulated, default_bins, simulate
-from sassgis.hazard.control_lines import GateSums
+from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, default_bins, simulate
+from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.statistics import quantiles
-from sassgis.io.read.config import Config, load_config, profile_gates, resolved, settings_hash
+from sassgis.io.read.config import (
+    Config,
+    load_config,
+    profile_control_lines,
+    resolved,
+    settings_hash,
+)
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.write.frames import write_table
@@ -30,9 +36,9 @@ from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
-from sassgis.model.results import Gate, Histogram, Outcome, StopReason
+from sassgis.model.results import ControlLine, Histogram, Outcome, StopReason
 from sassgis.report import figures
-from sassgis.report.map_report import file_stems, gate_tables, station_figures
+from sassgis.report.map_report import control_line_tables, file_stems, station_figures
 from sassgis.report.page import ReportContext, ReportFigure, ReportTable, write_report
 from sassgis.runs.inputs import (
     collected_notices,
@@ -75,7 +81,7 @@ class ProfileInput:
     z: FloatArray
     ground: NDArray[np.int32]
     table: GroundTable
-    gates: tuple[tuple[Gate, float], ...]
+    control_lines: tuple[tuple[ControlLine, float], ...]
     start: tuple[float, float]
     forest: Forest | None = None
 
@@ -111,7 +117,7 @@ class ProfileResult:
     pieces: NDArray[np.void]
     piece_scenario: NDArray[np.int64]
     passages: NDArray[np.void]
-    gates: GateSums
+    control_lines: ControlLineSums
     paths: tuple[tuple[FloatArray, FloatArray], ...]
     drawn: int
     stretches: FloatArray
@@ -136,7 +142,7 @@ def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
     s, z = flat.vertices(0)
     start = settings.start_m if settings else (float(s[0]), float(s[0]))
     return ProfileInput(
-        config.project.name, s, z, flat.ground, table, tuple(profile_gates(config)), start,
+        config.project.name, s, z, flat.ground, table, tuple(profile_control_lines(config)), start,
         _even_forest(config, s),
     )  # fmt: skip
 
@@ -204,16 +210,21 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
             expected=f"a point on known terrain within x {west:.10g} to {east:.10g}, "
             f"y {south:.10g} to {north:.10g}",
         )
-    gates = []
-    for gate, course in run.gates:
+    control_lines = []
+    for control_line, course in run.control_lines:
         _, chainage = crossings(traces, course)
-        gates += [
-            (gate if i == 0 else replace(gate, name=f"{gate.name} ({i + 1})"), float(c))
+        control_lines += [
+            (
+                control_line
+                if i == 0
+                else replace(control_line, name=f"{control_line.name} ({i + 1})"),
+                float(c),
+            )
             for i, c in enumerate(chainage)
         ]
     return ProfileInput(
         f"{config.project.name}: fall line from {x:.0f}, {y:.0f}",
-        s, z, flat.ground[: s.size], run.table, tuple(gates), (0.0, 0.0),
+        s, z, flat.ground[: s.size], run.table, tuple(control_lines), (0.0, 0.0),
         _forest_along(run, traces, s),
     )  # fmt: skip
 
@@ -248,9 +259,11 @@ def simulate_profile(
         )
     count = rocks or (config.profile.rocks if config.profile else 100)
     flat = _with_stretches(profile)
-    chainages = [c for _, c in profile.gates]
-    gates = GateCrossings.same_for_all([g for g, _ in profile.gates], chainages, 1)
-    sums = GateSums(gates.gates)
+    chainages = [c for _, c in profile.control_lines]
+    control_lines = ControlLineCrossings.same_for_all(
+        [g for g, _ in profile.control_lines], chainages, 1
+    )
+    sums = ControlLineSums(control_lines.control_lines)
     relief = float(profile.z.max() - profile.z.min())
     mass = max(b.largest_mass_kg for b in config.blocks)
     bins = default_bins(2e-3 * mass * 9.81 * max(relief, 10.0), max(relief, 4.0), 100.0)
@@ -262,11 +275,21 @@ def simulate_profile(
 
         def follow(n: int, first: int, events: int, blocks=blocks, keys=keys) -> Simulated:  # type: ignore[no-untyped-def]
             return simulate(
-                flat, profile.table, blocks, config.engine,
-                seed=config.run.seed if seed is None else seed, rocks_per_line=n, line_keys=keys,
-                starts=np.array([profile.start]), gates=gates, first_rock=first, bins=bins,
-                course_events=events, effects=config.effect_settings, forest=profile.forest,
-            )  # fmt: skip
+                flat,
+                profile.table,
+                blocks,
+                config.engine,
+                seed=config.run.seed if seed is None else seed,
+                rocks_per_line=n,
+                line_keys=keys,
+                starts=np.array([profile.start]),
+                control_lines=control_lines,
+                first_rock=first,
+                bins=bins,
+                course_events=events,
+                effects=config.effect_settings,
+                forest=profile.forest,
+            )
 
         shown = follow(drawn, 0, _COURSE_EVENTS)
         paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.courses]
@@ -314,7 +337,7 @@ def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePane
         trajectories=list(result.paths),
         ground=p.ground.astype(np.int64),
         ground_names=p.table.names,
-        gates=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.gates],
+        control_lines=[(g, c, float(np.interp(c, p.s, p.z))) for g, c in p.control_lines],
         stops=ended["runout_m"][
             (ended["rock"] < result.drawn) & (ended["reason"] != StopReason.BROKEN)
         ],
@@ -323,29 +346,29 @@ def profile_panel(result: ProfileResult, title: str = "") -> figures.ProfilePane
 
 
 def passage_histogram(
-    result: ProfileResult, gate: str, quantity: str, edges: Sequence[float], unit: str
+    result: ProfileResult, control_line: str, quantity: str, edges: Sequence[float], unit: str
 ) -> Histogram:
     """Histogram of one quantity of the passages at a station or barrier, by its name."""
-    names = [g.name for g, _ in result.profile.gates]
-    rows = result.passages[result.passages["gate"] == names.index(gate)]
+    names = [g.name for g, _ in result.profile.control_lines]
+    rows = result.passages[result.passages["control_line"] == names.index(control_line)]
     counts, _ = np.histogram(np.clip(rows[quantity], edges[0], edges[-1]), edges)
     return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
 
 
 def share_within(
-    result: ProfileResult, gate: str, quantity: str, low: float, high: float
+    result: ProfileResult, control_line: str, quantity: str, low: float, high: float
 ) -> tuple[int, float]:
     """Passages at a station or barrier, and the share of them between two limits (inclusive)."""
-    names = [g.name for g, _ in result.profile.gates]
-    values = result.passages[result.passages["gate"] == names.index(gate)][quantity]
+    names = [g.name for g, _ in result.profile.control_lines]
+    values = result.passages[result.passages["control_line"] == names.index(control_line)][quantity]
     share = float(((values >= low) & (values <= high)).mean()) if values.size else float("nan")
     return int(values.size), share
 
 
-def arrivals(result: ProfileResult, gate: str) -> int:
+def arrivals(result: ProfileResult, control_line: str) -> int:
     """Rocks that came to a station or barrier, by its name."""
-    names = [g.name for g, _ in result.profile.gates]
-    return result.gates.arrivals(names.index(gate))
+    names = [g.name for g, _ in result.profile.control_lines]
+    return result.control_lines.arrivals(names.index(control_line))
 
 
 def run_profile(
@@ -422,7 +445,7 @@ def _write(
         (folder / f"{name}.png").write_bytes(png)
         pictures.append(ReportFigure(title, caption, png))
 
-    gates = [(g, c) for g, c in p.gates]
+    control_lines = [(g, c) for g, c in p.control_lines]
     add(
         "profile", "Trajectories", "Paths of the centres of the rocks; chainage in plan.",
         figures.profile_comparison_figure([profile_panel(result)]),
@@ -434,19 +457,25 @@ def _write(
     )
     for quantity, words in quantities:
         add(
-            f"{quantity}_along", f"{words} along the profile",
+            f"{quantity}_along",
+            f"{words} along the profile",
             f"Quantiles of the rocks that come into each stretch of {STRETCH_M:g} m.",
             figures.energy_profile_figure(
-                result.stretches, result.along[quantity], p.s, p.z, quantity=quantity, gates=gates
+                result.stretches,
+                result.along[quantity],
+                p.s,
+                p.z,
+                quantity=quantity,
+                control_lines=control_lines,
             ),
-        )  # fmt: skip
+        )
     add(
         "runout", "Run-out",
         "Chainage at which rocks end, by the reason"
         + (", their pieces and the blocks that they set in motion too." if born else "."),
         figures.runout_figure(ended["runout_m"], ended["reason"].astype(np.int64)),
     )  # fmt: skip
-    drawn = station_figures(result.gates, total)
+    drawn = station_figures(result.control_lines, total)
     for (name, figure), stem in zip(drawn, file_stems([n for n, _ in drawn]), strict=True):
         add(f"station_{stem}", f"At {name}", "First downhill passage.", figure)
     scenario = np.array([b.name for b in config.blocks])[
@@ -457,8 +486,8 @@ def _write(
     rocks.insert(0, "scenario", scenario)
     write_table(work / "tables" / "rocks.csv", [rocks.drop(columns="line")])
     passages = pd.DataFrame({n: result.passages[n] for n in result.passages.dtype.names or ()})
-    names = np.array([g.name for g, _ in p.gates], dtype=object)
-    passages["gate"] = names[result.passages["gate"]] if names.size else []
+    names = np.array([g.name for g, _ in p.control_lines], dtype=object)
+    passages["control_line"] = names[result.passages["control_line"]] if names.size else []
     passages["outcome"] = [Outcome(int(o)).name.lower() for o in passages["outcome"]]
     write_table(work / "tables" / "passages.csv", [passages.drop(columns="line")])
     table = ReportTable(
@@ -486,7 +515,7 @@ def _write(
             warnings=tuple(warnings),
             key_results=table,
             figures=tuple(pictures),
-            tables=tuple(gate_tables(result.gates)),
+            tables=tuple(control_line_tables(result.control_lines)),
             provenance=(
                 ("Program", f"sassgis {sassgis.__version__}"),
                 ("Seed", used_seed),

@@ -129,7 +129,11 @@ def warnings_of(run: MapRun, planned: Plan, progress: Progress) -> list[str]:
             f"Each release point lets go {given} rocks instead of {asked}: release.rocks_per_point "
             f"is shared among {run.lines_per_point} lines and rounded up."
         )
-    idle = [g.name for i, (g, _) in enumerate(run.gates) if progress.gates.arrivals(i) == 0]
+    idle = [
+        g.name
+        for i, (g, _) in enumerate(run.control_lines)
+        if progress.control_lines.arrivals(i) == 0
+    ]
     if idle:
         out.append("No rock comes to: " + ", ".join(idle) + ".")
     names = unverified_classes(run)
@@ -405,7 +409,7 @@ def _state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
         [a.name for a in job.areas],
         job.stop_points_max,
         _keeps_rows(config),
-        [g.name for g, _ in job.gates],
+        [g.name for g, _ in job.control_lines],
         job.thresholds_kj,
         job.ref_width_m,
         schedule,

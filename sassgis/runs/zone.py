@@ -60,8 +60,10 @@ def prepared(job: Job, rules: Rules) -> Job:
 
 def without_barriers(job: Job) -> Job:
     """The job with its walls and nets as mere stations: they see rocks and hold none."""
-    gates = tuple((replace(g, kind="station"), course) for g, course in job.run.gates)
-    return Job(replace(job.run, gates=gates), job.planned, ())
+    control_lines = tuple(
+        (replace(g, kind="station"), course) for g, course in job.run.control_lines
+    )
+    return Job(replace(job.run, control_lines=control_lines), job.planned, ())
 
 
 def zone(
@@ -182,7 +184,7 @@ def simulations(
         config, work, job, jobs=jobs, on_progress=on_progress, tell=tell, rounds_max=rounds_max,
         enough=None if limit is None else enough, schedule=schedule,
     )  # fmt: skip
-    barriers = any(g.kind != "station" for g, _ in job.run.gates)
+    barriers = any(g.kind != "station" for g, _ in job.run.control_lines)
     if not (barriers and config.hazard.compare_barriers):
         return done, None
     tell("Once more without walls and nets")

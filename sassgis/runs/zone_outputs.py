@@ -120,13 +120,13 @@ def source_table(sampled: tuple[Sampled, ...]) -> pd.DataFrame:
 def design_table(config: Config, bare: tuple[Sampled, ...], done: Simulation) -> pd.DataFrame:
     """What comes to each station and barrier line if no barrier holds it, by residual frequency."""
     sources = [s.source for s in bare]
-    gates = [s.gates for s in bare]
+    control_lines = [s.control_lines for s in bare]
     rows = []
-    for i, (gate, _) in enumerate(done.run.gates):
-        energy, height = (arrivals(sources, gates, i, q) for q in ("energy_kj", "height_m"))
+    for i, (control_line, _) in enumerate(done.run.control_lines):
+        energy, height = (arrivals(sources, control_lines, i, q) for q in ("energy_kj", "height_m"))
         row: dict[str, object] = {
-            "line": gate.name,
-            "kind": gate.kind,
+            "line": control_line.name,
+            "kind": control_line.kind,
             "rocks": int(energy.rocks[0]),
             "arrivals_per_year": rounded(energy.rate[0], 4),
         }
@@ -336,7 +336,7 @@ def _layouts(
 ) -> tuple[PrintLayout, ...]:
     grid = done.run.grid
     extent = _extent(found.hazard.intensities[-1].zones, grid)
-    barriers = any(g.kind != "station" for g, _ in done.run.gates)
+    barriers = any(g.kind != "station" for g, _ in done.run.control_lines)
     on_top = ("vector_barriers",) if barriers else ()
     facts = (
         ("Model", "SASS (Bozzolo and Pamini, 1986): rocks followed along fall lines"

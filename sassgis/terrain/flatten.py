@@ -196,7 +196,7 @@ def xy_to_chainage(
     return s.reshape(xs.shape), aside.reshape(xs.shape)
 
 
-def crossings(traces: TraceSet, gate_line: FloatArray) -> tuple[IntArray, FloatArray]:
+def crossings(traces: TraceSet, control_line_line: FloatArray) -> tuple[IntArray, FloatArray]:
     """Where a polyline on the map is crossed by fall lines.
 
     Parameters
@@ -218,15 +218,22 @@ def crossings(traces: TraceSet, gate_line: FloatArray) -> tuple[IntArray, FloatA
     InputError
         If the polyline has fewer than two vertices.
     """
-    gate = np.ascontiguousarray(gate_line, np.float64)
-    if gate.ndim != 2 or gate.shape[1] != 2 or gate.shape[0] < 2 or not np.isfinite(gate).all():
+    control_line = np.ascontiguousarray(control_line_line, np.float64)
+    if (
+        control_line.ndim != 2
+        or control_line.shape[1] != 2
+        or control_line.shape[0] < 2
+        or not np.isfinite(control_line).all()
+    ):
         raise InputError(
             "not a polyline",
-            field="gate",
-            found=f"shape {gate.shape}",
+            field="control_line",
+            found=f"shape {control_line.shape}",
             expected="two or more points with x and y",
         )
-    line, s = _cross(traces.offset, traces.s, traces.x, traces.y, gate[:, 0], gate[:, 1])
+    line, s = _cross(
+        traces.offset, traces.s, traces.x, traces.y, control_line[:, 0], control_line[:, 1]
+    )
     order = np.lexsort((s, line))
     line, s = line[order], s[order]
     again = np.zeros(line.size, np.bool_)
@@ -506,9 +513,9 @@ def _cross(
                     continue
                 fx, fy = gx[g] - x0, gy[g] - y0
                 on_line = (fx * ey - fy * ex) / cross
-                on_gate = (fx * dy - fy * dx) / cross
+                on_control_line = (fx * dy - fy * dx) / cross
                 # Both ends belong to a segment: crossings at a vertex are found twice, not never.
-                if 0.0 <= on_line <= 1.0 and 0.0 <= on_gate <= 1.0:
+                if 0.0 <= on_line <= 1.0 and 0.0 <= on_control_line <= 1.0:
                     if count == lines.size:
                         lines = grown(lines, count + 1)
                         chainages = grown(chainages, count + 1)

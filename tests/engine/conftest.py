@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sassgis.engine.simulate import COURSE_COLUMNS, GateCrossings, simulate
+from sassgis.engine.simulate import COURSE_COLUMNS, ControlLineCrossings, simulate
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.profiles import ProfileSet
@@ -132,7 +132,7 @@ def lab() -> SimpleNamespace:
         ROCK=ROCK,
         DEBRIS=DEBRIS,
         MIXED=MIXED,
-        GateCrossings=GateCrossings,
+        ControlLineCrossings=ControlLineCrossings,
         ground=ground,
         profile_set=profile_set,
         slope=slope,

@@ -243,13 +243,13 @@ def same(one, other):
 def test_same_seed_same_rocks_for_any_chunks_and_order(lab):
     lines = [lab.rough(i, length=50.0, foot=20.0) for i in range(5)]
     keys = np.array([11, 22, 33, 44, 55], np.uint64)
-    gates = lab.GateCrossings
+    control_lines = lab.ControlLineCrossings
     everything = lab.run(
         lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=8, seed=7, keys=keys, start=[(5.0, 20.0)]
     ).rocks
     again = lab.run(
         lab.profile_set(*lines), lab.ROCK, lab.MIXED, n=8, seed=7, keys=keys, start=[(5.0, 20.0)],
-        gates=gates.none(5),
+        control_lines=control_lines.none(5),
     ).rocks  # fmt: skip
     assert same(everything, again)
     for order in ([4, 2, 0, 1, 3], [1], [3, 0]):

@@ -15,9 +15,9 @@ from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import (
     Calibrated,
     Comparison,
-    Contender,
     Diagnosis,
     Finding,
+    Hypothesis,
     Shrinkage,
     Verdict,
 )
@@ -196,9 +196,9 @@ def comparisons(case: Case, effect: bool) -> tuple[Comparison, ...]:
     return tuple(out)
 
 
-def _contenders(*ranked: tuple[str, str, float, float]) -> tuple[Contender, ...]:
+def _hypotheses(*ranked: tuple[str, str, float, float]) -> tuple[Hypothesis, ...]:
     return tuple(
-        Contender(
+        Hypothesis(
             effect, form, 1.2 - gain, gain, (gain - 0.08, gain + 0.07), share,
             {"efficiency": 0.8, "stems_per_ha": 420.0} if effect == "trees" else {},
             {"efficiency": (0.5, 1.2)} if effect == "trees" else {},
@@ -210,7 +210,7 @@ def _contenders(*ranked: tuple[str, str, float, float]) -> tuple[Contender, ...]
 def with_trees(case: Case) -> Diagnosis:
     """Trees are named; soft ground may be it as well."""
     table = calibrated(case.table, eta_max=0.61234567, mu_f=0.75)
-    which = _contenders(
+    which = _hypotheses(
         ("trees", "stems", 0.31, 0.71), ("soft_ground", "scar", 0.24, 0.19),
         ("trees+air_drag", "stems, constant", 0.28, 0.06), ("roughness", "wave", 0.02, 0.02),
         ("none", "", 0.0, 0.01), ("air_drag", "sphericity", -0.01, 0.004),
@@ -258,7 +258,7 @@ def unnamed(case: Case, effect: str) -> Diagnosis:
         with_trees(case),
         verdict=Verdict(effect, 0.62, (effect, "roughness"), reason="margin not reached"),
         where=where or quiet,
-        which=_contenders((effect, "", 0.0, 0.8), ("roughness", "wave", 0.01, 0.2)),
+        which=_hypotheses((effect, "", 0.0, 0.8), ("roughness", "wave", 0.01, 0.2)),
         shrinkage=Shrinkage(effect, None, None, 0.08, 0.08, 0.06, {}, "base near the floor"),
         comparisons=comparisons(case, False),
         base=base,

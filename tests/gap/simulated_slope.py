@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.engine.simulate import Forest, GateCrossings, simulate
+from sassgis.engine.simulate import ControlLineCrossings, Forest, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.observations.projection import project_observations, station_chainages
 from sassgis.gap.observations.tables import (
@@ -27,7 +27,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.profiles import ReleasePoints
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy, profiles
@@ -153,8 +153,8 @@ def observed(
         own, table, real, EngineSettings(), seed=seed, rocks_per_line=1,
         line_keys=np.arange(n_rocks, dtype=np.uint64) + np.uint64(1000),
         starts=np.zeros((n_rocks, 2)),
-        gates=GateCrossings.same_for_all(
-            [Gate(f"S{k}", "station") for k in range(len(STATIONS))], STATIONS, n_rocks
+        control_lines=ControlLineCrossings.same_for_all(
+            [ControlLine(f"S{k}", "station") for k in range(len(STATIONS))], STATIONS, n_rocks
         ),
         course_events=4000, effects=effects, forest=forest,
     )  # fmt: skip
@@ -176,10 +176,14 @@ def observed(
         rest = np.where(p["height_m"] > 0.0, axes[i, 1], round_[i]) / cosine
         x, y = placed(i, p["chainage_m"])
         made["passages"] = Passages.of(
-            rock_id=[names[k] for k in i], station=[f"S{g + 1}" for g in p["gate"]], x=x, y=y,
-            speed_mps=noisy(p["speed_mps"], 0.05), rotation_hz=noisy(p["rotation_hz"], 0.06),
+            rock_id=[names[k] for k in i],
+            station=[f"S{g + 1}" for g in p["control_line"]],
+            x=x,
+            y=y,
+            speed_mps=noisy(p["speed_mps"], 0.05),
+            rotation_hz=noisy(p["rotation_hz"], 0.06),
             height_m=np.maximum(p["height_m"] + rest + 0.1 * rng.standard_normal(i.size), 0.0),
-        )  # fmt: skip
+        )
     if "deposits" in tables:
         r = done.rocks
         x, y = placed(r["line"], r["runout_m"])

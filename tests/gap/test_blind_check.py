@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sassgis.gap.check.blinded_cases import labels_text, seal_of
 
 from sassgis.gap.check import check_scores
-from sassgis.gap.check.sealed_cases import labels_text, seal_of
-from sassgis.gap.check.worker_pool import Crew, Task
+from sassgis.gap.check.worker_pool import Task, WorkerPool
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs import gap_check
@@ -108,9 +108,9 @@ def test_a_silent_diagnosis_is_right_at_null_alone(done: Path) -> None:
 def test_the_labels_have_the_hash_that_was_written_before(done: Path) -> None:
     text = (done / "sealed" / "labels.json").read_text()
     salt = (done / "sealed" / "salt.txt").read_text().strip()
-    sealed, answered = done / "labels.sha256", done / "answers" / "001.json"
-    assert sealed.read_text().split()[0] == seal_of(salt, text)
-    assert sealed.stat().st_mtime_ns < answered.stat().st_mtime_ns
+    blinded, answered = done / "labels.sha256", done / "answers" / "001.json"
+    assert blinded.read_text().split()[0] == seal_of(salt, text)
+    assert blinded.stat().st_mtime_ns < answered.stat().st_mtime_ns
     assert (done / "answers.sha256").stat().st_mtime_ns < (
         done / "sealed" / "labels.json"
     ).stat().st_mtime_ns
@@ -150,7 +150,7 @@ def test_tampering_is_found_out(
         run(copy, thresholds)
 
 
-def test_labels_made_anew_must_have_the_sealed_hash(copy: Path, thresholds: Path) -> None:
+def test_labels_made_anew_must_have_the_blinded_hash(copy: Path, thresholds: Path) -> None:
     (copy / "sealed" / "labels.json").unlink()
     (copy / "labels.sha256").write_text("0" * 64 + "  forged\n")
     with pytest.raises(InputError, match="labels made anew"):
@@ -220,15 +220,15 @@ def task(root: Path, stub: str) -> Task:
 
 
 def test_the_diagnosing_process_cannot_load_the_worlds(tmp_path: Path) -> None:
-    with Crew(1, tmp_path) as crew:
-        (outcome,) = crew.run([task(tmp_path, "peeks_at_modules")])
+    with WorkerPool(1, tmp_path) as worker_pool:
+        (outcome,) = worker_pool.run([task(tmp_path, "peeks_at_modules")])
     assert outcome.failure == ""
     assert "sassgis.gap.check.worlds" in (tmp_path / "answers/001/refused.txt").read_text()
 
 
 def test_the_diagnosing_process_sees_its_own_case_alone(tmp_path: Path) -> None:
-    with Crew(1, tmp_path) as crew:
-        (outcome,) = crew.run([task(tmp_path, "peeks_at_files")])
+    with WorkerPool(1, tmp_path) as worker_pool:
+        (outcome,) = worker_pool.run([task(tmp_path, "peeks_at_files")])
     assert outcome.failure == ""
     refused = json.loads((tmp_path / "answers/001/refused.json").read_text())
     assert refused == ["check.json", "sealed/salt.txt", "cases/002/config.toml", "cases"]
@@ -260,7 +260,7 @@ def test_another_check_is_not_mixed_in(copy: Path, thresholds: Path, tmp_path: P
         run(tmp_path / "own", thresholds)
 
 
-def test_what_the_calling_program_has_loaded_does_not_pass_the_fence(tmp_path: Path) -> None:
+def test_what_the_calling_program_has_loaded_does_not_pass_the_sandbox(tmp_path: Path) -> None:
     script = tmp_path / "program.py"
     script.write_text(
         "import sys\n"

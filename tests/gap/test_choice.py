@@ -26,20 +26,20 @@ from sassgis.gap.replicas import (
     ways_of,
 )
 from sassgis.gap.sample import LOOSE, PIECE, main_blocks, observed_sample
-from sassgis.gap.which.classifier import DESIGNS, Judge, Trees, cautious, designs_of, no_idea
+from sassgis.gap.which.classifier import DESIGNS, Classifier, Trees, cautious, designs_of, no_idea
 from sassgis.gap.which.ensemble import (
-    Bench,
-    Library,
+    CalibrationProblem,
+    Ensemble,
     Tried,
-    bench_of,
-    library_of,
+    ensemble_of,
+    problem_of,
     rock_scores,
     tasks_of,
     try_task,
 )
 from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.features import correlations, covariates_of, rock_quantities, summary
-from sassgis.gap.which.hypotheses import NONE, Dials, draw, families_to_try
+from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw, families_to_try
 from sassgis.gap.which.signature import (
     Base,
     base_of,
@@ -58,7 +58,7 @@ from sassgis.gap.which.verdict import (
     measure_next,
     pair_of,
 )
-from sassgis.io.read.gap_thresholds import read_judge, write_judges
+from sassgis.io.read.gap_thresholds import read_classifier, write_classifiers
 from sassgis.model.effects import EffectSettings, LateralDeflection
 from sassgis.model.effects import Trees as Forest
 from sassgis.model.errors import InputError
@@ -67,50 +67,88 @@ ORDER = {name: i for i, name in enumerate(FAMILIES)}
 
 
 @pytest.fixture(scope="module")
-def bench() -> Bench:
-    return bench_of(observed(24, 3), 5)
+def problem() -> CalibrationProblem:
+    return problem_of(observed(24, 3), 5)
 
 
 @pytest.fixture(scope="module")
-def made(bench: Bench) -> tuple[Base, list[Tried]]:
-    return base_of(bench, 20)
+def made(problem: CalibrationProblem) -> tuple[Base, list[Tried]]:
+    return base_of(problem, 20)
 
 
 @pytest.fixture(scope="module")
-def library(bench: Bench, made: tuple[Base, list[Tried]]) -> Library:
+def ensemble(problem: CalibrationProblem, made: tuple[Base, list[Tried]]) -> Ensemble:
     tasks = tasks_of(("lateral_deflection", "air_drag", "fragmentation"), 10)
-    return library_of(bench, [*made[1], *(try_task(bench, task, ORDER) for task in tasks)])
+    return ensemble_of(
+        problem,
+        [*made[1], *(try_task(problem, task, ORDER) for task in tasks)],
+    )
 
 
-def plain(bench: Bench, **changes: object) -> Model:
+def plain(problem: CalibrationProblem, **changes: object) -> Model:
     return Model(TABLE, EffectSettings(), **changes)  # type: ignore[arg-type]
 
 
-def test_what_the_base_model_shows_is_what_it_made(bench: Bench) -> None:
+def test_what_the_base_model_shows_is_what_it_made(problem: CalibrationProblem) -> None:
     """The field is the engine itself: its own campaigns look like it, station by station."""
-    samples = campaigns(bench.case, bench.ways, plain(bench), count=30, seed=2)
-    seen = rock_quantities(bench.case, observed_sample(bench.case))
-    made = [rock_quantities(bench.case, sample) for sample in samples]
+    samples = campaigns(
+        problem.case,
+        problem.ways,
+        plain(problem),
+        count=30,
+        seed=2,
+    )
+    seen = rock_quantities(problem.case, observed_sample(problem.case))
+    made = [rock_quantities(problem.case, sample) for sample in samples]
     for name in ("stop:runout", "S0:speed", "S1:rotation", "hit:kept", "S0:height"):
         means = np.array([np.nanmean(one[name]) for one in made])
         assert abs(np.nanmean(seen[name]) - means.mean()) < 4.5 * means.std(), name
 
 
-def test_campaigns_are_the_same_however_they_are_asked_for(bench: Bench) -> None:
-    one = campaigns(bench.case, bench.ways, plain(bench), count=2, seed=2, number=7)
-    again = campaigns(bench.case, bench.ways, plain(bench), count=2, seed=2, number=7)
-    other = campaigns(bench.case, bench.ways, plain(bench), count=2, seed=2, number=8)
+def test_campaigns_are_the_same_however_they_are_asked_for(
+    problem: CalibrationProblem,
+) -> None:
+    one = campaigns(
+        problem.case,
+        problem.ways,
+        plain(problem),
+        count=2,
+        seed=2,
+        number=7,
+    )
+    again = campaigns(
+        problem.case,
+        problem.ways,
+        plain(problem),
+        count=2,
+        seed=2,
+        number=7,
+    )
+    other = campaigns(
+        problem.case,
+        problem.ways,
+        plain(problem),
+        count=2,
+        seed=2,
+        number=8,
+    )
     assert one[0].deposits is not None and again[0].deposits is not None
     np.testing.assert_array_equal(one[0].deposits.s, again[0].deposits.s)
     assert other[0].deposits is not None
     assert not np.array_equal(one[0].deposits.s, other[0].deposits.s)
 
 
-def test_scatter_aside_grows_as_a_random_walk(bench: Bench) -> None:
+def test_scatter_aside_grows_as_a_random_walk(problem: CalibrationProblem) -> None:
     walk = Aside(angle_deg=10.0, hop_m=8.0)
     rows = [
         s.deposits
-        for s in campaigns(bench.case, bench.ways, plain(bench, aside=walk), count=60, seed=2)
+        for s in campaigns(
+            problem.case,
+            problem.ways,
+            plain(problem, aside=walk),
+            count=60,
+            seed=2,
+        )
     ]
     s = np.concatenate([r.s for r in rows if r is not None])
     aside = np.concatenate([r.aside_m for r in rows if r is not None])
@@ -119,10 +157,10 @@ def test_scatter_aside_grows_as_a_random_walk(bench: Bench) -> None:
     assert abs(np.mean(aside / expected)) < 0.1
 
 
-def test_measurement_scales_what_is_read(bench: Bench) -> None:
+def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:
     def speed(measurement: Measurement) -> float:
-        model = plain(bench, measurement=measurement)
-        rows = campaigns(bench.case, bench.ways, model, count=10, seed=2)
+        model = plain(problem, measurement=measurement)
+        rows = campaigns(problem.case, problem.ways, model, count=10, seed=2)
         return float(
             np.mean(np.concatenate([r.passages.speed_mps for r in rows if r.passages is not None]))
         )
@@ -130,19 +168,26 @@ def test_measurement_scales_what_is_read(bench: Bench) -> None:
     assert speed(Measurement(scale=1.2)) == pytest.approx(1.2 * speed(Measurement()), rel=1e-9)
 
 
-def test_release_moves_the_start(bench: Bench) -> None:
-    shifted = plain(bench, release=Release(shift_m=5.0))
-    rows = campaigns(bench.case, bench.ways, shifted, count=10, seed=2)
+def test_release_moves_the_start(problem: CalibrationProblem) -> None:
+    shifted = plain(problem, release=Release(shift_m=5.0))
+    rows = campaigns(problem.case, problem.ways, shifted, count=10, seed=2)
     aside = np.concatenate([r.deposits.aside_m for r in rows if r.deposits is not None])
     assert np.mean(aside) == pytest.approx(5.0, abs=0.2)
 
 
-def test_a_stand_takes_energy_only_where_it_stands(bench: Bench) -> None:
+def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) -> None:
     model = replace(
-        plain(bench, stand=Stand(46.0, 79.0, 4000.0, 50.0)), effects=EffectSettings(trees=Forest())
+        plain(problem, stand=Stand(46.0, 79.0, 4000.0, 50.0)),
+        effects=EffectSettings(trees=Forest()),
     )
-    with_trees = campaigns(bench.case, bench.ways, model, count=20, seed=2)
-    without = campaigns(bench.case, bench.ways, plain(bench), count=20, seed=2)
+    with_trees = campaigns(problem.case, problem.ways, model, count=20, seed=2)
+    without = campaigns(
+        problem.case,
+        problem.ways,
+        plain(problem),
+        count=20,
+        seed=2,
+    )
 
     def speed(rows: list, station: int) -> float:  # type: ignore[type-arg]
         return float(
@@ -155,11 +200,17 @@ def test_a_stand_takes_energy_only_where_it_stands(bench: Bench) -> None:
     assert speed(with_trees, 1) < 0.5 * speed(without, 1)
 
 
-def test_pieces_and_loose_blocks_keep_to_their_campaign(bench: Bench) -> None:
+def test_pieces_and_loose_blocks_keep_to_their_campaign(
+    problem: CalibrationProblem,
+) -> None:
     for family, kind in (("fragmentation", PIECE), ("entrainment", LOOSE)):
-        dials = {"break.energy": 0.1, "set_off.number": 0.9}
-        made = draw(bench.case, (family,), Dials(np.random.default_rng(1), dials))
-        for sample in campaigns(bench.case, bench.ways, made.model, count=3, seed=2):
+        parameter_draws = {"break.energy": 0.1, "set_off.number": 0.9}
+        made = draw(
+            problem.case,
+            (family,),
+            ParameterDraws(np.random.default_rng(1), parameter_draws),
+        )
+        for sample in campaigns(problem.case, problem.ways, made.model, count=3, seed=2):
             rows = sample.deposits
             assert rows is not None
             assert (rows.kind == kind).any()
@@ -203,8 +254,8 @@ def test_shrinkage_is_one_where_the_effect_explains_all_and_withheld_without_a_g
     assert distances(seen, near, near).shrinkage is None
 
 
-def test_profiles_are_read_where_they_are(bench: Bench) -> None:
-    bare = bench.ways.bare
+def test_profiles_are_read_where_they_are(problem: CalibrationProblem) -> None:
+    bare = problem.ways.bare
     for i in (0, 5):
         s, z = bare.vertices(i)
         at = np.linspace(s[0] + 0.5, s[-1] - 0.5, 40)
@@ -215,18 +266,24 @@ def test_profiles_are_read_where_they_are(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("family", [None, *FAMILIES])
-def test_the_same_dials_make_the_same_draw(bench: Bench, family: str | None) -> None:
+def test_the_same_parameter_draws_make_the_same_draw(
+    problem: CalibrationProblem, family: str | None
+) -> None:
     families = () if family is None else (family,)
-    made = draw(bench.case, families, Dials(np.random.default_rng(8)))
-    again = draw(bench.case, families, Dials(np.random.default_rng(9), made.dials))
+    made = draw(problem.case, families, ParameterDraws(np.random.default_rng(8)))
+    again = draw(
+        problem.case,
+        families,
+        ParameterDraws(np.random.default_rng(9), made.parameter_draws),
+    )
     assert again == made
     assert model_from_json(json.loads(json.dumps(model_as_json(made.model)))) == made.model
 
 
-def test_effects_that_are_on_already_are_not_tried(bench: Bench) -> None:
-    with_trees = replace(bench.case, effects=EffectSettings(trees=Forest()))
+def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) -> None:
+    with_trees = replace(problem.case, effects=EffectSettings(trees=Forest()))
     assert "trees" not in families_to_try(with_trees)
-    assert len(families_to_try(bench.case)) == len(FAMILIES)
+    assert len(families_to_try(problem.case)) == len(FAMILIES)
 
 
 def test_kinds_of_numbers_do_not_know_places() -> None:
@@ -237,16 +294,18 @@ def test_kinds_of_numbers_do_not_know_places() -> None:
     assert kind_and_place("hit@rock:kept~size", ("meadow",)) == ("hit_hard:kept~size", 0)
 
 
-def test_the_order_of_draws_changes_nothing(bench: Bench) -> None:
+def test_the_order_of_draws_changes_nothing(problem: CalibrationProblem) -> None:
     tasks = tasks_of(("air_drag",), 3)
-    forth = {t: try_task(bench, t, ORDER) for t in tasks}
-    back = {t: try_task(bench, t, ORDER) for t in reversed(tasks)}
+    forth = {t: try_task(problem, t, ORDER) for t in tasks}
+    back = {t: try_task(problem, t, ORDER) for t in reversed(tasks)}
     for task in tasks:
         np.testing.assert_array_equal(forth[task].rows, back[task].rows)
         assert forth[task].draw == back[task].draw
 
 
-def test_the_signature_of_the_base_is_none(bench: Bench, made: tuple[Base, list[Tried]]) -> None:
+def test_the_signature_of_the_base_is_none(
+    problem: CalibrationProblem, made: tuple[Base, list[Tried]]
+) -> None:
     """The field is the base model: no more of its signature is far off than chance makes."""
     values = np.array(list(observed_signature(made[0]).values()))
     assert values.size > 400
@@ -273,13 +332,19 @@ def test_calibration_takes_out_what_the_ground_explains() -> None:
     assert set(signature_of(reference, {"n3": 1.0, "n4": np.nan})) == {"p|n3", "r|n3"}
 
 
-def test_an_effect_shows_where_it_acts(bench: Bench, made: tuple[Base, list[Tried]]) -> None:
+def test_an_effect_shows_where_it_acts(
+    problem: CalibrationProblem, made: tuple[Base, list[Tried]]
+) -> None:
     base = made[0]
     reference = reference_of(base.names, base.x, base.moved, base.soft)
 
-    def seen(family: str, **dials: float) -> dict[str, float]:
-        one = draw(bench.case, (family,), Dials(np.random.default_rng(1), dials))
-        sample = campaigns(bench.case, bench.ways, one.model, count=1, seed=2, number=3)[0]
+    def seen(family: str, **parameter_draws: float) -> dict[str, float]:
+        one = draw(
+            problem.case,
+            (family,),
+            ParameterDraws(np.random.default_rng(1), parameter_draws),
+        )
+        sample = campaigns(problem.case, problem.ways, one.model, count=1, seed=2, number=3)[0]
         return signature_of(reference, features_of(base, sample))
 
     assert seen("fragmentation", **{"break.energy": 0.1})["p|stop:more_blocks"] > 4.0
@@ -291,17 +356,20 @@ def test_an_effect_shows_where_it_acts(bench: Bench, made: tuple[Base, list[Trie
 
 
 def test_numbers_that_are_missing_are_not_told(
-    bench: Bench, made: tuple[Base, list[Tried]]
+    problem: CalibrationProblem, made: tuple[Base, list[Tried]]
 ) -> None:
     few = replace(
-        bench.case,
-        observations=replace(bench.case.observations, impacts=bench.case.observations.impacts.take(
-            np.zeros(len(bench.case.observations.impacts), bool)
-        )),
-    )  # fmt: skip
-    assert designs_of(bench.case) == ("everything", "both", "stations", "stops")
+        problem.case,
+        observations=replace(
+            problem.case.observations,
+            impacts=problem.case.observations.impacts.take(
+                np.zeros(len(problem.case.observations.impacts), bool)
+            ),
+        ),
+    )
+    assert designs_of(problem.case) == ("everything", "both", "stations", "stops")
     assert designs_of(few) == ("both", "stations", "stops")
-    base, _ = base_of(bench_of(few, 1), 6)
+    base, _ = base_of(problem_of(few, 1), 6)
     assert not any("hit" in name for name in observed_signature(base))
     assert not any("S" in name for name in observed_signature(base, "stops"))
 
@@ -320,33 +388,33 @@ def without_columns(case: Case, table: str, *columns: str) -> Case:
     ],
 )
 def test_columns_that_were_not_measured_make_no_effect(
-    bench: Bench, table: str, columns: tuple[str, ...]
+    problem: CalibrationProblem, table: str, columns: tuple[str, ...]
 ) -> None:
     """The field is the base model; without some columns it still is."""
-    blind = without_columns(bench.case, table, *columns)
-    base, _ = base_of(bench_of(blind, 5), 20)
+    blind = without_columns(problem.case, table, *columns)
+    base, _ = base_of(problem_of(blind, 5), 20)
     values = np.array(list(observed_signature(base).values()))
     assert values.size > 200
     assert np.mean(np.abs(values) > 3.0) < 0.03
 
 
-def test_too_little_is_no_idea(bench: Bench) -> None:
-    judge = read_judge("stations")
-    assert judge.seen({}) == 0.0
-    base, _ = base_of(bench, 6)
-    assert judge.seen(observed_signature(base, "stations")) > 0.3
+def test_too_little_is_no_idea(problem: CalibrationProblem) -> None:
+    classifier = read_classifier("stations")
+    assert classifier.seen({}) == 0.0
+    base, _ = base_of(problem, 6)
+    assert classifier.seen(observed_signature(base, "stations")) > 0.3
     nothing = no_idea((NONE, *FAMILIES, "unknown", "pair"))
     assert decide(nothing, None, Thresholds(0.4, 0.45))[0] == "unknown"
 
 
-def test_deflection_that_is_configured_stays(bench: Bench) -> None:
-    on = replace(bench.case, effects=EffectSettings(lateral_deflection=LateralDeflection()))
-    base = draw(on, (), Dials(np.random.default_rng(1)))
+def test_deflection_that_is_configured_stays(problem: CalibrationProblem) -> None:
+    on = replace(problem.case, effects=EffectSettings(lateral_deflection=LateralDeflection()))
+    base = draw(on, (), ParameterDraws(np.random.default_rng(1)))
     assert base.model.aside == Aside(angle_deg=10.0, hop_m=10.0)
     assert "lateral_deflection" not in families_to_try(on)
 
 
-def small_judge() -> Judge:
+def small_classifier() -> Classifier:
     """Two trees of one question each."""
     trees = Trees(
         np.array([0, 3]),
@@ -358,7 +426,7 @@ def small_judge() -> Judge:
             [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 0], [0, 0, 1], [0.4, 0.6, 0]], np.float32
         ),
     )
-    return Judge(
+    return Classifier(
         ("a", "b"),
         (NONE, "trees", "unknown"),
         np.array([1.0, 0.0], np.float32),
@@ -371,33 +439,33 @@ def small_judge() -> Judge:
 
 
 def test_trees_are_asked_from_the_root() -> None:
-    judge = small_judge()
+    classifier = small_classifier()
     # (3 - 1) / 2 is above 0.5, 0 above -0.5.
-    found = judge.probabilities({"a": 3.0})
+    found = classifier.probabilities({"a": 3.0})
     assert list(found) == ["trees", NONE, "unknown"]
     assert found["trees"] == pytest.approx((0.8 + 1e-3) / (1.0 + 3e-3))
     assert sum(found.values()) == pytest.approx(1.0)
     # A number that is missing counts as usual: left, and right.
-    assert judge.probabilities({})[NONE] == pytest.approx(0.7, abs=0.01)
-    assert judge.probabilities({"a": 3.0}, excluded=("trees",))[NONE] > 0.98
+    assert classifier.probabilities({})[NONE] == pytest.approx(0.7, abs=0.01)
+    assert classifier.probabilities({"a": 3.0}, excluded=("trees",))[NONE] > 0.98
 
 
-def test_judges_are_read_as_they_were_written(tmp_path: Path) -> None:
+def test_classifiers_are_read_as_they_were_written(tmp_path: Path) -> None:
     file = tmp_path / "judges.npz"
-    write_judges(file, dict.fromkeys(DESIGNS, small_judge()))
-    read = read_judge("both", file)
+    write_classifiers(file, dict.fromkeys(DESIGNS, small_classifier()))
+    read = read_classifier("both", file)
     for signature in ({"a": 3.0}, {"b": -2.0}, {}):
-        expected = small_judge().probabilities(signature)
+        expected = small_classifier().probabilities(signature)
         found = read.probabilities(signature)
         assert found == pytest.approx(expected, abs=0.01)
-    assert read.caution == 1.0
+    assert read.confidence_calibration == 1.0
     with pytest.raises(InputError, match="cannot be read"):
-        read_judge("walls", file)
+        read_classifier("walls", file)
     with pytest.raises(InputError, match="cannot be read"):
-        read_judge("both", tmp_path / "none.npz")
+        read_classifier("both", tmp_path / "none.npz")
 
 
-def test_caution_lowers_confidence() -> None:
+def test_confidence_calibration_lowers_confidence() -> None:
     p = np.linspace(0.0, 1.0, 101)
     np.testing.assert_allclose(cautious(p, 0.0), p, atol=1e-12)
     lowered = cautious(p, 2.0)
@@ -408,21 +476,23 @@ def test_caution_lowers_confidence() -> None:
     assert cautious(odds / (1.0 + odds), 2.0) == pytest.approx(0.6)
 
 
-def test_refinement_betters_the_score(bench: Bench, library: Library) -> None:
-    before = library.scores[library.of(NONE)].mean(axis=1).min()
+def test_refinement_betters_the_score(problem: CalibrationProblem, ensemble: Ensemble) -> None:
+    before = ensemble.scores[ensemble.of(NONE)].mean(axis=1).min()
     refined = refine(
-        bench, library, (NONE,), lambda tasks: [run_refined(bench, t) for t in tasks],
+        problem, ensemble, (NONE,), lambda tasks: [run_refined(problem, t) for t in tasks],
         rounds=2, draws=8,
     )  # fmt: skip
     best = refined.scores[refined.of(NONE)].mean(axis=1)
     assert best.min() <= before
-    assert len(refined.of(NONE)) == len(library.of(NONE)) + 16
+    assert len(refined.of(NONE)) == len(ensemble.of(NONE)) + 16
 
 
-def test_without_a_gap_no_shrinkage_is_stated(bench: Bench, library: Library) -> None:
-    part = folds_of(bench.case.n_rocks, 1)
-    assert np.bincount(part).min() >= bench.case.n_rocks // 5
-    found = shrinkage_of(bench, library, NONE, part, draws=0, seed=1)
+def test_without_a_gap_no_shrinkage_is_stated(
+    problem: CalibrationProblem, ensemble: Ensemble
+) -> None:
+    part = folds_of(problem.case.n_rocks, 1)
+    assert np.bincount(part).min() >= problem.case.n_rocks // 5
+    found = shrinkage_of(problem, ensemble, NONE, part, draws=0, seed=1)
     assert found.value is None and found.note
 
 
@@ -445,8 +515,8 @@ def test_decisions() -> None:
     assert confusion_set("air_drag+trees", two, thresholds) == ("air_drag", "trees", NONE)
 
 
-def test_legs_and_measurements(bench: Bench) -> None:
-    case = bench.case
+def test_legs_and_measurements(problem: CalibrationProblem) -> None:
+    case = problem.case
     assert legs_between(case, -5.0, 1e9) == case.legs
     assert legs_between(case, 0.0, 1.0) == case.legs[:1]
     assert measure_next(case, ("trees",)) == ()
@@ -460,12 +530,12 @@ def test_legs_and_measurements(bench: Bench) -> None:
 
 
 def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
-    alone = bench_of(observed(12, 1, tables=("impacts",)), 1)
+    alone = problem_of(observed(12, 1, tables=("impacts",)), 1)
     _, base = base_of(alone, 8)
     tried = [try_task(alone, task, ORDER) for task in tasks_of(("air_drag",), 3)]
-    library = library_of(alone, [*base, *tried])
-    assert library.scores.shape == (11, 12)
-    found = shrinkage_of(alone, library, "air_drag", folds_of(12, 1), draws=5, seed=1)
+    ensemble = ensemble_of(alone, [*base, *tried])
+    assert ensemble.scores.shape == (11, 12)
+    found = shrinkage_of(alone, ensemble, "air_drag", folds_of(12, 1), draws=5, seed=1)
     assert found.value is None and "no distance" in found.note
 
 

@@ -14,7 +14,7 @@ from sassgis.gap.ladder.fresh import measured_shrinkage
 from sassgis.gap.which.classifier import DESIGNS
 from sassgis.gap.which.families import FAMILIES
 from sassgis.io.read.config import load_config
-from sassgis.io.read.gap_thresholds import read_judge, read_thresholds, thresholds_of
+from sassgis.io.read.gap_thresholds import read_classifier, read_thresholds, thresholds_of
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
@@ -185,7 +185,7 @@ def test_the_frozen_thresholds_are_whole(tmp_path: Path) -> None:
     assert 0.0 < thresholds.least_confidence < 1.0
     assert 0.9 <= thresholds.confusion_mass < 1.0
     for design in DESIGNS:
-        judge = read_judge(design)
-        assert set(judge.causes) == {*FAMILIES, "none", "unknown", "pair"}
-        found = judge.probabilities({})
+        classifier = read_classifier(design)
+        assert set(classifier.causes) == {*FAMILIES, "none", "unknown", "pair"}
+        found = classifier.probabilities({})
         assert sum(found.values()) == pytest.approx(1.0)

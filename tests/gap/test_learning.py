@@ -14,8 +14,8 @@ import pytest
 from sassgis.gap.check.worlds import WorldSpec
 from sassgis.gap.check.worlds.battery import world_seeds
 from sassgis.gap.check.worlds.world import FAMILIES
-from sassgis.gap.which.classifier import DESIGNS, Judge, calibrated
-from sassgis.io.read.gap_thresholds import read_judge, read_thresholds, write_judges
+from sassgis.gap.which.classifier import DESIGNS, Classifier, calibrated
+from sassgis.io.read.gap_thresholds import read_classifier, read_thresholds, write_classifiers
 
 sklearn_ensemble = pytest.importorskip("sklearn.ensemble")
 
@@ -55,7 +55,7 @@ def test_trees_answer_as_those_that_were_grown(learning: ModuleType, tmp_path: P
     model.fit(x, label)
     causes = ("none", "pair", "roughness", "trees")
     names = tuple("abcdef")
-    judge = Judge(
+    classifier = Classifier(
         names,
         causes,
         np.zeros(6, np.float32),
@@ -65,13 +65,13 @@ def test_trees_answer_as_those_that_were_grown(learning: ModuleType, tmp_path: P
         np.ones(4),
     )
     file = tmp_path / "judges.npz"
-    write_judges(file, dict.fromkeys(DESIGNS, judge))
-    read = read_judge("stops", file)
+    write_classifiers(file, dict.fromkeys(DESIGNS, classifier))
+    read = read_classifier("stops", file)
     asked = rng.normal(size=(40, 6)).astype(np.float32)
     expected = np.zeros((40, 4))
     expected[:, [0, 1, 3]] = model.predict_proba(asked)
     for row, shares in zip(asked, expected, strict=True):
-        np.testing.assert_allclose(judge.trees.shares(row), shares, atol=1e-6)
+        np.testing.assert_allclose(classifier.trees.shares(row), shares, atol=1e-6)
         found = read.probabilities(dict(zip(names, row.tolist(), strict=True)))
         told = [found[cause] for cause in causes]
         # Limits of half precision send few rows another way.
@@ -98,5 +98,5 @@ def test_rows_of_a_world_hold_all_that_its_design_holds(
         assert r.causes[0] == r.causes[-1] == "none"
         assert r.values.shape == (len(r.causes), len(r.names))
         assert {*r.causes} <= {*FAMILIES, "none"}
-    seen = [read_judge(r.design).seen(dict.fromkeys(r.names, 0.0)) for r in rows]
+    seen = [read_classifier(r.design).seen(dict.fromkeys(r.names, 0.0)) for r in rows]
     assert min(seen) > 0.3

@@ -29,7 +29,7 @@ from made_diagnosis import (
 from observed_slope import NORTH
 
 from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Calibrated, Contender
+from sassgis.gap.diagnosis import Calibrated, Hypothesis
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
 from sassgis.gap.which.families import FAMILIES
@@ -657,10 +657,10 @@ def test_unobserved_quantities_are_empty_panels(few: Made) -> None:
     assert "nothing to compare" in texts(figures.gap_distributions_figure([]))
 
 
-def test_contenders_show_what_is_confused(made: Made) -> None:
+def test_hypotheses_show_what_is_confused(made: Made) -> None:
     _, case = made
     diagnosis = with_trees(case)
-    figure = figures.gap_contenders_figure(
+    figure = figures.gap_hypotheses_figure(
         diagnosis.which, verdict="trees", confusion=("trees", "soft_ground")
     )
     (named,) = marked(figure, "share-trees")
@@ -672,9 +672,9 @@ def test_contenders_show_what_is_confused(made: Made) -> None:
     assert "71 %" in texts(figure) and "< 1 %" in texts(figure)
 
 
-def test_contenders_without_intervals_are_drawn() -> None:
-    lone = Contender("none", "", 1.0, 0.0, (math.nan, math.nan), math.nan)
-    figure = figures.gap_contenders_figure([lone], verdict="none")
+def test_hypotheses_without_intervals_are_drawn() -> None:
+    lone = Hypothesis("none", "", 1.0, 0.0, (math.nan, math.nan), math.nan)
+    figure = figures.gap_hypotheses_figure([lone], verdict="none")
     assert not marked(figure, "interval") and len(marked(figure, "gain")) == 1
 
 

@@ -72,24 +72,26 @@ def zoned(make_valley: Callable[..., Path], tmp_path_factory: pytest.TempPathFac
     return out
 
 
-def test_every_area_and_gate_has_a_row_that_agrees_with_the_map(zoned: Path) -> None:
+def test_every_area_and_control_line_has_a_row_that_agrees_with_the_map(zoned: Path) -> None:
     table = pd.read_csv(zoned / "tables" / "areas.csv")
-    gates = pd.concat(
+    control_lines = pd.concat(
         [gpd.read_file(zoned / "result.gpkg", layer=n) for n in ("stations", "barriers")]
     ).set_index("name")
     areas = gpd.read_file(zoned / "result.gpkg", layer="release_areas").set_index("name")
-    assert len(table) == len(areas) * len(gates)
-    assert table.groupby("gate")["arrive"].sum().to_dict() == gates["rocks"].to_dict()
-    assert gates["rocks"].sum() > 200
+    assert len(table) == len(areas) * len(control_lines)
+    assert (
+        table.groupby("control_line")["arrive"].sum().to_dict() == control_lines["rocks"].to_dict()
+    )
+    assert control_lines["rocks"].sum() > 200
     assert table.groupby("area")["rocks"].first().to_dict() == areas["rocks"].to_dict()
     assert np.allclose(table["share"], table["arrive"] / table["rocks"])
     assert (table["energy_kj_q95"].isna() == (table["arrive"] == 0)).all()
 
 
 def test_quantiles_of_an_area_are_those_of_its_rows(zoned: Path) -> None:
-    table = pd.read_csv(zoned / "tables" / "areas.csv").set_index(["area", "gate"])
+    table = pd.read_csv(zoned / "tables" / "areas.csv").set_index(["area", "control_line"])
     rows = pd.read_csv(zoned / "tables" / "passages.csv")
-    own = rows[(rows["area"] == "Mitte") & (rows["gate"] == "upper talus")]
+    own = rows[(rows["area"] == "Mitte") & (rows["control_line"] == "upper talus")]
     energy = np.sort(own["energy_trans_kj"] + own["energy_rot_kj"])
     found = table.loc[("Mitte", "upper talus")]
     assert found["arrive"] == energy.size > 20
@@ -170,10 +172,12 @@ def test_shares_within_the_ranges_are_told_as_they_are(bedrina: Path, tmp_path: 
     ranges = pd.read_csv(bedrina / "ranges.csv")
     config = load_config(copy_sample("bedrina", tmp_path).parent / "config_before.toml")
     result = simulate_profile(config, profile_from_csv(config))
-    names = [g.name for g, _ in result.profile.gates]
+    names = [g.name for g, _ in result.profile.control_lines]
     assert len(ranges) == 6
     for row in ranges.itertuples():
-        values = result.passages[result.passages["gate"] == names.index(row.station)][row.quantity]
+        values = result.passages[result.passages["control_line"] == names.index(row.station)][
+            row.quantity
+        ]
         assert row.rocks == values.size == 100
         assert row.share_within == np.mean((values >= row.low) & (values <= row.high))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sassgis.model.errors import InputError
-from sassgis.model.results import Gate, Histogram, StopReason
+from sassgis.model.results import ControlLine, Histogram, StopReason
 from sassgis.report.figures import (
     convergence_figure,
     energy_profile_figure,
@@ -140,8 +140,8 @@ QUANTILES = {0.95: np.linspace(500.0, 50.0, 10), 0.5: np.linspace(50.0, 5.0, 10)
 
 
 def test_energy_has_a_log_axis_and_named_curves(find, texts) -> None:
-    gates = [(Gate("road", "station"), 80.0)]
-    figure = energy_profile_figure(BINS, QUANTILES, S, Z, gates=gates)
+    control_lines = [(ControlLine("road", "station"), 80.0)]
+    figure = energy_profile_figure(BINS, QUANTILES, S, Z, control_lines=control_lines)
     upper, lower = figure.axes
     assert upper.get_yscale() == "log"
     np.testing.assert_allclose(find(figure, "q0.95")[0].get_data().values, QUANTILES[0.95])

@@ -95,21 +95,21 @@ def test_empty_layer_says_so_and_shows_all_terrain(valley: Grid, texts) -> None:
     assert ax.get_xlim() == (valley.bounds[0], valley.bounds[2])
 
 
-def test_release_lines_and_gates(valley: Grid, find, texts) -> None:
+def test_release_lines_and_control_lines(valley: Grid, find, texts) -> None:
     corner = np.array([valley.west, valley.north])
     ring = np.array([[80.0, -60.0], [110.0, -60.0], [110.0, -50.0]]) + corner
-    gate = np.array([[90.0, -80.0], [250.0, -80.0]]) + corner
+    control_line = np.array([[90.0, -80.0], [250.0, -80.0]]) + corner
     figure = map_figure(
         valley,
         layer_of(valley),
         release=[ring, ring[:1]],
         lines=straight_lines(valley, MAX_LINES + 30),
-        gates=[("road", "station", gate), ("W1", "wall", gate - [0, 10])],
+        control_lines=[("road", "station", control_line), ("W1", "wall", control_line - [0, 10])],
     )
     np.testing.assert_allclose(find(figure, "release-areas")[0].get_paths()[0].vertices[:3], ring)
     np.testing.assert_allclose(find(figure, "release-points")[0].get_xydata(), ring[:1])
     assert len(find(figure, "fall-lines")[0].get_segments()) == MAX_LINES
-    np.testing.assert_allclose(find(figure, "gate-road")[0].get_xydata(), gate)
+    np.testing.assert_allclose(find(figure, "gate-road")[0].get_xydata(), control_line)
     words = texts(figure)
     assert f"{MAX_LINES} fall lines of {MAX_LINES + 30} are drawn" in words
     assert "road" in words and "W1" in words

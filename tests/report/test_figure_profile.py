@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from sassgis.model.errors import InputError
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.report.figures import ProfilePanel, profile_comparison_figure, profile_figure
 from sassgis.report.figures.profile_figure import runs_of
 
 S = np.array([0.0, 40.0, 80.0, 120.0, 170.0])
 Z = np.array([1800.0, 1755.0, 1720.0, 1670.0, 1650.0])
 PATHS = [(S[:3] + 1.0, Z[:3] + 2.0), (S, Z + 3.0)]
-GATES = [
-    (Gate("camera 2", "station"), 60.0, 1737.5),
-    (Gate("1", "wall", 5.0), 80.0, 1720.0),
-    (Gate("2", "net", 4.0), 120.0, 1670.0),
+CONTROL_LINES = [
+    (ControlLine("camera 2", "station"), 60.0, 1737.5),
+    (ControlLine("1", "wall", 5.0), 80.0, 1720.0),
+    (ControlLine("2", "net", 4.0), 120.0, 1670.0),
 ]
 
 
@@ -25,7 +25,7 @@ def test_profile_shows_what_was_given(find, texts) -> None:
         PATHS,
         ground=np.array([0, 0, 1, 1]),
         ground_names=("rock", "debris"),
-        gates=GATES,
+        control_lines=CONTROL_LINES,
         stops=np.array([60.0, np.nan, 165.0]),
         title="Bedrina 1",
     )
@@ -48,7 +48,7 @@ def test_profile_shows_what_was_given(find, texts) -> None:
 
 
 def test_barriers_stand_at_their_true_height(find, texts) -> None:
-    figure = profile_figure(S, Z, [], gates=GATES)
+    figure = profile_figure(S, Z, [], control_lines=CONTROL_LINES)
     np.testing.assert_allclose(find(figure, "gate-1")[0].get_ydata(), [1720.0, 1725.0])
     np.testing.assert_allclose(find(figure, "gate-2")[0].get_ydata(), [1670.0, 1674.0])
     assert find(figure, "gate-camera 2")[0].get_ydata()[0] == 1737.5
@@ -67,7 +67,9 @@ def test_axes_really_are_drawn_at_one_scale() -> None:
 
 def test_everything_drawn_lies_within_the_limits() -> None:
     high = [(S, Z + 40.0)]
-    (ax,) = profile_figure(S, Z, high, gates=[(Gate("W", "wall", 90.0), 5.0, 1794.0)]).axes
+    (ax,) = profile_figure(
+        S, Z, high, control_lines=[(ControlLine("W", "wall", 90.0), 5.0, 1794.0)]
+    ).axes
     assert ax.get_ylim()[1] > 1884.0
     assert ax.get_ylim()[0] < 1650.0
 
@@ -87,7 +89,7 @@ def test_an_unnamed_class_is_called_by_its_number(texts) -> None:
 
 def test_comparison_shares_scale_and_limits(find, texts) -> None:
     before = ProfilePanel(S, Z, PATHS, title="without measures")
-    after = ProfilePanel(S, Z, PATHS[:1], gates=GATES, title="with measures")
+    after = ProfilePanel(S, Z, PATHS[:1], control_lines=CONTROL_LINES, title="with measures")
     figure = profile_comparison_figure([before, after])
     upper, lower = figure.axes
     assert upper.get_xlim() == lower.get_xlim()

@@ -175,11 +175,13 @@ def test_rocks_come_to_barriers_houses_and_track(make_valley: Callable[..., Path
     for (area, _), tally in simulate_map(run, plan(run)).sources.items():
         counts = tally.objects.counts()
         hits[counts.places] += counts.count[:, 0]
-        for number, (gate, _) in enumerate(run.gates):
-            if gate.name.endswith(run.areas[area].name):
-                arrivals = tally.gates.arrivals(number)
-                reached[gate.name] = arrivals / tally.rocks
-                stopped[gate.name] = tally.gates.outcomes(number)[Outcome.STOPPED] / arrivals
+        for number, (control_line, _) in enumerate(run.control_lines):
+            if control_line.name.endswith(run.areas[area].name):
+                arrivals = tally.control_lines.arrivals(number)
+                reached[control_line.name] = arrivals / tally.rocks
+                stopped[control_line.name] = (
+                    tally.control_lines.outcomes(number)[Outcome.STOPPED] / arrivals
+                )
     assert set(reached) == {"net Mitte", "wall Nord"}
     assert all(0.05 < share < 0.25 for share in reached.values())
     assert all(0.8 < share < 1.0 for share in stopped.values())

@@ -285,12 +285,14 @@ def test_offsets_are_positive_to_the_right() -> None:
 
 
 def test_crossings_agree_with_shapely(traces: TraceSet) -> None:
-    gate = np.array([(1000.0, 1850.0), (1080.0, 1862.0), (1130.0, 1790.0), (1260.0, 1851.0)])
-    line, s = crossings(traces, gate)
+    control_line = np.array(
+        [(1000.0, 1850.0), (1080.0, 1862.0), (1130.0, 1790.0), (1260.0, 1851.0)]
+    )
+    line, s = crossings(traces, control_line)
     assert line.size >= len(traces)
     assert (np.diff(line) >= 0).all()
     found = 0
-    path = shapely.LineString(gate)
+    path = shapely.LineString(control_line)
     for i in range(len(traces)):
         own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
         meets = shapely.get_coordinates(
@@ -307,8 +309,8 @@ def test_crossings_at_vertices_count_once_and_further_ones_follow() -> None:
         [(0.0, 0.0), (5.0, 0.0), (10.0, 0.0)], [(0.0, 3.0), (10.0, 3.0)], [(0.0, 9.0), (10.0, 9.0)]
     )
     # Through the vertex at (5, 0) with a vertex of its own; then back across the first line.
-    gate = np.array([(5.0, -5.0), (5.0, 0.0), (5.0, 5.0), (8.0, 5.0), (8.0, -5.0)])
-    line, s = crossings(lines, gate)
+    control_line = np.array([(5.0, -5.0), (5.0, 0.0), (5.0, 5.0), (8.0, 5.0), (8.0, -5.0)])
+    line, s = crossings(lines, control_line)
     assert list(line) == [0, 0, 1, 1]
     assert np.allclose(s, [5.0, 8.0, 5.0, 8.0])
     line, s = crossings(lines, np.array([(20.0, 0.0), (30.0, 5.0)]))
@@ -320,5 +322,5 @@ def test_bad_inputs_are_named(rough_grid: Grid, traces: TraceSet) -> None:
         profiles(rough_grid, traces, np.zeros((3, 3), np.int32), 0.1)
     with pytest.raises(ConfigError, match="segment_tolerance_m"):
         profiles(rough_grid, traces, np.zeros(rough_grid.shape, np.int32), -1.0)
-    with pytest.raises(InputError, match="gate"):
+    with pytest.raises(InputError, match="control_line"):
         crossings(traces, np.array([(0.0, 1.0)]))

@@ -16,7 +16,7 @@ from sassgis.engine.effects import (
     soft_ground,
     trees,
 )
-from sassgis.engine.effects.state import BIRTH_COLUMNS, Births, Effects
+from sassgis.engine.effects.state import BIRTH_COLUMNS, Effects, Spawned
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import FloatArray
@@ -143,9 +143,9 @@ def effects_of(
     )
 
 
-def room_for_births(most: int, settings: EffectSettings) -> Births:
+def room_for_spawned(most: int, settings: EffectSettings) -> Spawned:
     """Working space for the pieces and blocks set in motion in the course of one rock."""
     rows = most if settings.fragmentation or settings.entrainment else 1
-    return Births(
+    return Spawned(
         np.zeros((rows, BIRTH_COLUMNS)), np.zeros(1, np.int64), np.zeros(32), np.zeros(32)
     )

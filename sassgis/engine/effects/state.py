@@ -35,7 +35,7 @@ BIRTH_COLUMNS = 10
 )
 
 
-class Births(NamedTuple):
+class Spawned(NamedTuple):
     """Blocks that come into being in the course of one rock: pieces, and blocks set in motion."""
 
     rows: NDArray[np.float64]  # (room, BIRTH_COLUMNS)

@@ -77,7 +77,7 @@ class Outcome:
     seconds: float
 
 
-class Fence:
+class Sandbox:
     """Refuses modules and folders to a process; set once, it cannot be taken away again.
 
     It hears of all that Python opens or imports. Files that GDAL opens by itself go by it.
@@ -118,7 +118,7 @@ def function_named(name: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-class Crew:
+class WorkerPool:
     """Processes that live as long as the ``with`` block and take one task after the other.
 
     Each starts from a clean interpreter and works in a single thread.
@@ -137,7 +137,7 @@ class Crew:
         self._fenced = fenced
         self._members: list[tuple[SpawnProcess, Connection]] = []
 
-    def __enter__(self) -> Crew:
+    def __enter__(self) -> WorkerPool:
         return self
 
     def __exit__(
@@ -217,17 +217,17 @@ def _member(pipe: Connection, fenced: Path | None) -> None:
     # Ctrl-C reaches all processes of a terminal; the first one sees to the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.basicConfig(level=logging.ERROR, format="%(message)s")
-    fence = None
+    sandbox = None
     if fenced is not None:
         _no_worlds()
-        fence = Fence(fenced)
-        sys.addaudithook(fence)
+        sandbox = Sandbox(fenced)
+        sys.addaudithook(sandbox)
     with suppress(EOFError, OSError):
         while (task := pipe.recv()) is not None:
-            if fence is not None:
-                fence.allow(task.folders)
+            if sandbox is not None:
+                sandbox.allow(task.folders)
             outcome = _done(task)
-            if fence is not None:
+            if sandbox is not None:
                 _no_worlds()
             pipe.send(outcome)
 

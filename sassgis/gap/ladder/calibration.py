@@ -10,8 +10,8 @@ from scipy.spatial.distance import cdist, pdist
 
 from sassgis.gap.diagnosis import Shrinkage
 from sassgis.gap.distances import Interval
-from sassgis.gap.which.ensemble import Bench, Library, Tried, try_draw
-from sassgis.gap.which.hypotheses import NONE, Dials, draw
+from sassgis.gap.which.ensemble import CalibrationProblem, Ensemble, Tried, try_draw
+from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Draws that stand together for a calibrated contender.
@@ -32,17 +32,23 @@ def folds_of(n_rocks: int, seed: int) -> IntArray:
     return part
 
 
-def best_draws(library: Library, effect: str, rocks: IntArray | None = None) -> IntArray:
+def best_draws(ensemble: Ensemble, effect: str, rocks: IntArray | None = None) -> IntArray:
     """Draws of an effect with the best mean score over some rocks, best first, TOP of them."""
-    own = library.of(effect)
-    scores = library.scores[own] if rocks is None else library.scores[np.ix_(own, rocks)]
+    own = ensemble.of(effect)
+    scores = ensemble.scores[own] if rocks is None else ensemble.scores[np.ix_(own, rocks)]
     order = np.argsort(np.nanmean(scores, axis=1), kind="stable")
     return own[order[:TOP]]
 
 
 def refine(
-    bench: Bench, library: Library, effects: Sequence[str], run: Run, *, rounds: int, draws: int
-) -> Library:
+    problem: CalibrationProblem,
+    ensemble: Ensemble,
+    effects: Sequence[str],
+    run: Run,
+    *,
+    rounds: int,
+    draws: int,
+) -> Ensemble:
     """Calibrate effects: draw again near the best draws, round by round.
 
     Cross-entropy method (Rubinstein 1999): each new draw starts from one of the best and moves by
@@ -61,28 +67,39 @@ def refine(
     for round_ in range(rounds):
         tasks = []
         for effect in effects:
-            rng = np.random.default_rng([bench.seed, 31, round_, *map(ord, effect)])
-            own = library.of(effect)
-            order = np.argsort(np.nanmean(library.scores[own], axis=1), kind="stable")
-            elite = [library.tried[i].draw.dials for i in own[order[: max(TOP, own.size // 8)]]]
+            rng = np.random.default_rng([problem.seed, 31, round_, *map(ord, effect)])
+            own = ensemble.of(effect)
+            order = np.argsort(np.nanmean(ensemble.scores[own], axis=1), kind="stable")
+            elite = [
+                ensemble.tried[i].draw.parameter_draws
+                for i in own[order[: max(TOP, own.size // 8)]]
+            ]
             for k in range(draws):
                 number = _REFINED + round_ * draws + k
-                dials = _near(elite, rng)
+                parameter_draws = _near(elite, rng)
                 if effect != NONE and k % 2:
                     # The ground of the calibrated base, with this effect.
-                    ground = library.tried[int(best_draws(library, NONE)[k // 2 % TOP])].draw
-                    dials |= {n: v for n, v in ground.dials.items() if "." in n and n in dials}
-                tasks.append((effect, dials, number))
-        library = library.with_more(bench, run(tasks))
-    return library
+                    ground = ensemble.tried[int(best_draws(ensemble, NONE)[k // 2 % TOP])].draw
+                    parameter_draws |= {
+                        n: v
+                        for n, v in ground.parameter_draws.items()
+                        if "." in n and n in parameter_draws
+                    }
+                tasks.append((effect, parameter_draws, number))
+        ensemble = ensemble.with_more(problem, run(tasks))
+    return ensemble
 
 
-def run_refined(bench: Bench, task: tuple[str, Mapping[str, float], int]) -> Tried:
+def run_refined(problem: CalibrationProblem, task: tuple[str, Mapping[str, float], int]) -> Tried:
     """Campaigns of given dials."""
-    effect, dials, number = task
+    effect, parameter_draws, number = task
     families = () if effect == NONE else tuple(effect.split("+"))
-    rng = np.random.default_rng([bench.seed, 41, number, *map(ord, effect)])
-    return try_draw(bench, draw(bench.case, families, Dials(rng, dials)), number)
+    rng = np.random.default_rng([problem.seed, 41, number, *map(ord, effect)])
+    return try_draw(
+        problem,
+        draw(problem.case, families, ParameterDraws(rng, parameter_draws)),
+        number,
+    )
 
 
 def _near(elite: Sequence[Mapping[str, float]], rng: np.random.Generator) -> dict[str, float]:
@@ -102,13 +119,13 @@ def _near(elite: Sequence[Mapping[str, float]], rng: np.random.Generator) -> dic
 # Rocks left out
 
 
-def held_out_scores(library: Library, effect: str, part: IntArray) -> FloatArray:
+def held_out_scores(ensemble: Ensemble, effect: str, part: IntArray) -> FloatArray:
     """Energy score of each rock by draws chosen on the rocks of the other parts."""
     scores = np.full(part.size, np.nan)
     for p in np.unique(part).tolist():
         out = part == p
-        best = best_draws(library, effect, np.flatnonzero(~out))
-        scores[out] = np.nanmean(library.scores[np.ix_(best, np.flatnonzero(out))], axis=0)
+        best = best_draws(ensemble, effect, np.flatnonzero(~out))
+        scores[out] = np.nanmean(ensemble.scores[np.ix_(best, np.flatnonzero(out))], axis=0)
     return scores
 
 
@@ -125,13 +142,13 @@ def gain_of(
     return Interval(float(gain.mean()), float(low), float(high))
 
 
-def held_out_rows(library: Library, effect: str, part: IntArray) -> FloatArray:
+def held_out_rows(ensemble: Ensemble, effect: str, part: IntArray) -> FloatArray:
     """Replicas of each rock by draws chosen on the other parts, shape (m, n_rocks, p)."""
     rows: FloatArray | None = None
     for p in np.unique(part).tolist():
         out = part == p
-        best = best_draws(library, effect, np.flatnonzero(~out))
-        own = np.concatenate([library.tried[i].rows for i in best.tolist()]).astype(np.float64)
+        best = best_draws(ensemble, effect, np.flatnonzero(~out))
+        own = np.concatenate([ensemble.tried[i].rows for i in best.tolist()]).astype(np.float64)
         if rows is None:
             rows = np.zeros_like(own)
         rows[:, out] = own[:, out]
@@ -139,10 +156,10 @@ def held_out_rows(library: Library, effect: str, part: IntArray) -> FloatArray:
     return rows
 
 
-def fitted_rows(library: Library, effect: str) -> FloatArray:
+def fitted_rows(ensemble: Ensemble, effect: str) -> FloatArray:
     """Replicas of each rock by draws chosen on all rocks, shape (m, n_rocks, p)."""
-    best = best_draws(library, effect)
-    return np.concatenate([library.tried[i].rows for i in best.tolist()]).astype(np.float64)
+    best = best_draws(ensemble, effect)
+    return np.concatenate([ensemble.tried[i].rows for i in best.tolist()]).astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +244,13 @@ def _left_out(mean: FloatArray, n: int, k: int) -> float:
 
 
 def shrinkage_of(
-    bench: Bench, library: Library, effect: str, part: IntArray, *, draws: int, seed: int
+    problem: CalibrationProblem,
+    ensemble: Ensemble,
+    effect: str,
+    part: IntArray,
+    *,
+    draws: int,
+    seed: int,
 ) -> Shrinkage:
     """How far the gap of the calibrated base shrinks by an effect, on rocks left out.
 
@@ -244,11 +267,11 @@ def shrinkage_of(
         the rocks it lacks.
     seed : int
     """
-    observed = bench.rows
-    base = held_out_rows(library, NONE, part)
-    with_effect = held_out_rows(library, effect, part)
+    observed = problem.rows
+    base = held_out_rows(ensemble, NONE, part)
+    with_effect = held_out_rows(ensemble, effect, part)
     found = distances(observed, base, with_effect)
-    by_quantity = _by_quantity(bench, base, with_effect)
+    by_quantity = _by_quantity(problem, base, with_effect)
     value = found.shrinkage if effect != NONE else None
     if effect == NONE:
         note = "No effect is named: nothing to shrink by."
@@ -262,7 +285,7 @@ def shrinkage_of(
         note = ""
     interval = None
     if value is not None:
-        drawn = _bootstrap(bench, library, effect, value, draws, seed)
+        drawn = _bootstrap(problem, ensemble, effect, value, draws, seed)
         interval = (float(drawn[0]), float(drawn[1]))
     return Shrinkage(
         effect,
@@ -277,11 +300,16 @@ def shrinkage_of(
 
 
 def _bootstrap(
-    bench: Bench, library: Library, effect: str, value: float, draws: int, seed: int
+    problem: CalibrationProblem,
+    ensemble: Ensemble,
+    effect: str,
+    value: float,
+    draws: int,
+    seed: int,
 ) -> FloatArray:
     """Limits of S: rocks drawn anew, draws chosen on them, measured on the rocks that they lack."""
     rng = np.random.default_rng([seed, 51])
-    n = bench.rows.shape[0]
+    n = problem.rows.shape[0]
     found = []
     for _ in range(draws):
         inside = np.unique(rng.integers(0, n, n))
@@ -289,10 +317,10 @@ def _bootstrap(
         if inside.size < 3 or outside.size < 3:
             continue
         rows = [
-            np.concatenate([library.tried[i].rows for i in best_draws(library, e, inside)])
+            np.concatenate([ensemble.tried[i].rows for i in best_draws(ensemble, e, inside)])
             for e in (NONE, effect)
         ]
-        one = distances(bench.rows[outside], *(r[:, outside].astype(np.float64) for r in rows))
+        one = distances(problem.rows[outside], *(r[:, outside].astype(np.float64) for r in rows))
         gap = one.base - one.floor
         if gap > 0.0:
             found.append((one.base - one.effect) / gap)
@@ -305,17 +333,17 @@ def _bootstrap(
 
 
 def _by_quantity(
-    bench: Bench, base: FloatArray, effect: FloatArray
+    problem: CalibrationProblem, base: FloatArray, effect: FloatArray
 ) -> dict[str, dict[str, float | None]]:
     """The same for each quantity alone, all stations together."""
-    k = len(bench.scale.names)
+    k = len(problem.scale.names)
     kinds: dict[str, list[int]] = {}
-    for i, name in enumerate(bench.scale.names):
+    for i, name in enumerate(problem.scale.names):
         place, _, what = name.partition(":")
         kinds.setdefault(what if place != "stop" else f"stop {what}", []).extend([i, i + k])
     out: dict[str, dict[str, float | None]] = {}
     for what, columns in kinds.items():
-        found = distances(bench.rows[:, columns], base[:, :, columns], effect[:, :, columns])
+        found = distances(problem.rows[:, columns], base[:, :, columns], effect[:, :, columns])
         out[what] = {
             "base": found.base,
             "effect": found.effect,

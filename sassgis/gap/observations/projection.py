@@ -315,12 +315,12 @@ def station_chainages(
     for j, vertices in enumerate(stations.vertices):
         if vertices.shape[0] < 2:
             continue
-        gate = _prolonged(vertices, prolong_m)
-        line, chainage = crossings(traces, gate)
+        control_line = _prolonged(vertices, prolong_m)
+        line, chainage = crossings(traces, control_line)
         np.add.at(counts[:, j], line, 1)
         # Crossings of a line come by rising chainage: written backwards, the first one stays.
         s[line[::-1], j] = chainage[::-1]
-        shape_of = shapely.LineString(gate)
+        shape_of = shapely.LineString(control_line)
         for i in np.unique(line).tolist():
             own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
             at = (

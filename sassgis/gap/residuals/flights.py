@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.engine.simulate import GateCrossings, simulate
+from sassgis.engine.simulate import ControlLineCrossings, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.residuals.reaches import Model, repeated
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws
 from sassgis.gap.sample import errors_of
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 
 #: Effects that act between impacts; the flights that are compared here have none of them.
 FLIGHT_EFFECTS = ("air_drag", "trees")
@@ -304,8 +304,8 @@ def _rolled(
         rocks_per_line=_ROLLED,
         line_keys=np.arange(2 * n, dtype=np.uint64),
         starts=np.column_stack([start, start]),
-        gates=GateCrossings(
-            (Gate("end", "station"),),
+        control_lines=ControlLineCrossings(
+            (ControlLine("end", "station"),),
             np.arange(2 * n + 1, dtype=np.int64),
             end,
             np.zeros(2 * n, np.int64),

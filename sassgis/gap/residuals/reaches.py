@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sassgis.engine.simulate import Forest, GateCrossings, Simulated, simulate
+from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.distances import t_statistics
 from sassgis.gap.replicas import Ways, dips_at, ways_of
@@ -26,7 +26,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
-from sassgis.model.results import Gate, StopReason
+from sassgis.model.results import ControlLine, StopReason
 
 BoolArray = NDArray[np.bool_]
 
@@ -214,7 +214,7 @@ def free_run(case: Case, model: Model, replicates: int) -> FreeRun:
         rocks_per_line=replicates,
         line_keys=model.ways.keys,
         starts=case.start,
-        gates=model.ways.gates,
+        control_lines=model.ways.control_lines,
         effects=model.effects,
         forest=model.forest,
     )
@@ -244,14 +244,14 @@ def _passages(
     way = np.full((n, k, n_stations), np.nan)
     # The rock's own rows come before those of its pieces.
     rows, rock, draw = rows[::-1], rock[::-1], np.asarray(draw, np.int64)[::-1]
-    gate = rows["gate"].astype(np.int64)
+    control_line = rows["control_line"].astype(np.int64)
     dip = dips_at(profiles, rock, rows["chainage_m"])
     on_ground = rows["height_m"] <= 0.0
     a, b = axes[rock, draw, 0], axes[rock, draw, 1]
     # A rolling rock turns about its centre at the mean radius; flights are counted from b.
     round_ = 0.5 * (a + b)
     rest = np.where(on_ground, round_, b) / np.cos(dip)
-    place = (rock, draw, gate)
+    place = (rock, draw, control_line)
     speed[place] = rows["speed_mps"]
     rotation[place] = rows["rotation_hz"]
     height[place] = rows["height_m"] + rest
@@ -486,7 +486,7 @@ def _restarted(
         rocks_per_line=1,
         line_keys=np.arange(rock.size, dtype=np.uint64),
         starts=np.column_stack([states.s, states.s]),
-        gates=_gates_below(case, k, rock),
+        control_lines=_control_lines_below(case, k, rock),
         effects=model.effects,
         forest=model.forest,
     )
@@ -711,13 +711,13 @@ def _blocks(case: Case, rock: IntArray, axes: FloatArray, states: _States) -> li
     ]
 
 
-def _gates_below(case: Case, k: int, rock: IntArray) -> GateCrossings:
+def _control_lines_below(case: Case, k: int, rock: IntArray) -> ControlLineCrossings:
     """The next station below ``k`` on the line of each rock that has one."""
     has = k + 1 < len(case.station_names)
     s = case.station_s[rock, k + 1] if has else np.full(rock.size, np.nan)
     known = np.isfinite(s)
-    return GateCrossings(
-        tuple(Gate(name, "station") for name in case.station_names),
+    return ControlLineCrossings(
+        tuple(ControlLine(name, "station") for name in case.station_names),
         np.concatenate([[0], np.cumsum(known)]).astype(np.int64),
         s[known],
         np.full(int(known.sum()), k + 1, np.int64),

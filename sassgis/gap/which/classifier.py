@@ -62,7 +62,7 @@ class Trees:
 
 
 @dataclass(frozen=True, slots=True)
-class Judge:
+class Classifier:
     """What was learned for one design.
 
     Attributes
@@ -89,7 +89,7 @@ class Judge:
     trees: Trees
     power: float
     weight: FloatArray
-    caution: float = 0.0
+    confidence_calibration: float = 0.0
 
     def standardised(self, signature: Mapping[str, float]) -> NDArray[np.float32]:
         """A signature as a row of numbers, shape (p,)."""
@@ -137,7 +137,7 @@ def calibrated(shares: FloatArray, power: float, weight: FloatArray) -> FloatArr
     return out
 
 
-def cautious(probability: FloatArray | float, caution: float) -> FloatArray:
+def cautious(probability: FloatArray | float, confidence_calibration: float) -> FloatArray:
     """Confidence that is stated for a probability.
 
     It is SURE where the logarithm of the odds exceeds that of SURE by ``caution``, and straight
@@ -151,7 +151,7 @@ def cautious(probability: FloatArray | float, caution: float) -> FloatArray:
         0: the confidence is the probability.
     """
     p = np.asarray(probability, np.float64)
-    enough = 1.0 / (1.0 + (1.0 - SURE) / SURE * np.exp(-caution))
+    enough = 1.0 / (1.0 + (1.0 - SURE) / SURE * np.exp(-confidence_calibration))
     above = SURE + (1.0 - SURE) * (p - enough) / (1.0 - enough)
     out: FloatArray = np.where(p < enough, SURE * p / enough, above)
     return out

@@ -16,7 +16,7 @@ from sassgis.gap.case import Case
 from sassgis.gap.replicas import Ways, campaigns, ways_of
 from sassgis.gap.sample import Sample, errors_of, observed_sample
 from sassgis.gap.which.features import Covariates, covariates_of, rock_quantities
-from sassgis.gap.which.hypotheses import NONE, Dials, Draw, draw
+from sassgis.gap.which.hypotheses import NONE, Draw, ParameterDraws, draw
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Campaigns of each draw: two, so that the scatter of one model is known rock by rock.
@@ -73,7 +73,7 @@ class Tried:
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class CalibrationProblem:
     """A case made ready for many campaigns.
 
     Attributes
@@ -97,13 +97,15 @@ class Bench:
     seed: int
 
 
-def bench_of(case: Case, seed: int) -> Bench:
+def problem_of(case: Case, seed: int) -> CalibrationProblem:
     """Prepare a case."""
     observed = observed_sample(case)
     given = covariates_of(case)
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities)
-    return Bench(case, ways_of(case), given, scale, observed, scale.rows(quantities), seed)
+    return CalibrationProblem(
+        case, ways_of(case), given, scale, observed, scale.rows(quantities), seed
+    )
 
 
 def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
@@ -137,18 +139,21 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
     return np.log(np.maximum(values, 0.5)) if name.endswith(":blocks") else values
 
 
-def try_draw(bench: Bench, made: Draw, number: int) -> Tried:
+def try_draw(problem: CalibrationProblem, made: Draw, number: int) -> Tried:
     """Make campaigns of one draw and score them; ``number`` tells them from others."""
     samples = campaigns(
-        bench.case, bench.ways, made.model,
-        count=COUNT, seed=bench.seed, number=number, impacts=False,
+        problem.case, problem.ways, made.model,
+        count=COUNT, seed=problem.seed, number=number, impacts=False,
     )  # fmt: skip
-    return Tried(made, np.stack([rows_of(bench, sample) for sample in samples]).astype(np.float32))
+    return Tried(
+        made,
+        np.stack([rows_of(problem, sample) for sample in samples]).astype(np.float32),
+    )
 
 
-def rows_of(bench: Bench, sample: Sample) -> FloatArray:
+def rows_of(problem: CalibrationProblem, sample: Sample) -> FloatArray:
     """Rows per rock of another campaign of the same rocks."""
-    return bench.scale.rows(rock_quantities(bench.case, sample))
+    return problem.scale.rows(rock_quantities(problem.case, sample))
 
 
 def tasks_of(effects: Iterable[str], draws: int) -> list[tuple[str, int]]:
@@ -156,7 +161,7 @@ def tasks_of(effects: Iterable[str], draws: int) -> list[tuple[str, int]]:
     return [(effect, i) for effect in effects for i in range(draws)]
 
 
-def try_task(bench: Bench, task: tuple[str, int], order: Mapping[str, int]) -> Tried:
+def try_task(problem: CalibrationProblem, task: tuple[str, int], order: Mapping[str, int]) -> Tried:
     """One draw of an effect (joined by "+" for several) from its ranges.
 
     The draw depends on the seed, the effect and its number alone, never on what else is tried.
@@ -164,13 +169,13 @@ def try_task(bench: Bench, task: tuple[str, int], order: Mapping[str, int]) -> T
     effect, i = task
     families = () if effect == NONE else tuple(effect.split("+"))
     code = [order[name] + 1 for name in families]
-    rng = np.random.default_rng([bench.seed, 11, i, *code])
+    rng = np.random.default_rng([problem.seed, 11, i, *code])
     number = 1 + i + 4096 * (sum(c * 16**k for k, c in enumerate(code)))
-    return try_draw(bench, draw(bench.case, families, Dials(rng)), number)
+    return try_draw(problem, draw(problem.case, families, ParameterDraws(rng)), number)
 
 
 @dataclass(frozen=True, slots=True)
-class Library:
+class Ensemble:
     """All that was tried.
 
     Attributes
@@ -189,17 +194,17 @@ class Library:
         """Numbers of the draws of an effect."""
         return np.flatnonzero(self.effect == effect)
 
-    def with_more(self, bench: Bench, more: Sequence[Tried]) -> Library:
+    def with_more(self, problem: CalibrationProblem, more: Sequence[Tried]) -> Ensemble:
         """The library with further draws."""
-        return library_of(bench, [*self.tried, *more])
+        return ensemble_of(problem, [*self.tried, *more])
 
 
-def library_of(bench: Bench, tried: Sequence[Tried]) -> Library:
+def ensemble_of(problem: CalibrationProblem, tried: Sequence[Tried]) -> Ensemble:
     """Score what was tried."""
-    return Library(
+    return Ensemble(
         tuple(tried),
         np.array([t.draw.effect for t in tried], np.str_),
-        np.stack([rock_scores(bench.rows, t.rows) for t in tried]),
+        np.stack([rock_scores(problem.rows, t.rows) for t in tried]),
     )
 
 

@@ -29,7 +29,7 @@ from sassgis.model.effects import (
 from sassgis.model.ground import GroundTable
 
 
-class Dials:
+class ParameterDraws:
     """Where the parameters of a draw come from: a number in [0, 1) under each name.
 
     Parameters
@@ -115,7 +115,7 @@ class Draw:
     model: Model
     parameters: Mapping[str, float]
     sections: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
-    dials: Mapping[str, float] = field(default_factory=dict)
+    parameter_draws: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ class _Part:
     section: Mapping[str, object]
 
 
-def draw(case: Case, families: tuple[str, ...], dials: Dials) -> Draw:
+def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws) -> Draw:
     """The base model, its ground calibrated anew, with effects.
 
     Parameters
@@ -142,20 +142,20 @@ def draw(case: Case, families: tuple[str, ...], dials: Dials) -> Draw:
     -------
     Draw
     """
-    table, parameters = _calibrated(case, dials)
+    table, parameters = _calibrated(case, parameter_draws)
     made = Draw(
         NONE,
         "calibrated ground",
         Model(
             table,
             replace(case.effects, lateral_deflection=None),
-            aside=_configured_aside(case) or _little_aside(dials),
-            turn_noise_deg=dials.log("turn_noise", 0.7, 5.0),
+            aside=_configured_aside(case) or _little_aside(parameter_draws),
+            turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
         ),
         parameters,
     )
     for family in sorted(families):
-        part = _FAMILIES[family](case, dials)
+        part = _FAMILIES[family](case, parameter_draws)
         first = made.effect == NONE
         made = replace(
             made,
@@ -165,7 +165,7 @@ def draw(case: Case, families: tuple[str, ...], dials: Dials) -> Draw:
             parameters={**made.parameters, **part.parameters},
             sections={**made.sections, **({family: part.section} if part.section else {})},
         )
-    return replace(made, dials=dict(dials.used))
+    return replace(made, parameter_draws=dict(parameter_draws.used))
 
 
 def _wider_aside(before: Aside, model: Model) -> Model:
@@ -175,7 +175,9 @@ def _wider_aside(before: Aside, model: Model) -> Model:
     return model
 
 
-def _calibrated(case: Case, dials: Dials) -> tuple[GroundTable, dict[str, float]]:
+def _calibrated(
+    case: Case, parameter_draws: ParameterDraws
+) -> tuple[GroundTable, dict[str, float]]:
     """Ground classes with shifted parameters; classes that no profile crosses stay."""
     used = set(np.unique(case.profiles.ground).tolist())
     classes, parameters = [], {}
@@ -187,7 +189,7 @@ def _calibrated(case: Case, dials: Dials) -> tuple[GroundTable, dict[str, float]
         for name, usual in GROUND_WIDTHS.items():
             width = usual * case.ground_range
             low, high = _BOUNDS[name]
-            value = float(getattr(ground, name)) + dials.uniform(
+            value = float(getattr(ground, name)) + parameter_draws.uniform(
                 f"{ground.name}.{name}", -width, width
             )
             values[name] = min(max(value, low), high)
@@ -197,11 +199,11 @@ def _calibrated(case: Case, dials: Dials) -> tuple[GroundTable, dict[str, float]
     return GroundTable(tuple(classes)), parameters
 
 
-def _little_aside(dials: Dials) -> Aside:
+def _little_aside(parameter_draws: ParameterDraws) -> Aside:
     """Fall lines of a survey are not exact: a heading that is a degree or so off."""
-    if dials.share("little_aside") < 0.5:
+    if parameter_draws.share("little_aside") < 0.5:
         return Aside()
-    return Aside(angle_deg=dials.log("little_aside_deg", 0.05, 1.0))
+    return Aside(angle_deg=parameter_draws.log("little_aside_deg", 0.05, 1.0))
 
 
 def _configured_aside(case: Case) -> Aside | None:
@@ -215,16 +217,18 @@ def _configured_aside(case: Case) -> Aside | None:
 
 
 def _aside_too(
-    dials: Dials, most_deg: float, low: float = -math.inf, high: float = math.inf
+    parameter_draws: ParameterDraws, most_deg: float, low: float = -math.inf, high: float = math.inf
 ) -> Aside:
     """Scatter aside that an effect makes besides what it is named for.
 
     It goes with the strength of the effect: an effect that does nothing along the line scatters
     nothing aside either, and is no other name for lateral deflection.
     """
-    if dials.share("aside_too") < 0.3:
-        return _little_aside(dials)
-    return Aside(angle_deg=dials.uniform("aside_too_deg", 0.1, 1.0) * most_deg, s0=low, s1=high)
+    if parameter_draws.share("aside_too") < 0.3:
+        return _little_aside(parameter_draws)
+    return Aside(
+        angle_deg=parameter_draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg, s0=low, s1=high
+    )
 
 
 def _length(case: Case) -> float:
@@ -238,17 +242,17 @@ def _length(case: Case) -> float:
     return max(min(max(seen, default=float(ends.min())), float(ends.max())), 5.0)
 
 
-def _soft_classes(case: Case, dials: Dials) -> tuple[str, ...]:
+def _soft_classes(case: Case, parameter_draws: ParameterDraws) -> tuple[str, ...]:
     present = [case.table.classes[k].name for k in np.unique(case.profiles.ground).tolist()]
     yielding = [name for name in present if name not in _HARD] or present
     softest = sorted(yielding, key=lambda name: case.table.classes[case.table.index(name)].eta_max)
-    return tuple(softest[: 1 + int(dials.share("soft_classes") * len(softest))])
+    return tuple(softest[: 1 + int(parameter_draws.share("soft_classes") * len(softest))])
 
 
-def _loose_classes(case: Case, dials: Dials) -> tuple[str, ...]:
+def _loose_classes(case: Case, parameter_draws: ParameterDraws) -> tuple[str, ...]:
     present = [case.table.classes[k].name for k in np.unique(case.profiles.ground).tolist()]
     loose = [name for name in present if name not in _HARD] or present
-    if len(loose) > 1 and dials.share("loose_classes") < 0.6:
+    if len(loose) > 1 and parameter_draws.share("loose_classes") < 0.6:
         # Meadows are commonly free of stones.
         loose.sort(key=lambda name: case.table.classes[case.table.index(name)].eta_max)
         loose = loose[1:]
@@ -259,109 +263,126 @@ def _with_effect(model: Model, **effects: object) -> Model:
     return replace(model, effects=replace(model.effects, **effects))  # type: ignore[arg-type]
 
 
-def _lateral_deflection(case: Case, dials: Dials) -> _Part:
-    if dials.share("lateral.form") < 0.65:
-        angle, hop = dials.log("lateral.angle", 1.0, 35.0), dials.log("lateral.hop", 4.0, 15.0)
+def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    if parameter_draws.share("lateral.form") < 0.65:
+        angle, hop = (
+            parameter_draws.log("lateral.angle", 1.0, 35.0),
+            parameter_draws.log("lateral.hop", 4.0, 15.0),
+        )
         aside = Aside(angle_deg=angle, hop_m=hop)
         form, values = "kicks", {"angle_deg": angle, "hop_m": hop}
     else:
-        width = dials.log("lateral.width", 3.0, 60.0)
-        aside = Aside(width_percent=width, angle_deg=dials.log("lateral.kicks", 0.3, 6.0))
+        width = parameter_draws.log("lateral.width", 3.0, 60.0)
+        aside = Aside(width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0))
         form, values = "constant", {"width_percent": width}
     # Ground that throws rocks aside is not even along their way either.
     lean = math.tan(
-        math.radians(min(aside.angle_deg, 25.0) * dials.uniform("lateral.lean", 0, 0.6))
+        math.radians(min(aside.angle_deg, 25.0) * parameter_draws.uniform("lateral.lean", 0, 0.6))
     )
     bumps = Roughness(obstacle_m=min(float(np.median(case.radius_m)) * lean, 1.0))
 
     def change(model: Model) -> Model:
         changed = replace(model, aside=aside)
-        if model.effects.roughness is None and dials.share("lateral.uneven") < 0.6:
+        if model.effects.roughness is None and parameter_draws.share("lateral.uneven") < 0.6:
             changed = _with_effect(changed, roughness=bumps)
         return changed
 
     return _Part(form, change, values, {"form": form, **values})
 
 
-def _fragmentation(case: Case, dials: Dials) -> _Part:
-    threshold = dials.share("break.form") < 0.35
+def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    threshold = parameter_draws.share("break.form") < 0.35
     values: dict[str, float] = {
-        "energy_jkg": dials.log("break.energy", 12.0, 800.0),
-        "loss": dials.uniform("break.loss", 0.0, 0.5),
+        "energy_jkg": parameter_draws.log("break.energy", 12.0, 800.0),
+        "loss": parameter_draws.uniform("break.loss", 0.0, 0.5),
     }
-    values["pieces"] = 2 + int(dials.share("break.pieces") * 7)
+    values["pieces"] = 2 + int(parameter_draws.share("break.pieces") * 7)
     if not threshold:
-        values["shape"] = dials.uniform("break.shape", 0.7, 3.5)
-        values["survival"] = dials.uniform("break.survival", 0.25, 0.85)
+        values["shape"] = parameter_draws.uniform("break.shape", 0.7, 3.5)
+        values["survival"] = parameter_draws.uniform("break.survival", 0.25, 0.85)
     form = "threshold" if threshold else "fractal"
     # Smaller pieces are not looked for in the field, and there would be very many of them.
     smallest = 0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3
     section = {"form": form, "smallest_m3": smallest, **values}
     effect = Fragmentation(**section)  # type: ignore[arg-type]
     # The more blocks break, the more of what is seen are pieces that flew apart.
-    aside = _aside_too(dials, min(150.0 / values["energy_jkg"], 8.0))
+    aside = _aside_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
     return _Part(
         form, lambda m: replace(_with_effect(m, fragmentation=effect), aside=aside), values, section
     )
 
 
-def _soft_ground(case: Case, dials: Dials) -> _Part:
-    form = dials.one_of("soft.form", ("velocity_scaled", "scar", "slip"), (1, 1, 1))
+def _soft_ground(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    form = parameter_draws.one_of("soft.form", ("velocity_scaled", "scar", "slip"), (1, 1, 1))
     values: dict[str, float]
     if form == "velocity_scaled":
-        values = {"reference_speed_mps": dials.log("soft.reference", 0.4, 12.0)}
+        values = {"reference_speed_mps": parameter_draws.log("soft.reference", 0.4, 12.0)}
     elif form == "scar":
         values = {
-            "depth_factor": dials.log("soft.depth", 0.01, 0.8),
-            "drag_coefficient": dials.log("soft.drag", 0.5, 6.0),
+            "depth_factor": parameter_draws.log("soft.depth", 0.01, 0.8),
+            "drag_coefficient": parameter_draws.log("soft.drag", 0.5, 6.0),
         }
     else:
-        values = {"friction": dials.uniform("soft.friction", 0.05, 0.6)}
-    section: dict[str, object] = {"form": form, "classes": _soft_classes(case, dials), **values}
+        values = {"friction": parameter_draws.uniform("soft.friction", 0.05, 0.6)}
+    section: dict[str, object] = {
+        "form": form,
+        "classes": _soft_classes(case, parameter_draws),
+        **values,
+    }
     effect = SoftGround(**section)  # type: ignore[arg-type]
     return _Part(form, lambda m: _with_effect(m, soft_ground=effect), values, section)
 
 
-def _entrainment(case: Case, dials: Dials) -> _Part:
-    form = dials.one_of("set_off.form", ("poisson", "energy"), (1, 1))
+def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    form = parameter_draws.one_of("set_off.form", ("poisson", "energy"), (1, 1))
     values = {
-        "number": dials.log("set_off.number", 0.003, 0.8),
-        "size_ratio": dials.uniform("set_off.size", 0.2, 0.9),
-        "share": dials.log("set_off.share", 0.03, 0.6),
+        "number": parameter_draws.log("set_off.number", 0.003, 0.8),
+        "size_ratio": parameter_draws.uniform("set_off.size", 0.2, 0.9),
+        "share": parameter_draws.log("set_off.share", 0.03, 0.6),
     }
     if form == "energy":
-        values["energy_kj"] = dials.log("set_off.energy", 2.0, 60.0)
-    section: dict[str, object] = {"form": form, "classes": _loose_classes(case, dials), **values}
+        values["energy_kj"] = parameter_draws.log("set_off.energy", 2.0, 60.0)
+    section: dict[str, object] = {
+        "form": form,
+        "classes": _loose_classes(case, parameter_draws),
+        **values,
+    }
     effect = Entrainment(**section)  # type: ignore[arg-type]
-    aside = _little_aside(dials)
+    aside = _little_aside(parameter_draws)
     return _Part(
         form, lambda m: replace(_with_effect(m, entrainment=effect), aside=aside), values, section
     )
 
 
-def _trees(case: Case, dials: Dials) -> _Part:
+def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     length = _length(case)
-    low = dials.uniform("stand.from", 0.0, 0.75 * length)
+    low = parameter_draws.uniform("stand.from", 0.0, 0.75 * length)
     stand = Stand(
         low,
-        low + dials.uniform("stand.length", 0.15, 1.0) * length,
-        dials.log("stand.stems", 60.0, 2500.0),
-        dials.uniform("stand.dbh", 10.0, 55.0),
+        low + parameter_draws.uniform("stand.length", 0.15, 1.0) * length,
+        parameter_draws.log("stand.stems", 60.0, 2500.0),
+        parameter_draws.uniform("stand.dbh", 10.0, 55.0),
     )
-    form = dials.one_of("stand.form", ("stems", "full_stems", "viscous"), (0.45, 0.4, 0.15))
+    form = parameter_draws.one_of(
+        "stand.form", ("stems", "full_stems", "viscous"), (0.45, 0.4, 0.15)
+    )
     values = {"stand_from_m": stand.s0, "stand_to_m": stand.s1}
     section: dict[str, object] = {"form": form}
     if form == "viscous":
         masses = case.mass_kg[np.isfinite(case.mass_kg)]
         middle = float(np.median(masses)) if masses.size else 1000.0
-        section["drag_kgps"] = values["drag_kgps"] = middle * dials.log("stand.drag", 0.03, 0.8)
+        section["drag_kgps"] = values["drag_kgps"] = middle * parameter_draws.log(
+            "stand.drag", 0.03, 0.8
+        )
     else:
-        section["efficiency"] = values["efficiency"] = dials.log("stand.efficiency", 0.05, 3.0)
+        section["efficiency"] = values["efficiency"] = parameter_draws.log(
+            "stand.efficiency", 0.05, 3.0
+        )
         values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}
     effect = Trees(**section)  # type: ignore[arg-type]
     # Stems that are hit off their middle throw rocks aside.
     hits = stand.stems_per_ha * values.get("efficiency", 0.3) / 300.0
-    aside = _aside_too(dials, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
+    aside = _aside_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
     return _Part(
         form,
         lambda m: replace(_with_effect(m, trees=effect), stand=stand, aside=aside),
@@ -370,10 +391,10 @@ def _trees(case: Case, dials: Dials) -> _Part:
     )
 
 
-def _air_drag(case: Case, dials: Dials) -> _Part:
-    form = dials.one_of("air.form", ("constant", "sphericity"), (1, 1))
+def _air_drag(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    form = parameter_draws.one_of("air.form", ("constant", "sphericity"), (1, 1))
     values = {
-        "drag_coefficient": dials.log("air.coefficient", 2.0, 150.0),
+        "drag_coefficient": parameter_draws.log("air.coefficient", 2.0, 150.0),
         "air_density_kgm3": 1.1,
     }
     section: dict[str, object] = {"form": form, **values}
@@ -381,43 +402,49 @@ def _air_drag(case: Case, dials: Dials) -> _Part:
     return _Part(form, lambda m: _with_effect(m, air_drag=effect), values, section)
 
 
-def _roughness(case: Case, dials: Dials) -> _Part:
-    form = dials.one_of("rough.form", ("uniform", "wave"), (1, 1))
-    values = {"obstacle_m": dials.log("rough.obstacle", 0.05, 1.5)}
+def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    form = parameter_draws.one_of("rough.form", ("uniform", "wave"), (1, 1))
+    values = {"obstacle_m": parameter_draws.log("rough.obstacle", 0.05, 1.5)}
     if form == "wave":
-        values["wavelength_m"] = dials.log("rough.wavelength", 0.8, 6.0)
+        values["wavelength_m"] = parameter_draws.log("rough.wavelength", 0.8, 6.0)
     section: dict[str, object] = {"form": form, **values}
-    if dials.share("rough.classes") < 0.6:
-        section["classes"] = _loose_classes(case, dials)
+    if parameter_draws.share("rough.classes") < 0.6:
+        section["classes"] = _loose_classes(case, parameter_draws)
     effect = Roughness(**section)  # type: ignore[arg-type]
     # Bumps lean sideways as well, if less often than against the way of the rock.
     tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
-    aside = _aside_too(dials, 0.6 * tilt)
+    aside = _aside_too(parameter_draws, 0.6 * tilt)
     return _Part(
         form, lambda m: replace(_with_effect(m, roughness=effect), aside=aside), values, section
     )
 
 
-def _rock_shape(case: Case, dials: Dials) -> _Part:
-    form = dials.one_of("shape.form", ("flat_landing", "mean_inertia"), (0.85, 0.15))
-    values = {"strength": dials.log("shape.strength", 0.08, 3.0)} if form == "flat_landing" else {}
+def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    form = parameter_draws.one_of("shape.form", ("flat_landing", "mean_inertia"), (0.85, 0.15))
+    values = (
+        {"strength": parameter_draws.log("shape.strength", 0.08, 3.0)}
+        if form == "flat_landing"
+        else {}
+    )
     section: dict[str, object] = {"form": form, **values}
     effect = RockShape(**section)  # type: ignore[arg-type]
-    aside = _aside_too(dials, min(10.0 * values.get("strength", 0.5), 12.0))
+    aside = _aside_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
     return _Part(
         form, lambda m: replace(_with_effect(m, rock_shape=effect), aside=aside), values, section
     )
 
 
-def _release_error(case: Case, dials: Dials) -> _Part:
-    wrong = [dials.share(f"release.{what}") < 0.7 for what in ("ahead", "faster", "aside")]
+def _release_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    wrong = [
+        parameter_draws.share(f"release.{what}") < 0.7 for what in ("ahead", "faster", "aside")
+    ]
     if not any(wrong):
-        wrong[int(dials.share("release.one") * 3)] = True
+        wrong[int(parameter_draws.share("release.one") * 3)] = True
     release = Release(
-        ahead_m=dials.log("release.ahead_m", 0.5, 12.0) if wrong[0] else 0.0,
-        faster_mps=dials.log("release.faster_mps", 0.5, 12.0) if wrong[1] else 0.0,
-        shift_m=dials.normal("release.shift_m", 4.0) if wrong[2] else 0.0,
-        scatter_m=dials.log("release.scatter_m", 0.3, 12.0) if wrong[2] else 0.0,
+        ahead_m=parameter_draws.log("release.ahead_m", 0.5, 12.0) if wrong[0] else 0.0,
+        faster_mps=parameter_draws.log("release.faster_mps", 0.5, 12.0) if wrong[1] else 0.0,
+        shift_m=parameter_draws.normal("release.shift_m", 4.0) if wrong[2] else 0.0,
+        scatter_m=parameter_draws.log("release.scatter_m", 0.3, 12.0) if wrong[2] else 0.0,
     )
     values = {
         name: getattr(release, name) for name in ("ahead_m", "faster_mps", "shift_m", "scatter_m")
@@ -425,18 +452,22 @@ def _release_error(case: Case, dials: Dials) -> _Part:
     return _Part("offset and speed", lambda m: replace(m, release=release), values, {})
 
 
-def _measurement_error(case: Case, dials: Dials) -> _Part:
-    kinds = [dials.share(f"seen.{what}") < 0.6 for what in ("scale", "clock", "turns", "place")]
+def _measurement_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    kinds = [
+        parameter_draws.share(f"seen.{what}") < 0.6 for what in ("scale", "clock", "turns", "place")
+    ]
     if not any(kinds):
-        kinds[int(dials.share("seen.one") * 4)] = True
-    scale = math.exp(dials.uniform("seen.log_scale", -0.35, 0.35)) if kinds[0] else 1.0
+        kinds[int(parameter_draws.share("seen.one") * 4)] = True
+    scale = math.exp(parameter_draws.uniform("seen.log_scale", -0.35, 0.35)) if kinds[0] else 1.0
     measurement = Measurement(
         scale=scale,
-        clock_sd=dials.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
-        rotation_scale=math.exp(dials.uniform("seen.log_turns", -0.3, 0.3)) if kinds[2] else 1.0,
-        noise_rel=dials.log("seen.noise", 0.05, 0.4) if kinds[2] else 0.0,
-        stretch=1.0 + (scale - 1.0) * dials.share("seen.stretch"),
-        position_m=dials.log("seen.position_m", 0.5, 8.0) if kinds[3] else 0.0,
+        clock_sd=parameter_draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
+        rotation_scale=math.exp(parameter_draws.uniform("seen.log_turns", -0.3, 0.3))
+        if kinds[2]
+        else 1.0,
+        noise_rel=parameter_draws.log("seen.noise", 0.05, 0.4) if kinds[2] else 0.0,
+        stretch=1.0 + (scale - 1.0) * parameter_draws.share("seen.stretch"),
+        position_m=parameter_draws.log("seen.position_m", 0.5, 8.0) if kinds[3] else 0.0,
     )
     names = ("scale", "clock_sd", "rotation_scale", "noise_rel", "stretch", "position_m")
     values = {name: float(getattr(measurement, name)) for name in names}
@@ -445,7 +476,7 @@ def _measurement_error(case: Case, dials: Dials) -> _Part:
     )
 
 
-_FAMILIES: dict[str, Callable[[Case, Dials], _Part]] = {
+_FAMILIES: dict[str, Callable[[Case, ParameterDraws], _Part]] = {
     "lateral_deflection": _lateral_deflection,
     "fragmentation": _fragmentation,
     "soft_ground": _soft_ground,

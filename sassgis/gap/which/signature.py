@@ -19,9 +19,9 @@ import numpy as np
 from sassgis.gap.replicas import campaigns
 from sassgis.gap.residuals.steps import Steps, step_features, steps_of
 from sassgis.gap.sample import Sample, as_seen
-from sassgis.gap.which.ensemble import COUNT, Bench, Tried
+from sassgis.gap.which.ensemble import COUNT, CalibrationProblem, Tried
 from sassgis.gap.which.features import summary
-from sassgis.gap.which.hypotheses import Dials, Draw, draw
+from sassgis.gap.which.hypotheses import Draw, ParameterDraws, draw
 from sassgis.model.grid import FloatArray
 
 #: Numbers beyond this many units count by their logarithm: what is far off is far off.
@@ -85,7 +85,7 @@ class Base:
         Parameters of the ground in each (standard deviations of their ranges).
     """
 
-    bench: Bench
+    problem: CalibrationProblem
     steps: Steps
     names: tuple[str, ...]
     x: FloatArray
@@ -94,7 +94,7 @@ class Base:
     @property
     def soft(self) -> tuple[str, ...]:
         """Names of the softer ground classes."""
-        names = self.bench.case.table.names
+        names = self.problem.case.table.names
         return tuple(names[k] for k in sorted(self.steps.soft))
 
 
@@ -102,7 +102,7 @@ class Base:
 BASE_DRAWS = 80
 
 
-def base_of(bench: Bench, draws: int = BASE_DRAWS) -> tuple[Base, list[Tried]]:
+def base_of(problem: CalibrationProblem, draws: int = BASE_DRAWS) -> tuple[Base, list[Tried]]:
     """Let the rocks go in the base model, its ground drawn anew ``draws`` times.
 
     Returns
@@ -114,32 +114,43 @@ def base_of(bench: Bench, draws: int = BASE_DRAWS) -> tuple[Base, list[Tried]]:
     made: list[Draw] = []
     samples: list[Sample] = []
     for i in range(draws):
-        one = draw(bench.case, (), Dials(np.random.default_rng([bench.seed, 11, i])))
+        one = draw(
+            problem.case,
+            (),
+            ParameterDraws(np.random.default_rng([problem.seed, 11, i])),
+        )
         made.append(one)
         samples += [
-            as_seen(sample, bench.observed)
+            as_seen(sample, problem.observed)
             for sample in campaigns(
-                bench.case, bench.ways, one.model, count=COUNT, seed=bench.seed, number=1 + i
+                problem.case,
+                problem.ways,
+                one.model,
+                count=COUNT,
+                seed=problem.seed,
+                number=1 + i,
             )
         ]
-    told = [summary(bench.case, sample, bench.given) for sample in samples]
+    told = [summary(problem.case, sample, problem.given) for sample in samples]
     quantities = [q for _, q in told]
-    steps = steps_of(bench.case, bench.given, samples, quantities)
+    steps = steps_of(problem.case, problem.given, samples, quantities)
     features = [
-        f | step_features(bench.case, bench.given, steps, sample, q)
+        f | step_features(problem.case, problem.given, steps, sample, q)
         for sample, (f, q) in zip(samples, told, strict=True)
     ]
-    rows = [bench.scale.rows(q) for q in quantities]
+    rows = [problem.scale.rows(q) for q in quantities]
     tried = [
         Tried(one, np.stack(rows[COUNT * i : COUNT * (i + 1)]).astype(np.float32))
         for i, one in enumerate(made)
     ]
     names = tuple(sorted(set().union(*features)))
     x = np.array([[f.get(name, np.nan) for name in names] for f in features])
-    dials = np.array([[v for name, v in one.dials.items() if "." in name] for one in made])
+    parameter_draws = np.array(
+        [[v for name, v in one.parameter_draws.items() if "." in name] for one in made]
+    )
     # Uniform from 0 to 1, in standard deviations.
-    moved = np.repeat((dials - 0.5) * np.sqrt(12.0), COUNT, axis=0)
-    return Base(bench, steps, names, x, moved), tried
+    moved = np.repeat((parameter_draws - 0.5) * np.sqrt(12.0), COUNT, axis=0)
+    return Base(problem, steps, names, x, moved), tried
 
 
 def reference_of(
@@ -181,14 +192,14 @@ def reference_of(
 
 def features_of(base: Base, sample: Sample) -> dict[str, float]:
     """All numbers of a campaign of the case."""
-    bench = base.bench
-    told, quantities = summary(bench.case, sample, bench.given)
-    return told | step_features(bench.case, bench.given, base.steps, sample, quantities)
+    problem = base.problem
+    told, quantities = summary(problem.case, sample, problem.given)
+    return told | step_features(problem.case, problem.given, base.steps, sample, quantities)
 
 
 def observed_signature(base: Base, design: str = "everything") -> dict[str, float]:
     """Signature of the observed campaign, of the numbers that can be had in a design."""
-    seen = features_of(base, base.bench.observed)
+    seen = features_of(base, base.problem.observed)
     return signature_of(reference_in(base, design), seen)
 
 

@@ -216,14 +216,14 @@ def verdict_of(
     case: Case,
     fitted: Sequence[Draw],
     findings: Sequence[Finding],
-    caution: float = 0.0,
+    confidence_calibration: float = 0.0,
 ) -> Verdict:
     """Put the answer together; parameters as for ``decide`` and ``place_of``.
 
     ``caution`` lowers the confidence that is stated, as ``judge.cautious`` has it.
     """
     effect, probability, reason = decide(shares, closes_at_most, thresholds)
-    confidence = float(cautious(probability, caution))
+    confidence = float(cautious(probability, confidence_calibration))
     phase, segments = place_of(effect, case, fitted, findings)
     return Verdict(
         effect,

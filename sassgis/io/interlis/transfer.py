@@ -1,7 +1,8 @@
 """Hazard zones as an INTERLIS 2 transfer file (XTF), by the model files or by default names.
 
 Sources: KOGIS, *INTERLIS 2 – Reference Manual*, edition of 2006 (INTERLIS 2.3), chapter 3; the
-Federal Office for the Environment's minimal geodata model 166.1: :mod:`sassgis.io.write.layers.federal`.
+Federal Office for the Environment's minimal geodata model 166.1:
+:mod:`sassgis.io.write.layers.federal`.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from sassgis.io.read.config import Config, profile_gates
+from sassgis.io.read.config import Config, profile_control_lines
 from sassgis.io.read.dem import crs_name
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.ground_map import (
@@ -24,10 +24,10 @@ from sassgis.io.read.ground_map import (
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.tiles import read_terrain
-from sassgis.io.read.vectors import ReleaseArea, read_gates, read_release
+from sassgis.io.read.vectors import ReleaseArea, read_control_lines, read_release
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class InputReport:
     profile: ProfileSummary | None
     areas: tuple[AreaSummary, ...]
     classes: tuple[ClassSummary, ...]
-    gates: tuple[Gate, ...]
+    control_lines: tuple[ControlLine, ...]
     blocks: tuple[str, ...]
     notices: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -153,11 +153,15 @@ class InputReport:
             state = "verified" if c.verified else "UNVERIFIED"
             out.append(f"ground         {c.name}: {100.0 * c.share:.1f} % of the {extent}, {state}")
             out.append(f"               {c.source}")
-        for gate in self.gates:
-            text = f"{gate.kind:<15}{gate.name}"
-            if gate.kind != "station":
-                limit = "no limit" if math.isinf(gate.capacity_kj) else f"{gate.capacity_kj:g} kJ"
-                text += f": {gate.height_m:g} m high, {limit}"
+        for control_line in self.control_lines:
+            text = f"{control_line.kind:<15}{control_line.name}"
+            if control_line.kind != "station":
+                limit = (
+                    "no limit"
+                    if math.isinf(control_line.capacity_kj)
+                    else f"{control_line.capacity_kj:g} kJ"
+                )
+                text += f": {control_line.height_m:g} m high, {limit}"
             out.append(text)
         out += [f"notice         {text}" for text in self.notices]
         out += [f"WARNING        {text}" for text in self.warnings]
@@ -188,7 +192,7 @@ def check_inputs(config: Config) -> InputReport:
     with _heard() as records:
         table = read_ground_table(config.ground.classes)
         if config.terrain.dem is None:
-            gates = tuple(gate for gate, _ in profile_gates(config))
+            control_lines = tuple(control_line for control_line, _ in profile_control_lines(config))
             profile, shares = _profile(config, table)
         else:
             grid = read_terrain(
@@ -198,7 +202,9 @@ def check_inputs(config: Config) -> InputReport:
             )
             dem = _dem_summary(config.dem_path, grid)
             areas = _areas(config, grid)
-            gates = tuple(gate for gate, _ in read_gates(config, grid))
+            control_lines = tuple(
+                control_line for control_line, _ in read_control_lines(config, grid)
+            )
             shares = _shares(ground_raster(config.ground, grid, table), grid)
             if config.trees is not None:
                 read_forest(config.trees, grid)
@@ -215,7 +221,7 @@ def check_inputs(config: Config) -> InputReport:
         profile=profile,
         areas=areas,
         classes=classes,
-        gates=gates,
+        control_lines=control_lines,
         blocks=config.block_names,
         notices=tuple(notices),
         warnings=tuple(warnings + _doubts(table, shares)),

@@ -54,7 +54,7 @@ from sassgis.io.read.sections import (
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 
 _EngineSection = model_of(EngineSettings, "EngineSection")
@@ -320,7 +320,7 @@ def _engine_lines() -> str:
     return "\n".join(lines) + "\n"
 
 
-def profile_gates(config: Config) -> list[tuple[Gate, float]]:
+def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
     """Stations and barriers of a profile run with their chainage (m).
 
     Raises
@@ -328,7 +328,7 @@ def profile_gates(config: Config) -> list[tuple[Gate, float]]:
     ConfigError
         If one of them is placed on the map instead of by ``chainage_m``.
     """
-    gates: list[tuple[Gate, float]] = []
+    control_lines: list[tuple[ControlLine, float]] = []
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
         for item in items:
             if item.chainage_m is None:
@@ -339,13 +339,13 @@ def profile_gates(config: Config) -> list[tuple[Gate, float]]:
                     found="line" if item.line is not None else "file",
                     expected="chainage_m",
                 )
-            gate = (
-                item.gate(item.name)
+            control_line = (
+                item.control_line(item.name)
                 if isinstance(item, BarrierSettings)
-                else Gate(item.name, "station")
+                else ControlLine(item.name, "station")
             )
-            gates.append((gate, item.chainage_m))
-    return gates
+            control_lines.append((control_line, item.chainage_m))
+    return control_lines
 
 
 def resolved(config: Config) -> dict[str, Any]:

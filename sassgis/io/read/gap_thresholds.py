@@ -13,14 +13,14 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from sassgis.gap.which.classifier import DESIGNS, Judge, Trees
+from sassgis.gap.which.classifier import DESIGNS, Classifier, Trees
 from sassgis.gap.which.verdict import Thresholds
 from sassgis.model.errors import InputError
 
 #: Chosen on batteries of development, and frozen for all that is reported.
 THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
 #: Grown on the same worlds, and frozen with them.
-JUDGES = Path(str(files("sassgis").joinpath("data/gap_judges.npz")))
+CLASSIFIERS = Path(str(files("sassgis").joinpath("data/gap_judges.npz")))
 
 
 def read_thresholds(file: Path | None = None) -> dict[str, Any]:
@@ -60,11 +60,11 @@ def thresholds_of(content: dict[str, Any]) -> Thresholds:
 def frozen_digest(file: Path | None = None) -> str:
     """SHA-256 of thresholds and judges together."""
     digest = hashlib.sha256((file or THRESHOLDS).read_bytes())
-    digest.update(JUDGES.read_bytes())
+    digest.update(CLASSIFIERS.read_bytes())
     return digest.hexdigest()
 
 
-def read_judge(design: str, file: Path | None = None) -> Judge:
+def read_classifier(design: str, file: Path | None = None) -> Classifier:
     """The judge of one design.
 
     Raises
@@ -72,7 +72,7 @@ def read_judge(design: str, file: Path | None = None) -> Judge:
     InputError
         If the file cannot be read or lacks the design.
     """
-    path = file or JUDGES
+    path = file or CLASSIFIERS
     try:
         with np.load(path) as content:
             held = {
@@ -90,7 +90,7 @@ def read_judge(design: str, file: Path | None = None) -> Judge:
                 right,
                 held["share"].astype(np.float32) / 255.0,
             )
-            return Judge(
+            return Classifier(
                 tuple(held["names"].tolist()),
                 tuple(held["causes"].tolist()),
                 held["centre"],
@@ -109,7 +109,7 @@ def read_judge(design: str, file: Path | None = None) -> Judge:
         ) from None
 
 
-def write_judges(file: Path, judges: dict[str, Judge]) -> None:
+def write_classifiers(file: Path, classifiers: dict[str, Classifier]) -> None:
     """Write the judges of all designs: shares rounded to 1/255, limits to half precision.
 
     Raises
@@ -117,24 +117,24 @@ def write_judges(file: Path, judges: dict[str, Judge]) -> None:
     ValueError
         If a design is missing, or a node does not stand just before what is left of it.
     """
-    if set(judges) != set(DESIGNS):
+    if set(classifiers) != set(DESIGNS):
         raise ValueError(f"designs are {', '.join(DESIGNS)}")
     arrays: dict[str, Any] = {}
-    for design, judge in judges.items():
-        trees = judge.trees
+    for design, classifier in classifiers.items():
+        trees = classifier.trees
         own = np.arange(trees.left.size)
         if not np.array_equal(trees.left, np.where(trees.right == own, own, own + 1)):
             raise ValueError("nodes are not in the order of their trees, depth first, left first")
         arrays |= {
             f"{design}/{name}": values
             for name, values in {
-                "names": np.array(judge.names),
-                "causes": np.array(judge.causes),
-                "centre": judge.centre,
-                "scale": judge.scale,
-                "power": np.array(judge.power),
-                "weight": judge.weight,
-                "caution": np.array(judge.caution),
+                "names": np.array(classifier.names),
+                "causes": np.array(classifier.causes),
+                "centre": classifier.centre,
+                "scale": classifier.scale,
+                "power": np.array(classifier.power),
+                "weight": classifier.weight,
+                "caution": np.array(classifier.confidence_calibration),
                 "root": trees.root.astype(np.int32),
                 "number": trees.number.astype(np.int16),
                 "limit": trees.limit.astype(np.float16),

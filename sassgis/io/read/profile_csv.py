@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.io.read.config import Config, profile_gates
+from sassgis.io.read.config import Config, profile_control_lines
 from sassgis.io.read.csv_table import csv_rows, number, read_text
 from sassgis.io.read.vectors import nearest
 from sassgis.model.errors import ConfigError, InputError
@@ -111,13 +111,13 @@ def check_on_profile(config: Config, profile: ProfileSet) -> None:
         steepest = np.degrees(np.arctan((-np.diff(profile.z) / np.diff(profile.s)).max()))
         if steepest <= 0.0:
             log.warning("%s: the profile descends nowhere", config.profile.file)
-    for gate, chainage in profile_gates(config):
+    for control_line, chainage in profile_control_lines(config):
         if not first <= chainage <= last:
-            section = "stations" if gate.kind == "station" else "barriers"
+            section = "stations" if control_line.kind == "station" else "barriers"
             raise ConfigError(
                 "lies off the profile",
                 file=config.file,
-                field=f"{section}[{gate.name}].chainage_m",
+                field=f"{section}[{control_line.name}].chainage_m",
                 found=f"{chainage:g}",
                 expected=expected,
             )

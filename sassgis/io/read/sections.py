@@ -22,7 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 
 # ---------------------------------------------------------------------------------------------
 # Kinds of value
@@ -393,10 +393,10 @@ class BarrierSettings(StationSettings):
         description="whether rocks that it takes move on from zero speed, as nets may let them",
     )
 
-    def gate(self, name: str) -> Gate:
+    def control_line(self, name: str) -> ControlLine:
         """Return this barrier under the name of one of its features."""
         capacity = math.inf if self.capacity_kj is None else self.capacity_kj
-        return Gate(name, self.kind, self.height_m, capacity, self.lets_go)
+        return ControlLine(name, self.kind, self.height_m, capacity, self.lets_go)
 
 
 class ProfileSettings(Section):

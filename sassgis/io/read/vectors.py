@@ -27,7 +27,7 @@ from sassgis.io.read.dem import crs_name, same_crs
 from sassgis.io.read.sections import BarrierSettings, ReleaseSettings, StationSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 
 log = logging.getLogger(__name__)
 
@@ -367,7 +367,7 @@ def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Path) -> None:
 # Stations and barriers
 
 
-def read_gates(config: Config, grid: Grid) -> list[tuple[Gate, FloatArray]]:
+def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, FloatArray]]:
     """Read stations and barriers that lie on the map.
 
     Parameters
@@ -389,11 +389,11 @@ def read_gates(config: Config, grid: Grid) -> list[tuple[Gate, FloatArray]]:
     InputError
         If a file, a layer, a field or a feature cannot be used, or a name turns up twice.
     """
-    gates: list[tuple[Gate, FloatArray]] = []
+    control_lines: list[tuple[ControlLine, FloatArray]] = []
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
         for item in items:
-            gates += _gates_of(item, f"{section}[{item.name}]", config.file, grid)
-    names = [gate.name for gate, _ in gates]
+            control_lines += _control_lines_of(item, f"{section}[{item.name}]", config.file, grid)
+    names = [control_line.name for control_line, _ in control_lines]
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(
@@ -403,12 +403,12 @@ def read_gates(config: Config, grid: Grid) -> list[tuple[Gate, FloatArray]]:
                 found=repr(name),
                 expected="names that differ, features of station and barrier files included",
             )
-    return gates
+    return control_lines
 
 
-def _gates_of(
+def _control_lines_of(
     item: StationSettings, key: str, config_file: Path, grid: Grid
-) -> list[tuple[Gate, FloatArray]]:
+) -> list[tuple[ControlLine, FloatArray]]:
     if item.line is not None:
         line = shapely.LineString(item.line)
         if not line.is_valid:
@@ -421,7 +421,7 @@ def _gates_of(
             )
         feature = Feature(1, {}, line, "line")
         check_on_map(feature, grid, config_file, f"{key}.line", item.name)
-        return [(_gate(item, item.name), _vertices(line))]
+        return [(_control_line(item, item.name), _vertices(line))]
     if item.file is None:
         raise ConfigError(
             "has no place on the map",
@@ -443,7 +443,7 @@ def _gates_of(
         names = [item.name]
     else:
         names = feature_names(features, item.name_field, item.name, item.file, key)
-    gates = []
+    control_lines = []
     for feature, name in zip(features, names, strict=True):
         label = feature.label(item.name_field)
         line = feature.geometry
@@ -458,12 +458,16 @@ def _gates_of(
                 expected="one line without gaps; make each part a feature of its own",
             )
         check_on_map(feature, grid, item.file, key, label)
-        gates.append((_gate(item, name), _vertices(line)))
-    return gates
+        control_lines.append((_control_line(item, name), _vertices(line)))
+    return control_lines
 
 
-def _gate(item: StationSettings, name: str) -> Gate:
-    return item.gate(name) if isinstance(item, BarrierSettings) else Gate(name, "station")
+def _control_line(item: StationSettings, name: str) -> ControlLine:
+    return (
+        item.control_line(name)
+        if isinstance(item, BarrierSettings)
+        else ControlLine(name, "station")
+    )
 
 
 def _vertices(line: Any) -> FloatArray:

@@ -50,16 +50,16 @@ def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
 def passage_frame(rows: Rows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """A row per rock and station or barrier, units in the names."""
     frame = pd.DataFrame({name: rows.passages[name] for name in rows.passages.dtype.names or ()})
-    names = np.array([g.name for g, _ in run.gates], dtype=object)
-    frame["gate"] = names[rows.passages["gate"]] if names.size else []
+    names = np.array([g.name for g, _ in run.control_lines], dtype=object)
+    frame["control_line"] = names[rows.passages["control_line"]] if names.size else []
     frame["outcome"] = [Outcome(int(o)).name.lower() for o in frame["outcome"]]
     frame.insert(0, "area", _areas(rows.passages["line"], run, planned))
     frame.insert(1, "scenario", np.array([b.name for b in run.blocks])[rows.passage_scenario])
     return frame
 
 
-def area_gate_table(
-    rocks: pd.DataFrame, passages: pd.DataFrame, areas: Sequence[str], gates: Sequence[str]
+def area_control_line_table(
+    rocks: pd.DataFrame, passages: pd.DataFrame, areas: Sequence[str], control_lines: Sequence[str]
 ) -> pd.DataFrame:
     """What comes from each release area to each station and barrier.
 
@@ -78,7 +78,7 @@ def area_gate_table(
     """
     released = rocks.groupby("area").size()
     energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
-    came = passages.assign(energy_kj=energy).groupby(["area", "gate"])
+    came = passages.assign(energy_kj=energy).groupby(["area", "control_line"])
     table = pd.DataFrame(
         {
             "arrive": came.size(),
@@ -91,7 +91,7 @@ def area_gate_table(
                 )
             },
         }
-    ).reindex(pd.MultiIndex.from_product([areas, gates], names=["area", "gate"]))
+    ).reindex(pd.MultiIndex.from_product([areas, control_lines], names=["area", "control_line"]))
     table["arrive"] = table["arrive"].fillna(0).astype(np.int64)
     table = table.reset_index()
     table.insert(2, "rocks", released.reindex(table["area"]).fillna(0).astype(np.int64).to_numpy())

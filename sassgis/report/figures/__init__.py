@@ -2,8 +2,8 @@
 
 from sassgis.report.figures.energy_figure import energy_profile_figure
 from sassgis.report.figures.gap_figures import (
-    gap_contenders_figure,
     gap_distributions_figure,
+    gap_hypotheses_figure,
     gap_map_figure,
     gap_where_figure,
     map_change_figure,
@@ -34,8 +34,8 @@ __all__ = [
     "convergence_figure",
     "energy_profile_figure",
     "fig9_figure",
-    "gap_contenders_figure",
     "gap_distributions_figure",
+    "gap_hypotheses_figure",
     "gap_map_figure",
     "gap_where_figure",
     "hazard_curve_figure",

@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.report.figures.style import (
     BLUE,
     INK,
@@ -55,7 +55,7 @@ def energy_profile_figure(
     z: FloatArray,
     *,
     quantity: Quantity = "energy",
-    gates: Sequence[tuple[Gate, float]] = (),
+    control_lines: Sequence[tuple[ControlLine, float]] = (),
     title: str | None = None,
 ) -> Figure:
     """Draw quantiles of a quantity along the profile, with the slope beneath.
@@ -111,17 +111,23 @@ def energy_profile_figure(
     # A log axis cannot show a rock that stands still; a gap there is the honest picture.
     shown = {q: np.where(v > 0.0, v, np.nan) if log else v for q, v in curves.items()}
     known = np.concatenate([v[np.isfinite(v)] for v in shown.values()] or [np.empty(0)])
-    for gate, where in gates:
-        colour = BLUE if gate.kind == "station" else VERMILION
+    for control_line, where in control_lines:
+        colour = BLUE if control_line.kind == "station" else VERMILION
         for ax in (upper, lower):
             ax.axvline(where, color=colour, lw=0.8, ls=(0, (4, 2)), zorder=1)
-    if gates:
+    if control_lines:
         x0, x1 = lower.get_xlim()
         # The panels are about 5.6 inches wide.
-        room = np.array([text_width_pt(gate.name) for gate, _ in gates]) * (x1 - x0) / (72.0 * 5.6)
-        for (gate, where), label in zip(gates, spread([g[1] for g in gates], room), strict=True):
+        room = (
+            np.array([text_width_pt(control_line.name) for control_line, _ in control_lines])
+            * (x1 - x0)
+            / (72.0 * 5.6)
+        )
+        for (control_line, where), label in zip(
+            control_lines, spread([g[1] for g in control_lines], room), strict=True
+        ):
             upper.annotate(
-                gate.name,
+                control_line.name,
                 (where, 1.0),
                 xycoords=("data", "axes fraction"),
                 xytext=(label, 1.015),
@@ -130,7 +136,7 @@ def energy_profile_figure(
                 va="bottom",
                 size=SMALL,
                 weight="bold",
-                color=BLUE if gate.kind == "station" else VERMILION,
+                color=BLUE if control_line.kind == "station" else VERMILION,
             )
     if not known.size:
         nothing_to_show(upper, "no rock passes", keep_x=True)

@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import PercentFormatter
 from scipy.stats import binom
 
-from sassgis.gap.diagnosis import Comparison, Contender, Finding
+from sassgis.gap.diagnosis import Comparison, Finding, Hypothesis
 from sassgis.gap.distances import energy_distance, observed_scale
 from sassgis.gap.words import (
     effect_name,
@@ -327,8 +327,8 @@ def _share_formatter() -> PercentFormatter:
 
 
 @styled
-def gap_contenders_figure(
-    contenders: Sequence[Contender],
+def gap_hypotheses_figure(
+    hypotheses: Sequence[Hypothesis],
     *,
     verdict: str,
     confusion: Sequence[str] = (),
@@ -346,7 +346,7 @@ def gap_contenders_figure(
         Effects that the data cannot tell apart.
     title : str
     """
-    n = max(len(contenders), 1)
+    n = max(len(hypotheses), 1)
     others = [e for e in confusion if e != verdict]
     note = (
         "Left: by how much the energy score of rocks left out falls below that of the calibrated "
@@ -366,39 +366,39 @@ def gap_contenders_figure(
         )
 
     gains, shares = place(labels, middle, "gain"), place(labels + middle + 0.15, right, "share")
-    if not contenders:
+    if not hypotheses:
         nothing_to_show(gains)
         nothing_to_show(shares)
         return figure
     gains.axvline(0.0, color=GREY, lw=0.8, zorder=1)
-    for i, contender in enumerate(contenders):
-        named = contender.effect == verdict
-        colour = VERMILION if named else BLUE if contender.effect in others else GREY
-        low, high = contender.ci95
+    for i, hypothesis in enumerate(hypotheses):
+        named = hypothesis.effect == verdict
+        colour = VERMILION if named else BLUE if hypothesis.effect in others else GREY
+        low, high = hypothesis.ci95
         if math.isfinite(low) and math.isfinite(high) and low < high:
             gains.plot([low, high], [i, i], color=colour, lw=1.5, alpha=0.8, gid="interval")
-        if math.isfinite(contender.gain):
-            gains.plot([contender.gain], [i], "o", ms=4.5, color=colour, zorder=5, gid="gain")
-        share = contender.probability if math.isfinite(contender.probability) else 0.0
+        if math.isfinite(hypothesis.gain):
+            gains.plot([hypothesis.gain], [i], "o", ms=4.5, color=colour, zorder=5, gid="gain")
+        share = hypothesis.probability if math.isfinite(hypothesis.probability) else 0.0
         shares.barh(
             i,
             share,
             0.6,
             color=LIGHT if colour == GREY else colour,
-            gid=f"share-{contender.effect}",
+            gid=f"share-{hypothesis.effect}",
         )
         shares.text(
             share + 0.02, i, f"{100 * share:.0f} %" if share >= 0.005 else "< 1 %", va="center",
             size=SMALL,
         )  # fmt: skip
         gains.annotate(
-            effect_name(contender.effect), (0.0, i), xycoords=("axes fraction", "data"),
-            xytext=(-6, 3.5 if contender.form else 0.0), textcoords="offset points", ha="right",
+            effect_name(hypothesis.effect), (0.0, i), xycoords=("axes fraction", "data"),
+            xytext=(-6, 3.5 if hypothesis.form else 0.0), textcoords="offset points", ha="right",
             va="center", size=TEXT, weight="bold" if named else "normal", annotation_clip=False,
         )  # fmt: skip
-        if contender.form:
+        if hypothesis.form:
             gains.annotate(
-                contender.form, (0.0, i), xycoords=("axes fraction", "data"), xytext=(-6, -5.0),
+                hypothesis.form, (0.0, i), xycoords=("axes fraction", "data"), xytext=(-6, -5.0),
                 textcoords="offset points", ha="right", va="center", size=SMALL - 1.0, color=GREY,
                 annotation_clip=False,
             )  # fmt: skip

@@ -23,9 +23,9 @@ from sassgis.report.figures.class_maps import (
     draw_stripes,
 )
 from sassgis.report.figures.map_figure import (
-    MapGate,
+    MapControlLine,
     cut_extent,
-    draw_map_gates,
+    draw_map_control_lines,
     draw_release,
     draw_zones,
     footprint,
@@ -125,7 +125,7 @@ def _maps(
     note: str,
     release: Sequence[FloatArray],
     zones: Sequence[FloatArray],
-    gates: Sequence[MapGate],
+    control_lines: Sequence[MapControlLine],
     extent: Extent | None,
 ) -> Figure:
     """Lay panels of one extent side by side, with one legend below."""
@@ -146,7 +146,7 @@ def _maps(
         (_MAX_HEIGHT_IN - rows * _HEAD_IN) / rows / aspect,
     )
     map_h = map_w * aspect
-    notes = [note, line_key(bool(release), False, gates, bool(zones))]
+    notes = [note, line_key(bool(release), False, control_lines, bool(zones))]
     if factor > 1:
         notes.append(
             f"Drawn with one dot for {factor} × {factor} cells; each shows the highest class in it."
@@ -176,7 +176,7 @@ def _maps(
         _draw_panel(ax, panel, window, part, factor, (box[2] - box[0]) / map_w)
         draw_zones(ax, zones)
         draw_release(ax, release)
-        draw_map_gates(ax, gates, box, 72.0 * map_w / (box[2] - box[0]))
+        draw_map_control_lines(ax, control_lines, box, 72.0 * map_w / (box[2] - box[0]))
         relief.map_axes(ax, box, parts=5 if map_w > 4.0 else 3)
         _outer_labels(ax, first=column == 0, last=number + columns >= len(panels))
         ax.set_title(panel.title, size=TEXT, pad=3.0)
@@ -259,7 +259,7 @@ def intensity_figure(
     *,
     release: Sequence[FloatArray] = (),
     zones: Sequence[FloatArray] = (),
-    gates: Sequence[MapGate] = (),
+    control_lines: Sequence[MapControlLine] = (),
     extent: Extent | None = None,
     title: str = "Intensity by return period",
     note: str = "",
@@ -300,7 +300,7 @@ def intensity_figure(
     panels = [_Panel(layer.title, _class_layer(grid, layer), layer.classes) for layer in layers]
     return _maps(
         grid, panels, [_Legend("", layers[0].classes)], title=title, note=note, release=release,
-        zones=zones, gates=gates, extent=extent,
+        zones=zones, control_lines=control_lines, extent=extent,
     )  # fmt: skip
 
 
@@ -312,7 +312,7 @@ def confidence_figure(
     *,
     release: Sequence[FloatArray] = (),
     zones: Sequence[FloatArray] = (),
-    gates: Sequence[MapGate] = (),
+    control_lines: Sequence[MapControlLine] = (),
     extent: Extent | None = None,
     title: str = "Where the sample of rocks leaves the level open",
     note: str = "",
@@ -340,9 +340,13 @@ def confidence_figure(
         grid,
         [_Panel(level.title, positions, level.classes, open_, _PALE)],
         [_Legend("", level.classes, RasterClass(0, "undecided", INK))],
-        title=title, note=f"{told} {note}".strip(), release=release, zones=zones, gates=gates,
+        title=title,
+        note=f"{told} {note}".strip(),
+        release=release,
+        zones=zones,
+        control_lines=control_lines,
         extent=extent,
-    )  # fmt: skip
+    )
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -366,7 +370,7 @@ def change_figure(
     names: tuple[str, str] = ("Without barriers", "With barriers"),
     release: Sequence[FloatArray] = (),
     zones: Sequence[FloatArray] = (),
-    gates: Sequence[MapGate] = (),
+    control_lines: Sequence[MapControlLine] = (),
     extent: Extent | None = None,
     title: str = "What the barriers make of the hazard level",
     note: str = "",
@@ -414,5 +418,5 @@ def change_figure(
         [_Legend("Level", before.classes), _Legend("Change", kinds)],
         title=title,
         note=f"{told[:1].upper()}{told[1:]}. {note}".strip(),
-        release=release, zones=zones, gates=gates, extent=extent,
+        release=release, zones=zones, control_lines=control_lines, extent=extent,
     )  # fmt: skip

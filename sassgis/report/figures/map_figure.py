@@ -53,7 +53,7 @@ from sassgis.report.figures.style import (
 )
 
 #: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a gate.
-MapGate = tuple[str, str, FloatArray]
+MapControlLine = tuple[str, str, FloatArray]
 
 #: Fall lines beyond this number hide the layer; an even choice of them is drawn.
 MAX_LINES = 120
@@ -228,22 +228,22 @@ def _draw_lines(ax: Axes, lines: TraceSet) -> int:
 
 #: As on the map in QGIS.
 _BARRIER = BARRIER_STYLE.symbol.colour
-_GATE_LINE = {
+_CONTROL_LINE_LINE = {
     "station": (BLUE, "--", 1.4),
     "wall": (_BARRIER, "-", 2.2),
     "net": (_BARRIER, ":", 2.2),
 }
 
 
-def draw_map_gates(
-    ax: Axes, gates: Sequence[MapGate], box: Extent, points_per_metre: float
+def draw_map_control_lines(
+    ax: Axes, control_lines: Sequence[MapControlLine], box: Extent, points_per_metre: float
 ) -> None:
     """Draw stations, walls and nets with their names, written inside the map."""
-    for name, kind, coords in gates:
+    for name, kind, coords in control_lines:
         xy = np.asarray(coords, float).reshape(-1, 2)
         if not xy.size:
             continue
-        colour, dashes, width = _GATE_LINE[kind]
+        colour, dashes, width = _CONTROL_LINE_LINE[kind]
         ax.plot(xy[:, 0], xy[:, 1], "-", color="white", lw=width + 1.6, zorder=8)
         ax.plot(xy[:, 0], xy[:, 1], ls=dashes, color=colour, lw=width, zorder=9, gid=f"gate-{name}")
         seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
@@ -268,9 +268,11 @@ def draw_map_gates(
         )
 
 
-def line_key(release: bool, lines: bool, gates: Sequence[MapGate], zones: bool = False) -> str:
+def line_key(
+    release: bool, lines: bool, control_lines: Sequence[MapControlLine], zones: bool = False
+) -> str:
     """Say in words what the lines on the map are."""
-    kinds = {kind for _, kind, _ in gates}
+    kinds = {kind for _, kind, _ in control_lines}
     parts = [
         "black outline or triangle: release area" if release else "",
         "thin black lines: fall lines" if lines else "",
@@ -299,7 +301,7 @@ def map_figure(
     release: Sequence[FloatArray] = (),
     release_points: FloatArray | None = None,
     lines: TraceSet | None = None,
-    gates: Sequence[MapGate] = (),
+    control_lines: Sequence[MapControlLine] = (),
     zones: Sequence[FloatArray] = (),
     extent: Extent | None = None,
     title: str | None = None,
@@ -369,7 +371,7 @@ def map_figure(
             f"Drawn with one dot for {factor} × {factor} cells; each shows the {largest} in it."
         )
     notes.append(
-        line_key(bool(marks.size), lines is not None and len(lines) > 0, gates, bool(zones))
+        line_key(bool(marks.size), lines is not None and len(lines) > 0, control_lines, bool(zones))
     )
 
     part_values = window.cut(values)
@@ -434,7 +436,7 @@ def map_figure(
     if lines is not None and len(lines):
         _draw_lines(ax, lines)
     draw_release(ax, release, release_points)
-    draw_map_gates(ax, gates, box, 72.0 * map_w / (box[2] - box[0]))
+    draw_map_control_lines(ax, control_lines, box, 72.0 * map_w / (box[2] - box[0]))
     relief.map_axes(ax, box)
     corner = relief.emptiest_corner(
         np.isfinite(part_values),

@@ -17,7 +17,7 @@ from matplotlib.ticker import MultipleLocator
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 from sassgis.report.figures.style import (
     BLUE,
     GREY,
@@ -40,7 +40,7 @@ from sassgis.report.figures.style import (
 )
 
 #: A gate with its chainage (m) and the height of the ground there (m).
-ProfileGate = tuple[Gate, float, float]
+ProfileControlLine = tuple[ControlLine, float, float]
 
 _HALO = [withStroke(linewidth=1.8, foreground="white")]
 _STRIP_PT = 7.0
@@ -72,7 +72,7 @@ class ProfilePanel:
     trajectories: Sequence[tuple[FloatArray, FloatArray]] = ()
     ground: IntArray | None = None
     ground_names: Sequence[str] = ()
-    gates: Sequence[ProfileGate] = ()
+    control_lines: Sequence[ProfileControlLine] = ()
     stops: FloatArray = field(default_factory=lambda: np.empty(0))
     title: str = ""
 
@@ -115,7 +115,11 @@ def _limits(panels: Sequence[ProfilePanel]) -> tuple[float, float, float, float]
     z = [np.asarray(p.z, float) for p in panels]
     for panel in panels:
         z += [np.asarray(path[1], float) for path in panel.trajectories]
-        z.append(np.array([ground + gate.height_m for gate, _, ground in panel.gates]))
+        z.append(
+            np.array(
+                [ground + control_line.height_m for control_line, _, ground in panel.control_lines]
+            )
+        )
     heights = np.concatenate(z)
     heights = heights[np.isfinite(heights)]
     return float(s.min()), float(s.max()), float(heights.min()), float(heights.max())
@@ -260,13 +264,17 @@ def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     ax.plot(s, z, color=INK, lw=1.1, zorder=4, gid="slope", solid_joinstyle="round")
 
 
-def _draw_gates(ax: Axes, gates: Sequence[ProfileGate], frame: _Frame) -> None:
+def _draw_control_lines(
+    ax: Axes, control_lines: Sequence[ProfileControlLine], frame: _Frame
+) -> None:
     """Draw stations over the full height, walls and nets at their true height."""
-    stations = [(g, s, z) for g, s, z in gates if g.kind == "station"]
+    stations = [(g, s, z) for g, s, z in control_lines if g.kind == "station"]
     wanted = [s for _, s, _ in stations]
-    room = np.array([text_width_pt(gate.name) * frame.pt for gate, _, _ in stations])
+    room = np.array(
+        [text_width_pt(control_line.name) * frame.pt for control_line, _, _ in stations]
+    )
     placed = spread(wanted, room)
-    for (gate, s, z), label in zip(stations, placed, strict=True):
+    for (control_line, s, z), label in zip(stations, placed, strict=True):
         ax.plot(
             [s, s],
             [z, frame.z1 - 13.0 * frame.pt],
@@ -274,10 +282,10 @@ def _draw_gates(ax: Axes, gates: Sequence[ProfileGate], frame: _Frame) -> None:
             lw=0.8,
             ls=(0, (4, 2)),
             zorder=3,
-            gid=f"gate-{gate.name}",
+            gid=f"gate-{control_line.name}",
         )
         ax.annotate(
-            gate.name,
+            control_line.name,
             (float(s), frame.z1 - 13.0 * frame.pt),
             xytext=(float((label - s) / frame.pt), 2.0),
             textcoords="offset points",
@@ -288,23 +296,23 @@ def _draw_gates(ax: Axes, gates: Sequence[ProfileGate], frame: _Frame) -> None:
             weight="bold",
             zorder=9,
         )
-    for gate, s, z in gates:
-        if gate.kind == "station":
+    for control_line, s, z in control_lines:
+        if control_line.kind == "station":
             continue
-        top = z + gate.height_m
+        top = z + control_line.height_m
         ax.plot(
             [s, s],
             [z, top],
             color=VERMILION,
             lw=2.4,
-            ls="-" if gate.kind == "wall" else (0, (0.6, 0.35)),
+            ls="-" if control_line.kind == "wall" else (0, (0.6, 0.35)),
             solid_capstyle="butt",
             dash_capstyle="butt",
             zorder=8,
-            gid=f"gate-{gate.name}",
+            gid=f"gate-{control_line.name}",
         )
         ax.annotate(
-            f"{gate.name} ({gate.kind}, {gate.height_m:g} m)",
+            f"{control_line.name} ({control_line.kind}, {control_line.height_m:g} m)",
             (float(s), float(top)),
             xytext=(3.0, 3.0),
             textcoords="offset points",
@@ -345,7 +353,7 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             zorder=7,
             gid="stops",
         )
-    _draw_gates(ax, panel.gates, frame)
+    _draw_control_lines(ax, panel.control_lines, frame)
     ax.set_xlim(frame.s0, frame.s1)
     ax.set_ylim(frame.z0, frame.z1)
     ax.set_aspect("equal")
@@ -446,7 +454,7 @@ def profile_figure(
     *,
     ground: IntArray | None = None,
     ground_names: Sequence[str] = (),
-    gates: Sequence[ProfileGate] = (),
+    control_lines: Sequence[ProfileControlLine] = (),
     stops: FloatArray | None = None,
     title: str = "",
 ) -> Figure:
@@ -479,7 +487,7 @@ def profile_figure(
         trajectories,
         ground,
         ground_names,
-        gates,
+        control_lines,
         np.empty(0) if stops is None else stops,
         title,
     )

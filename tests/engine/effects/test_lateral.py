@@ -126,7 +126,7 @@ def job(make_valley):
         north=run.grid.north - window[0].start * run.grid.cell_size,
     )
     return replace(
-        run, grid=grid, ground=np.ascontiguousarray(run.ground[window]), gates=(),
+        run, grid=grid, ground=np.ascontiguousarray(run.ground[window]), control_lines=(),
         areas=run.areas[:1], spacing_m=15.0, rocks_per_point=8,
         effects=EffectSettings(lateral_deflection=LateralDeflection(angle_deg=15.0)),
     )  # fmt: skip

@@ -24,7 +24,7 @@ from effects_lab import (
 from scipy import stats
 
 from sassgis.engine.effects import fragmentation
-from sassgis.engine.effects.build import effects_of, room_for_births
+from sassgis.engine.effects.build import effects_of, room_for_spawned
 from sassgis.engine.effects.state import (
     BORN_A,
     BORN_B,
@@ -36,12 +36,12 @@ from sassgis.engine.effects.state import (
 )
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.rock import _bear_pieces
-from sassgis.engine.simulate import GateCrossings
+from sassgis.engine.simulate import ControlLineCrossings
 from sassgis.engine.state import Block
 from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 
 FLAT = slope((100.0, 0.0))
 ROUGH = rough_slope(6)
@@ -124,9 +124,9 @@ def test_a_break_makes_neither_energy_nor_momentum(form, loss):
     turning = 0.5 * block.mass * inertia(block.a, block.b) * omega**2
     sideways = []
     for number in range(40):
-        births = room_for_births(50, EffectSettings(fragmentation=settings))
-        assert _bear_pieces(effects, births, block, number, 5.0, 80.0, vx, vz, theta, omega)
-        rows = births.rows[: births.born[0]]
+        spawned = room_for_spawned(50, EffectSettings(fragmentation=settings))
+        assert _bear_pieces(effects, spawned, block, number, 5.0, 80.0, vx, vz, theta, omega)
+        rows = spawned.rows[: spawned.born[0]]
         assert len(rows) == 6
         mass = rows[:, BORN_MASS]
         v2 = rows[:, BORN_VX] ** 2 + rows[:, BORN_VZ] ** 2
@@ -149,10 +149,10 @@ def inertia_of(rows):
 
 def test_without_a_cone_pieces_go_on_as_the_whole():
     settings = Fragmentation(cone_deg=0.0, loss=0.0, smallest_m3=0.0)
-    births = room_for_births(50, EffectSettings(fragmentation=settings))
+    spawned = room_for_spawned(50, EffectSettings(fragmentation=settings))
     block = Block(0.7, 0.5, 0.4, 1500.0, np.uint64(3))
-    assert _bear_pieces(as_read(settings), births, block, 1, 5.0, 80.0, 9.0, -2.0, 0.4, 11.0)
-    rows = births.rows[: births.born[0]]
+    assert _bear_pieces(as_read(settings), spawned, block, 1, 5.0, 80.0, 9.0, -2.0, 0.4, 11.0)
+    rows = spawned.rows[: spawned.born[0]]
     assert rows[:, BORN_VX] == pytest.approx(9.0, rel=1e-14)
     assert rows[:, BORN_VZ] == pytest.approx(-2.0, rel=1e-14)
     assert rows[:, BORN_OMEGA] == pytest.approx(11.0, rel=1e-14)
@@ -215,14 +215,25 @@ def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
     flat = profile(ROUGH, 2.0)
     table = GroundTable((ground("talus"), ground("debris")))
     at = np.arange(21.0, 129.0, 0.05) + 0.01
-    gates = GateCrossings.same_for_all([Gate(f"{c:.2f}", "station") for c in at], list(at), 1)
+    control_lines = ControlLineCrossings.same_for_all(
+        [ControlLine(f"{c:.2f}", "station") for c in at], list(at), 1
+    )
     whole = run(flat, table, MIXED, effects, n=12, start=(3, 20))
     assert whole.sums["reach"].max() <= 12
     reach = np.zeros_like(whole.sums["reach"])
     energy = np.zeros_like(whole.sums["energy_sum"])
     by_piece, ratios = 0, []
     for rock in range(12):
-        out = run(flat, table, MIXED, effects, n=1, first_rock=rock, start=(3, 20), gates=gates)
+        out = run(
+            flat,
+            table,
+            MIXED,
+            effects,
+            n=1,
+            first_rock=rock,
+            start=(3, 20),
+            control_lines=control_lines,
+        )
         reach += out.sums["reach"]
         energy += out.sums["energy_sum"]
         assert set(np.unique(out.sums["reach"])) <= {0, 1}
@@ -247,8 +258,16 @@ def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
 
 
 def test_passages_of_pieces_carry_their_mass():
-    gates = GateCrossings.same_for_all([Gate("S", "station")], [60.0], 1)
-    out = run(ROUGH, ground(), MIXED, breaking(energy_jkg=20.0), n=200, start=(3, 20), gates=gates)
+    control_lines = ControlLineCrossings.same_for_all([ControlLine("S", "station")], [60.0], 1)
+    out = run(
+        ROUGH,
+        ground(),
+        MIXED,
+        breaking(energy_jkg=20.0),
+        n=200,
+        start=(3, 20),
+        control_lines=control_lines,
+    )
     rows = np.concatenate([out.rocks, out.pieces])
     known = {(r["rock"], r["mass_kg"]) for r in rows}
     assert {(p["rock"], p["mass_kg"]) for p in out.passages} <= known

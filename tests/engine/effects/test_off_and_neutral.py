@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
 
-from sassgis.engine.simulate import GateCrossings
+from sassgis.engine.simulate import ControlLineCrossings
 from sassgis.model.effects import (
     AirDrag,
     EffectSettings,
@@ -18,17 +18,17 @@ from sassgis.model.effects import (
     SoftGround,
     Trees,
 )
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 
 FLAT = profile(rough_slope(3))
-GATES = GateCrossings.same_for_all(
-    [Gate("S", "station"), Gate("N", "net", 2.0, 80.0)], [40.0, 70.0], 1
+CONTROL_LINES = ControlLineCrossings.same_for_all(
+    [ControlLine("S", "station"), ControlLine("N", "net", 2.0, 80.0)], [40.0, 70.0], 1
 )
 
 
 def play(effects=None, stems=0.0, **more):
     return run(
-        FLAT, ground(), MIXED, effects, n=120, start=(3.0, 20.0), gates=GATES,
+        FLAT, ground(), MIXED, effects, n=120, start=(3.0, 20.0), control_lines=CONTROL_LINES,
         forest=forest(FLAT, stems), **more,
     )  # fmt: skip
 

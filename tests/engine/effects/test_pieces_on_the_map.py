@@ -43,7 +43,7 @@ def bits(progress):
     )
     return (
         {k: v[order].tobytes() for k, v in sums.items()},
-        {k: v.tobytes() for k, v in progress.gates.state().items()},
+        {k: v.tobytes() for k, v in progress.control_lines.state().items()},
         rows.rocks[place].tobytes(), rows.x[place].tobytes(), progress.pieces,
         progress.reasons.tolist(), progress.furthest,
     )  # fmt: skip

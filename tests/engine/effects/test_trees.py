@@ -23,9 +23,9 @@ from effects_lab import (
 from scipy import stats
 
 from sassgis.engine.effects import trees
-from sassgis.engine.simulate import GateCrossings
+from sassgis.engine.simulate import ControlLineCrossings
 from sassgis.model.effects import EffectSettings, Trees
-from sassgis.model.results import Gate
+from sassgis.model.results import ControlLine
 
 ANGLE = 30.0
 RADIUS = 0.4
@@ -41,21 +41,21 @@ ROLLING_ENERGY = 0.5 * MASS * V0**2 * 1.4
 ONE_STEM = 38.7 * 30.0**2.31  # J, DBH 30 cm
 
 
-def gates(*chainages):
-    return GateCrossings.same_for_all(
-        [Gate(f"S{i}", "station") for i in range(len(chainages))], list(chainages), 1
+def control_lines(*chainages):
+    return ControlLineCrossings.same_for_all(
+        [ControlLine(f"S{i}", "station") for i in range(len(chainages))], list(chainages), 1
     )
 
 
-def energy_at(out, gate):
-    rows = out.passages[out.passages["gate"] == gate]
+def energy_at(out, control_line):
+    rows = out.passages[out.passages["control_line"] == control_line]
     return 1e3 * (rows["energy_trans_kj"] + rows["energy_rot_kj"])
 
 
 def stems_met(effects, flat, stems, n=1500, chainages=(205.0,)):
     """Stems that each rolling rock has met up to each station; each takes 1e-4 of its energy."""
     out = run(
-        flat, EVEN, ROLLING, effects, n=n, start=5.0, gates=gates(*chainages),
+        flat, EVEN, ROLLING, effects, n=n, start=5.0, control_lines=control_lines(*chainages),
         forest=forest(flat, stems),
     )  # fmt: skip
     counts = [(ROLLING_ENERGY - energy_at(out, i)) / FEW for i in range(len(chainages))]
@@ -204,11 +204,17 @@ def test_a_viscous_forest_stops_a_rolling_rock(cell):
     effects = EffectSettings(trees=Trees("viscous", drag_kgps=k))
     flat = profile(LINE, cell)
     out = run(
-        flat, EVEN, ROLLING, effects, n=1, gates=gates(55.0, 105.0), forest=forest(flat, 0.01)
+        flat,
+        EVEN,
+        ROLLING,
+        effects,
+        n=1,
+        control_lines=control_lines(55.0, 105.0),
+        forest=forest(flat, 0.01),
     )
     cosine = math.cos(math.radians(ANGLE))
-    for gate, way in ((0, 50.0), (1, 100.0)):
-        speed = out.passages["speed_mps"][out.passages["gate"] == gate]
+    for control_line, way in ((0, 50.0), (1, 100.0)):
+        speed = out.passages["speed_mps"][out.passages["control_line"] == control_line]
         assert speed == pytest.approx(V0 - k / MASS * way / cosine, abs=0.1)
     assert out.rocks["reason"][0] == REST
     end = 5.0 + MASS * V0 / k * cosine

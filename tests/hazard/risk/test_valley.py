@@ -23,7 +23,7 @@ CODES, LIMITS = ("low", "mean", "high"), (0.0, 30.0, 300.0)
 def valley(make_valley):
     config: Path = make_valley(spacing_m=10.0, rocks_per_point=8)
     folder = config.parent
-    job = replace(read_map_run(load_config(config)), gates=())
+    job = replace(read_map_run(load_config(config)), control_lines=())
     # On rock all the way down, many rocks come as far as the road and the houses.
     rock = job.table.names.index("rock")
     job = replace(job, ground=np.full_like(job.ground, rock))

@@ -59,7 +59,7 @@ def cells(valley: RunResult) -> dict[str, tuple[float, float, float]]:
     with rasterio.open(valley.folder / "maps" / "energy.tif") as source:
         values = source.read(1, masked=True).filled(np.nan)
         transform = source.transform
-    lines = [shapely.LineString(course) for _, course in valley.run.gates]
+    lines = [shapely.LineString(course) for _, course in valley.run.control_lines]
     over = shapely.union_all([*lines, *(a.geometry for a in valley.run.areas)]).buffer(25.0)
     out = {}
     for name, low, high in (("low", 0.0, 30.0), ("mean", 30.0, 300.0), ("high", 300.0, np.inf)):

@@ -17,7 +17,7 @@ from sassgis.io.read.config import (
     config_template,
     file_digest,
     load_config,
-    profile_gates,
+    profile_control_lines,
     resolved,
     settings_hash,
 )
@@ -404,7 +404,7 @@ def test_profile_runs_need_no_map(load, tmp_path, one_line):
     config = load(PROFILE)
     assert config.profile is not None
     assert config.profile.file == tmp_path / "profile.csv"
-    assert [(g.name, g.kind, g.capacity_kj, at) for g, at in profile_gates(config)] == [
+    assert [(g.name, g.kind, g.capacity_kj, at) for g, at in profile_control_lines(config)] == [
         ("road", "station", math.inf, 120.0),
         ("net", "net", 500.0, 90.0),
     ]
@@ -416,5 +416,5 @@ def test_profile_runs_need_no_map(load, tmp_path, one_line):
 def test_lines_on_the_map_have_no_chainage(load, one_line):
     config = load(PROFILE.replace("chainage_m = 120", "line = [[0, 0], [1, 1]]"))
     with pytest.raises(ConfigError) as error:
-        profile_gates(config)
+        profile_control_lines(config)
     one_line(error, "run.toml", "stations[road]", "found line", "expected chainage_m")

@@ -16,7 +16,7 @@ from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.vectors import (
     START_SLOPE_DEG,
     cells_under,
-    read_gates,
+    read_control_lines,
     read_release,
     steepest_slope_deg,
 )
@@ -371,11 +371,11 @@ axis_3_m = 0.5
 
 
 @pytest.fixture
-def gates(tmp_path, slope_grid):
+def control_lines(tmp_path, slope_grid):
     def read(text):
         path = tmp_path / "run.toml"
         path.write_text(HEAD + text)
-        return read_gates(load_config(path), slope_grid)
+        return read_control_lines(load_config(path), slope_grid)
 
     return read
 
@@ -383,9 +383,9 @@ def gates(tmp_path, slope_grid):
 ROAD = LineString([(WEST + 10, NORTH - 150), (WEST + 100, NORTH - 150), (WEST + 290, NORTH - 155)])
 
 
-def test_gates_from_lines_and_files(make_layer, gates):
+def test_control_lines_from_lines_and_files(make_layer, control_lines):
     make_layer([ROAD, MultiLineString([ROAD.parallel_offset(20)])], "s.shp", name=["road", "rail"])
-    result = gates(f"""
+    result = control_lines(f"""
 [[stations]]
 name = "s"
 file = "s.shp"
@@ -414,29 +414,31 @@ file = "s.shp"
     assert result[2][1].dtype == np.float64
 
 
-def test_a_single_feature_takes_the_name_of_the_station(make_layer, gates):
+def test_a_single_feature_takes_the_name_of_the_station(make_layer, control_lines):
     make_layer([ROAD], "s.gpkg")
-    assert [g.name for g, _ in gates('[[stations]]\nname = "road"\nfile = "s.gpkg"')] == ["road"]
+    assert [g.name for g, _ in control_lines('[[stations]]\nname = "road"\nfile = "s.gpkg"')] == [
+        "road"
+    ]
 
 
-def test_parts_that_join_are_one_line(make_layer, gates):
+def test_parts_that_join_are_one_line(make_layer, control_lines):
     first, middle, last = ROAD.coords
     make_layer([MultiLineString([[first, middle], [middle, last]])], "s.gpkg")
-    ((_, points),) = gates('[[stations]]\nname = "road"\nfile = "s.gpkg"')
+    ((_, points),) = control_lines('[[stations]]\nname = "road"\nfile = "s.gpkg"')
     assert len(points) == 3
 
 
-def test_parts_with_a_gap_are_refused(make_layer, gates, one_line):
+def test_parts_with_a_gap_are_refused(make_layer, control_lines, one_line):
     make_layer([MultiLineString([ROAD, ROAD.parallel_offset(20)])], "s.gpkg")
     with pytest.raises(InputError) as error:
-        gates('[[stations]]\nname = "road"\nfile = "s.gpkg"')
+        control_lines('[[stations]]\nname = "road"\nfile = "s.gpkg"')
     one_line(error, "s.gpkg", "stations[road]", "feature 1", "2 parts", "one line")
 
 
-def test_polygons_are_no_stations(make_layer, gates, one_line):
+def test_polygons_are_no_stations(make_layer, control_lines, one_line):
     make_layer([AREA], "s.gpkg")
     with pytest.raises(InputError) as error:
-        gates('[[stations]]\nname = "road"\nfile = "s.gpkg"')
+        control_lines('[[stations]]\nname = "road"\nfile = "s.gpkg"')
     one_line(error, "s.gpkg", "stations[road].file", "feature 1", "Polygon", "a line")
 
 
@@ -447,31 +449,31 @@ def test_polygons_are_no_stations(make_layer, gates, one_line):
         ("[[2700010, 1149900], [2700010, 1149900]]", ["no length", "two points that differ"]),
     ],
 )
-def test_lines_that_cannot_be_used(gates, one_line, line, words):
+def test_lines_that_cannot_be_used(control_lines, one_line, line, words):
     with pytest.raises(InputError) as error:
-        gates(f'[[barriers]]\nname = "w"\nkind = "wall"\nheight_m = 3\nline = {line}')
+        control_lines(f'[[barriers]]\nname = "w"\nkind = "wall"\nheight_m = 3\nline = {line}')
     one_line(error, "run.toml", "barriers[w].line", *words)
 
 
-def test_chainages_belong_to_profiles(gates, one_line):
+def test_chainages_belong_to_profiles(control_lines, one_line):
     with pytest.raises(ConfigError) as error:
-        gates('[[stations]]\nname = "road"\nchainage_m = 3')
+        control_lines('[[stations]]\nname = "road"\nchainage_m = 3')
     one_line(error, "run.toml", "stations[road]", "chainage_m", "line or file")
 
 
-def test_names_differ_over_files_too(make_layer, gates, one_line):
+def test_names_differ_over_files_too(make_layer, control_lines, one_line):
     make_layer([ROAD], "s.gpkg", title=["road"])
     line = f"line = [[{WEST + 1}, {NORTH - 9}], [{WEST + 90}, {NORTH - 9}]]"
     with pytest.raises(ConfigError) as error:
-        gates(
+        control_lines(
             f'[[stations]]\nname = "road"\n{line}\n'
             '[[stations]]\nname = "s"\nfile = "s.gpkg"\nname_field = "title"'
         )
     one_line(error, "run.toml", "used twice", "'road'")
 
 
-def test_lines_partly_outside_are_warned_of(gates, caplog):
-    gates(
+def test_lines_partly_outside_are_warned_of(control_lines, caplog):
+    control_lines(
         f'[[stations]]\nname = "road"\n'
         f"line = [[{WEST + 200}, {NORTH - 9}], [{WEST + 400}, {NORTH - 9}]]"
     )

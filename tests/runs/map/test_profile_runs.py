@@ -39,8 +39,10 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
     rocks = pd.read_csv(tmp_path / "out" / "tables" / "rocks.csv")
     assert len(rocks) == 40 and not rocks.duplicated(["scenario", "rock"]).any()
     passages = pd.read_csv(tmp_path / "out" / "tables" / "passages.csv")
-    for gate in ("camera 2", "2", "3", "1"):
-        assert (passages["gate"].astype(str) == gate).sum() == arrivals(result, gate)
+    for control_line in ("camera 2", "2", "3", "1"):
+        assert (passages["control_line"].astype(str) == control_line).sum() == arrivals(
+            result, control_line
+        )
     counts = json.loads((tmp_path / "out" / "manifest.json").read_text())["counts"]
     assert counts["rocks"] == 40
 
@@ -75,7 +77,7 @@ def test_a_profile_from_the_terrain_meets_the_stations_of_the_map(small, tmp_pat
     points = gpd.read_file(small.folder / "result.gpkg", layer="release_points")
     x, y = points.geometry.iloc[0].coords[0]
     result = run_profile(small.config, tmp_path / "out", point=(x, y), rocks=20)
-    names = [g.name for g, _ in result.profile.gates]
+    names = [g.name for g, _ in result.profile.control_lines]
     assert "upper talus" in names
     assert result.profile.s[0] == 0.0 and result.profile.z[0] > result.profile.z[-1] + 100.0
     assert (tmp_path / "out" / "report.html").is_file()

@@ -111,16 +111,16 @@ def test_rocks_end_where_their_cell_counts_a_stop(small) -> None:
 
 def test_passages_agree_with_the_stations(small) -> None:
     rows = pd.read_csv(small.folder / "tables" / "passages.csv")
-    assert not rows.duplicated(["scenario", "gate", "line", "rock"]).any()
+    assert not rows.duplicated(["scenario", "control_line", "line", "rock"]).any()
     for layer in ("stations", "barriers"):
-        for gate in gpd.read_file(small.folder / "result.gpkg", layer=layer).itertuples():
-            own = rows[rows["gate"] == gate.name]
-            assert len(own) == gate.rocks
+        for control_line in gpd.read_file(small.folder / "result.gpkg", layer=layer).itertuples():
+            own = rows[rows["control_line"] == control_line.name]
+            assert len(own) == control_line.rocks
             if len(own):
                 energy = own["energy_trans_kj"] + own["energy_rot_kj"]
-                assert gate.energy_kj_max == pytest.approx(energy.max(), rel=1e-4)
-                assert gate.energy_kj_mean == pytest.approx(energy.mean(), rel=1e-4)
-                assert gate.speed_mps_max == pytest.approx(own["speed_mps"].max(), rel=1e-4)
+                assert control_line.energy_kj_max == pytest.approx(energy.max(), rel=1e-4)
+                assert control_line.energy_kj_mean == pytest.approx(energy.mean(), rel=1e-4)
+                assert control_line.speed_mps_max == pytest.approx(own["speed_mps"].max(), rel=1e-4)
     assert len(rows) > 200
 
 

@@ -31,7 +31,7 @@ def state(progress: Progress) -> dict[str, np.ndarray]:
     sums = progress.sums.state()
     order = np.argsort(sums["cells"])
     out = {f"map {k}": v[order] for k, v in sums.items()}
-    out |= {f"gates {k}": v for k, v in progress.gates.state().items()}
+    out |= {f"gates {k}": v for k, v in progress.control_lines.state().items()}
     stops = joined_rows(progress.stops)
     order = np.lexsort((stops.rocks["rock"], stops.rock_scenario, stops.rocks["line"]))
     out |= {"reasons": progress.reasons, "runout": progress.runout}
@@ -39,7 +39,7 @@ def state(progress: Progress) -> dict[str, np.ndarray]:
     out["furthest"] = np.array(progress.furthest)
     for source, tally in sorted(progress.sources.items()):
         out[f"source {source} rocks"] = np.array(tally.rocks)
-        for part in ("cells", "objects", "gates"):
+        for part in ("cells", "objects", "control_lines"):
             values = getattr(tally, part).state()
             out |= {f"source {source} {part} {k}": v for k, v in values.items()}
     return out
@@ -190,7 +190,7 @@ def test_the_standard_error_is_the_scatter_over_seeds(job, placement: str) -> No
         north=job.grid.north - window[0].start * job.grid.cell_size,
     )
     tiny = replace(
-        job, grid=grid, ground=np.ascontiguousarray(job.ground[window]), gates=(),
+        job, grid=grid, ground=np.ascontiguousarray(job.ground[window]), control_lines=(),
         areas=job.areas[:1], spacing_m=10.0, rocks_per_point=rocks, placement=placement,
     )  # fmt: skip
     size = tiny.grid.values.size
@@ -290,7 +290,7 @@ def test_rocks_leave_a_terrain_model_that_ends_too_early(job) -> None:
     grid = replace(job.grid, values=np.ascontiguousarray(job.grid.values[:, :cut]))
     short = replace(
         job, grid=grid, ground=np.ascontiguousarray(job.ground[:, :cut]), areas=job.areas[:1],
-        gates=(),
+        control_lines=(),
     )  # fmt: skip
     progress = simulate_map(short, plan(short))
     assert progress.reasons[StopReason.LEFT_PROFILE] > 0

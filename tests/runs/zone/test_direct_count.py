@@ -18,7 +18,7 @@ import shapely
 from zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
 
 from sassgis.engine.simulate import simulate
-from sassgis.runs.map import LEAD_IN_M, bins_of, gate_crossings, line_draw_keys
+from sassgis.runs.map import LEAD_IN_M, bins_of, control_line_crossings, line_draw_keys
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import trace_bundles
@@ -49,10 +49,18 @@ def rocks_one_by_one(zoned: Zoned) -> list[Rock]:
                 ahead = with_lead_in(take_profiles(flat, this), LEAD_IN_M)
                 for number in range(run.rounds * n):
                     alone = simulate(
-                        ahead, run.table, blocks, run.engine, seed=run.seed, rocks_per_line=1,
-                        line_keys=keys[this], starts=np.array([[0.0, min(2 * moved, ahead.s[-1])]]),
-                        gates=gate_crossings(run, line), first_rock=number, bins=bins_of(run),
-                    )  # fmt: skip
+                        ahead,
+                        run.table,
+                        blocks,
+                        run.engine,
+                        seed=run.seed,
+                        rocks_per_line=1,
+                        line_keys=keys[this],
+                        starts=np.array([[0.0, min(2 * moved, ahead.s[-1])]]),
+                        control_lines=control_line_crossings(run, line),
+                        first_rock=number,
+                        bins=bins_of(run),
+                    )
                     came = alone.sums["reach"] == 1
                     cells = alone.cells[came].tolist()
                     energy = alone.sums["energy_max"][came].tolist()

@@ -8,7 +8,7 @@ import geopandas as gpd
 import numpy as np
 import shapely
 
-from sassgis.hazard.control_lines import GateSums
+from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.io.write.geopackage import VectorLayer
 from sassgis.io.write.layers.footprint import footprints
 from sassgis.model.profiles import LineEnd
@@ -230,21 +230,23 @@ _OUTCOME_TEXT = {
 }
 
 
-def gate_rows(gates: GateSums) -> list[dict[str, object]]:
+def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, object]]:
     """A row of statistics for each station and barrier."""
     rows = []
-    for i, gate in enumerate(gates.gates):
-        row: dict[str, object] = {"name": gate.name, "kind": gate.kind}
-        outcomes = gates.outcomes(i)
-        row["rocks"] = gates.arrivals(i)
-        if gate.kind != "station":
-            row["height_m"] = gate.height_m
-            row["capacity_kj"] = gate.capacity_kj if np.isfinite(gate.capacity_kj) else None
-            row["hits"] = gates.arrivals(i) - outcomes[Outcome.OVERTOPPED]
+    for i, control_line in enumerate(control_lines.control_lines):
+        row: dict[str, object] = {"name": control_line.name, "kind": control_line.kind}
+        outcomes = control_lines.outcomes(i)
+        row["rocks"] = control_lines.arrivals(i)
+        if control_line.kind != "station":
+            row["height_m"] = control_line.height_m
+            row["capacity_kj"] = (
+                control_line.capacity_kj if np.isfinite(control_line.capacity_kj) else None
+            )
+            row["hits"] = control_lines.arrivals(i) - outcomes[Outcome.OVERTOPPED]
             for outcome in _OUTCOME_TEXT:
                 row[outcome.name.lower()] = outcomes[outcome]
         for quantity in _STATISTICS:
-            d = gates.distribution(i, quantity)
+            d = control_lines.distribution(i, quantity)
             values = dict(
                 zip(("q50", "q95", "q99"), d.quantile(0.5, 0.95, 0.99), strict=True),
                 mean=d.mean,
@@ -256,9 +258,9 @@ def gate_rows(gates: GateSums) -> list[dict[str, object]]:
     return rows
 
 
-def _gate_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
-    rows = gate_rows(progress.gates)
-    chosen = [i for i, (g, _) in enumerate(run.gates) if (g.kind != "station") == barriers]
+def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
+    rows = control_line_rows(progress.control_lines)
+    chosen = [i for i, (g, _) in enumerate(run.control_lines) if (g.kind != "station") == barriers]
     template = ["name", "kind", "rocks"]
     if barriers:
         template += ["height_m", "capacity_kj", "hits", *(o.name.lower() for o in _OUTCOME_TEXT)]
@@ -275,7 +277,7 @@ def _gate_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
             data[column] = values
     frame = gpd.GeoDataFrame(
         data,
-        geometry=[shapely.LineString(run.gates[i][1]) for i in chosen],
+        geometry=[shapely.LineString(run.control_lines[i][1]) for i in chosen],
         crs=run.grid.crs or None,
     )
     fields = {
@@ -313,12 +315,12 @@ def _gate_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
 
 def stations(run: MapRun, progress: Progress) -> VectorLayer:
     """Stations with the statistics of what passes."""
-    return _gate_layer(run, progress, barriers=False)
+    return _control_line_layer(run, progress, barriers=False)
 
 
 def barriers(run: MapRun, progress: Progress) -> VectorLayer:
     """Walls and nets with hits, what becomes of them, and the statistics for their design."""
-    return _gate_layer(run, progress, barriers=True)
+    return _control_line_layer(run, progress, barriers=True)
 
 
 def _footprint_label(level: float) -> str:

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from sassgis.engine.ellipse import inertia
-from sassgis.model.results import Gate, Outcome, StopReason
+from sassgis.model.results import ControlLine, Outcome, StopReason
 
 G = 9.81
 
 
-def crossings(lab, gates, at, n_lines=1):
-    return lab.GateCrossings.same_for_all(gates, at, n_lines)
+def crossings(lab, control_lines, at, n_lines=1):
+    return lab.ControlLineCrossings.same_for_all(control_lines, at, n_lines)
 
 
-def at_chainage(course, x_gate, a, b, lab):
+def at_chainage(course, x_control_line, a, b, lab):
     """State in which a course first comes to ``x_gate`` downhill, worked out from its events alone.
 
     Returns (vx, vz, |omega|, z, phase) or None.
@@ -32,7 +32,7 @@ def at_chainage(course, x_gate, a, b, lab):
             continue
         dt = after[c["t_s"]] - row[c["t_s"]]
         if phase == lab.FLIGHT:
-            t = (x_gate - x) / vx
+            t = (x_control_line - x) / vx
             if 0.0 < t <= dt * (1 + 1e-12):
                 return (
                     vx,
@@ -41,9 +41,9 @@ def at_chainage(course, x_gate, a, b, lab):
                     row[c["z_m"]] + row[c["vz_mps"]] * t - 0.5 * G * t * t,
                     phase,
                 )
-        elif x < x_gate and dt > 0.0:
+        elif x < x_control_line and dt > 0.0:
             # v² is linear in the way; the way is known from speed at both ends of the stretch.
-            way = x_gate - x
+            way = x_control_line - x
             v0 = math.hypot(vx, row[c["vz_mps"]]) / row[c["ux"]]
             v1 = 2.0 * _stretch(row, after, lab) / dt - v0
             length = _stretch(row, after, lab)
@@ -62,10 +62,10 @@ def _stretch(row, after, lab):
 def test_station_values_are_those_of_the_parabola(lab, kind):
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     at = [62.0, 75.3, 90.0] if kind == "smooth" else [35.1, 47.3, 60.0]
-    gates = tuple(Gate(f"station {i}", "station") for i in range(3))
+    control_lines = tuple(ControlLine(f"station {i}", "station") for i in range(3))
     out = lab.run(
         line, lab.ROCK, lab.MIXED, n=150, start=[(10.0, 30.0)], course_events=2000,
-        gates=crossings(lab, gates, at),
+        control_lines=crossings(lab, control_lines, at),
     )  # fmt: skip
     checked = 0
     slope = np.diff(line[1]) / np.diff(line[0])
@@ -73,7 +73,7 @@ def test_station_values_are_those_of_the_parabola(lab, kind):
         rock = out.rocks[p["rock"]]
         got = at_chainage(out.courses[p["rock"]], p["chainage_m"], rock["a_m"], rock["b_m"], lab)
         assert p["outcome"] == Outcome.PASSED
-        assert p["chainage_m"] == at[p["gate"]]
+        assert p["chainage_m"] == at[p["control_line"]]
         assert p["mass_kg"] == rock["mass_kg"]
         if got is None or got[4] != lab.FLIGHT:
             continue
@@ -91,7 +91,7 @@ def test_station_values_are_those_of_the_parabola(lab, kind):
         j = int(np.searchsorted(line[0], p["chainage_m"], side="left")) - 1
         ground = np.interp(p["chainage_m"], *line)
         want = max(z - ground - rock["b_m"] * math.hypot(1.0, slope[j]), 0.0)
-        assert p["height_m"] == pytest.approx(want, abs=1e-6), (p["rock"], p["gate"])
+        assert p["height_m"] == pytest.approx(want, abs=1e-6), (p["rock"], p["control_line"])
         checked += 1
     assert checked > 60
 
@@ -100,14 +100,17 @@ def test_station_values_are_those_of_the_parabola(lab, kind):
 @pytest.mark.parametrize("at", [80.0, 81.37, 60.0], ids=["vertex or not", "between", "vertex"])
 def test_every_rock_that_passes_is_registered_once(lab, kind, at):
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
-    gates = (Gate("wall of no height", "wall", 0.0), Gate("station", "station"))
+    control_lines = (
+        ControlLine("wall of no height", "wall", 0.0),
+        ControlLine("station", "station"),
+    )
     out = lab.run(
         line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(0.0, 2.0)), n=400,
-        start=[(10.0, 30.0)], gates=crossings(lab, gates, [at, at]),
+        start=[(10.0, 30.0)], control_lines=crossings(lab, control_lines, [at, at]),
     )  # fmt: skip
     beyond = set(out.rocks["rock"][out.rocks["furthest_m"] > at])
-    for gate in (0, 1):
-        seen = out.passages["rock"][out.passages["gate"] == gate]
+    for control_line in (0, 1):
+        seen = out.passages["rock"][out.passages["control_line"] == control_line]
         assert np.unique(seen).size == seen.size
         assert set(seen) == beyond
     assert len(beyond) > 40
@@ -117,9 +120,15 @@ def test_a_wall_of_no_height_stops_none(lab):
     line = lab.valley()
     plain = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 45.0)]).rocks
     wall = lab.run(
-        line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 45.0)],
-        gates=crossings(lab, (Gate("none", "wall", 0.0), Gate("s", "station")), [90.0, 120.0]),
-    )  # fmt: skip
+        line,
+        lab.ROCK,
+        lab.MIXED,
+        n=300,
+        start=[(10.0, 45.0)],
+        control_lines=crossings(
+            lab, (ControlLine("none", "wall", 0.0), ControlLine("s", "station")), [90.0, 120.0]
+        ),
+    )
     for name in plain.dtype.names:
         assert np.array_equal(plain[name], wall.rocks[name]), name
 
@@ -130,9 +139,15 @@ def test_a_wall_of_no_height_stops_none(lab):
 def test_a_barrier_higher_than_any_bounce_stops_all(lab, kind, barrier, at):
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     out = lab.run(
-        line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 30.0)],
-        gates=crossings(lab, (Gate("high", barrier, 500.0, lets_go=barrier == "net"),), [at]),
-    )  # fmt: skip
+        line,
+        lab.ROCK,
+        lab.MIXED,
+        n=300,
+        start=[(10.0, 30.0)],
+        control_lines=crossings(
+            lab, (ControlLine("high", barrier, 500.0, lets_go=barrier == "net"),), [at]
+        ),
+    )
     free = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 30.0)]).rocks
     arrives = set(free["rock"][free["furthest_m"] > at])
     assert set(out.passages["rock"]) == arrives
@@ -152,7 +167,7 @@ def test_rocks_stopped_on_a_cell_border_count_before_it(lab, at):
     # Cells are 2 m: what a wall on the border stops has not come to the cell behind it.
     out = lab.run(
         lab.valley(), lab.ROCK, lab.MIXED, n=100, start=[(10.0, 30.0)],
-        gates=crossings(lab, (Gate("high", "wall", 500.0),), [at]),
+        control_lines=crossings(lab, (ControlLine("high", "wall", 500.0),), [at]),
     )  # fmt: skip
     assert (out.sums["stops"] <= out.sums["reach"]).all()
     assert (out.sums["reach"][int(at / 2.0) :] == 0).all()
@@ -164,7 +179,7 @@ def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there(lab):
     out = lab.run(
         line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)), n=100,
         start=[(10.0, 30.0)], course_events=3000,
-        gates=crossings(lab, (Gate("net", "net", 50.0, lets_go=True),), [90.0]),
+        control_lines=crossings(lab, (ControlLine("net", "net", 50.0, lets_go=True),), [90.0]),
     )  # fmt: skip
     c = lab.COL
     held = out.passages["rock"][out.passages["outcome"] == Outcome.HELD_BY_NET]
@@ -185,22 +200,30 @@ def test_what_is_left_after_a_breakthrough(lab, barrier):
     # A rock with more energy than the capacity goes through with what is left.
     line = lab.valley()
     limit = 60.0
-    gates = (Gate("fence", barrier, 100.0, limit, barrier == "net"), Gate("behind", "station"))
+    control_lines = (
+        ControlLine("fence", barrier, 100.0, limit, barrier == "net"),
+        ControlLine("behind", "station"),
+    )
     at = [85.0, 85.0 + 1e-7]
     out = lab.run(
-        line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], gates=crossings(lab, gates, at),
+        line,
+        lab.ROCK,
+        lab.MIXED,
+        n=400,
+        start=[(10.0, 45.0)],
+        control_lines=crossings(lab, control_lines, at),
         course_events=2000,
-    )  # fmt: skip
+    )
     p = out.passages
     energy = p["energy_trans_kj"] + p["energy_rot_kj"]
-    first = p["gate"] == 0
+    first = p["control_line"] == 0
     through = p["outcome"] == Outcome.BROKE_THROUGH
     assert through.sum() > 20
     assert (energy[first & through] > limit).all()
     rest = first & ~through
     assert rest.sum() > 20
     assert (energy[rest] <= limit).all()
-    behind = {r: e for r, e, g in zip(p["rock"], energy, p["gate"], strict=True) if g == 1}
+    behind = {r: e for r, e, g in zip(p["rock"], energy, p["control_line"], strict=True) if g == 1}
     for r, e in zip(p["rock"][first & through], energy[first & through], strict=True):
         assert behind[r] == pytest.approx(e - limit, rel=1e-5, abs=1e-4)
     if barrier == "wall":
@@ -213,7 +236,7 @@ def test_a_rock_goes_over_only_if_its_lowest_point_is_above_the_top(lab, height)
     at = 85.0
     out = lab.run(
         line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], course_events=2000,
-        gates=crossings(lab, (Gate("wall", "wall", height),), [at]),
+        control_lines=crossings(lab, (ControlLine("wall", "wall", height),), [at]),
     )  # fmt: skip
     c = lab.COL
     top = np.interp(at, *line) + height
@@ -254,13 +277,13 @@ def test_no_rock_gets_past_a_full_wall_from_behind(lab):
         at = 82.0
         out = lab.run(
             line, ground, ball, n=100, start=[(5.0, 20.0)],
-            gates=crossings(lab, (Gate("low", barrier, 2.0, 1.0),), [at]),
+            control_lines=crossings(lab, (ControlLine("low", barrier, 2.0, 1.0),), [at]),
         ).rocks  # fmt: skip
         assert np.isfinite(out["runout_m"]).all()
     # A wall that lets rocks through uphill because its capacity is small, and one that does not.
     stop = lab.run(
         line, ground, ball, n=100, start=[(5.0, 20.0)],
-        gates=crossings(lab, (Gate("w", "wall", 1e3),), [75.0]),
+        control_lines=crossings(lab, (ControlLine("w", "wall", 1e3),), [75.0]),
     ).rocks  # fmt: skip
     assert (stop["furthest_m"] <= 75.0).all()
 
@@ -271,11 +294,11 @@ def test_rolling_and_sliding_rocks_are_registered_too(lab):
         lab.sphere(0.5, speed_mps=(20.0, 20.0), spin_radps=(40.0, 40.0)),
         lab.ellipsoid(speed_mps=(20.0, 20.0)),
     ):
-        gates = tuple(Gate(f"s{i}", "station") for i in range(3))
+        control_lines = tuple(ControlLine(f"s{i}", "station") for i in range(3))
         at = [20.0, 20.7, 22.0]
         out = lab.run(
             line, lab.ground(mu_0=0.5, eta_max=1.0), blocks, n=20, start=[(5.0, 7.0)],
-            gates=crossings(lab, gates, at),
+            control_lines=crossings(lab, control_lines, at),
         )  # fmt: skip
         assert out.passages.size == 60
         mu = 0.5 if blocks.spin_radps[1] > 0 else 0.8
@@ -287,9 +310,9 @@ def test_rolling_and_sliding_rocks_are_registered_too(lab):
         assert (out.passages["height_m"] == 0.0).all()
 
 
-def test_same_gates_on_all_lines_are_sorted_by_chainage(lab):
-    gates = (Gate("far", "station"), Gate("near", "station"))
-    same = crossings(lab, gates, [50.0, 20.0], 2)
+def test_same_control_lines_on_all_lines_are_sorted_by_chainage(lab):
+    control_lines = (ControlLine("far", "station"), ControlLine("near", "station"))
+    same = crossings(lab, control_lines, [50.0, 20.0], 2)
     assert same.chainage.tolist() == [20.0, 50.0, 20.0, 50.0]
-    assert same.gate.tolist() == [1, 0, 1, 0]
+    assert same.control_line.tolist() == [1, 0, 1, 0]
     assert same.offset.tolist() == [0, 2, 4]

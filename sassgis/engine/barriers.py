@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.state import Block, Gates, Profile
+from sassgis.engine.state import Block, ControlLines, Profile
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
@@ -22,7 +22,7 @@ STATION, STOPS, LETS_GO = 0, 1, 2
 def _passage(
     passages: FloatArray,
     n_passages: int,
-    gates: Gates,
+    control_lines: ControlLines,
     i: int,
     outcome: int,
     x: float,
@@ -35,7 +35,7 @@ def _passage(
 ) -> int:
     """Write what a rock does at a gate; returns the new number of rows."""
     row = passages[n_passages]
-    row[0] = gates.gate[i]
+    row[0] = control_lines.control_line[i]
     row[1] = outcome
     row[2] = x
     row[3] = math.sqrt(vx * vx + vz * vz)
@@ -50,18 +50,18 @@ def _passage(
 
 
 @kernel
-def _met(gates: Gates, i: int, energy: float) -> tuple[int, float]:
+def _met(control_lines: ControlLines, i: int, energy: float) -> tuple[int, float]:
     """What a rock that meets barrier i does, and the share of its speed that is left."""
-    if energy > gates.capacity[i]:
-        return BROKE_THROUGH, math.sqrt(1.0 - gates.capacity[i] / energy)
-    if gates.kind[i] == LETS_GO:
+    if energy > control_lines.capacity[i]:
+        return BROKE_THROUGH, math.sqrt(1.0 - control_lines.capacity[i] / energy)
+    if control_lines.kind[i] == LETS_GO:
         return HELD_BY_NET, 0.0
     return STOPPED, 0.0
 
 
 @kernel
-def gates_in_flight(
-    gates: Gates,
+def control_lines_in_flight(
+    control_lines: ControlLines,
     seen: NDArray[np.bool_],
     passages: FloatArray,
     n_passages: int,
@@ -91,14 +91,14 @@ def gates_in_flight(
         Share of the speed that is left.
     gate : int
     """
-    n = gates.x.size
+    n = control_lines.x.size
     x_end = x + vx * until
     forward = vx > 0.0
     if vx == 0.0:
         return n_passages, np.inf, PASSED, 1.0, -1
     for k in range(n):
         i = k if forward else n - 1 - k
-        gx = gates.x[i]
+        gx = control_lines.x[i]
         if not (before < gx <= x_end if forward else x_end <= gx < before):
             continue
         t = max((gx - x) / vx, 0.0)
@@ -106,31 +106,44 @@ def gates_in_flight(
         cz = z + (vz - 0.5 * gravity * t) * t
         outcome = PASSED
         left = 1.0
-        if gates.kind[i] != STATION:
+        if control_lines.kind[i] != STATION:
             angle = theta - omega * t
             down = math.sqrt((block.a * math.sin(angle)) ** 2 + (block.b * math.cos(angle)) ** 2)
             outcome = OVERTOPPED
-            if gates.height[i] > 0.0 and cz - down < gates.z[i] + gates.height[i]:
+            if (
+                control_lines.height[i] > 0.0
+                and cz - down < control_lines.z[i] + control_lines.height[i]
+            ):
                 energy = 0.5 * block.mass * (vx * vx + wz * wz + inertia_ * omega * omega)
-                outcome, left = _met(gates, i, energy)
+                outcome, left = _met(control_lines, i, energy)
         if forward and not seen[i]:
             seen[i] = True
             j = near
             while j < profile.tx.size - 1 and profile.sx[j + 1] < gx:
                 j += 1
-            height = max(cz - gates.z[i] - block.b / profile.tx[j], 0.0)
+            height = max(cz - control_lines.z[i] - block.b / profile.tx[j], 0.0)
             n_passages = _passage(
-                passages, n_passages, gates, i, outcome, gx, vx, wz, omega, height, inertia_,
+                passages,
+                n_passages,
+                control_lines,
+                i,
+                outcome,
+                gx,
+                vx,
+                wz,
+                omega,
+                height,
+                inertia_,
                 block.mass,
-            )  # fmt: skip
+            )
         if outcome not in (PASSED, OVERTOPPED):
             return n_passages, t, outcome, left, i
     return n_passages, np.inf, PASSED, 1.0, -1
 
 
 @kernel
-def gates_on_ground(
-    gates: Gates,
+def control_lines_on_ground(
+    control_lines: ControlLines,
     seen: NDArray[np.bool_],
     passages: FloatArray,
     n_passages: int,
@@ -152,12 +165,12 @@ def gates_on_ground(
     ``v2`` and ``spin2`` are squares at the start, ``dv2`` and ``dspin2`` their changes up to
     ``x_end``. Returns (n_passages, share of the stretch done, outcome, left, gate).
     """
-    n = gates.x.size
+    n = control_lines.x.size
     forward = way > 0
     chord = abs(x_end - x)
     for k in range(n):
         i = k if forward else n - 1 - k
-        gx = gates.x[i]
+        gx = control_lines.x[i]
         if not (before < gx <= x_end if forward else x_end <= gx < before):
             continue
         share = 0.0
@@ -167,15 +180,17 @@ def gates_on_ground(
         turn2 = max(spin2 + dspin2 * share, 0.0)
         outcome = PASSED
         left = 1.0
-        if gates.kind[i] != STATION:
+        if control_lines.kind[i] != STATION:
             outcome = OVERTOPPED
-            if gates.height[i] > 0.0:
-                outcome, left = _met(gates, i, 0.5 * block.mass * (speed2 + inertia_ * turn2))
+            if control_lines.height[i] > 0.0:
+                outcome, left = _met(
+                    control_lines, i, 0.5 * block.mass * (speed2 + inertia_ * turn2)
+                )
         if forward and not seen[i]:
             seen[i] = True
             speed = math.sqrt(speed2)
             n_passages = _passage(
-                passages, n_passages, gates, i, outcome, gx, speed * ux, speed * uz,
+                passages, n_passages, control_lines, i, outcome, gx, speed * ux, speed * uz,
                 math.sqrt(turn2), 0.0, inertia_, block.mass,
             )  # fmt: skip
         if outcome not in (PASSED, OVERTOPPED):
