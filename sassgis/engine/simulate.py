@@ -17,17 +17,13 @@ from sassgis.engine.kernel import (
     PIECE_COLUMNS,
     ROCK_COLUMNS,
     TOO_MANY_SPAWNED,
-    CellSums,
     ControlLineTable,
-    Exceedance,
     Lines,
-    Objects,
     run_lines,
 )
-from sassgis.engine.kernel import (
-    Bins as Bins,
-)
 from sassgis.engine.state import Physics
+from sassgis.engine.statistics import Bins as Bins
+from sassgis.engine.statistics import CellSums, Exceedance, Objects
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
