@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.engine.simulate import Forest, simulate
+from sassgis.engine.simulate import simulate
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import (
@@ -27,6 +27,7 @@ from sassgis.model.effects import (
     Trees,
 )
 from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.settings import EngineSettings
 

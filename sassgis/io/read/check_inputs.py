@@ -24,9 +24,10 @@ from sassgis.io.read.ground_map import (
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.tiles import read_terrain
-from sassgis.io.read.vectors import ReleaseArea, read_control_lines, read_release
+from sassgis.io.read.vectors import read_control_lines, read_release
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
+from sassgis.model.release import ReleaseArea
 from sassgis.model.results import ControlLine
 
 

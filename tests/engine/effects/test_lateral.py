@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from sassgis.hazard.progress import sample_of
 from sassgis.hazard.statistics import reach_probability
 from sassgis.io.read.config import load_config
 from sassgis.model.effects import EffectSettings, LateralDeflection
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ReleasePoints
+from sassgis.model.release import FallLineSettings
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import chunks_of, plan, sample_of, simulate_map
-from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface
-from sassgis.terrain.spread import trace_ways
+from sassgis.runs.map import chunks_of, simulate_map
+from sassgis.terrain.fall_lines import fall_line_surface
+from sassgis.terrain.plan import plan
+from sassgis.terrain.spread import trace_random_paths
 
 SETTINGS = FallLineSettings(smoothing_m=0.0)
 

@@ -9,9 +9,11 @@ from cut_valley import Valley
 
 from sassgis.io.read.config import load_config
 from sassgis.io.read.tiles import Part, open_terrain
+from sassgis.model.map_run import MapRun
 from sassgis.runs.batch_window import Windowed, windowed
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import MapRun, plan, trace_lines
+from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import trace_lines
 
 
 def test_a_window_holds_the_ways_of_every_round(valley: Valley) -> None:

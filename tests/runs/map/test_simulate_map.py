@@ -9,21 +9,16 @@ import numpy as np
 import pytest
 import shapely
 
+from sassgis.hazard.bins import bins_of
+from sassgis.hazard.progress import Progress, joined_rows, sample_of
 from sassgis.hazard.statistics import MapSums, reach_probability
 from sassgis.io.write.layers.maps import map_layers
+from sassgis.model.map_run import MapRun
+from sassgis.model.release import SpreadSettings
 from sassgis.model.results import StopReason
 from sassgis.runs import map as map_run
-from sassgis.runs.map import (
-    MapRun,
-    Progress,
-    bins_of,
-    chunks_of,
-    joined_rows,
-    plan,
-    sample_of,
-    simulate_map,
-)
-from sassgis.terrain.spread import SpreadSettings
+from sassgis.runs.map import chunks_of, simulate_map
+from sassgis.terrain.plan import plan
 
 
 def state(progress: Progress) -> dict[str, np.ndarray]:

@@ -18,8 +18,9 @@ import shapely
 from zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
 
 from sassgis.engine.simulate import simulate
-from sassgis.runs.map import LEAD_IN_M, bins_of, control_line_crossings, line_draw_keys
+from sassgis.hazard.bins import bins_of
 from sassgis.terrain.flatten import profiles
+from sassgis.terrain.prepare import LEAD_IN_M, control_line_crossings, line_draw_keys
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import trace_bundles
 from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, take_profiles, usable, with_lead_in

@@ -16,7 +16,8 @@ from sassgis.hazard.sources import onset_frequencies
 from sassgis.io.read.config import load_config
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
-from sassgis.runs.map import Rows, simulate_map
+from sassgis.model.map_run import Rows
+from sassgis.runs.map import simulate_map
 from sassgis.runs.run import read_job
 
 #: North: 8 x 9 cells of 4 m2; south: 7 x 9.

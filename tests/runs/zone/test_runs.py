@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from zone_slope import Case, Zoned, place, two_areas, zoned
 
-from sassgis.hazard.assess import share_undecided
+from sassgis.hazard.assess import share_uncertain
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import Interrupted
 from sassgis.model.hazard import HazardCurves
-from sassgis.runs.map import Rows, simulate_map
+from sassgis.model.map_run import Rows
+from sassgis.runs.map import simulate_map
 from sassgis.runs.zone import zone
 
 
@@ -66,20 +67,20 @@ def adaptive(folder: Path, share: float, rounds_max: int = 64) -> Case:
     return case
 
 
-def test_rounds_go_on_until_few_cells_are_undecided(tmp_path: Path) -> None:
+def test_rounds_go_on_until_few_cells_are_uncertain(tmp_path: Path) -> None:
     case = adaptive(tmp_path, 0.3)
     said: list[str] = []
     found = zoned(case.config, tmp_path / "work", say=said.append)
     assert found.done.run.rounds in (2, 4, 8, 16, 32)
-    assert found.found.hazard.undecided_share <= 0.3
+    assert found.found.hazard.uncertain_share <= 0.3
     # What was said of each try is what made it go on.
-    shares = [float(s.split()[0]) for s in said if "undecided" in s]
+    shares = [float(s.split()[0]) for s in said if "uncertain" in s]
     assert len(shares) == np.log2(found.done.run.rounds) + 1
     assert all(s > 30.0 for s in shares[:-1]) and shares[-1] <= 30.0
-    assert shares[-1] == round(100.0 * found.found.hazard.undecided_share, 1)
+    assert shares[-1] == round(100.0 * found.found.hazard.uncertain_share, 1)
     # It is the share of all reached cells.
     rules = found.rules
-    assert share_undecided(found.curves, rules.preset, 0.95) == found.found.hazard.undecided_share
+    assert share_uncertain(found.curves, rules.preset, 0.95) == found.found.hazard.uncertain_share
     # The number of rocks of each source is that of its rounds.
     for s in found.found.hazard.sampled:
         assert s.source.rocks % (8 * found.done.run.rounds) == 0
@@ -89,9 +90,9 @@ def test_too_few_rounds_are_told(tmp_path: Path) -> None:
     case = adaptive(tmp_path, 0.01, rounds_max=3)
     result = zone(case.config, tmp_path / "out", jobs=1)
     assert result.run.run.rounds == 3
-    share = result.found.hazard.undecided_share
+    share = result.found.hazard.uncertain_share
     assert share > 0.01
-    told = [w for w in result.run.warnings if "still undecided" in w]
+    told = [w for w in result.run.warnings if "still statistically uncertain" in w]
     assert len(told) == 1
     assert told[0].startswith(f"{100 * share:.1f} % of the reached cells")
     assert "3 rounds" in told[0] and "undecided_share_max: 1 %" in told[0]

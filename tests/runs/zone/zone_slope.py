@@ -14,9 +14,10 @@ import rasterio
 import shapely
 from rasterio.transform import from_origin
 
+from sassgis.hazard.assess import Assessment, Rules, assess
 from sassgis.io.read.config import Config, load_config
 from sassgis.model.hazard import HazardCurves
-from sassgis.runs.assessment import Assessment, Rules, assess, read_rules
+from sassgis.runs.inputs import read_rules
 from sassgis.runs.run import Job, OnProgress, Simulation, configured, read_job
 from sassgis.runs.zone import prepared, simulations
 
