@@ -21,7 +21,8 @@ from sassgis.hazard.along_profile import arrivals, passage_histogram, share_with
 from sassgis.io.write.frames import write_table
 from sassgis.model.errors import SassgisError
 from sassgis.report.figures import profile_comparison_figure, save, station_figure
-from sassgis.runs.profile import profile_panel, run_profile
+from sassgis.report.profile_report import profile_panel
+from sassgis.runs.profile import run_profile
 from sassgis.runs.samples import sample_folder
 
 #: Quantities of Fig. 12 with their unit and the range in which the paper's histograms mostly lie.

@@ -15,8 +15,8 @@ from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.config import load_config
 from sassgis.runs.inputs import read_rules
+from sassgis.runs.job import read_job
 from sassgis.runs.map import simulate_map
-from sassgis.runs.run import read_job
 from sassgis.runs.zone import prepared
 from sassgis.terrain.plan import plan
 
