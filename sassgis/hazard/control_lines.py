@@ -24,7 +24,7 @@ QUANTITIES: dict[str, tuple[str, FloatArray]] = {
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """One quantity at one gate.
+    """One quantity at one control line.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class ControlLineSums:
 
     Parameters
     ----------
-    gates : tuple of Gate
+    control_lines : tuple of ControlLine
     """
 
     def __init__(self, control_lines: tuple[ControlLine, ...]) -> None:
@@ -91,9 +91,9 @@ class ControlLineSums:
 
         Parameters
         ----------
-        other : GateSums
-        numbers : int64, shape (n_gates of ``other``,)
-            Position in ``gates`` of each gate of ``other``; each once.
+        other : ControlLineSums
+        numbers : int64, shape (n_control_lines of ``other``,)
+            Position in ``control_lines`` of each of those of ``other``; each once.
         """
         self._outcomes[numbers] += other._outcomes
         for q in QUANTITIES:
@@ -103,15 +103,15 @@ class ControlLineSums:
             self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
 
     def outcomes(self, control_line: int) -> dict[Outcome, int]:
-        """How many rocks fared how at a gate (position in ``gates``)."""
+        """How many rocks had which outcome at a control line (its position)."""
         return {o: int(self._outcomes[control_line, o]) for o in Outcome}
 
     def arrivals(self, control_line: int) -> int:
-        """Rocks that came to a gate."""
+        """Blocks that arrived at a control line (its position)."""
         return int(self._outcomes[control_line].sum())
 
     def distribution(self, control_line: int, quantity: str) -> Distribution:
-        """One of QUANTITIES at a gate (position in ``gates``)."""
+        """One of QUANTITIES at a control line (its position)."""
         unit, edges = QUANTITIES[quantity]
         count = self.arrivals(control_line)
         return Distribution(

@@ -29,7 +29,7 @@ class Sampled:
     source : Source
     cells, objects : SourceCounts
         Places are flat indices of cells, and numbers of exposed objects.
-    gates : GateSums
+    control_lines : ControlLineSums
         At stations and barriers.
     """
 

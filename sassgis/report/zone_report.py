@@ -137,8 +137,8 @@ def _design_tables(
                 _cells(design[keys]),  # type: ignore[arg-type]
                 "As if no wall or net held a rock, sources weighted by their onset frequency. A "
                 "dash: rocks come less often than that. Height of the centre above its resting "
-                "height: a barrier needs the block's half height and freeboard on top. How many simulated "
-                "rocks lie beyond each value is in tables/design.csv.",
+                "height: a barrier needs the block's half height and freeboard on top. How many "
+                "simulated rocks lie beyond each value is in tables/design.csv.",
             )
         )  # fmt: skip
     return tables

@@ -60,8 +60,8 @@ def windowed(
     """Find the part of the terrain model that the fall lines of a release area need.
 
     A part is tried, the lines of all repetitions are traced on it, and on each side on which one
-    comes near a cut edge (see edge_cells) the margin grows by half. So the lines are those of the whole
-    terrain model: to the last bit where corners and sizes of cells are binary numbers (whole
+    comes near a cut edge (see edge_cells) the margin grows by half. So the lines are those of the
+    whole terrain model: to the last bit where corners and sizes of cells are binary numbers (whole
     metres, halves, quarters, ...) and no nodata is near, else but for rounding.
 
     Parameters

@@ -187,7 +187,8 @@ def simulations(
         schedule = repr((limit, repetitions_max, confidence, rules.preset, rules.frequencies))
     done = simulate_config(
         config, work, job, jobs=jobs, on_progress=on_progress, tell=tell,
-        repetitions_max=repetitions_max, enough=None if limit is None else enough, schedule=schedule,
+        repetitions_max=repetitions_max, enough=None if limit is None else enough,
+        schedule=schedule,
     )  # fmt: skip
     barriers = any(g.kind != "station" for g, _ in job.run.control_lines)
     if not (barriers and config.hazard.compare_barriers):

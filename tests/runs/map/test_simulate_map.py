@@ -14,6 +14,7 @@ from sassgis.hazard.progress import Progress, joined_rows, line_ends, sample_of
 from sassgis.hazard.statistics import MapSums, reach_probability
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.model.map_run import MapRun
+from sassgis.model.profiles import LineEnd
 from sassgis.model.release import SpreadSettings
 from sassgis.model.results import StopReason
 from sassgis.runs.map import chunks_of, simulate_map

@@ -1,8 +1,8 @@
 """Hazard curves against rocks that are simulated and counted one at a time, in plain Python.
 
-Each rock is released alone, so that what it leaves in the cells of its line is its own largest energy
-there. Nothing of what adds up in the program takes part: not the counting at thresholds, not the
-joining of chunks, not the windows or the objects.
+Each rock is released alone, so that what it leaves in the cells of its line is its own largest
+energy there. Nothing of what adds up in the program takes part: not the counting at thresholds, not
+the joining of chunks, not the windows or the objects.
 """
 
 from __future__ import annotations

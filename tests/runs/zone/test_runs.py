@@ -1,4 +1,4 @@
-"""What must not depend on how a zoning is run: areas, repetitions, interruptions, threads, barriers."""
+"""What must not depend on how a zoning is run: areas, repetitions, stops, threads, barriers."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def stop_at(call: int) -> Callable[[int, int, int], None]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Path]:
-    """An adaptive run with barriers: two chunks a repetition, four repetitions, once more without them."""
+    """An adaptive run with barriers: two chunks, four repetitions, once more without barriers."""
     folder = tmp_path_factory.mktemp("whole")
     case = with_barriers(adaptive(folder, 0.01, rounds_max=4))
     result = zone(case.config, folder / "out", jobs=1)
