@@ -114,7 +114,7 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path) -> Non
     told = [
         json.loads((tmp_path / f / "manifest.json").read_text()) for f in ("out/mosaic", "joint")
     ]
-    assert told[0]["counts"]["pieces"] == told[1]["counts"]["pieces"]
+    assert told[0]["counts"]["fragments"] == told[1]["counts"]["fragments"]
     assert all("trees file" in str(t["inputs"]) for t in told)
 
 
