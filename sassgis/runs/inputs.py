@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
+from sassgis.hazard.warnings import rule_warnings
 from sassgis.hazard.zoning.generalise import ZoneSettings
 from sassgis.io.read.config import Config
 from sassgis.io.read.forest import read_forest
@@ -148,12 +149,6 @@ def input_files(config: Config) -> dict[str, Path]:
     return files
 
 
-def unverified_classes(run: MapRun) -> list[str]:
-    """Names of the ground classes on the map whose values are not from the paper."""
-    used = np.unique(run.ground[np.isfinite(run.grid.values)])
-    return [run.table.classes[i].name for i in used if not run.table.classes[i].verified]
-
-
 def yearly_frequencies(
     config: Config, areas: Sequence[ReleaseArea], known: Sequence[str] | None = None
 ) -> dict[tuple[str, str], float]:
@@ -268,7 +263,8 @@ def check_rules(config: Config, grid: Grid | None = None) -> list[str]:
     ]
     if len(rules.placed):
         lines.append(f"  exposed objects: {len(rules.placed)}")
-    return lines + [f"  note: {text}" for text in rules.notices]
+    notes = (*rules.notices, *rule_warnings(rules.preset, rules.frequencies))
+    return lines + [f"  note: {text}" for text in notes]
 
 
 def ref_width(config: Config, cell_size: float) -> float:

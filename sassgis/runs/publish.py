@@ -141,7 +141,8 @@ def publish_map(
         run.grid.cell_size,
         config.output.energy_classes_kj,
     )
-    for layer in (*extras.layers, *layers, terrain_layer(run.grid)):
+    terrain = terrain_layer(run.grid)
+    for layer in (*extras.layers, *layers, terrain):
         write_raster(layer, run.grid, work / "maps")
     vectors = run_vectors.all_layers(run, planned, progress, layers)
     counts = _counts(done)
@@ -150,8 +151,9 @@ def publish_map(
     if extras.vectors:
         write_geopackage(work / "hazard.gpkg", extras.vectors, facts)
     write_run_project(
-        work, config.project.name, run.grid, layers, vectors, extras.groups, extras.layouts
-    )
+        work, config.project.name, run.grid, layers, terrain, vectors, extras.groups,
+        extras.layouts,
+    )  # fmt: skip
     _write_tables(work / "tables", done, extras.frames, tell)
     tell("Drawing the figures")
     shown = (

@@ -14,7 +14,6 @@ from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.write.geopackage import VectorLayer
-from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.model.grid import Grid
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
@@ -27,6 +26,7 @@ def write_run_project(
     title: str,
     grid: Grid,
     layers: tuple[RasterLayer, ...],
+    terrain: RasterLayer,
     vectors: Sequence[VectorLayer],
     groups: Sequence[LayerGroup] = (),
     layouts: Sequence[PrintLayout] = (),
@@ -40,6 +40,8 @@ def write_run_project(
     grid : Grid
     layers : tuple of RasterLayer
         Maps of what was simulated, in ``maps``; the first one bounds the view.
+    terrain : RasterLayer
+        In ``maps`` too.
     vectors : sequence of VectorLayer
         In ``result.gpkg``.
     groups : sequence of LayerGroup
@@ -78,7 +80,7 @@ def write_run_project(
             ),
             LayerGroup("Footprint", entries("footprint", hidden=("footprint",))),
             LayerGroup("Maps", maps, exclusive=True),
-            LayerGroup("Terrain", (LayerEntry(terrain_layer(grid), "maps/terrain.tif"),)),
+            LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
         ],
         extent=_reached_extent(layers, grid),
         abstract="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). "
