@@ -23,7 +23,7 @@ STOP_TEXT = {
     StopReason.LEFT_PROFILE: "left the profile",
     StopReason.STEP_LIMIT: "step limit",
     StopReason.NEVER_STARTED: "never started",
-    StopReason.BROKEN: "broke into pieces",
+    StopReason.BROKEN: "broke into fragments",
 }
 
 

@@ -86,7 +86,7 @@ def zone_figures(
     by_stem = {layer.stem: layer for layer in maps}
     around: dict[str, Any] = {
         "release": release_outlines(run),
-        "control_lines": [(g.name, g.kind, course) for g, course in run.control_lines],
+        "control_lines": [(line.name, line.kind, trace) for line, trace in run.control_lines],
     }
     width = f"Reference width {rules.ref_width_m:.4g} m."
     drawn: list[tuple[str, str, str, Figure]] = [

@@ -181,17 +181,17 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         {
             "area": FieldInfo("release area"),
             "scenario": FieldInfo("block scenario"),
-            "end": FieldInfo("why it ends"),
+            "end": FieldInfo("stopping reason"),
             "runout_m": FieldInfo("run-out chainage", "m"),
             "mass_kg": FieldInfo("mass", "kg"),
-            "max_energy_kj": FieldInfo("largest energy on the way", "kJ"),
-            "max_speed_mps": FieldInfo("largest speed on the way", "m/s"),
-            "max_height_m": FieldInfo("largest passing height on the way", "m"),
+            "max_energy_kj": FieldInfo("largest energy", "kJ"),
+            "max_speed_mps": FieldInfo("largest speed", "m/s"),
+            "max_height_m": FieldInfo("largest passing height", "m"),
             "impacts": FieldInfo("impacts"),
             "piece": FieldInfo(
                 "piece",
                 "",
-                "0: the rock itself; else a piece of it, or a block that it set in motion",
+                "0: the released rock; else a fragment of it, or an entrained block",
             ),
         },
         style=categorised_style(
@@ -242,7 +242,7 @@ def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> Vect
     fields = {
         "name": FieldInfo("name"),
         "kind": FieldInfo("kind"),
-        "rocks": FieldInfo("rocks that come"),
+        "rocks": FieldInfo("arriving rocks"),
     }
     if barriers:
         fields["height_m"] = FieldInfo("height above the ground", "m")

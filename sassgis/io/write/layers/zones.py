@@ -43,7 +43,7 @@ def federal_layers(
         ZoneSettings(min_area_m2=0.0, tolerance_m=0.0),
     )
     method = (
-        "SASS (Bozzolo and Pamini, 1986): rocks followed along fall lines; "
+        "SASS (Bozzolo and Pamini, 1986): rocks simulated along fall lines; "
         f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."
     )
     sources = [
