@@ -11,7 +11,7 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.release import FallLineSettings, ReleaseArea, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 

@@ -30,7 +30,7 @@ from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
-from sassgis.model.release import ReleaseArea
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_state import (

@@ -18,7 +18,7 @@ from sassgis.io.read.vectors import release_area, warn_of_overlaps
 from sassgis.io.write.staging import staged_output, writing
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.release import ReleaseArea
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature
 from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_state import BARE_NAME, SIMULATION_NAME, Record, add_area, read_state

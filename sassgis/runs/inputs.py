@@ -27,7 +27,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.map_run import Forest, MapRun
-from sassgis.model.release import FallLineSettings, ReleaseArea, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
 from sassgis.model.results import ControlLine
 
 

@@ -15,7 +15,7 @@ from sassgis.model import rng
 from sassgis.model.effects import LateralDeflection
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.profiles import ReleasePoints, TraceSet
-from sassgis.model.release import FallLineSettings, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings, SpreadSettings
 from sassgis.terrain.fall_lines import Kicks, trace
 from sassgis.terrain.surface import Surface
 

@@ -28,7 +28,7 @@ from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ControlLineCrossings, ReleasePoints
-from sassgis.model.release import FallLineSettings
+from sassgis.model.release_areas import FallLineSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace

@@ -21,7 +21,7 @@ from sassgis.gap.observations.tables import Observations, Stations, Trajectories
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import TraceSet
-from sassgis.model.release import FallLineSettings
+from sassgis.model.release_areas import FallLineSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.heights import heights_at

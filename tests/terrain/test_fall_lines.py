@@ -12,7 +12,7 @@ from terrains import grid_of, middle, points_at
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import LineEnd, TraceSet
-from sassgis.model.release import FallLineSettings, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings, SpreadSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import fans, trace_bundles

@@ -11,7 +11,7 @@ from terrains import grid_of, middle, points_at, rough
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.model.release import FallLineSettings
+from sassgis.model.release_areas import FallLineSettings
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import (
     chainage_to_xy,

@@ -10,7 +10,7 @@ from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import TraceSet
-from sassgis.model.release import FallLineSettings, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings, SpreadSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.terrain.fall_lines import fall_line_surface

@@ -28,7 +28,7 @@ from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines, read_release
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
-from sassgis.model.release import ReleaseArea
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 
 

@@ -27,7 +27,7 @@ from sassgis.io.read.dem import crs_name, same_crs
 from sassgis.io.read.sections import BarrierSettings, ReleaseSettings, StationSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.release import ReleaseArea
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 
 log = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ from sassgis.io.read.config import load_config
 from sassgis.model.effects import EffectSettings, LateralDeflection
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ReleasePoints
-from sassgis.model.release import FallLineSettings
+from sassgis.model.release_areas import FallLineSettings
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.map import chunks_of, simulate_map
 from sassgis.terrain.fall_lines import fall_line_surface

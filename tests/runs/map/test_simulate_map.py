@@ -15,7 +15,7 @@ from sassgis.hazard.statistics import MapSums, reach_probability
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
-from sassgis.model.release import SpreadSettings
+from sassgis.model.release_areas import SpreadSettings
 from sassgis.model.results import StopReason
 from sassgis.runs.map import chunks_of, simulate_map
 from sassgis.terrain.plan import plan
