@@ -167,6 +167,43 @@ def save_figure(folder: Path, name: str, figure: Figure) -> bytes:
     return png
 
 
+def _block_table(run: MapRun) -> ReportTable:
+    return ReportTable(
+        "Block scenarios",
+        (
+            ("scenario", ""), ("semi-axis 1", "m"), ("semi-axis 2", "m"), ("semi-axis 3", "m"),
+            ("density", "kg/m³"), ("initial speed", "m/s"),
+        ),
+        tuple(
+            (
+                b.name,
+                *(
+                    f"{low:g} to {high:g}" if high > low else f"{low:g}"
+                    for low, high in (
+                        b.axis_1_m, b.axis_2_m, b.axis_3_m, b.density_kgm3, b.speed_mps
+                    )
+                ),
+            )
+            for b in run.blocks
+        ),
+    )  # fmt: skip
+
+
+def _ground_table(run: MapRun) -> ReportTable:
+    """The ground classes on the map."""
+    used = np.unique(run.ground[np.isfinite(run.grid.values)])
+    return ReportTable(
+        "Ground classes",
+        (("class", ""), ("η max", ""), ("Δp/p", ""), ("μ_f", ""), ("μ_0", ""), ("k", ""),
+         ("d*", "m"), ("η max, Δp from the paper", ""), ("source", "")),
+        tuple(
+            (c.name, c.eta_max, f"{c.dp_min:g} to {c.dp_max:g}", c.mu_f, c.mu_0, c.k, c.d_star_m,
+             "yes" if c.verified else "no", c.source)
+            for c in (run.table.classes[i] for i in used)
+        ),
+    )  # fmt: skip
+
+
 def map_report(
     run: MapRun,
     planned: Plan,
@@ -233,36 +270,6 @@ def map_report(
                 save_figure(folder, f"station_{stem}", figure),
             )
         )
-    blocks = ReportTable(
-        "Block scenarios",
-        (
-            ("scenario", ""), ("semi-axis 1", "m"), ("semi-axis 2", "m"), ("semi-axis 3", "m"),
-            ("density", "kg/m³"), ("initial speed", "m/s"),
-        ),
-        tuple(
-            (
-                b.name,
-                *(
-                    f"{low:g} to {high:g}" if high > low else f"{low:g}"
-                    for low, high in (
-                        b.axis_1_m, b.axis_2_m, b.axis_3_m, b.density_kgm3, b.speed_mps
-                    )
-                ),
-            )
-            for b in run.blocks
-        ),
-    )  # fmt: skip
-    used = np.unique(run.ground[np.isfinite(run.grid.values)])
-    ground = ReportTable(
-        "Ground classes",
-        (("class", ""), ("η max", ""), ("Δp/p", ""), ("μ_f", ""), ("μ_0", ""), ("k", ""),
-         ("d*", "m"), ("η max, Δp from the paper", ""), ("source", "")),
-        tuple(
-            (c.name, c.eta_max, f"{c.dp_min:g} to {c.dp_max:g}", c.mu_f, c.mu_0, c.k, c.d_star_m,
-             "yes" if c.verified else "no", c.source)
-            for c in (run.table.classes[i] for i in used)
-        ),
-    )  # fmt: skip
     ends = stopping_reasons(progress.reasons)
     lines = joined_lines(progress.lines)
     line_ends = ReportTable(
@@ -290,7 +297,8 @@ def map_report(
         warnings=tuple(warnings),
         key_results=ends,
         figures=tuple(pictures),
-        tables=(*control_line_tables(progress.control_lines), blocks, ground, line_ends),
+        tables=(*control_line_tables(progress.control_lines), _block_table(run), _ground_table(run),
+                line_ends),
         provenance=(
             ("Program", str(facts["program"])),
             ("Seed", run.seed),
