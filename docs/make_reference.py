@@ -32,8 +32,8 @@ single number means two equal limits. Unknown keys are errors.
 A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
 needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else has a default.
 
-Paths, numbers of cores and output settings do not change the simulated blocks. All keys of the sections
-terrain, release, spread, ground, blocks, stations, barriers, effects, engine and run (except `jobs`) may.
+Paths, numbers of cores and output settings do not change the simulated blocks. The sections terrain,
+release, spread, ground, blocks, stations, barriers, effects, engine and run (except `jobs`) may.
 """
 
 _INTRO = {
@@ -45,9 +45,10 @@ _INTRO = {
     "blocks": "One section for each block scenario; one is needed. Each block is drawn uniformly "
     "between the limits. Its size is given by three semi-axes or by a volume. Zones need its onset "
     "frequency: [hazard.md](hazard.md).",
-    "stations": "Control lines where passing blocks are recorded; a section for each. Placed by exactly one "
-    "of `line`, `file`, `chainage_m`.",
-    "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be unique.",
+    "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
+    "exactly one of `line`, `file`, `chainage_m`.",
+    "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "
+    "unique.",
     "engine": "Modelling assumptions where the paper leaves a question open: "
     "[model.md](model.md#modelling-assumptions).",
     "profile": "A run along one profile (`sassgis profile`).",

@@ -5,8 +5,8 @@
 Constants of the compiled code are changed before it is compiled, each set of them in a process and
 a cache of compiled code of its own. Every variant is simulated twice: with the same draws as the
 base, which shows how many rocks take exactly the same path, and with other draws, for a
-comparison of two independent samples. To show what the comparison can detect, settings that are meant
-to matter (the modelling assumptions of docs/model.md) are compared in the same way.
+comparison of two independent samples. To show what the comparison can detect, settings
+that are meant to matter (the modelling assumptions of docs/model.md) are compared in the same way.
 """
 
 from __future__ import annotations
@@ -229,8 +229,8 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
         axes[0].invert_yaxis()
         axes[1].legend(loc="lower right")
         fig.supxlabel(
-            "blue: numerical, halved; orange: assumptions; dotted: what 5 % of pairs of equal samples "
-            "exceed", size=7, color=GREY, x=0.01, ha="left",
+            "blue: numerical, halved; orange: assumptions; dotted: exceeded by 5 % of pairs of "
+            "equal samples", size=7, color=GREY, x=0.01, ha="left",
         )  # fmt: skip
         return fig
 

@@ -39,12 +39,12 @@ def quantities(
     out = {f"run-out {100 * q:g} % (m)": float(np.quantile(runout, q)) for q in RUNOUT_SHARES}
     for k, chainage in enumerate(stations):
         e, h = energy[k], height[k]
-        arrived = np.isfinite(e)
-        some = bool(arrived.any())
-        out[f"arrivals at {chainage:g} m (%)"] = 100.0 * float(arrived.mean())
-        out[f"E95 at {chainage:g} m (kJ)"] = float(np.quantile(e[arrived], 0.95)) if some else np.nan
+        there = np.isfinite(e)
+        some = bool(there.any())
+        out[f"arrivals at {chainage:g} m (%)"] = 100.0 * float(there.mean())
+        out[f"E95 at {chainage:g} m (kJ)"] = float(np.quantile(e[there], 0.95)) if some else np.nan
         out[f"height 95 % at {chainage:g} m (m)"] = (
-            float(np.quantile(h[arrived], 0.95)) if some else np.nan
+            float(np.quantile(h[there], 0.95)) if some else np.nan
         )
     return out
 

@@ -34,8 +34,8 @@ def read_contacts(folder: Path, reach_m: float = REACH_M) -> tuple[pd.DataFrame,
     Returns
     -------
     contacts : DataFrame
-        A row for each contact; ``left_out`` is the reason why one cannot be used, ``above_ground_m``
-        the height of its first point above the terrain.
+        A row for each contact; ``left_out`` is the reason why one cannot be used,
+        ``above_ground_m`` the height of its first point above the terrain.
     rocks : DataFrame
         A row for each run.
     """
