@@ -32,8 +32,9 @@ single number means two equal limits. Unknown keys are errors.
 A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
 needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else has a default.
 
-Paths, numbers of cores and output settings do not change the simulated blocks. The sections terrain,
-release, spread, ground, blocks, stations, barriers, effects, engine and run (except `jobs`) may.
+Paths, numbers of cores and output settings do not change the simulated blocks. The sections
+terrain, release, spread, ground, blocks, stations, barriers, effects, engine and run (except
+`jobs`) may.
 """
 
 _INTRO = {
