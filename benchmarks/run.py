@@ -52,7 +52,7 @@ def simulate_once(folder: Path, repeats: int) -> dict[str, Any]:
     wall, cpu, per_rock = [], [], []
     rocks = 0
     # One rock per line has the same set-up: terrain, fall lines, profiles. The difference is the
-    # time of the rocks alone, as saga.measure takes that of the walks alone.
+    # time of the blocks only, as saga.measure takes that of the walks only.
     one = dataclasses.replace(run, rocks_per_point=1)
     for _ in range(repeats):
         t, c = time.perf_counter(), time.process_time()

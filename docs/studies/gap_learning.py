@@ -1,24 +1,24 @@
-"""Learn what signatures of known causes look like, and freeze it for the diagnosis.
+"""Train the classifier of the diagnosis on signatures of known cause, and freeze it.
 
     python docs/studies/gap_learning.py rows -o ROWS --jobs 2       # an hour on two cores
     python docs/studies/gap_learning.py learn ROWS                  # a few minutes
     python docs/studies/gap_learning.py page                        # the page from the numbers
 
-``rows`` makes the worlds of development. Their seeds are their own: no battery with which scores
-are reported may use any of them. Of each world come
+``rows`` generates the training sites. Their seeds are reserved: no battery with reported scores may
+use any of them. Each site gives
 
 - the signature of its observed campaign, once as observed and once with 40 rocks and without
   impacts, and both also with tables left out;
 - signatures of campaigns of the engine's own effects in the same case, so that each cause is
-  learned in the forms of two programs;
-- of unknown effects, wind, snow, lying blocks and wetting. Ice, terraces and lift are kept for the
-  check: there must be unknown effects that were never seen.
+  represented in the forms of two programs;
+- of unknown effects, wind, snow, lying blocks and wetting. Ice, terraces and lift are reserved for
+  the check: it needs unknown effects outside the training set.
 
-``learn`` grows an ensemble of randomised trees for each design, calibrates its probabilities on
-worlds left out of the growing, by cross-validation over worlds, and writes
+``learn`` trains an ensemble of randomised trees for each design, calibrates its probabilities on
+held-out sites, by cross-validation over sites, and writes
 ``sassgis/data/gap_judges.npz``, ``sassgis/data/gap_thresholds.json`` and
 ``docs/studies/gap_learning.json``, with the accuracy on held-out sites; ``page``
-puts it into ``docs/studies/gap_learning.md``.
+writes it into ``docs/studies/gap_learning.md``.
 """
 
 from __future__ import annotations
@@ -83,11 +83,11 @@ LEAF, ASKED = 3, 0.1
 #: A battery's shares of causes, for which probabilities are calibrated.
 PRIOR = {NONE: 1 / 3, PAIR: 2 / 15, UNKNOWN: 2 / 15}
 SINGLES = 2 / 5
-#: From this probability on none is named; less probable causes are not named. Chosen by looking at
+#: From this probability on none is named; less probable causes are not named. Chosen on
 #: held-out sites, with unknown effects of a kind outside the training set as well.
 NONE_SHARE, LEAST_CONFIDENCE = 0.4, 0.45
-#: Where a confidence is SURE or more, this share is to be right; confusion sets are to hold the
-#: truth of this share of single effects.
+#: Required share of correct answers where a confidence is SURE or more; required share of single
+#: effects with the truth in the confusion set.
 RIGHT, COVERED = 0.93, 0.97
 #: Designs, with a number of rocks, whose accuracy is reported.
 ASKED_OF = (("everything", 100), ("both", 40), ("stations", 40), ("stops", 40))
@@ -153,10 +153,10 @@ class Rows:
     design : str
     names : tuple of str
     values : float32, shape (n, p)
-        The first of the world itself, the others of the engine's campaigns.
+        The first of the site itself, the others of the engine's campaigns.
     causes : tuple of str, length n
     truth : tuple of str
-        Effects of the world.
+        Effects of the site.
     strength : str
         Of a single effect.
     """
@@ -190,7 +190,7 @@ HELD = {
 
 
 def engine_campaigns(case: Case, base: Base) -> list[tuple[str, dict[str, float]]]:
-    """Numbers of campaigns of the engine's effects, strong enough to be seen."""
+    """Features of campaigns of the engine's effects, strong enough to be detected."""
     problem, made = base.problem, []
     for k, family in enumerate(TRIED):
         kept = 0

@@ -180,7 +180,7 @@ def left_out_scores(
     seen : float64, shape (n, 5)
         What was observed, in the order of QUANTITIES.
     runs : sequence of str
-        Run of each contact: what is left out together.
+        Run of each contact; its contacts are held out together.
     scored : sequence of int
         Columns that are scored; distances are in units of the observed spread.
     seed : int
@@ -190,7 +190,7 @@ def left_out_scores(
     Returns
     -------
     dict
-        Of each form: mean energy score of contacts left out, mean prediction of each contact with
+        Of each form: mean energy score of held-out contacts, mean prediction of each contact with
         5 and 95 %, and what was chosen.
     """
     ground = ground_class()
