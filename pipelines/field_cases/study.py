@@ -1,4 +1,4 @@
-"""A field case from end to end: uncalibrated gap, diagnosis, and its score on held-out rocks."""
+"""A field case from end to end: untuned gap, diagnosis, and its score on rocks left out."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ from sassgis.runs.gap_case import read_case
 
 FloatArray = NDArray[np.float64]
 
-#: Simulated campaigns of each model.
+#: Campaigns that each model is let go in.
 CAMPAIGNS = 60
 DRAWS = 1000
-#: Smallest number of rocks that is diagnosed.
+#: Rocks below which nothing is diagnosed.
 FEWEST = 5
-#: Findings in the results.
+#: Findings that are kept.
 SHOWN = 12
-#: The class without published values, and the grid of its wide calibration.
+#: The class of which nothing was published, and the grid on which it is calibrated widely.
 SOFT = "soft_meadow"
 ETA_MAX = (0.35, 0.5, 0.65, 0.8, 0.95)
 MU_0 = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-#: A rock this close to the end of its path has left it (m).
+#: Within this of the end of a line, a rock has left it (m).
 END_M = 3.0
-#: Angles of lateral deflection on the grid (degrees).
+#: Angles of ways aside on the grid (degrees).
 ANGLES_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
-#: Scores up to this many times the best one are reported.
+#: Scores up to this many times the best one are told.
 AS_GOOD = 1.1
 QUANTITIES = ("runout_m", "aside_m")
 
@@ -70,14 +70,14 @@ def study(
     given : Namespace
         Arguments of the pipeline.
     groups : mapping of rock to group
-        Groups for which the uncalibrated gap is reported separately.
+        In which the untuned gap is told apart.
     more : mapping, optional
-        Further results of the pipeline.
+        Results of the pipeline's own.
 
     Returns
     -------
     dict
-        Content of ``results.json``.
+        What ``results.json`` holds.
     """
     out: Path = given.output
     everything = read_case(case.config, case.observations["all"])
@@ -94,7 +94,7 @@ def study(
         results["untuned"] = compare(seen, made, labels, given.seed)
         results["between_groups_p"] = between_groups(seen - made.mean(axis=1), labels, given.seed)
         results["apparent_friction"] = apparent_friction(everything, labels)
-        title = f"{case.name}: stops of the uncalibrated model"
+        title = f"{case.name}: stops of the untuned model"
         save(stops_figure(seen, made, labels, title), out / "untuned.png")
         results["recalibrated"] = {
             split: recalibrated(case, fit, left_out, given.seed)
@@ -119,7 +119,7 @@ def write_json(file: Path, results: Mapping[str, Any]) -> None:
 
 
 def stops(case: Case, model: Model, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Chainage and lateral offset of stops (m).
+    """Chainage and distance aside of stops (m).
 
     Returns
     -------
@@ -145,7 +145,7 @@ def compare(
 ) -> dict[str, dict[str, Any]]:
     """Observed and predicted stops, all together and by group.
 
-    The gap of a rock is the observation less the mean of its own predictions; intervals are
+    The gap of a rock is what was observed less the mean of its own predictions; intervals are
     bootstrapped over rocks, p is adjusted for the number of groups.
     """
     rng = np.random.default_rng(seed)
@@ -182,11 +182,11 @@ def compare(
 
 
 def recalibrated(case: FieldCase, fit: str, left_out: str, seed: int) -> dict[str, Any]:
-    """Calibrate the ground only, far beyond the published range of its class.
+    """The ground alone, calibrated far beyond what is published for a kind of ground.
 
     η_max and μ_0 of one class, with μ_f kept above μ_0 by as much as it was, on a grid; chosen by
-    the CRPS of run-outs of the fitted rocks, and scored on the held-out ones. Then, for the lateral
-    offset only, the angle of paths that leave the fall line (hops of 10 m).
+    the CRPS of run-outs of the rocks to fit on, and scored on those left out. Then, for the
+    distance aside alone, the angle of ways that leave the fall line (hops of 10 m).
     """
     fitted = read_case(case.config, case.observations[fit])
     other = read_case(case.config, case.observations[left_out])
@@ -271,9 +271,9 @@ def _with_ground(case: Case, eta_max: float, mu_0: float) -> Model:
 
 
 def between_groups(gap: FloatArray, labels: list[str], seed: int) -> dict[str, float]:
-    """Test whether the gap differs between groups: p of the spread of the means of the groups.
+    """Whether the gap differs from group to group: p of the spread of the means of the groups.
 
-    Groups are permuted among the rocks.
+    Groups are shuffled among the rocks.
     """
     rng = np.random.default_rng([seed, 9])
     names, own = np.unique(labels, return_inverse=True)
@@ -312,7 +312,7 @@ def _finding(found: Finding) -> dict[str, Any]:
 def diagnosed(
     case: FieldCase, split: str, fit: str, left_out: str, given: argparse.Namespace
 ) -> dict[str, Any]:
-    """Diagnose the fitted rocks, score on the held-out ones."""
+    """Diagnose on the rocks to fit on, score on those left out."""
     from sassgis.runs.diagnose import diagnose
 
     folder = given.output / f"diagnosis_{split}"
@@ -343,11 +343,11 @@ def diagnosed(
 
 
 def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
-    """Shrinkage of the gap on held-out rocks.
+    """How far the gap shrinks on rocks that the diagnosis has not seen.
 
     S = (D_base − D_effect)/(D_base − D_floor), D the energy distance of stops (chainage and
-    lateral offset over their observed spread) of all held-out rocks, D_floor its mean where
-    campaigns of the model with the effect replace the observations. Base: the calibrated model.
+    distance aside over their observed spread) of all rocks left out, D_floor the mean of it where
+    campaigns of the model with the effect stand in for what was observed. Base: the calibrated one.
     """
     rng = np.random.default_rng([seed, 5])
     models = {
@@ -371,14 +371,14 @@ def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
     point = distances(rocks)
     shrinkage = np.array([_shrinkage(d) for d in drawn])
     above = np.quantile([d["base"] - d["floor"] for d in drawn], 0.05)
-    # Without a named effect nothing can shrink the gap, and errors of the observation are in no
-    # calibrated model.
+    # Without an effect that is named there is nothing that could shrink the gap, and errors of
+    # the observation are in no calibrated model.
     named = set(answer.verdict.effect.split("+")) & set(PHYSICAL)
     told = bool(above > 0.0) and bool(named)
     return {
         "rocks": case.n_rocks,
         "energy_distance": point,
-        # Rocks drawn twice increase every distance, but hardly the part above the floor.
+        # Rocks that are drawn twice lengthen every distance; what is above the floor, much less.
         "above_floor_ci95": {
             k: np.quantile([d[k] - d["floor"] for d in drawn], [0.025, 0.975]) for k in made
         },
@@ -410,8 +410,8 @@ def _shrinkage(d: Mapping[str, float]) -> float:
 
 
 def model_of(found: Calibrated) -> Model:
-    """A calibrated model in the form of campaigns, without errors of the observation."""
-    # Lateral deflection is only in the sections of the configuration.
+    """A calibrated model as campaigns take it; errors of the observation are not in it."""
+    # Ways aside stand in the sections of the configuration alone.
     section = found.sections.get("lateral_deflection", {})
     known = {k: section[k] for k in ("angle_deg", "hop_m", "width_percent") if k in section}
     aside = Aside(**known)
@@ -424,7 +424,7 @@ def model_of(found: Calibrated) -> Model:
 
 
 def _plain(item: Any) -> Any:
-    """Plain values, numbers to four digits."""
+    """Plain values, numbers to four digits: more would be noise."""
     if isinstance(item, Mapping):
         return {str(k): _plain(v) for k, v in item.items()}
     if isinstance(item, np.ndarray):
