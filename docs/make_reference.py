@@ -20,7 +20,7 @@ from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 PAGE = Path(__file__).parent / "configuration.md"
 
 _HEAD = """\
-<!-- Written by docs/make_reference.py from the settings of sassgis/io/read. Do not edit. -->
+<!-- Written by docs/make_reference.py from the declared settings. Do not edit. -->
 
 # Configuration
 
