@@ -48,6 +48,7 @@ from sassgis.model.errors import (
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.results import ControlLine
+from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.report.map_report import file_stems
 from sassgis.runs.assessment import Assessment, Rules, read_rules
 from sassgis.runs.batch_state import (
@@ -426,7 +427,7 @@ def _shared_digest(config: Config) -> str:
         risk=config.risk.model_copy(update={"vulnerability": None}),
     )
     sections = [s for s in SECTIONS if s != "profile"]
-    parts = [sassgis.__version__, settings_hash(own, sections=sections)]
+    parts: list[object] = [sassgis.__version__, settings_hash(own, sections=sections), SUM_NAMES]
     if config.risk.vulnerability is not None:
         parts.append(file_digest(config.risk.vulnerability))
     if config.hazard.preset.endswith(".toml"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.simulate import Bins
 from sassgis.io.read.tiles import Part, Terrain
 from sassgis.io.write.staging import MANIFEST_NAME, writing
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
+from sassgis.model.statistics_table import SUM_NAMES, wider
 from sassgis.runs.checkpoint import progress_from, state_of
 from sassgis.runs.map import (
     FallLines,
@@ -31,8 +30,6 @@ from sassgis.runs.map import (
 RECORD_NAME = "area.json"
 #: Sums of the simulation, and of the same rocks without walls and nets.
 SIMULATION_NAME, BARE_NAME = "simulation.npz", "without_barriers.npz"
-_EDGES = ("energy", "height", "speed")
-_PEAKS = ("reach", "reach_square", "stops", "energy_sum", "energy_max", "height_max", "speed_max")
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +166,8 @@ def add_area(
         return part.cells_in(place, flat)
 
     if own.sums.cells.size:
-        total.sums.add(cells(own.sums.cells), _wide_sums(own, bins))
+        wide_sums = {n: wider(n, own.sums.column(n), bins) for n in SUM_NAMES}
+        total.sums.add(cells(own.sums.cells), wide_sums)
     total.control_lines.add_sums(own.control_lines, control_lines)
     total.reasons += own.reasons
     total.lost += own.lost
@@ -210,17 +208,6 @@ def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> IntArray:
     if at.size and (at[-1] >= wanted.size or not np.array_equal(wanted[at], own)):
         raise ValueError("hazard curves of areas have different energies")
     return at
-
-
-def _wide_sums(own: Progress, bins: Bins) -> Mapping[str, NDArray[Any]]:
-    """Sums of cells with as many bins as the mosaic has."""
-    out = {name: own.sums.column(name) for name in _PEAKS}
-    for name in _EDGES:
-        counts = own.sums.column(name)
-        wide = np.zeros((counts.shape[0], getattr(bins, name).size - 1), counts.dtype)
-        wide[:, : counts.shape[1]] = counts
-        out[name] = wide
-    return out
 
 
 def _sum_of(one: IntArray, two: IntArray) -> IntArray:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.source_sums import SourceSums
-from sassgis.hazard.statistics import MapSums
 from sassgis.io.write.staging import CHECKPOINT_STEM, writing
 from sassgis.model.results import ControlLine
 from sassgis.runs.map import (
@@ -132,13 +132,13 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
     }
     state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
-    state |= {f"gates.{k}": v for k, v in progress.control_lines.state().items()}
+    state |= {f"control_lines.{k}": v for k, v in progress.control_lines.state().items()}
     for (area, scenario), tally in progress.sources.items():
         name = f"source.{area}.{scenario}"
         state[f"{name}.rocks"] = np.array(tally.rocks)
         state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
         state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
-        state |= {f"{name}.gates.{k}": v for k, v in tally.control_lines.state().items()}
+        state |= {f"{name}.control_lines.{k}": v for k, v in tally.control_lines.state().items()}
     lines = joined_lines(progress.lines)
     state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
     stops = joined_rows(progress.stops)
@@ -187,7 +187,7 @@ def _sources(
         sources[int(area), int(scenario)] = SourceTally(
             SourceSums.from_state(_group(state, f"{name}.cells")),
             SourceSums.from_state(_group(state, f"{name}.objects")),
-            ControlLineSums.from_state(control_lines, _group(state, f"{name}.gates")),
+            ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
             int(state[f"{name}.rocks"]),
         )
     return sources

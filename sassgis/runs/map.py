@@ -20,18 +20,16 @@ import shapely
 from numpy.typing import NDArray
 
 from sassgis.engine.simulate import (
-    Bins,
     ControlLineCrossings,
     Forest,
     ObjectCells,
     Simulated,
     Window,
-    default_bins,
     simulate,
 )
 from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums, Sample
 from sassgis.hazard.source_sums import SourceSums
-from sassgis.hazard.statistics import MapSums, Sample
 from sassgis.io.read.vectors import ReleaseArea
 from sassgis.model import rng
 from sassgis.model.blocks import BlockPopulation
@@ -41,6 +39,7 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine, StopReason
 from sassgis.model.settings import EngineSettings
+from sassgis.model.statistics_table import Bins, default_bins
 from sassgis.runs.interrupts import held_back
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface
 from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 import sassgis
 from sassgis.engine.course import trajectory
-from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, default_bins, simulate
+from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
 from sassgis.hazard.control_lines import ControlLineSums
-from sassgis.hazard.statistics import quantiles
+from sassgis.hazard.map_sums import quantiles
 from sassgis.io.read.config import (
     Config,
     load_config,
@@ -27,7 +27,6 @@ from sassgis.io.read.config import (
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.write.frames import write_table
-from sassgis.io.write.layers.maps import PROBABILITIES
 from sassgis.io.write.layers.run_vectors import STOP_TEXT
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.staging import staged_output
@@ -37,6 +36,7 @@ from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.model.results import ControlLine, Histogram, Outcome, StopReason
+from sassgis.model.statistics_table import PROBABILITIES, default_bins
 from sassgis.report import figures
 from sassgis.report.map_report import control_line_tables, file_stems, station_figures
 from sassgis.report.page import ReportContext, ReportFigure, ReportTable, write_report
@@ -303,7 +303,7 @@ def simulate_profile(
                 PROBABILITIES,
                 quantiles(
                     np.sum([part.sums[name] for part in parts], axis=0, dtype=np.int64),
-                    getattr(bins, name),
+                    bins.edges[name],
                     PROBABILITIES,
                     np.max([part.sums[f"{name}_max"] for part in parts], axis=0),
                 ),

@@ -28,6 +28,7 @@ from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import Band, RasterLayer, StopReason
+from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.model.styles import HILLSHADE
 from sassgis.report.map_report import map_report
 from sassgis.report.page import ReportFigure, ReportTable, write_report
@@ -413,6 +414,7 @@ def _state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
         job.thresholds_kj,
         job.ref_width_m,
         schedule,
+        SUM_NAMES,
     ]
     digest = hashlib.sha256(json.dumps(parts).encode())
     for array in (job.objects.cell, job.objects.number):
@@ -545,7 +547,7 @@ def write_result(
         progress.sums,
         job.grid.shape,
         sample,
-        bins._asdict(),
+        bins.edges,
         job.grid.cell_size,
         config.output.energy_classes_kj,
     )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sassgis.engine.ellipse import inertia
-from sassgis.engine.simulate import default_bins
+from sassgis.model.statistics_table import default_bins
 
 G = 9.81
 
@@ -129,8 +129,8 @@ def test_counts_agree_with_each_other(lab, kind):
         assert s["reach"][j] <= ever
     # Sum and maximum of the energies fit the histogram.
     bins = default_bins()
-    low = (s["energy"] * bins.energy[:-1]).sum(axis=1) * 1e3
-    high = (s["energy"] * bins.energy[1:]).sum(axis=1) * 1e3
+    low = (s["energy"] * bins.edges["energy"][:-1]).sum(axis=1) * 1e3
+    high = (s["energy"] * bins.edges["energy"][1:]).sum(axis=1) * 1e3
     assert (s["energy_sum"] >= low - s["reach"]).all()
     assert (s["energy_sum"] <= high + s["reach"]).all()
     assert np.abs(s["energy_max"].max() - out.rocks["max_energy_kj"].max()) < 1e-6

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from sassgis.hazard.statistics import MapSums, reach_probability
+from sassgis.hazard.map_sums import MapSums, reach_probability
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.model.results import StopReason
 from sassgis.runs import map as map_run
@@ -143,7 +143,7 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(MapSums, "add", listen)
     progress = simulate_map(one, planned, chunk_points=1)
-    bins = bins_of(one)._asdict()
+    bins = bins_of(one).edges
     layers = map_layers(
         progress.sums, one.grid.shape, sample_of(one, planned, progress), bins, one.grid.cell_size
     )
