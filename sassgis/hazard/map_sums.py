@@ -257,7 +257,8 @@ def band_values(
         if share is not None:
             counts = sums.column(row.quantity).astype(np.int64)
             bounds = extreme("max"), extreme("min")
-            return quantiles(counts, edges[row.quantity], (share,), *bounds)[0]
+            value: FloatArray = quantiles(counts, edges[row.quantity], (share,), *bounds)[0]
+            return value
         if band == "mean":
             total = sums.column(f"{row.quantity}_sum").astype(np.float64) * 1e-3
             mean: FloatArray = total / np.maximum(reach, 1)
@@ -268,7 +269,8 @@ def band_values(
         if band in ("reach", "standard_error"):
             square = sums.column("reach_square").astype(np.int64)
             return reach_probability(reach, square, sample)[band == "standard_error"]
-        return sums.column("stops" if band == "stops" else "reach").astype(np.float64)
+        count: FloatArray = sums.column("stops" if band == "stops" else "reach").astype(np.float64)
+        return count
 
     some = {b: sums.column("stops") > 0 if b == "stops" else reach > 0 for b in row.bands}
     return {b: np.where(some[b], values(b), np.nan) for b in row.bands}
