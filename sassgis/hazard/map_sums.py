@@ -247,30 +247,29 @@ def band_values(
         Rows as ``sums.cells``; NaN where no rock came, or none stopped.
     """
     reach = sums.column("reach").astype(np.int64)
-
-    def extreme(which: str) -> FloatArray | None:
-        known = which in row.bands
-        return sums.column(f"{row.quantity}_{which}").astype(np.float64) if known else None
-
-    def values(band: str) -> FloatArray:
-        share = probability_of(band)
-        if share is not None:
-            counts = sums.column(row.quantity).astype(np.int64)
-            bounds = extreme("max"), extreme("min")
-            value: FloatArray = quantiles(counts, edges[row.quantity], (share,), *bounds)[0]
-            return value
-        if band == "mean":
-            total = sums.column(f"{row.quantity}_sum").astype(np.float64) * 1e-3
-            mean: FloatArray = total / np.maximum(reach, 1)
-            return mean
-        if band in ("max", "min"):
-            largest: FloatArray = sums.column(f"{row.quantity}_{band}").astype(np.float64)
-            return largest
-        if band in ("reach", "standard_error"):
-            square = sums.column("reach_square").astype(np.int64)
-            return reach_probability(reach, square, sample)[band == "standard_error"]
-        count: FloatArray = sums.column("stops" if band == "stops" else "reach").astype(np.float64)
-        return count
-
-    some = {b: sums.column("stops") > 0 if b == "stops" else reach > 0 for b in row.bands}
-    return {b: np.where(some[b], values(b), np.nan) for b in row.bands}
+    shares = {b: p for b in row.bands if (p := probability_of(b)) is not None}
+    extremes = {
+        b: sums.column(f"{row.quantity}_{b}").astype(np.float64)
+        for b in row.bands
+        if b in ("min", "max")
+    }
+    out: dict[str, FloatArray] = dict(extremes)
+    if shares:
+        counts = sums.column(row.quantity).astype(np.int64)
+        found = quantiles(
+            counts, edges[row.quantity], tuple(shares.values()),
+            extremes.get("max"), extremes.get("min"),
+        )  # fmt: skip
+        out |= dict(zip(shares, found, strict=True))
+    if "mean" in row.bands:
+        total = sums.column(f"{row.quantity}_sum").astype(np.float64) * 1e-3
+        out["mean"] = total / np.maximum(reach, 1)
+    if "reach" in row.bands:
+        square = sums.column("reach_square").astype(np.int64)
+        out["reach"], out["standard_error"] = reach_probability(reach, square, sample)
+    if "passages" in row.bands:
+        out["passages"] = reach.astype(np.float64)
+    if "stops" in row.bands:
+        stops = sums.column("stops").astype(np.float64)
+        return {"stops": np.where(stops > 0, stops, np.nan)}
+    return {b: np.where(reach > 0, out[b], np.nan) for b in row.bands}
