@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sassgis.engine.simulate import Bins, default_bins
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.map_run import MapRun
 from sassgis.model.settings import EngineSettings
+from sassgis.model.statistics_table import Bins, default_bins
 
 
 def bins_of(run: MapRun) -> Bins:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.hazard.statistics import quantiles
+from sassgis.hazard.map_sums import quantiles
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import ControlLine, Histogram, Outcome
 

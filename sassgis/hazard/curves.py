@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from sassgis.hazard.statistics import count_variance
+from sassgis.hazard.map_sums import count_variance
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 

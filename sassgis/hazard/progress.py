@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from sassgis.engine.simulate import Simulated
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums, Sample
 from sassgis.hazard.source_sums import SourceSums
-from sassgis.hazard.statistics import MapSums, Sample
 from sassgis.model import rng
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import FallLines, MapRun, Rows

@@ -32,6 +32,7 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
+from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_state import (
     BARE_NAME,
@@ -132,7 +133,7 @@ def _shared_digest(config: Config) -> str:
         risk=config.risk.model_copy(update={"vulnerability": None}),
     )
     sections = [s for s in SECTIONS if s != "profile"]
-    parts = [sassgis.__version__, settings_hash(own, sections=sections)]
+    parts: list[object] = [sassgis.__version__, settings_hash(own, sections=sections), SUM_NAMES]
     if config.risk.vulnerability is not None:
         parts.append(file_digest(config.risk.vulnerability))
     if config.hazard.preset.endswith(".toml"):

@@ -18,6 +18,7 @@ from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.interrupts import held_back
@@ -153,6 +154,7 @@ def _state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
         job.thresholds_kj,
         job.ref_width_m,
         schedule,
+        SUM_NAMES,
     ]
     digest = hashlib.sha256(json.dumps(parts).encode())
     for array in (job.objects.cell, job.objects.number):

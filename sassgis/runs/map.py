@@ -17,13 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.engine.course import trajectory
-from sassgis.engine.simulate import Bins, Simulated, simulate
+from sassgis.engine.simulate import Simulated, simulate
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import ChunkResult, Progress, add_chunk, joined_rows
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import Plan

@@ -12,18 +12,18 @@ from sassgis.engine.simulate import Simulated, simulate
 from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_of
 from sassgis.hazard.bins import bins_for
 from sassgis.hazard.control_lines import ControlLineSums
-from sassgis.hazard.statistics import quantiles
+from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.warnings import profile_warnings
 from sassgis.io.read.config import Config, load_config, profile_control_lines
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
-from sassgis.io.write.layers.maps import PROBABILITIES
 from sassgis.io.write.staging import staged_output
 from sassgis.model import rng
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints, TraceSet
+from sassgis.model.statistics_table import PROBABILITIES
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.publish import publish_profile
 from sassgis.terrain.fall_lines import fall_line_surface, trace
@@ -198,7 +198,7 @@ def simulate_profile(
                 PROBABILITIES,
                 quantiles(
                     np.sum([part.sums[name] for part in parts], axis=0, dtype=np.int64),
-                    getattr(bins, name),
+                    bins.edges[name],
                     PROBABILITIES,
                     np.max([part.sums[f"{name}_max"] for part in parts], axis=0),
                 ),

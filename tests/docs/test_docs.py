@@ -88,6 +88,13 @@ def test_configuration_page_is_up_to_date(repository):
     assert committed == made, "run: python docs/make_reference.py"
 
 
+def test_tables_of_the_maps_are_up_to_date(repository):
+    maker = load(repository / "docs" / "make_statistics.py")
+    for path, page in ((maker.MAPS, maker.maps_page), (maker.README, maker.readme_page)):
+        text = path.read_text(encoding="utf-8")
+        assert text == page(text), "run: python docs/make_statistics.py"
+
+
 def test_every_key_is_on_the_configuration_page(repository):
     from sassgis.io.read.config import SECTIONS
     from sassgis.io.read.effect_sections import EFFECT_SECTIONS

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from sassgis.hazard.map_sums import reach_probability
 from sassgis.hazard.progress import sample_of
-from sassgis.hazard.statistics import reach_probability
 from sassgis.io.read.config import load_config
 from sassgis.model.effects import EffectSettings, LateralDeflection
 from sassgis.model.grid import Grid
