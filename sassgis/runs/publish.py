@@ -137,7 +137,7 @@ def publish_map(
         progress.sums,
         run.grid.shape,
         sample,
-        bins_of(run)._asdict(),
+        bins_of(run).edges,
         run.grid.cell_size,
         config.output.energy_classes_kj,
     )
