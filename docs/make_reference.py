@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
+from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 
 from sassgis.io.read.config import SECTIONS
-from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 
 PAGE = Path(__file__).parent / "configuration.md"
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import mean_radius
 from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
 from sassgis.gap.case import Case
@@ -350,7 +351,7 @@ def campaigns(
 
 
 def _wood(ways: Ways, model: Model) -> Forest | None:
-    if model.effects.trees is None:
+    if model.effects.get(Trees) is None:
         return None
     if model.stand is None:
         return ways.wood

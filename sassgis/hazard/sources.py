@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sassgis.hazard.control_lines import ControlLineSums
-from sassgis.io.read.config import Config, Onset
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.vectors import ReleaseArea, release_names
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import Source, SourceCounts
+from sassgis.model.run_config import Config, Onset
 from sassgis.runs.map import MapRun, Progress
 
 _HECTARE_M2 = 1e4

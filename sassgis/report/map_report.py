@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from sassgis.engine.course import trajectory
 from sassgis.engine.simulate import simulate
 from sassgis.hazard.control_lines import ControlLineSums, trimmed
-from sassgis.io.read.config import Config
 from sassgis.io.write.layers.run_vectors import LINE_END_TEXT, STOP_TEXT, control_line_rows
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.profiles import TraceSet
 from sassgis.model.results import RasterLayer, StopReason
+from sassgis.model.run_config import Config
 from sassgis.report import figures
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable
 from sassgis.runs.checkpoint import joined_lines

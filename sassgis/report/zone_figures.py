@@ -14,9 +14,9 @@ from sassgis.hazard.assess import Hazard, raster
 from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.zoning.generalise import Coverage
-from sassgis.io.read.config import Config
 from sassgis.model.grid import FloatArray
 from sassgis.model.results import RasterLayer
+from sassgis.model.run_config import Config
 from sassgis.report import figures
 from sassgis.report.map_report import release_outlines, save_figure
 from sassgis.report.page import ReportFigure

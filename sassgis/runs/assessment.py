@@ -18,7 +18,6 @@ from sassgis.hazard.assess import (
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled, onset_frequencies, sampled_sources
 from sassgis.hazard.zoning.generalise import ZoneSettings
-from sassgis.io.read.config import Config
 from sassgis.io.read.objects import (
     PlacedObjects,
     joined_objects,
@@ -30,6 +29,7 @@ from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.exposure import Vulnerability
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.run_config import Config
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.map import MapRun, bins_of
 from sassgis.runs.run import Simulation

@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 
 import sassgis
 from sassgis.hazard.sources import onset_frequencies
-from sassgis.io.read.config import SECTIONS, Config, file_digest, load_config, settings_hash
+from sassgis.io.read.config import SECTIONS, file_digest, load_config, settings_hash
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.objects import PlacedObjects
-from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.tiles import Part, Terrain, hull, open_terrain
 from sassgis.io.read.vectors import (
     Feature,
@@ -48,6 +47,8 @@ from sassgis.model.errors import (
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
+from sassgis.model.settings import ReleaseSettings
 from sassgis.report.map_report import file_stems
 from sassgis.runs.assessment import Assessment, Rules, read_rules
 from sassgis.runs.batch_state import (
@@ -306,7 +307,7 @@ def find_areas(config: Config) -> list[Candidate]:
     path = config.release_path
     named: list[tuple[str, ReleaseSettings, int, str]] = []
     for file in _release_files(config) if path.is_dir() else [path]:
-        release = config.release.model_copy(update={"file": file})
+        release = replace(config.release, file=file)
         try:
             named += _named(release, by_file=path.is_dir())
         except InputError as error:
@@ -366,7 +367,7 @@ def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSe
     except InputError as error:
         if not by_file or error.field != "release.name_field":
             raise
-        release = release.model_copy(update={"name_field": None})
+        release = replace(release, name_field=None)
         features = release_features(release)
     out = []
     for feature in features:
@@ -404,26 +405,24 @@ def read_setting(
         control_lines = tuple(read_control_lines(config, outline))
         bare = map_run_of(config, outline, _no_ground(outline), table, (), control_lines, None)
         # The table of frequencies is read by area, with the names of all.
-        hazard = config.hazard.model_copy(update={"frequencies": None})
+        hazard = replace(config.hazard, frequencies=None)
         rules = read_rules(replace(config, hazard=hazard), bare)
         onset_frequencies(config, bare, names)
     setting = Setting(
         config, terrain, outline, table, control_lines, replace(rules, notices=()), names,
         _shared_digest(config), first_margin_m,
     )  # fmt: skip
-    return setting, tuple(dict.fromkeys((*notices, *rules.notices)))
+    return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
 
 
 def _shared_digest(config: Config) -> str:
     """Fingerprint of the settings and of the files that all areas share."""
     own = replace(
         config,
-        terrain=config.terrain.model_copy(update={"dem": None}),
-        release=config.release.model_copy(update={"file": None}),
-        hazard=config.hazard.model_copy(
-            update={"frequencies": None, "preset": Path(config.hazard.preset).name}
-        ),
-        risk=config.risk.model_copy(update={"vulnerability": None}),
+        terrain=replace(config.terrain, dem=None),
+        release=replace(config.release, file=None),
+        hazard=replace(config.hazard, frequencies=None, preset=Path(config.hazard.preset).name),
+        risk=replace(config.risk, vulnerability=None),
     )
     sections = [s for s in SECTIONS if s != "profile"]
     parts = [sassgis.__version__, settings_hash(own, sections=sections)]
@@ -553,8 +552,8 @@ def _run_area(
     config = replace(
         setting.config,
         release=candidate.release,
-        project=setting.config.project.model_copy(
-            update={"name": f"{setting.config.project.name}: {candidate.name}"}
+        project=replace(
+            setting.config.project, name=f"{setting.config.project.name}: {candidate.name}"
         ),
     )
     with collected_notices() as notices:
@@ -680,9 +679,7 @@ def _write_mosaic(
     tell("Adding up the areas")
     config = replace(
         setting.config,
-        output=setting.config.output.model_copy(
-            update={"rock_table": "none", "passage_table": "none"}
-        ),
+        output=replace(setting.config.output, rock_table="none", passage_table="none"),
     )
     began = time.perf_counter()
     job, place, more = _mosaic_job(setting, candidates, records)

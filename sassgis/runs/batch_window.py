@@ -10,6 +10,7 @@ import numpy as np
 
 from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.model.errors import InputError
+from sassgis.model.settings import LateralDeflection
 from sassgis.runs.map import MapRun, Plan, plan, trace_lines
 from sassgis.terrain.release import take
 
@@ -132,7 +133,7 @@ def _extent(run: MapRun, planned: Plan, rounds: int) -> tuple[float, float, floa
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for first in range(0, len(planned.starts), _POINTS):
         some = take(planned.starts, slice(first, first + _POINTS))
-        for round_ in range(rounds if run.effects.lateral_deflection is not None else 1):
+        for round_ in range(rounds if run.effects.get(LateralDeflection) is not None else 1):
             lines = trace_lines(run, planned.surface, some, round_)
             low = np.minimum(low, [lines.x.min(), lines.y.min()])
             high = np.maximum(high, [lines.x.max(), lines.y.max()])

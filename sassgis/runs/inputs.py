@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.simulate import Forest
-from sassgis.io.read.config import Config
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import read_terrain
@@ -20,6 +19,7 @@ from sassgis.model.errors import ConfigError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
 from sassgis.runs.map import MapRun
 from sassgis.terrain.fall_lines import FallLineSettings
 from sassgis.terrain.spread import SpreadSettings
@@ -119,7 +119,7 @@ def map_run_of(
         rocks_per_point=config.release.rocks_per_point,
         seed=config.run.seed,
         stop_points_max=config.output.stop_points_max,
-        effects=config.effect_settings,
+        effects=config.effects,
         forest=forest,
     )
 

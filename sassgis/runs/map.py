@@ -40,7 +40,7 @@ from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine, StopReason
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, LateralDeflection
 from sassgis.runs.interrupts import held_back
 from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface
 from sassgis.terrain.flatten import chainage_to_xy, crossings, profiles
@@ -131,14 +131,14 @@ class MapRun:
     def lines_per_point(self) -> int:
         """Lines traced from each release point in each round."""
         # Rocks that share a way come or stay away together: their errors would be understated.
-        if self.effects.lateral_deflection is not None:
+        if self.effects.get(LateralDeflection) is not None:
             return self.rocks_per_point
         return self.spread.lines_per_point
 
     @property
     def lateral_spread(self) -> str:
         """In words: how rocks leave the fall line."""
-        lateral = self.effects.lateral_deflection
+        lateral = self.effects.get(LateralDeflection)
         if lateral is not None:
             how = (
                 f"{lateral.angle_deg:g}° off the descent, anew every {lateral.hop_m:g} m or so"
@@ -156,7 +156,7 @@ class MapRun:
     @property
     def rocks_per_stratum(self) -> int:
         """Rocks of one stratum of the sample: of a line, or of a point where ways are random."""
-        if self.effects.lateral_deflection is None:
+        if self.effects.get(LateralDeflection) is None:
             return self.rocks_per_line
         return self.rocks_per_line * self.lines_per_point
 
@@ -371,7 +371,7 @@ def _thinned(traces: TraceSet, run: MapRun) -> FallLines:
 
 def trace_lines(run: MapRun, surface: Surface, starts: ReleasePoints, round_: int) -> TraceSet:
     """The lines of some release points in one round."""
-    lateral = run.effects.lateral_deflection
+    lateral = run.effects.get(LateralDeflection)
     if lateral is None:
         return trace_bundles(run.grid, surface, starts, run.fall_lines, run.spread)
     return trace_ways(
@@ -428,7 +428,7 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> _Outcome:
             objects=run.objects,
             window=run.window,
             line_numbers=number[good],
-            strata=None if run.effects.lateral_deflection is None else lines.point,
+            strata=None if run.effects.get(LateralDeflection) is None else lines.point,
             effects=run.effects,
             forest=run.forest,
             first_rock=chunk.round * run.rocks_per_line,
@@ -444,7 +444,7 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> _Outcome:
                 result.passages, np.full(result.passages.size, k, np.int64),
             )
         )  # fmt: skip
-    if run.effects.lateral_deflection is not None:
+    if run.effects.get(LateralDeflection) is not None:
         drawn = _first_of_each(drawn, m)
         return _Outcome(
             area, sums, joined_rows(parts), replace(drawn, point=which[drawn.point]), lost

@@ -17,13 +17,7 @@ from sassgis.engine.course import trajectory
 from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, default_bins, simulate
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.statistics import quantiles
-from sassgis.io.read.config import (
-    Config,
-    load_config,
-    profile_control_lines,
-    resolved,
-    settings_hash,
-)
+from sassgis.io.read.config import load_config, profile_control_lines, resolved, settings_hash
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.write.frames import write_table
@@ -37,6 +31,8 @@ from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.model.results import ControlLine, Histogram, Outcome, StopReason
+from sassgis.model.run_config import Config
+from sassgis.model.settings import LateralDeflection
 from sassgis.report import figures
 from sassgis.report.map_report import control_line_tables, file_stems, station_figures
 from sassgis.report.page import ReportContext, ReportFigure, ReportTable, write_report
@@ -287,7 +283,7 @@ def simulate_profile(
                 first_rock=first,
                 bins=bins,
                 course_events=events,
-                effects=config.effect_settings,
+                effects=config.effects,
                 forest=profile.forest,
             )
 
@@ -413,7 +409,7 @@ def run_profile(
             else:
                 profile = profile_from_csv(config, None if csv_file is None else Path(csv_file))
         result = simulate_profile(config, profile, seed=seed, rocks=rocks)
-        _write(work, config, result, list(notices), csv_file, seed)
+        _write(work, config, result, [*config.notes, *notices], csv_file, seed)
     return result
 
 
@@ -428,8 +424,8 @@ def _write(
     p = result.profile
     total = result.rocks.size
     born = int(result.pieces.size)
-    effects = config.effect_settings
-    if effects.lateral_deflection is not None:
+    effects = config.effects
+    if effects.get(LateralDeflection) is not None:
         warnings.append("A profile has no width: [effects.lateral_deflection] does nothing here.")
     ended = np.concatenate([result.rocks, result.pieces])
     reasons = np.bincount(result.rocks["reason"], minlength=len(StopReason))

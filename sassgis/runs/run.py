@@ -15,7 +15,7 @@ import pandas as pd
 import sassgis
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
-from sassgis.io.read.config import Config, load_config, resolved, settings_hash
+from sassgis.io.read.config import load_config, resolved, settings_hash
 from sassgis.io.read.dem import crs_name
 from sassgis.io.write.frames import passage_frame, require_parquet, rock_frame, rows_of, write_table
 from sassgis.io.write.geopackage import VectorLayer, write_geopackage
@@ -28,6 +28,7 @@ from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import Band, RasterLayer, StopReason
+from sassgis.model.run_config import Config
 from sassgis.model.styles import HILLSHADE
 from sassgis.report.map_report import map_report
 from sassgis.report.page import ReportFigure, ReportTable, write_report
@@ -288,7 +289,7 @@ def configured(config: Config | str | Path, seed: int | None) -> Config:
         return load_config(config, {} if seed is None else {"run.seed": seed})
     if seed is None:
         return config
-    return replace(config, run=config.run.model_copy(update={"seed": seed}))
+    return replace(config, run=replace(config.run, seed=seed))
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,7 +309,7 @@ def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], 
     with collected_notices() as notices:
         run = read_map_run(config, areas)
     tell("Placing the release points")
-    return Job(run, plan(run), tuple(notices))
+    return Job(run, plan(run), (*config.notes, *notices))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,12 @@ from sassgis.hazard.assess import (
 )
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.sources import sampled_sources
-from sassgis.io.read.config import Config
 from sassgis.io.read.objects import (
     object_cells,
 )
 from sassgis.io.write.staging import staged_output
 from sassgis.model.results import RasterLayer
+from sassgis.model.run_config import Config
 from sassgis.runs.assessment import Assessment, Rules, assess, read_rules
 from sassgis.runs.map import MapRun, Progress, bins_of
 from sassgis.runs.run import (
@@ -151,7 +151,7 @@ def write_zones(
 
 def most_rounds(config: Config) -> int:
     """Rounds of rocks that a zoning may take."""
-    return 1 if config.hazard.undecided_share_max is None else config.hazard.rounds_max
+    return 1 if config.hazard.uncertain_share_max is None else config.hazard.repetitions_max
 
 
 def simulations(
@@ -164,7 +164,7 @@ def simulations(
     tell: Callable[[str], None],
 ) -> tuple[Simulation, Simulation | None]:
     """Simulate with the barriers and, if that is wanted, without them: the same rocks."""
-    limit = config.hazard.undecided_share_max
+    limit = config.hazard.uncertain_share_max
     confidence = config.hazard.confidence
 
     def enough(run: MapRun, progress: Progress) -> bool:

@@ -15,7 +15,6 @@ from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup
-from sassgis.io.read.config import Config
 from sassgis.io.write.geopackage import VectorLayer
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_frames, risk_vectors
@@ -33,6 +32,7 @@ from sassgis.io.write.layers.zones import (
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.results import RasterLayer
+from sassgis.model.run_config import Config
 from sassgis.report.page import ReportTable
 from sassgis.report.zone_figures import zone_figures
 from sassgis.runs.assessment import Assessment, Rules
@@ -406,11 +406,11 @@ def _inputs(config: Config) -> dict[str, Path]:
 
 def _warnings(config: Config, rules: Rules, found: Assessment, done: Simulation) -> tuple[str, ...]:
     out = [f"{text[:1].upper()}{text[1:]}" for text in preset_unverified(rules.preset)]
-    limit = config.hazard.undecided_share_max
+    limit = config.hazard.uncertain_share_max
     if limit is not None and found.hazard.undecided_share > limit:
         out.append(
             f"{100 * found.hazard.undecided_share:.1f} % of the reached cells are still undecided "
-            f"after {config.hazard.rounds_max} rounds of rocks (hazard.undecided_share_max: "
+            f"after {config.hazard.repetitions_max} rounds of rocks (hazard.uncertain_share_max: "
             f"{100 * limit:g} %)."
         )
     if done.run.lines_per_point == 1:

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.model import rng
-from sassgis.model.effects import LateralDeflection
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.model.settings import LateralDeflection
 from sassgis.terrain.fall_lines import FallLineSettings, Kicks, trace
 from sassgis.terrain.surface import Surface
 

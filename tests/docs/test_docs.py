@@ -89,8 +89,9 @@ def test_configuration_page_is_up_to_date(repository):
 
 
 def test_every_key_is_on_the_configuration_page(repository):
-    from sassgis.io.read.config import SECTIONS
     from sassgis.io.read.effect_sections import EFFECT_SECTIONS
+
+    from sassgis.io.read.config import SECTIONS
 
     text = (repository / "docs" / "configuration.md").read_text(encoding="utf-8")
     families = {f"effects.{name}": model for name, model in EFFECT_SECTIONS.items()}

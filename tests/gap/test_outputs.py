@@ -27,6 +27,7 @@ from made_diagnosis import (
     write_slope,
 )
 from observed_slope import NORTH
+from sassgis.io.read.effect_sections import ForestPlace
 
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Hypothesis
@@ -44,9 +45,7 @@ from sassgis.gap.words import (
     with_unit_in_brackets,
 )
 from sassgis.io.read.config import SECTIONS, load_config
-from sassgis.io.read.effect_sections import ForestPlace
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.read.sections import FileName
 from sassgis.io.write.gap_files import (
     _FILE_KEYS,
     _TREE_FILE_KEYS,
@@ -59,6 +58,7 @@ from sassgis.io.write.gap_files import (
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, OutputError
 from sassgis.model.grid import Grid
+from sassgis.model.settings import FileName
 from sassgis.report import figures
 from sassgis.report.figures.gap_figures import GapStretch, _band
 from sassgis.report.gap_report import (

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import ControlLineCrossings, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.residuals.reaches import Model, repeated
@@ -83,7 +84,7 @@ def path_residuals(
     found = []
     if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
         found += _by_leg(case, edges, flights, "flight")
-    if not model.effects.trees:
+    if not model.effects.get(Trees):
         found += _by_leg(case, edges, _rolled(case, model, rolling, round_m), "rolling")
     return found
 

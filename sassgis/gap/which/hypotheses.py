@@ -14,19 +14,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtri
 
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.rock_shape import RockShape
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.engine.effects.trees import Trees
 from sassgis.gap.case import Case
 from sassgis.gap.replicas import Aside, Measurement, Model, Release, Stand
 from sassgis.gap.which.families import FAMILIES
-from sassgis.model.effects import (
-    AirDrag,
-    Entrainment,
-    Fragmentation,
-    RockShape,
-    Roughness,
-    SoftGround,
-    Trees,
-)
+from sassgis.model.effects import EffectSection
 from sassgis.model.ground import GroundTable
+from sassgis.model.settings import LateralDeflection
 
 
 class ParameterDraws:
@@ -148,7 +148,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         "calibrated ground",
         Model(
             table,
-            replace(case.effects, lateral_deflection=None),
+            case.effects.without(LateralDeflection),
             aside=_configured_aside(case) or _little_aside(parameter_draws),
             turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
         ),
@@ -208,7 +208,7 @@ def _little_aside(parameter_draws: ParameterDraws) -> Aside:
 
 def _configured_aside(case: Case) -> Aside | None:
     """Deflection that the configuration has already, as a walk beside the line."""
-    sideways = case.effects.lateral_deflection
+    sideways = case.effects.get(LateralDeflection)
     if sideways is None:
         return None
     if sideways.form == "constant":
@@ -259,8 +259,8 @@ def _loose_classes(case: Case, parameter_draws: ParameterDraws) -> tuple[str, ..
     return tuple(loose)
 
 
-def _with_effect(model: Model, **effects: object) -> Model:
-    return replace(model, effects=replace(model.effects, **effects))  # type: ignore[arg-type]
+def _with_effect(model: Model, effect: EffectSection) -> Model:
+    return replace(model, effects=model.effects.having(effect))
 
 
 def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -283,8 +283,8 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
 
     def change(model: Model) -> Model:
         changed = replace(model, aside=aside)
-        if model.effects.roughness is None and parameter_draws.share("lateral.uneven") < 0.6:
-            changed = _with_effect(changed, roughness=bumps)
+        if model.effects.get(Roughness) is None and parameter_draws.share("lateral.uneven") < 0.6:
+            changed = _with_effect(changed, bumps)
         return changed
 
     return _Part(form, change, values, {"form": form, **values})
@@ -308,7 +308,7 @@ def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
     # The more blocks break, the more of what is seen are pieces that flew apart.
     aside = _aside_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
     return _Part(
-        form, lambda m: replace(_with_effect(m, fragmentation=effect), aside=aside), values, section
+        form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section
     )
 
 
@@ -330,7 +330,7 @@ def _soft_ground(case: Case, parameter_draws: ParameterDraws) -> _Part:
         **values,
     }
     effect = SoftGround(**section)  # type: ignore[arg-type]
-    return _Part(form, lambda m: _with_effect(m, soft_ground=effect), values, section)
+    return _Part(form, lambda m: _with_effect(m, effect), values, section)
 
 
 def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -350,7 +350,7 @@ def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
     effect = Entrainment(**section)  # type: ignore[arg-type]
     aside = _little_aside(parameter_draws)
     return _Part(
-        form, lambda m: replace(_with_effect(m, entrainment=effect), aside=aside), values, section
+        form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section
     )
 
 
@@ -385,7 +385,7 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     aside = _aside_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, trees=effect), stand=stand, aside=aside),
+        lambda m: replace(_with_effect(m, effect), stand=stand, aside=aside),
         values,
         section,
     )
@@ -399,7 +399,7 @@ def _air_drag(case: Case, parameter_draws: ParameterDraws) -> _Part:
     }
     section: dict[str, object] = {"form": form, **values}
     effect = AirDrag(**section)  # type: ignore[arg-type]
-    return _Part(form, lambda m: _with_effect(m, air_drag=effect), values, section)
+    return _Part(form, lambda m: _with_effect(m, effect), values, section)
 
 
 def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -415,7 +415,7 @@ def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
     tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
     aside = _aside_too(parameter_draws, 0.6 * tilt)
     return _Part(
-        form, lambda m: replace(_with_effect(m, roughness=effect), aside=aside), values, section
+        form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section
     )
 
 
@@ -430,7 +430,7 @@ def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
     effect = RockShape(**section)  # type: ignore[arg-type]
     aside = _aside_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
     return _Part(
-        form, lambda m: replace(_with_effect(m, rock_shape=effect), aside=aside), values, section
+        form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from sassgis.io.read.config import Config, profile_control_lines
+from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.dem import crs_name
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.ground_map import (
@@ -22,12 +22,13 @@ from sassgis.io.read.ground_map import (
     read_ground_table,
 )
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
-from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import ReleaseArea, read_control_lines, read_release
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
+from sassgis.model.settings import ReleaseSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +225,7 @@ def check_inputs(config: Config) -> InputReport:
         control_lines=control_lines,
         blocks=config.block_names,
         notices=tuple(notices),
-        warnings=tuple(warnings + _doubts(table, shares)),
+        warnings=(*config.notes, *warnings, *_doubts(table, shares)),
         terrain=grid,
     )
 

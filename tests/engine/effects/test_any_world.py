@@ -18,19 +18,16 @@ from effects_lab import (
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from sassgis.engine.effects.rock_shape import tumbling_inertia
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.rock_shape import RockShape, tumbling_inertia
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import inertia
 from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import (
-    AirDrag,
-    EffectSettings,
-    Entrainment,
-    Fragmentation,
-    RockShape,
-    Roughness,
-    SoftGround,
-    Trees,
-)
+from sassgis.model.effects import EffectSettings
 from sassgis.model.settings import EngineSettings
 
 # Not shrunk: a course of thousands of events takes its time.

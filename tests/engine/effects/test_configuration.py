@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import rasterio
 from affine import Affine
+from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 from shapely import box
 
 from sassgis.io.read.check_inputs import check_inputs
 from sassgis.io.read.config import load_config
-from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 from sassgis.model.errors import SassgisError
 from sassgis.runs.inputs import read_map_run
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 
 from sassgis.io.read.config import (
     SECTIONS,
@@ -21,7 +22,6 @@ from sassgis.io.read.config import (
     resolved,
     settings_hash,
 )
-from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import ConfigError
 from sassgis.model.settings import EngineSettings

@@ -12,9 +12,9 @@ from shapely import Point, box
 
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table, ground_raster, read_ground_table
-from sassgis.io.read.sections import GroundSettings
 from sassgis.model.errors import InputError
 from sassgis.model.ground import GroundClass
+from sassgis.model.settings import GroundSettings
 
 WEST, NORTH = 2_700_000.0, 1_150_000.0
 HEADER = "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,source,verified\n"

@@ -12,7 +12,6 @@ import pytest
 from shapely import LineString, MultiLineString, MultiPoint, MultiPolygon, Point, Polygon, box
 
 from sassgis.io.read.config import load_config
-from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.vectors import (
     START_SLOPE_DEG,
     cells_under,
@@ -22,6 +21,7 @@ from sassgis.io.read.vectors import (
 )
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
+from sassgis.model.settings import ReleaseSettings
 
 WEST, NORTH = 2_700_000.0, 1_150_000.0
 BLOCKS = ("large", "small")
