@@ -20,6 +20,7 @@ from typing import (
     Literal,
     NamedTuple,
     Union,
+    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -108,10 +109,9 @@ class Declared(NamedTuple):
         return self.default is dataclasses.MISSING
 
 
+@dataclass(frozen=True, slots=True)
 class Section:
     """What all settings share: they are checked when they are made, and do not change."""
-
-    __slots__ = ()
 
     def __post_init__(self) -> None:
         for setting in declared(type(self)).values():
@@ -130,9 +130,13 @@ class Section:
         """Raise ConfigError where single values are right, but not all of them together."""
 
 
-@cache
 def declared(cls: type) -> Mapping[str, Declared]:
     """Settings of a section by key, in order; fields without a description are none."""
+    return _declared(cast(Any, cls))
+
+
+@cache
+def _declared(cls: Any) -> Mapping[str, Declared]:
     hints = get_type_hints(cls, include_extras=True)
     found: dict[str, Declared] = {}
     for field in dataclasses.fields(cls):

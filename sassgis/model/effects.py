@@ -12,6 +12,7 @@ from typing import ClassVar, TypeVar
 from sassgis.model.declared import Section
 
 
+@dataclass(frozen=True, slots=True)
 class EffectSection(Section):
     """Base of the settings of an effect: a frozen dataclass of declared settings with a name.
 
@@ -21,7 +22,6 @@ class EffectSection(Section):
         Of the effect, as in ``[effects.<name>]``.
     """
 
-    __slots__ = ()
     name: ClassVar[str]
 
 

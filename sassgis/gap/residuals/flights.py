@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import ControlLineCrossings, simulate
 from sassgis.gap.case import Case
@@ -23,7 +24,7 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import ControlLine
 
 #: Effects that act between impacts; the flights that are compared here have none of them.
-FLIGHT_EFFECTS = ("air_drag", "trees")
+FLIGHT_EFFECTS = tuple(row.name for row in EFFECTS.values() if row.phase == "flight")
 #: Height above the resting position from which a rock counts as flying (m).
 CLEAR_M = 0.3
 #: Points that a flight, and a stretch along the ground, must have.

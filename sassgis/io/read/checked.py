@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import types
 from collections.abc import Callable, Mapping
-from functools import cache
 from pathlib import Path
 from typing import (
     Annotated,
@@ -46,6 +45,9 @@ from sassgis.model.declared import (
 )
 from sassgis.model.errors import ConfigError
 
+# The keys are known at run time only, which type checkers do not follow.
+new_table: Any = TypedDict
+
 # ---------------------------------------------------------------------------------------------
 # Tables
 
@@ -73,7 +75,7 @@ def table_type(
 
 def table_of(name: str, fields: Mapping[str, Any], made: Callable[[dict[str, Any]], Any]) -> Any:
     """A table with fields of any type; the rest as for ``table_type``."""
-    table: Any = TypedDict(name, dict(fields))  # type: ignore[operator]
+    table: Any = new_table(name, dict(fields))
     table.__pydantic_config__ = ConfigDict(extra="forbid")
 
     def make(values: dict[str, Any], info: ValidationInfo) -> Any:
@@ -85,8 +87,7 @@ def table_of(name: str, fields: Mapping[str, Any], made: Callable[[dict[str, Any
     return Annotated[table, AfterValidator(make)]
 
 
-@cache
-def section_type(cls: type) -> Any:
+def section_type(cls: Any) -> Any:
     """The type of a section that is one dataclass of declared settings."""
     names = {field.name for field in dataclasses.fields(cls)}
     return table_type(

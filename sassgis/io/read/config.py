@@ -112,7 +112,7 @@ def _document() -> TypeAdapter[dict[str, Any]]:
     for name, cls in SECTIONS.items():
         if name == "effects":
             rows = {row.name: NotRequired[_effect_type(row)] for row in EFFECTS.values()}
-            own = table_of("effects", rows, _effects_of)
+            own: Any = table_of("effects", rows, _effects_of)
         else:
             own = section_type(cls)
         kinds[name] = NotRequired[tuple[own, ...] if name in LISTS else own]
@@ -459,8 +459,9 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
 
 def _population(block: BlockSettings, file: Path) -> BlockPopulation | ConfigError:
     names = {field.name for field in dataclasses.fields(BlockPopulation)} - set(AXES)
+    plain: dict[str, Any] = {name: getattr(block, name) for name in names} | block.axes
     try:
-        return BlockPopulation(**{name: getattr(block, name) for name in names}, **block.axes)
+        return BlockPopulation(**plain)
     except InputError as error:
         return _relocated(error, file, f"blocks[{block.name}].{error.field}")
 
