@@ -419,9 +419,7 @@ def model_of(found: Calibrated) -> Model:
     stand = None
     if found.stand is not None and found.stems_per_ha is not None and found.dbh_cm is not None:
         stand = Stand(*found.stand, found.stems_per_ha, found.dbh_cm)
-    return Model(
-        found.table, found.effects.without(LateralDeflection), stand=stand, aside=aside
-    )
+    return Model(found.table, found.effects.without(LateralDeflection), stand=stand, aside=aside)
 
 
 def _plain(item: Any) -> Any:

@@ -81,7 +81,7 @@ class ReleaseSettings(Section):
 
     file: Annotated[
         Path | None,
-        "polygons, lines or points of release, in any coordinate system",
+        "polygons, lines or points of release",
         Example("release.gpkg", needed=True),
     ] = None
     layer: Annotated[Text | None, "layer, where the file has several", Example("release")] = None

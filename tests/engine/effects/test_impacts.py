@@ -147,7 +147,7 @@ def test_only_soft_classes_are_soft():
 def test_a_class_that_is_none_is_refused(family):
     kind = {"soft_ground": SoftGround, "roughness": Roughness, "entrainment": Entrainment}[family]
     with pytest.raises(ConfigError) as caught:
-        first_impact(EffectSettings(**{family: kind(classes=("rock", "marsh"))}))
+        first_impact(EffectSettings(kind(classes=("rock", "marsh"))))
     error = caught.value
     assert error.field == f"effects.{family}.classes"
     assert "marsh" in str(error) and "rock" in str(error.expected)

@@ -207,9 +207,7 @@ def test_endless_breaking_is_told_and_not_cut_off():
     [
         breaking(energy_jkg=20.0, smallest_m3=0.005),
         EffectSettings(Entrainment(number=0.5, size_ratio=0.9, share=1.0)),
-        EffectSettings(
-            Fragmentation(energy_jkg=30.0), Entrainment(number=0.3)
-        ),
+        EffectSettings(Fragmentation(energy_jkg=30.0), Entrainment(number=0.3)),
     ],
 )
 def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
@@ -255,7 +253,7 @@ def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
     # More only where it is reached between two stations: before an impact, or going back.
     assert len(ratios) > 20
     assert np.mean(np.array(ratios) < 1.02) > 0.8
-    if effects.fragmentation:
+    if effects.get(Fragmentation):
         assert by_piece > 5
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from shapely import LineString, MultiLineString, MultiPoint, MultiPolygon, Point, Polygon, box
 
+from sassgis.io.read.checked import section_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.vectors import (
     START_SLOPE_DEG,
@@ -33,7 +34,7 @@ def at(x0, y0, x1, y1):
 
 
 def settings(path, **keys):
-    return ReleaseSettings.model_validate({"file": path, **keys}, context={"base": Path()})
+    return section_of(ReleaseSettings, {"file": path, **keys}, Path("config.toml"))
 
 
 AREA = at(52, 31, 97, 58)
