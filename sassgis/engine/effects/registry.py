@@ -22,7 +22,17 @@ from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.settings import ForestPlace, LateralDeflection
 
 Phase = Literal["release", "flight", "impact", "ground", "path"]
-Hook = Literal["on_start", "on_step", "on_contact", "on_loss", "spawn"]
+Hook = Literal[
+    "on_block",
+    "on_start",
+    "before_flight",
+    "after_flight",
+    "before_stretch",
+    "after_stretch",
+    "on_contact",
+    "after_impact",
+    "on_loss",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +123,7 @@ _ROWS = (
         phase="flight",
         label="air drag",
         summary="the drag of the air",
-        hooks=("on_start", "on_step"),
+        hooks=("on_start", "before_flight", "after_flight"),
         calibration=Calibration(
             order=5,
             phase="flight",
@@ -127,7 +137,7 @@ _ROWS = (
         phase="flight",
         label="trees",
         summary="trees that take energy from passing rocks",
-        hooks=("on_step",),
+        hooks=("on_start", "before_flight", "after_flight", "before_stretch", "after_stretch"),
         place=ForestPlace,
         calibration=Calibration(
             order=4,
@@ -148,7 +158,7 @@ _ROWS = (
         phase="impact",
         label="soft ground",
         summary="soft ground that yields at impacts and takes energy",
-        hooks=("on_contact",),
+        hooks=("on_contact", "after_impact"),
         calibration=Calibration(
             order=2,
             phase="impact",
@@ -188,7 +198,7 @@ _ROWS = (
         phase="impact",
         label="shape of the rocks",
         summary="the shape of the rocks, which the plane ellipse does not know",
-        hooks=("on_start", "on_contact"),
+        hooks=("on_block", "after_impact"),
         calibration=Calibration(
             order=7,
             phase="impact",
@@ -202,7 +212,7 @@ _ROWS = (
         phase="impact",
         label="fragmentation",
         summary="blocks that break at impacts",
-        hooks=("on_loss", "spawn"),
+        hooks=("on_loss",),
         calibration=Calibration(
             order=1,
             phase="impact",
@@ -222,7 +232,7 @@ _ROWS = (
         phase="impact",
         label="entrainment",
         summary="blocks of the slope that passing rocks set in motion",
-        hooks=("on_loss", "spawn"),
+        hooks=("on_loss",),
         calibration=Calibration(
             order=3,
             phase="impact",

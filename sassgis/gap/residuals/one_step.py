@@ -43,7 +43,9 @@ _REBOUND_MPS = 0.01
 #: Speed along the ground below which a ratio to it says nothing (m/s).
 _ALONG_MPS = 1.0
 #: Effects that act in impacts; the law that is compared here has none of them.
-IMPACT_EFFECTS = tuple(row.name for row in EFFECTS.values() if "on_contact" in row.hooks)
+IMPACT_EFFECTS = tuple(
+    row.name for row in EFFECTS.values() if {"on_contact", "after_impact"} & set(row.hooks)
+)
 
 
 def impact_residuals(
