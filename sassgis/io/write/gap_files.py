@@ -585,8 +585,8 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     for family, section in calibrated.sections.items():
         own = {k: _toml_ready(v) for k, v in section.items() if v is not None}
         if family == "trees":
-            given, place = effects.get(family, {}), declared(ForestPlace)
-            stands = {k: v for k, v in given.items() if k in place}
+            given, known = effects.get(family, {}), declared(ForestPlace)
+            stands = {k: v for k, v in given.items() if k in known}
             own = {**stands, **own}
         effects[family] = own
     stand = _stand(case, calibrated)
