@@ -58,7 +58,7 @@ class Calibration:
     ranges : mapping of str to Range
         By parameter, those of all forms; what is not named keeps its default.
     forms : mapping of str to float
-        How often each form is tried, relative to the others.
+        How often each form is tried, relative to the others; empty if the effect has one law.
     parameters : mapping of str to tuple of str
         Parameters that a form draws, where it does not draw all of ``ranges``.
     """

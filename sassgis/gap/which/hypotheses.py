@@ -277,7 +277,9 @@ def _fitted(
     ``draws`` names the draw of each parameter.
     """
     fit = calibration_of(family)
-    form = parameter_draws.one_of(form_draw, tuple(fit.forms), tuple(fit.forms.values()))
+    form = ""
+    if fit.forms:
+        form = parameter_draws.one_of(form_draw, tuple(fit.forms), tuple(fit.forms.values()))
     return form, {
         key: parameter_draws.within(draws[key], fit.ranges[key]) for key in fit.drawn(form)
     }
@@ -289,9 +291,9 @@ def _from_row(family: str) -> Callable[[Case, ParameterDraws], _Part]:
     def part(case: Case, parameter_draws: ParameterDraws) -> _Part:
         draws = {key: f"{family}.{key}" for key in calibration_of(family).ranges}
         form, values = _fitted(family, parameter_draws, f"{family}.form", draws)
-        section: dict[str, object] = {"form": form, **values}
+        section: dict[str, object] = {**({"form": form} if form else {}), **values}
         effect = EFFECTS[family].settings(**section)
-        return _Part(form, lambda m: _with_effect(m, effect), values, section)
+        return _Part(form or family, lambda m: _with_effect(m, effect), values, section)
 
     return part
 
