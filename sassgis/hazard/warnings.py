@@ -20,6 +20,7 @@ from sassgis.model.labels import STOP_TEXT
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import StopReason
+from sassgis.model.settings import LateralDeflection
 
 _LINE_ENDS = (
     (LineEnd.LEFT_DEM, "reach the edge of the terrain model"),
@@ -141,14 +142,14 @@ def zone_warnings(uncertain_share: float, limit: float | None, repetitions_max: 
         return []
     return [
         f"{100 * uncertain_share:.1f} % of the reached cells are still statistically uncertain "
-        f"after {repetitions_max} repetitions (hazard.undecided_share_max: {100 * limit:g} %)."
+        f"after {repetitions_max} repetitions (hazard.uncertain_share_max: {100 * limit:g} %)."
     ]
 
 
 def profile_warnings(result: ProfileResult, effects: EffectSettings) -> list[str]:
     """What happened to the blocks of a profile."""
     out = []
-    if effects.lateral_deflection is not None:
+    if effects.get(LateralDeflection) is not None:
         out.append("A profile has no width: [effects.lateral_deflection] does nothing here.")
     for reason, _ in _STOPS:
         n = int((result.rocks["reason"] == reason).sum())

@@ -13,7 +13,7 @@ from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
 from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, LateralDeflection
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,14 +171,14 @@ class MapRun:
     def lines_per_point(self) -> int:
         """Lines traced from each release point in each repetition."""
         # Rocks that share a path arrive or not together: their errors would be understated.
-        if self.effects.lateral_deflection is not None:
+        if self.effects.get(LateralDeflection) is not None:
             return self.rocks_per_point
         return self.spread.lines_per_point
 
     @property
     def lateral_spread(self) -> str:
         """In words: how rocks leave the fall line."""
-        lateral = self.effects.lateral_deflection
+        lateral = self.effects.get(LateralDeflection)
         if lateral is not None:
             how = (
                 f"{lateral.angle_deg:g}° off the descent, anew every {lateral.hop_m:g} m or so"
@@ -196,7 +196,7 @@ class MapRun:
     @property
     def rocks_per_stratum(self) -> int:
         """Rocks of one stratum of the sample: of a line, or of a point where paths are random."""
-        if self.effects.lateral_deflection is None:
+        if self.effects.get(LateralDeflection) is None:
             return self.rocks_per_line
         return self.rocks_per_line * self.lines_per_point
 

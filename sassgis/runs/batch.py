@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.io.read.config import Config
 from sassgis.io.write.batch_summary import BatchSummary
 from sassgis.io.write.staging import writing
 from sassgis.model.errors import InputError, OutputError, SassgisError
+from sassgis.model.run_config import Config
 from sassgis.runs.batch_area import AREAS_NAME, kept_areas, read_setting, run_area
 from sassgis.runs.batch_areas import Candidate, batch_config, find_areas
 from sassgis.runs.batch_mosaic import write_mosaic

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import sassgis
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.progress import Progress
-from sassgis.io.read.config import SECTIONS, Config, file_digest, settings_hash
+from sassgis.io.read.config import SECTIONS, file_digest, settings_hash
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vectors import (
@@ -32,6 +32,7 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_state import (
@@ -111,26 +112,24 @@ def read_setting(
         control_lines = tuple(read_control_lines(config, outline))
         empty = map_run_of(config, outline, _no_ground(outline), table, (), control_lines, None)
         # The table of frequencies is read by area, with the names of all.
-        hazard = config.hazard.model_copy(update={"frequencies": None})
+        hazard = replace(config.hazard, frequencies=None)
         rules = read_rules(replace(config, hazard=hazard), empty)
         yearly_frequencies(config, (), names)
     setting = Setting(
         config, terrain, outline, table, control_lines, replace(rules, notices=()), names,
         _shared_digest(config), first_margin_m,
     )  # fmt: skip
-    return setting, tuple(dict.fromkeys((*notices, *rules.notices)))
+    return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
 
 
 def _shared_digest(config: Config) -> str:
     """Fingerprint of the settings and of the files that all areas share."""
     own = replace(
         config,
-        terrain=config.terrain.model_copy(update={"dem": None}),
-        release=config.release.model_copy(update={"file": None}),
-        hazard=config.hazard.model_copy(
-            update={"frequencies": None, "preset": Path(config.hazard.preset).name}
-        ),
-        risk=config.risk.model_copy(update={"vulnerability": None}),
+        terrain=replace(config.terrain, dem=None),
+        release=replace(config.release, file=None),
+        hazard=replace(config.hazard, frequencies=None, preset=Path(config.hazard.preset).name),
+        risk=replace(config.risk, vulnerability=None),
     )
     sections = [s for s in SECTIONS if s != "profile"]
     parts: list[object] = [sassgis.__version__, settings_hash(own, sections=sections), SUM_NAMES]
@@ -256,8 +255,8 @@ def run_area(
     config = replace(
         setting.config,
         release=candidate.release,
-        project=setting.config.project.model_copy(
-            update={"name": f"{setting.config.project.name}: {candidate.name}"}
+        project=replace(
+            setting.config.project, name=f"{setting.config.project.name}: {candidate.name}"
         ),
     )
     with collected_notices() as notices:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sassgis.io.read.config import Config, load_config
-from sassgis.io.read.sections import ReleaseSettings
+from sassgis.io.read.config import load_config
 from sassgis.io.read.vectors import release_features
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.labels import file_stems
+from sassgis.model.run_config import Config
+from sassgis.model.settings import ReleaseSettings
 
 #: Vector files of a folder by their suffix; those that the configuration names do not count.
 VECTOR_SUFFIXES = (".gpkg", ".shp", ".geojson", ".json", ".fgb", ".kml")
@@ -91,7 +92,7 @@ def find_areas(config: Config) -> list[Candidate]:
     path = config.release_path
     named: list[tuple[str, ReleaseSettings, int, str]] = []
     for file in _release_files(config) if path.is_dir() else [path]:
-        release = config.release.model_copy(update={"file": file})
+        release = replace(config.release, file=file)
         try:
             named += _named(release, by_file=path.is_dir())
         except InputError as error:
@@ -151,7 +152,7 @@ def _named(release: ReleaseSettings, by_file: bool) -> list[tuple[str, ReleaseSe
     except InputError as error:
         if not by_file or error.field != "release.name_field":
             raise
-        release = release.model_copy(update={"name_field": None})
+        release = replace(release, name_field=None)
         features = release_features(release)
     out = []
     for feature in features:

@@ -52,9 +52,7 @@ def write_mosaic(
     tell("Adding up the areas")
     config = replace(
         setting.config,
-        output=setting.config.output.model_copy(
-            update={"rock_table": "none", "passage_table": "none"}
-        ),
+        output=replace(setting.config.output, rock_table="none", passage_table="none"),
     )
     began = time.perf_counter()
     job, place, more = _mosaic_job(setting, candidates, records)

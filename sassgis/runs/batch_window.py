@@ -11,6 +11,7 @@ import numpy as np
 from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.model.errors import InputError
 from sassgis.model.map_run import MapRun
+from sassgis.model.settings import LateralDeflection
 from sassgis.terrain.plan import Plan, plan
 from sassgis.terrain.prepare import trace_lines
 from sassgis.terrain.release import take
@@ -134,7 +135,9 @@ def _extent(run: MapRun, planned: Plan, repetitions: int) -> tuple[float, float,
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for first in range(0, len(planned.starts), _POINTS):
         some = take(planned.starts, slice(first, first + _POINTS))
-        for repetition in range(repetitions if run.effects.lateral_deflection is not None else 1):
+        for repetition in range(
+            repetitions if run.effects.get(LateralDeflection) is not None else 1
+        ):
             lines = trace_lines(run, planned.surface, some, repetition)
             low = np.minimum(low, [lines.x.min(), lines.y.min()])
             high = np.maximum(high, [lines.x.max(), lines.y.max()])

@@ -19,13 +19,13 @@ from sassgis.gap.observations.tables import (
     Observations,
     rock_masses_kg,
 )
-from sassgis.io.read.config import Config
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.job import configured
 from sassgis.terrain.fall_lines import fall_line_surface, trace

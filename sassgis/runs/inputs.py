@@ -14,7 +14,6 @@ from sassgis.hazard.assess import Rules
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
 from sassgis.hazard.warnings import rule_warnings
 from sassgis.hazard.zoning.generalise import ZoneSettings
-from sassgis.io.read.config import Config
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
@@ -29,6 +28,7 @@ from sassgis.model.hazard import HazardPreset
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
 
 
 @contextmanager
@@ -125,7 +125,7 @@ def map_run_of(
         rocks_per_point=config.release.rocks_per_point,
         seed=config.run.seed,
         stop_points_max=config.output.stop_points_max,
-        effects=config.effect_settings,
+        effects=config.effects,
         forest=forest,
     )
 

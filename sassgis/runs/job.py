@@ -13,11 +13,12 @@ from pathlib import Path
 import sassgis
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.warnings import simulation_warnings
-from sassgis.io.read.config import Config, load_config, settings_hash
+from sassgis.io.read.config import load_config, settings_hash
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.inputs import collected_notices, read_map_run
@@ -69,7 +70,7 @@ def configured(config: Config | str | Path, seed: int | None) -> Config:
         return load_config(config, {} if seed is None else {"run.seed": seed})
     if seed is None:
         return config
-    return replace(config, run=config.run.model_copy(update={"seed": seed}))
+    return replace(config, run=replace(config.run, seed=seed))
 
 
 def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], None]) -> Job:
@@ -80,7 +81,7 @@ def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], 
     with collected_notices() as notices:
         run = read_map_run(config, areas)
     tell("Placing the release points")
-    return Job(run, plan(run), tuple(notices))
+    return Job(run, plan(run), (*config.notes, *notices))
 
 
 def simulate_config(

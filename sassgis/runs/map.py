@@ -24,6 +24,7 @@ from sassgis.hazard.progress import ChunkResult, Progress, add_chunk, joined_row
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.settings import LateralDeflection
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
 from sassgis.terrain.flatten import chainage_to_xy
@@ -74,7 +75,7 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
             objects=run.objects,
             window=run.window,
             line_numbers=number,
-            strata=None if run.effects.lateral_deflection is None else lines.point,
+            strata=None if run.effects.get(LateralDeflection) is None else lines.point,
             effects=run.effects,
             forest=run.forest,
             first_rock=chunk.repetition * run.rocks_per_line,

@@ -14,7 +14,7 @@ from sassgis.hazard.bins import bins_for
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.warnings import profile_warnings
-from sassgis.io.read.config import Config, load_config, profile_control_lines
+from sassgis.io.read.config import load_config, profile_control_lines
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.write.staging import staged_output
@@ -23,6 +23,7 @@ from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints, TraceSet
+from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import PROBABILITIES
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.publish import publish_profile
@@ -182,7 +183,7 @@ def simulate_profile(
                 first_rock=first,
                 bins=bins,
                 course_events=events,
-                effects=config.effect_settings,
+                effects=config.effects,
                 forest=profile.forest,
             )
 
@@ -268,7 +269,7 @@ def run_profile(
             work,
             config,
             result,
-            [*notices, *profile_warnings(result, config.effect_settings)],
+            [*config.notes, *notices, *profile_warnings(result, config.effects)],
             csv_file=None if csv_file is None else Path(csv_file),
             seed=config.run.seed if seed is None else seed,
         )

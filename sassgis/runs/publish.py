@@ -16,7 +16,7 @@ from sassgis.hazard.warnings import rule_warnings, zone_warnings
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerGroup
 from sassgis.io.qgis.run_project import write_run_project, zone_groups, zone_layouts
-from sassgis.io.read.config import Config, resolved, settings_hash
+from sassgis.io.read.config import resolved, settings_hash
 from sassgis.io.read.dem import crs_name
 from sassgis.io.write.frames import (
     passage_frame,
@@ -46,6 +46,7 @@ from sassgis.io.write.raster import write_raster
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import RasterLayer, StopReason
+from sassgis.model.run_config import Config
 from sassgis.report.map_report import map_report
 from sassgis.report.page import ReportFigure, ReportTable, write_report
 from sassgis.report.profile_report import profile_report
@@ -306,7 +307,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         warnings=(
             *rule_warnings(preset, rules.frequencies),
             *zone_warnings(
-                hazard.uncertain_share, config.hazard.undecided_share_max, config.hazard.rounds_max
+                hazard.uncertain_share,
+                config.hazard.uncertain_share_max,
+                config.hazard.repetitions_max,
             ),
         ),
         preset=preset.name,
@@ -354,7 +357,7 @@ def publish_profile(
         ("Seed", seed),
         ("Settings and inputs (SHA-256)", settings_hash(config)),
     )
-    effects = config.effect_settings.names
+    effects = config.effects.names
     context = profile_report(result, warnings, effects, provenance, work / "figures")
     write_report(work / "report.html", context)
     own = {} if csv_file is None else {"profile": csv_file}

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sassgis.hazard.progress import Progress
-from sassgis.io.read.config import Config
 from sassgis.io.write.staging import staged_output
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
+from sassgis.model.run_config import Config
 from sassgis.runs.job import OnProgress, Simulation, configured, read_job, simulate_config
 from sassgis.runs.publish import publish_map
 from sassgis.terrain.plan import Plan

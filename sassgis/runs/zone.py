@@ -12,11 +12,11 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
-from sassgis.io.read.config import Config
 from sassgis.io.read.objects import object_cells
 from sassgis.io.write.staging import staged_output
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.results import RasterLayer
+from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
 from sassgis.runs.publish import publish_map, zone_extras
@@ -156,7 +156,7 @@ def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Asse
 
 def most_repetitions(config: Config) -> int:
     """Repetitions that a zoning may take."""
-    return 1 if config.hazard.undecided_share_max is None else config.hazard.rounds_max
+    return 1 if config.hazard.uncertain_share_max is None else config.hazard.repetitions_max
 
 
 def simulations(
@@ -169,7 +169,7 @@ def simulations(
     tell: Callable[[str], None],
 ) -> tuple[Simulation, Simulation | None]:
     """Simulate with the barriers and, if that is wanted, without them: the same rocks."""
-    limit = config.hazard.undecided_share_max
+    limit = config.hazard.uncertain_share_max
     confidence = config.hazard.confidence
 
     def enough(run: MapRun, progress: Progress) -> bool:

@@ -18,6 +18,7 @@ from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import FallLines, MapRun
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints, TraceSet
 from sassgis.model.results import ControlLine
+from sassgis.model.settings import LateralDeflection
 from sassgis.terrain.flatten import crossings, profiles
 from sassgis.terrain.spread import trace_bundles, trace_random_paths
 from sassgis.terrain.stretch import (
@@ -75,7 +76,7 @@ def trace_lines(
     run: MapRun, surface: Surface, starts: ReleasePoints, repetition: int = 0
 ) -> TraceSet:
     """The lines of some release points in one repetition."""
-    lateral = run.effects.lateral_deflection
+    lateral = run.effects.get(LateralDeflection)
     if lateral is None:
         return trace_bundles(run.grid, surface, starts, run.fall_lines, run.spread)
     return trace_random_paths(
@@ -184,7 +185,7 @@ def drawn_lines(run: MapRun, traces: TraceSet, points: IntArray) -> FallLines:
     Where paths are random, the first of each point stands for all.
     """
     lines = thinned(traces, run.grid)
-    if run.effects.lateral_deflection is not None:
+    if run.effects.get(LateralDeflection) is not None:
         lines = _first_of_each(lines, run.lines_per_point)
     return replace(lines, point=points[lines.point])
 

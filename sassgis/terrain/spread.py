@@ -12,10 +12,10 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.model import rng
-from sassgis.model.effects import LateralDeflection
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.release_areas import FallLineSettings, SpreadSettings
+from sassgis.model.settings import LateralDeflection
 from sassgis.terrain.fall_lines import Kicks, trace
 from sassgis.terrain.surface import Surface
 

@@ -9,8 +9,10 @@ import math
 import numpy as np
 import pytest
 
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.hazard.map_sums import MapSums, Sample, band_values
-from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation
+from sassgis.model.effects import EffectSettings
 from sassgis.model.statistics_table import STATISTICS, default_bins
 
 G = 9.81

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from sassgis.hazard.warnings import ground_warnings, spread_warnings
-from sassgis.io.read.config import Config, profile_control_lines
+from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.dem import crs_name
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.ground_map import (
@@ -23,13 +23,14 @@ from sassgis.io.read.ground_map import (
     read_ground_table,
 )
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
-from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines, read_release
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
+from sassgis.model.settings import LateralDeflection, ReleaseSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +216,7 @@ def check_inputs(config: Config) -> InputReport:
         for i, c in enumerate(table.classes)
         if i in shares
     )
-    own_paths = config.effect_settings.lateral_deflection is not None
+    own_paths = config.effects.get(LateralDeflection) is not None
     lines = config.release.rocks_per_point if own_paths else config.spread.lines_per_point
     notices = [r.getMessage() for r in records if r.levelno < logging.WARNING]
     warnings = [r.getMessage() for r in records if r.levelno >= logging.WARNING]
@@ -229,6 +230,7 @@ def check_inputs(config: Config) -> InputReport:
         blocks=config.block_names,
         notices=tuple(notices),
         warnings=(
+            *config.notes,
             *warnings,
             *ground_warnings([table.classes[i] for i in sorted(shares)], built_in_table().classes),
             *(spread_warnings(lines) if areas else ()),

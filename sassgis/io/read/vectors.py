@@ -22,13 +22,13 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj.exceptions import ProjError
 from rasterio.features import rasterize
 
-from sassgis.io.read.config import Config
 from sassgis.io.read.dem import crs_name, same_crs
-from sassgis.io.read.sections import BarrierSettings, ReleaseSettings, StationSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
+from sassgis.model.settings import BarrierSettings, ReleaseSettings, StationSettings
 
 log = logging.getLogger(__name__)
 

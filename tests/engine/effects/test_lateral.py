@@ -12,10 +12,11 @@ from scipy import stats
 from sassgis.hazard.map_sums import reach_probability
 from sassgis.hazard.progress import sample_of
 from sassgis.io.read.config import load_config
-from sassgis.model.effects import EffectSettings, LateralDeflection
+from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.release_areas import FallLineSettings
+from sassgis.model.settings import LateralDeflection
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.map import chunks_of, simulate_map
 from sassgis.terrain.fall_lines import fall_line_surface
@@ -131,7 +132,7 @@ def job(make_valley):
     return replace(
         run, grid=grid, ground=np.ascontiguousarray(run.ground[window]), control_lines=(),
         areas=run.areas[:1], spacing_m=15.0, rocks_per_point=8,
-        effects=EffectSettings(lateral_deflection=LateralDeflection(angle_deg=15.0)),
+        effects=EffectSettings(LateralDeflection(angle_deg=15.0)),
     )  # fmt: skip
 
 
@@ -164,7 +165,7 @@ def test_further_repetitions_take_other_paths(job):
 def test_the_standard_error_is_the_scatter_over_seeds(job, form):
     """Scatter of 60 small runs against the error that each of them states, all cells together."""
     lateral = LateralDeflection(form, angle_deg=15.0)
-    tiny = replace(job, effects=EffectSettings(lateral_deflection=lateral))
+    tiny = replace(job, effects=EffectSettings(lateral))
     size = tiny.grid.values.size
     total, square, stated = np.zeros(size), np.zeros(size), np.zeros(size)
     n = 60

@@ -18,7 +18,7 @@ from sassgis.hazard.zone_styles import (
 )
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
-from sassgis.io.write.geopackage import FieldInfo, VectorLayer, write_geopackage
+from sassgis.io.write.geopackage import VectorLayer, write_geopackage
 from sassgis.io.write.raster import write_raster
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
@@ -30,6 +30,7 @@ from sassgis.model.styles import (
     RELEASE_AREA_STYLE,
     RELEASE_POINT_STYLE,
     STOP_STYLE,
+    FieldInfo,
     Symbol,
     VectorStyle,
     categorised_style,

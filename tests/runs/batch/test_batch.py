@@ -99,7 +99,7 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path) -> Non
     stand = shapely.box(east, south + 30.0, east + 150.0, north)
     gpd.GeoDataFrame(geometry=[stand], crs=good.crs).to_file(inputs / "stand.gpkg", driver="GPKG")
     config = inputs / valley.config.name
-    more = "[hazard]\nundecided_share_max = 0.0001\nrounds_max = 2\n"
+    more = "[hazard]\nuncertain_share_max = 0.0001\nrepetitions_max = 2\n"
     config.write_text(config.read_text().replace("[hazard]\n", more))
     with config.open("a") as text:
         text.write("[effects.lateral_deflection]\nangle_deg = 8.0\n[effects.fragmentation]\n")

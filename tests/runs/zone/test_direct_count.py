@@ -141,7 +141,7 @@ def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
     case.set("risk.vulnerability", "vulnerability.csv")
     case.sections["release"] |= {"spacing_m": 5.0, "rocks_per_point": 6}
     # A second round of rocks, which is never enough.
-    case.sections["hazard"] |= {"undecided_share_max": 0.0001, "rounds_max": 2}
+    case.sections["hazard"] |= {"uncertain_share_max": 0.0001, "repetitions_max": 2}
     case.write()
     return case, zoned(case.config, folder / "work")
 

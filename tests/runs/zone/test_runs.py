@@ -62,7 +62,7 @@ def adaptive(folder: Path, share: float, rounds_max: int = 64) -> Case:
     # Frequencies between the limits of the matrix, so that rocks can decide the level.
     case.blocks[0]["onset_frequency"], case.blocks[1]["onset_frequency"] = 0.2, 0.02
     case.sections["release"]["rocks_per_point"] = 8
-    case.sections["hazard"] |= {"undecided_share_max": share, "rounds_max": rounds_max}
+    case.sections["hazard"] |= {"uncertain_share_max": share, "repetitions_max": rounds_max}
     case.write()
     return case
 
@@ -95,7 +95,7 @@ def test_too_few_repetitions_are_told(tmp_path: Path) -> None:
     told = [w for w in result.run.warnings if "still statistically uncertain" in w]
     assert len(told) == 1
     assert told[0].startswith(f"{100 * share:.1f} % of the reached cells")
-    assert "3 repetitions" in told[0] and "undecided_share_max: 1 %" in told[0]
+    assert "3 repetitions" in told[0] and "uncertain_share_max: 1 %" in told[0]
     assert told[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
@@ -193,9 +193,9 @@ def test_interrupted_and_resumed_is_uninterrupted(
 @pytest.mark.parametrize(
     "change",
     [
-        {"hazard.undecided_share_max": None},
-        {"hazard.rounds_max": 1},
-        {"hazard.undecided_share_max": 1.0},
+        {"hazard.uncertain_share_max": None},
+        {"hazard.repetitions_max": 1},
+        {"hazard.uncertain_share_max": 0.9999},
     ],
     ids=["no repetitions", "one repetition", "sooner enough"],
 )
@@ -207,7 +207,7 @@ def test_other_repetitions_than_those_of_an_interrupted_run(
     with pytest.raises(Interrupted):
         zoned(config, tmp_path / "work", on_progress=stop_at(7))
     hazard = {key.split(".")[1]: value for key, value in change.items()}
-    other = replace(config, hazard=config.hazard.model_copy(update=hazard))
+    other = replace(config, hazard=replace(config.hazard, **hazard))
     resumed = zoned(other, tmp_path / "work")
     fresh = zoned(other, tmp_path / "fresh")
     assert fresh.done.run.repetitions == 1 == resumed.done.run.repetitions

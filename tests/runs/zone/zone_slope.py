@@ -15,8 +15,9 @@ import shapely
 from rasterio.transform import from_origin
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.io.read.config import Config, load_config
+from sassgis.io.read.config import load_config
 from sassgis.model.hazard import HazardCurves
+from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job
 from sassgis.runs.zone import assessed, prepared, simulations

@@ -14,11 +14,12 @@ from sassgis.hazard.assess import Hazard, IntensityMap, raster
 from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
 from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, uncertain_style
 from sassgis.hazard.zoning.generalise import Coverage, ZoneSettings, coverage
-from sassgis.io.read.config import Config
-from sassgis.io.write.geopackage import FieldInfo, VectorLayer
+from sassgis.io.write.geopackage import VectorLayer
 from sassgis.io.write.layers import federal
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.run_config import Config
+from sassgis.model.styles import FieldInfo
 
 #: Sources that are named in the table of a zone.
 _NAMED_SOURCES = 5
