@@ -1,4 +1,4 @@
-"""The table of the statistics per cell: one row for each map of the rocks.
+"""The table of the statistics per cell: one row for each map of the simulated blocks.
 
 All that is kept for the maps follows from the rows: the sums in the kernel, how those of chunks,
 release areas and saved states are joined, the bands of each raster, and the tables in docs/maps.md.
@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray
 
-#: What the kernel records of each rock in each cell that it enters, in the order of its columns:
+#: What the kernel records of each block in each cell that it enters, in the order of its columns:
 #: largest kinetic energy (kJ), passing height (m) and speed (m/s) there, and the time since the
-#: release at which it first enters (s). A rock and its fragments are one entry.
+#: release at which it first enters (s). A block and its fragments are one entry.
 QUANTITIES = ("energy", "height", "speed", "arrival")
 
 #: Probabilities of the quantiles that are mapped, but for times.
@@ -44,7 +44,7 @@ class CellSum:
     ----------
     name : str
     reducer : Reducer
-        "sum" is in thousandths of the quantity's unit, rounded for each rock.
+        "sum" is in thousandths of the quantity's unit, rounded for each block.
     quantity : str
         One of QUANTITIES; empty for counts.
     """
@@ -71,7 +71,7 @@ class CellSum:
 
 @dataclass(frozen=True, slots=True)
 class LargestValues:
-    """What no rock exceeds on a terrain: kinetic energy (kJ), passing height (m), speed (m/s)."""
+    """What no block exceeds on a terrain: kinetic energy (kJ), passing height (m), speed (m/s)."""
 
     energy_kj: float = 1e6
     height_m: float = 100.0
@@ -103,7 +103,7 @@ class Statistic:
     ramp : str
         Name of a matplotlib colour map.
     quantity : str
-        One of QUANTITIES; empty for counts of rocks.
+        One of QUANTITIES; empty for counts of blocks.
     edges : callable
         Edges of the histogram on a terrain. Those of a larger terrain begin with those of a smaller
         one.
@@ -195,7 +195,7 @@ STATISTICS = (
         label="Reach probability",
         bands=("reach", "standard_error"),
         note="Share of all {rocks} rocks released that come into the cell. {width} {error}",
-        meaning="share of all simulated rocks that come into the cell",
+        meaning="share of all simulated blocks that reach the cell",
         breaks=(0.0, 0.0001, 0.001, 0.01, 0.03, 0.1, 0.3),
         ramp="plasma_r",
     ),
@@ -206,7 +206,7 @@ STATISTICS = (
         label="Rocks that come into the cell",
         bands=("passages",),
         note="Number of rocks that come into the cell. {width}",
-        meaning="number of rocks that come into the cell",
+        meaning="number of blocks that reach the cell",
         breaks=(0, 10, 100, 1000, 10000),
         ramp="BuPu",
     ),
@@ -219,8 +219,7 @@ STATISTICS = (
         bands=("q95", "q50", "q90", "q99", "mean", "max"),
         note="Translation and rotation. {once} {width} Quantiles from a histogram of 20 bins a "
         "decade (12 % of the value), 30 and 300 kJ among the edges; mean and maximum exact.",
-        meaning="kinetic energy (translation and rotation, kJ) of the rocks "
-        "*that come into the cell*",
+        meaning="kinetic energy (translation and rotation, kJ) of the blocks *that reach the cell*",
         breaks=(0.0, 30.0, 300.0),
         ramp="YlOrRd",
         edges=_energy_edges,
@@ -266,12 +265,12 @@ STATISTICS = (
         unit="s",
         label="Time from the release to the first entry into the cell",
         bands=("q5", "q50", "min"),
-        note="Time from the release of a rock to its first entry into the cell, for warning times. "
-        "Denominator: the rocks that reach the cell. A rock and its fragments count once, with the "
-        "earliest time. {width} Quantiles from a histogram of 0.5 s bins up to 10 s, 5 % beyond; "
-        "the smallest time is exact.",
-        meaning="time from the release to the first entry into the cell (s), of the rocks "
-        "*that come into the cell*; a rock and its fragments count once, with the earliest",
+        note="Time from the release of a block to its first entry into the cell, for warning "
+        "times. Denominator: the blocks that reach the cell. A block and its fragments count once, "
+        "with the earliest time. {width} Quantiles from a histogram of 0.5 s bins up to 10 s, 5 % "
+        "beyond; the smallest time is exact.",
+        meaning="time from the release to the first entry into the cell (s), of the blocks "
+        "*that reach the cell*; a block and its fragments count once, with the earliest time",
         breaks=(0.0, 5.0, 10.0, 20.0, 40.0, 80.0),
         ramp="viridis",
         edges=_arrival_edges,
@@ -286,7 +285,7 @@ STATISTICS = (
         bands=("stops",),
         note="Number of rocks that come to rest in the cell or are stopped by a barrier there. "
         "Rocks that never started are not among them.",
-        meaning="number of rocks that end in the cell, at rest or at a barrier; not those that "
+        meaning="number of blocks that stop in the cell, at rest or at a barrier; not those that "
         "never started",
         breaks=(0, 3, 10, 30, 100),
         ramp="Blues",

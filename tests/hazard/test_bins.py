@@ -30,9 +30,9 @@ def most(block: BlockPopulation, relief_m: float, gravity: float) -> tuple[float
 def test_no_block_is_beyond_the_last_bin(block: BlockPopulation, gravity: float) -> None:
     bins = bins_for(60.0, [BLOCK, block], EngineSettings(gravity_mps2=gravity))
     energy, speed = most(block, 60.0, gravity)
-    assert bins.energy[-1] >= energy
-    assert bins.speed[-1] >= speed
-    assert bins.height[-1] >= 60.0 + block.drop_m[1]
+    assert bins.edges["energy"][-1] >= energy
+    assert bins.edges["speed"][-1] >= speed
+    assert bins.edges["height"][-1] >= 60.0 + block.drop_m[1]
 
 
 def test_thresholds_are_among_the_energies_of_the_curves() -> None:
