@@ -27,10 +27,10 @@ from sassgis.report.figures.style import (
     spread,
     styled,
     text_width_pt,
-    thousands,
     thousands_formatter,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 Quantity = Literal["energy", "speed", "height"]
 

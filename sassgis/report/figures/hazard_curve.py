@@ -32,11 +32,10 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     lines_in,
     new_figure,
-    power_of_ten,
     styled,
-    thousands,
     wrap,
 )
+from sassgis.report.number_text import power_of_ten, thousands
 
 #: Sources with a curve of their own; the others go together.
 MAX_SOURCES = 6

@@ -42,9 +42,9 @@ from sassgis.report.figures.style import (
     lines_in,
     new_figure,
     styled,
-    thousands,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 _MAX_HEIGHT_IN = 8.0
 _LEFT_IN, _RIGHT_IN, _GAP_IN, _HEAD_IN = 0.5, 0.26, 0.14, 0.22

@@ -48,9 +48,9 @@ from sassgis.report.figures.style import (
     new_figure,
     styled,
     text_width_pt,
-    thousands,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 #: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a gate.
 MapControlLine = tuple[str, str, FloatArray]

@@ -22,12 +22,11 @@ from sassgis.report.figures.style import (
     lines_in,
     new_figure,
     nothing_to_show,
-    power_of_ten,
     styled,
     text_width_pt,
-    thousands,
     wrap,
 )
+from sassgis.report.number_text import power_of_ten, thousands
 
 #: Width of a 95 % interval in standard errors of a normal distribution.
 _NORMAL_95 = 1.96

@@ -26,10 +26,10 @@ from sassgis.report.figures.style import (
     nothing_to_show,
     percent_formatter,
     styled,
-    thousands,
     thousands_formatter,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 #: Shares of the rocks listed beside the curves.
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)
