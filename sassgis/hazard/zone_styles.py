@@ -1,4 +1,4 @@
-"""Ready styles of hazard zones: levels, intensities, what barriers change, what is undecided.
+"""Ready styles of hazard zones: levels, intensities, what barriers change, uncertain levels.
 
 Colours and names are those of the preset. Levels are not told apart by colour alone: a level that
 the preset calls hatched is drawn as stripes on white.
@@ -43,7 +43,7 @@ def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyl
     column : str
         Holds the code of the level, as "slight".
     levels : sequence of HazardLevel
-        From slight to severe, as ``HazardPreset.levels``.
+        From low to high, as ``HazardPreset.levels``.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> Ve
     ----------
     column : str
     entries : sequence of (code, label, ``#rrggbb``, hatched)
-        From slight to severe.
+        From low to high.
 
     Returns
     -------

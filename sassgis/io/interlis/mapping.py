@@ -20,7 +20,7 @@ from sassgis.io.interlis.ili_models import (
     normalised,
     read_models,
 )
-from sassgis.io.write.layers.federal import (
+from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_CLASSES,
     FEDERAL_EXTENT,

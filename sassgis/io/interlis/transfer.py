@@ -2,7 +2,7 @@
 
 Sources: KOGIS, *INTERLIS 2 – Reference Manual*, edition of 2006 (INTERLIS 2.3), chapter 3; the
 Federal Office for the Environment's minimal geodata model 166.1:
-:mod:`sassgis.io.write.layers.federal`.
+:mod:`sassgis.io.write.layers.federal_model`.
 """
 
 from __future__ import annotations
@@ -28,15 +28,17 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from sassgis import __version__
 from sassgis.io.interlis.mapping import ClassPlan, Plan, Slot, Step, code_of, default_plan, plan_of
 from sassgis.io.interlis.validation import XTF_NAMESPACE, ValidationResult, check_xtf, validate_xtf
-from sassgis.io.write.layers.federal import (
+from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
     NOT_ASSESSED,
     FederalClass,
+    is_lv95,
+)
+from sassgis.io.write.layers.federal_values import (
     check_extent,
     checked_values,
-    is_lv95,
     surface_parts,
 )
 from sassgis.io.write.staging import MANIFEST_NAME, writing
@@ -175,7 +177,7 @@ def write_xtf(
     Parameters
     ----------
     geopackage_path : Path
-        With the layers of :data:`sassgis.io.write.layers.federal.FEDERAL_CLASSES`.
+        With the layers of :data:`sassgis.io.write.layers.federal_model.FEDERAL_CLASSES`.
     xtf_path : Path
     model_folder : Path or None
         Folder with the model's .ili files, from which all names, the order of attributes and the

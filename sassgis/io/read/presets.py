@@ -246,7 +246,7 @@ _KEYS = {
     "sources": "sections [sources.KEY] with text and verified",
     "intensity": "a section [[intensity]] per class, from weak to strong",
     "return_periods": "a section [return_periods]",
-    "levels": "a section [[levels]] per level, from slight to severe",
+    "levels": "a section [[levels]] per level, from low to high",
     "matrix": "a section [matrix.CODE] per intensity class",
     "text": "the publication, with page or section where known",
     "verified": "true if the value was read in the source, false if not",

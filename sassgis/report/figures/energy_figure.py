@@ -70,7 +70,7 @@ def energy_profile_figure(
         Chainage and height of the vertices of the slope (m).
     quantity : {"energy", "speed", "height"}
         Energy (kJ) has a logarithmic axis; speed (m/s) and passing height (m) a plain one.
-    gates : (Gate, chainage)
+    control_lines : (ControlLine, chainage)
         Marked in both panels.
     title : str, optional
 

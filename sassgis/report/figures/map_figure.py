@@ -321,7 +321,7 @@ def map_figure(
     release_points : float, shape (n, 2), optional
     lines : TraceSet, optional
         Fall lines. Of more than ``MAX_LINES`` an even choice is drawn, and the map says so.
-    gates : (name, kind, coordinates of shape (n, 2))
+    control_lines : (name, kind, coordinates of shape (n, 2))
         Stations, walls and nets.
     zones : float, each of shape (n, 2)
         Outlines of zones (m).
