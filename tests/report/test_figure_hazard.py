@@ -293,7 +293,7 @@ def test_the_fields_are_those_of_the_matrix(find) -> None:
 
 
 def test_the_note_tells_the_level_and_what_decides_it(texts) -> None:
-    # 30 kJ and more once in 50 years: moderate; all rocks once in 20 years: moderate by low intensity.
+    # 30 kJ and more once in 50 years: moderate; all rocks once in 20 years: so by low intensity.
     assert "Level: moderate (blue), by rocks of any energy, once in 20 years." in texts(
         hazard_curve_figure(CURVE, 1, PRESET)
     )

@@ -22,7 +22,7 @@ from sassgis.report.figures.class_maps import (
     draw_classes,
     draw_stripes,
 )
-from sassgis.report.figures.map_figure import (
+from sassgis.report.figures.map_marks import (
     MapControlLine,
     cut_extent,
     draw_map_control_lines,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.report.figures import relief
-from sassgis.report.figures.map_figure import draw_release, footprint
+from sassgis.report.figures.map_marks import draw_release, footprint
 from sassgis.report.figures.style import (
     BLUE,
     GREY,
