@@ -30,7 +30,7 @@ from sassgis.gap.words import (
     with_unit_in_brackets,
 )
 from sassgis.io.read.config import Config
-from sassgis.io.read.dem import crs_name
+from sassgis.model.crs import crs_name
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.report import figures

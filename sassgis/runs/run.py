@@ -16,7 +16,6 @@ import sassgis
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.read.config import Config, load_config, resolved, settings_hash
-from sassgis.io.read.dem import crs_name
 from sassgis.io.write.frames import passage_frame, require_parquet, rock_frame, rows_of, write_table
 from sassgis.io.write.geopackage import VectorLayer, write_geopackage
 from sassgis.io.write.layers import run_vectors as vector_layers
@@ -24,6 +23,7 @@ from sassgis.io.write.layers.maps import map_layers
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.io.write.staging import staged_output
+from sassgis.model.crs import crs_name
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import LineEnd

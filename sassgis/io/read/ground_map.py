@@ -19,9 +19,10 @@ from rasterio.errors import RasterioError
 from rasterio.features import rasterize
 
 from sassgis.io.read.csv_table import check_columns, csv_rows, number, read_text
-from sassgis.io.read.dem import open_raster, resample, same_crs
+from sassgis.io.read.dem import open_raster, resample
 from sassgis.io.read.sections import GroundSettings
 from sassgis.io.read.vectors import nearest, read_features
+from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass, GroundTable

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pyproj
 
-from sassgis.io.read.dem import DemFile, crs_name, describe_dem, read_dem, read_dem_part, same_crs
+from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part
+from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 

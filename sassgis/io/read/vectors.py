@@ -23,8 +23,8 @@ from pyproj.exceptions import ProjError
 from rasterio.features import rasterize
 
 from sassgis.io.read.config import Config
-from sassgis.io.read.dem import crs_name, same_crs
 from sassgis.io.read.sections import BarrierSettings, ReleaseSettings, StationSettings
+from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.results import ControlLine

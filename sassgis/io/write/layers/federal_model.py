@@ -14,7 +14,7 @@ from typing import Literal
 
 import pyproj
 
-from sassgis.io.read.dem import same_crs
+from sassgis.model.crs import same_crs
 from sassgis.model.hazard import HazardPreset
 
 MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
