@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 import sassgis
 from sassgis.hazard.sources import onset_frequencies
 from sassgis.io.read.config import SECTIONS, Config, file_digest, load_config, settings_hash
+from sassgis.io.read.features import Feature
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.objects import PlacedObjects
 from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.tiles import Part, Terrain, hull, open_terrain
 from sassgis.io.read.vectors import (
-    Feature,
     ReleaseArea,
     read_control_lines,
     read_release_feature,

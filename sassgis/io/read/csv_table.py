@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from sassgis.io.read.vectors import nearest
+from sassgis.io.read.features import nearest
 from sassgis.model.errors import InputError
 
 

@@ -13,7 +13,7 @@ from rasterio.warp import Resampling, reproject
 
 from sassgis.io.read.csv_table import number
 from sassgis.io.read.effect_sections import ForestPlace
-from sassgis.io.read.vectors import read_features
+from sassgis.io.read.features import read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 

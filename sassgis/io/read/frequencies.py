@@ -8,8 +8,8 @@ from typing import cast, get_args
 
 from sassgis.io.read.config import Onset
 from sassgis.io.read.csv_table import csv_rows, number, read_text
+from sassgis.io.read.features import nearest
 from sassgis.io.read.sections import OnsetUnit
-from sassgis.io.read.vectors import nearest
 from sassgis.model.errors import InputError
 
 _COLUMNS = ("area", "scenario", "frequency", "unit")

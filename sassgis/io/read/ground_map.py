@@ -20,8 +20,8 @@ from rasterio.features import rasterize
 
 from sassgis.io.read.csv_table import check_columns, csv_rows, number, read_text
 from sassgis.io.read.dem import open_raster, resample
+from sassgis.io.read.features import nearest, read_features
 from sassgis.io.read.sections import GroundSettings
-from sassgis.io.read.vectors import nearest, read_features
 from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid

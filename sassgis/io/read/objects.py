@@ -14,7 +14,8 @@ import shapely
 from shapely.ops import substring
 
 from sassgis.io.read.csv_table import csv_rows, number, read_text
-from sassgis.io.read.vectors import Feature, check_on_map, feature_names, nearest, read_features
+from sassgis.io.read.features import Feature, nearest, read_features
+from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
     NUMBERS_OF_KIND,

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sassgis.hazard.rules import preset_unverified
 from sassgis.io.read.csv_table import read_text
-from sassgis.io.read.vectors import nearest
+from sassgis.io.read.features import nearest
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
 

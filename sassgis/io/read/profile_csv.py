@@ -9,7 +9,7 @@ import numpy as np
 
 from sassgis.io.read.config import Config, profile_control_lines
 from sassgis.io.read.csv_table import csv_rows, number, read_text
-from sassgis.io.read.vectors import nearest
+from sassgis.io.read.features import nearest
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet

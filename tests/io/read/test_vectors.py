@@ -12,14 +12,9 @@ import pytest
 from shapely import LineString, MultiLineString, MultiPoint, MultiPolygon, Point, Polygon, box
 
 from sassgis.io.read.config import load_config
+from sassgis.io.read.features import cells_under, steepest_slope_deg
 from sassgis.io.read.sections import ReleaseSettings
-from sassgis.io.read.vectors import (
-    START_SLOPE_DEG,
-    cells_under,
-    read_control_lines,
-    read_release,
-    steepest_slope_deg,
-)
+from sassgis.io.read.vectors import START_SLOPE_DEG, read_control_lines, read_release
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 
