@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape, quoteattr
+from xml.etree import ElementTree as ET
 
 import geopandas as gpd
 import numpy as np
@@ -405,79 +405,101 @@ def _as_code(value: Any) -> str:
 
 
 def _document(plan: Plan, objects: Mapping[str, Sequence[_Object]]) -> Iterator[str]:
-    yield '<?xml version="1.0" encoding="UTF-8"?>\n'
-    yield f'<TRANSFER xmlns="{XTF_NAMESPACE}">\n'
-    yield f'<HEADERSECTION SENDER={quoteattr(f"sassgis {__version__}")} VERSION="2.3">\n<MODELS>\n'
-    for model in (plan.model, *plan.others):
-        yield (
-            f"<MODEL NAME={quoteattr(model.name)} VERSION={quoteattr(model.version)} "
-            f"URI={quoteattr(model.uri)}/>\n"
-        )
-    yield "</MODELS>\n"
-    if not plan.from_model:
-        yield f"<COMMENT>{escape(plan.notes[0])}</COMMENT>\n"
-    yield "</HEADERSECTION>\n<DATASECTION>\n"
-    numbers = iter(range(1, 1 + sum(len(found) for found in objects.values())))
+    """The file in pieces, as it may be large."""
+    yield f'<?xml version="1.0" encoding="UTF-8"?>\n<TRANSFER xmlns="{XTF_NAMESPACE}">\n'
+    yield _text(_header(plan))
+    yield "<DATASECTION>\n"
+    numbers = count(1)
     for topic in dict.fromkeys(plan.topics.values()):
         inside = [name for name in objects if plan.topics[name] == topic]
         tids = [item.tid for name in inside for item in objects[name]]
-        basket = uuid.uuid5(_NAMESPACE, "|".join([topic, *tids]))
-        yield f'<{topic} BID="{basket}">\n'
+        yield f'<{topic} BID="{uuid.uuid5(_NAMESPACE, "|".join([topic, *tids]))}">\n'
         for name in inside:
-            kind = plan.classes[name]
             for item in objects[name]:
-                tid = item.tid if kind.identifier == "uuid" else str(next(numbers))
-                yield f'<{kind.tag} TID="{tid}">\n'
-                for slot in kind.slots:
-                    yield _attribute_text(slot, item)
-                yield f"</{kind.tag}>\n"
+                yield _text(_object_element(plan.classes[name], item, numbers))
         yield f"</{topic}>\n"
     yield "</DATASECTION>\n</TRANSFER>\n"
 
 
-def _attribute_text(slot: Slot, item: _Object) -> str:
-    if slot.geometry:
-        content = _nested_surface(slot.steps, item.polygons, slot.decimals)
-    elif slot.name in item.texts:
-        content = _nested_text(slot.steps, item.texts[slot.name])
-    else:
-        return ""
-    return f"<{slot.name}>{content}</{slot.name}>\n"
+def _text(element: ET.Element) -> str:
+    return ET.tostring(element, "unicode")
 
 
-def _nested_text(steps: tuple[Step, ...], text: str) -> str:
+def _element(tag: str, *, lines: bool = False, **attributes: str) -> ET.Element:
+    """An element that ends its line; with ``lines`` its content begins on the next."""
+    element = ET.Element(tag, attributes)
+    element.text, element.tail = ("\n" if lines else None), "\n"
+    return element
+
+
+def _header(plan: Plan) -> ET.Element:
+    header = _element("HEADERSECTION", lines=True, SENDER=f"sassgis {__version__}", VERSION="2.3")
+    models = _element("MODELS", lines=True)
+    for model in (plan.model, *plan.others):
+        models.append(_element("MODEL", NAME=model.name, VERSION=model.version, URI=model.uri))
+    header.append(models)
+    if not plan.from_model:
+        comment = _element("COMMENT")
+        comment.text = plan.notes[0]
+        header.append(comment)
+    return header
+
+
+def _object_element(kind: ClassPlan, item: _Object, numbers: Iterator[int]) -> ET.Element:
+    tid = item.tid if kind.identifier == "uuid" else str(next(numbers))
+    element = _element(kind.tag, lines=True, TID=tid)
+    for slot in kind.slots:
+        attribute = _element(slot.name)
+        if slot.geometry:
+            _add_surfaces(attribute, slot.steps, item.polygons, slot.decimals)
+        elif slot.name in item.texts:
+            _add_text(attribute, slot.steps, item.texts[slot.name])
+        else:
+            continue
+        element.append(attribute)
+    return element
+
+
+def _add_text(parent: ET.Element, steps: tuple[Step, ...], text: str) -> None:
+    """Put a text into an attribute, inside the structures that the model wants around it."""
+    for step in steps:
+        structure = ET.SubElement(parent, step.structure)
+        if step.language is not None:
+            name, code = step.language
+            ET.SubElement(structure, name).text = code
+        parent = ET.SubElement(structure, step.attribute)
+    parent.text = text
+
+
+def _add_surfaces(
+    parent: ET.Element, steps: tuple[Step, ...], polygons: Sequence[Any], decimals: int
+) -> None:
+    """Put zones into an attribute, inside the structures that the model wants around them."""
     if not steps:
-        return escape(text)
+        parent.append(_surface(polygons[0], decimals))
+        return
     step = steps[0]
-    tongue = "" if step.language is None else "<{0}>{1}</{0}>".format(*step.language)
-    inner = _nested_text(steps[1:], text)
-    return (
-        f"<{step.structure}>{tongue}<{step.attribute}>{inner}</{step.attribute}></{step.structure}>"
-    )
+    for group in [[polygon] for polygon in polygons] if step.many else [list(polygons)]:
+        structure = ET.SubElement(parent, step.structure)
+        attribute = ET.SubElement(structure, step.attribute)
+        _add_surfaces(attribute, steps[1:], group, decimals)
 
 
-def _nested_surface(steps: tuple[Step, ...], polygons: Sequence[Any], decimals: int) -> str:
-    if not steps:
-        return _surface_text(polygons[0], decimals)
-    step = steps[0]
-    groups = [[polygon] for polygon in polygons] if step.many else [list(polygons)]
-    return "".join(
-        f"<{step.structure}><{step.attribute}>"
-        f"{_nested_surface(steps[1:], group, decimals)}"
-        f"</{step.attribute}></{step.structure}>"
-        for group in groups
-    )
-
-
-def _surface_text(polygon: Any, decimals: int) -> str:
+def _surface(polygon: Any, decimals: int) -> ET.Element:
     """A surface: its outline and then its holes, each a closed line of straight pieces."""
-    boundaries = []
+    surface = _element("SURFACE", lines=True)
+    surface.tail = None
     for ring in touching_at_corners(polygon):
-        corners = "\n".join(
-            f"<COORD><C1>{x:.{decimals}f}</C1><C2>{y:.{decimals}f}</C2></COORD>" for x, y in ring
-        )
-        boundaries.append(f"<BOUNDARY><POLYLINE>\n{corners}\n</POLYLINE></BOUNDARY>")
-    return "<SURFACE>\n" + "\n".join(boundaries) + "\n</SURFACE>"
+        boundary = _element("BOUNDARY")
+        line = ET.SubElement(boundary, "POLYLINE")
+        line.text = "\n"
+        for x, y in ring:
+            corner = _element("COORD")
+            ET.SubElement(corner, "C1").text = f"{x:.{decimals}f}"
+            ET.SubElement(corner, "C2").text = f"{y:.{decimals}f}"
+            line.append(corner)
+        surface.append(boundary)
+    return surface
 
 
 def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:

@@ -390,6 +390,7 @@ def _extent(bounds: tuple[float, float, float, float]) -> str:
 def outside(
     file: Path, place: str, label: str, bounds: tuple[float, float, float, float], grid: Grid
 ) -> InputError:
+    """The error for a feature beyond the DEM."""
     return InputError(
         f"{label} lies outside the DEM",
         file=file,

@@ -16,10 +16,10 @@ import shapely
 from sassgis.io.read.config import Config
 from sassgis.io.read.features import (
     Feature,
-    outside,
     cells_under,
     nearest,
     open_layer,
+    outside,
     read_features,
     share_inside,
     steepest_slope_deg,
