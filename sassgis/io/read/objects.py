@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from sassgis.io.read.csv_table import csv_rows, number, read_text
+from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of, read_text
 from sassgis.io.read.features import Feature, nearest, read_features
 from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
@@ -547,26 +547,11 @@ def read_vulnerability(
     columns = ("kind", "intensity", "vulnerability", "lethality", "source")
     rows = []
     for where, row in csv_rows(text, file, columns, (), ("vulnerability", "lethality")):
-        for column, known in (("kind", VULNERABILITY_KINDS), ("intensity", intensities)):
-            if row[column] not in known:
-                raise InputError(
-                    f"{where}: unknown {column}",
-                    file=file,
-                    field=column,
-                    found=repr(row[column]),
-                    expected=nearest(row[column], known),
-                )
+        one_of(row["kind"], VULNERABILITY_KINDS, where, "kind", file)
+        one_of(row["intensity"], intensities, where, "intensity", file)
         loss, death = (number(row[c], where, c, file) for c in ("vulnerability", "lethality"))
-        try:
+        with errors_of_row(where, file):
             rows.append(VulnerabilityRow(row["kind"], row["intensity"], loss, death, row["source"]))
-        except InputError as error:
-            raise InputError(
-                f"{where}: {error.problem}",
-                file=file,
-                field=error.field,
-                found=error.found,
-                expected=error.expected,
-            ) from None
     if not rows:
         raise InputError(
             "has no rows", file=file, field=field, expected="a row for each kind and intensity"
