@@ -18,8 +18,8 @@ from sassgis.io.interlis.ili_models import (
     IliModel,
     IliType,
     normalised,
-    read_models,
 )
+from sassgis.io.interlis.ili_parser import read_models
 from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_CLASSES,

@@ -8,26 +8,22 @@ Federal Office for the Environment's minimal geodata model 166.1:
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as ET
 
 import geopandas as gpd
-import numpy as np
 import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from sassgis import __version__
-from sassgis.io.interlis.mapping import ClassPlan, Plan, Slot, Step, code_of, default_plan, plan_of
-from sassgis.io.interlis.validation import XTF_NAMESPACE, ValidationResult, check_xtf, validate_xtf
+from sassgis.io.interlis.mapping import ClassPlan, Slot, code_of, default_plan, plan_of
+from sassgis.io.interlis.validation import ValidationResult, check_xtf, validate_xtf
+from sassgis.io.interlis.xtf_document import XtfObject, document
 from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_CLASSES,
@@ -227,7 +223,7 @@ def write_xtf(
         xtf_path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with partial.open("w", encoding="utf-8", newline="\n") as stream:
-                stream.writelines(_document(plan, objects))
+                stream.writelines(document(plan, objects, _NAMESPACE))
             problems = check_xtf(partial)
             if problems:  # pragma: no cover
                 raise OutputError(f"{xtf_path}: not written, a fault of sassgis: {problems[0]}")
@@ -303,25 +299,18 @@ def _complete_area(values: dict[str, Any], canton: str | None) -> None:
 # --- objects ---------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Object:
-    tid: str
-    texts: dict[str, str]
-    polygons: list[Any]
-
-
 def _objects(
     layer: FederalClass,
     plan: ClassPlan,
     rows: Sequence[_Row],
     file: Path,
     notes: list[str],
-) -> list[_Object]:
+) -> list[XtfObject]:
     zone = next(slot for slot in plan.slots if slot.geometry)
     together = any(step.many for step in zone.steps)
     _note_left_out(layer, plan, rows, notes)
     seen: dict[str, int] = {}
-    objects: list[_Object] = []
+    objects: list[XtfObject] = []
     for row in rows:
         texts = {
             slot.name: text
@@ -344,7 +333,7 @@ def _objects(
             content += "".join(shapely.to_wkb(p.normalize(), hex=True) for p in group)
             seen[content] = seen.get(content, 0) + 1
             identity = uuid.uuid5(_NAMESPACE, f"{content}|{seen[content]}")
-            objects.append(_Object(str(identity), texts, group))
+            objects.append(XtfObject(str(identity), texts, group))
     return objects
 
 
@@ -399,144 +388,3 @@ def _text_of(slot: Slot, row: _Row, layer: str, file: Path) -> str | None:
 
 def _as_code(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-# --- XML -------------------------------------------------------------------------------------
-
-
-def _document(plan: Plan, objects: Mapping[str, Sequence[_Object]]) -> Iterator[str]:
-    """The file in pieces, as it may be large."""
-    yield f'<?xml version="1.0" encoding="UTF-8"?>\n<TRANSFER xmlns="{XTF_NAMESPACE}">\n'
-    yield _text(_header(plan))
-    yield "<DATASECTION>\n"
-    numbers = count(1)
-    for topic in dict.fromkeys(plan.topics.values()):
-        inside = [name for name in objects if plan.topics[name] == topic]
-        tids = [item.tid for name in inside for item in objects[name]]
-        yield f'<{topic} BID="{uuid.uuid5(_NAMESPACE, "|".join([topic, *tids]))}">\n'
-        for name in inside:
-            for item in objects[name]:
-                yield _text(_object_element(plan.classes[name], item, numbers))
-        yield f"</{topic}>\n"
-    yield "</DATASECTION>\n</TRANSFER>\n"
-
-
-def _text(element: ET.Element) -> str:
-    return ET.tostring(element, "unicode")
-
-
-def _element(tag: str, *, lines: bool = False, **attributes: str) -> ET.Element:
-    """An element that ends its line; with ``lines`` its content begins on the next."""
-    element = ET.Element(tag, attributes)
-    element.text, element.tail = ("\n" if lines else None), "\n"
-    return element
-
-
-def _header(plan: Plan) -> ET.Element:
-    header = _element("HEADERSECTION", lines=True, SENDER=f"sassgis {__version__}", VERSION="2.3")
-    models = _element("MODELS", lines=True)
-    for model in (plan.model, *plan.others):
-        models.append(_element("MODEL", NAME=model.name, VERSION=model.version, URI=model.uri))
-    header.append(models)
-    if not plan.from_model:
-        comment = _element("COMMENT")
-        comment.text = plan.notes[0]
-        header.append(comment)
-    return header
-
-
-def _object_element(kind: ClassPlan, item: _Object, numbers: Iterator[int]) -> ET.Element:
-    tid = item.tid if kind.identifier == "uuid" else str(next(numbers))
-    element = _element(kind.tag, lines=True, TID=tid)
-    for slot in kind.slots:
-        attribute = _element(slot.name)
-        if slot.geometry:
-            _add_surfaces(attribute, slot.steps, item.polygons, slot.decimals)
-        elif slot.name in item.texts:
-            _add_text(attribute, slot.steps, item.texts[slot.name])
-        else:
-            continue
-        element.append(attribute)
-    return element
-
-
-def _add_text(parent: ET.Element, steps: tuple[Step, ...], text: str) -> None:
-    """Put a text into an attribute, inside the structures that the model wants around it."""
-    for step in steps:
-        structure = ET.SubElement(parent, step.structure)
-        if step.language is not None:
-            name, code = step.language
-            ET.SubElement(structure, name).text = code
-        parent = ET.SubElement(structure, step.attribute)
-    parent.text = text
-
-
-def _add_surfaces(
-    parent: ET.Element, steps: tuple[Step, ...], polygons: Sequence[Any], decimals: int
-) -> None:
-    """Put zones into an attribute, inside the structures that the model wants around them."""
-    if not steps:
-        parent.append(_surface(polygons[0], decimals))
-        return
-    step = steps[0]
-    for group in [[polygon] for polygon in polygons] if step.many else [list(polygons)]:
-        structure = ET.SubElement(parent, step.structure)
-        attribute = ET.SubElement(structure, step.attribute)
-        _add_surfaces(attribute, steps[1:], group, decimals)
-
-
-def _surface(polygon: Any, decimals: int) -> ET.Element:
-    """A surface: its outline and then its holes, each a closed line of straight pieces."""
-    surface = _element("SURFACE", lines=True)
-    surface.tail = None
-    for ring in touching_at_corners(polygon):
-        boundary = _element("BOUNDARY")
-        line = ET.SubElement(boundary, "POLYLINE")
-        line.text = "\n"
-        for x, y in ring:
-            corner = _element("COORD")
-            ET.SubElement(corner, "C1").text = f"{x:.{decimals}f}"
-            ET.SubElement(corner, "C2").text = f"{y:.{decimals}f}"
-            line.append(corner)
-        surface.append(boundary)
-    return surface
-
-
-def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:
-    """Corners of the outline and of each hole; where they touch, both have a corner.
-
-    INTERLIS takes a corner on the edge of another ring for an intersection.
-
-    Parameters
-    ----------
-    polygon : Polygon
-        Valid.
-
-    Returns
-    -------
-    list of list of (x, y)
-        Closed rings, the outline first.
-    """
-    rings = [list(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
-    if len(rings) == 1:
-        return rings
-    edges = np.array([edge for ring in rings for edge in pairwise(ring)])
-    corners = np.unique(np.concatenate([np.array(ring) for ring in rings]), axis=0)
-    tree = shapely.STRtree(shapely.linestrings(edges))  # type: ignore[arg-type]
-    which, edge = tree.query(shapely.points(corners), predicate="intersects")
-    inner = (corners[which] != edges[edge, 0]).any(axis=1)
-    inner &= (corners[which] != edges[edge, 1]).any(axis=1)
-    added: dict[int, list[tuple[float, float]]] = {}
-    for corner, at in zip(corners[which[inner]].tolist(), edge[inner].tolist(), strict=True):
-        added.setdefault(at, []).append((corner[0], corner[1]))
-    numbers = count()
-    whole = []
-    for ring in rings:
-        corners_of = [ring[0]]
-        for start, end in pairwise(ring):
-            between = [
-                (math.dist(start, corner), corner) for corner in added.get(next(numbers), [])
-            ]
-            corners_of += [*(corner for _, corner in sorted(between)), end]
-        whole.append(corners_of)
-    return whole

@@ -21,7 +21,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import shapely
 
-from sassgis.io.interlis.ili_models import ili_files, read_models
+from sassgis.io.interlis.ili_parser import ili_files, read_models
 from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_EXTENT,
