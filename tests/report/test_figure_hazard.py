@@ -322,7 +322,7 @@ def test_curves_that_cannot_be_drawn() -> None:
 
 def test_an_error_that_cannot_be_told(texts) -> None:
     unknown = replace(CURVE, variance=np.full_like(CURVE.variance, np.nan))
-    assert "cannot tell the error" in texts(hazard_curve_figure(unknown, 1, PRESET))
+    assert "does not give the error" in texts(hazard_curve_figure(unknown, 1, PRESET))
 
 
 # --- risk --------------------------------------------------------------------------------------

@@ -191,7 +191,7 @@ def _project(
 
 
 def _horizontal(crs: CRS) -> CRS:
-    """The part of a compound system that tells east and north; QGIS 3.22 knows no other."""
+    """The part of a compound system of east and north; QGIS 3.22 knows no other."""
     return crs.sub_crs_list[0] if crs.is_compound else crs
 
 

@@ -298,7 +298,7 @@ def _doubts(table: GroundTable, shares: dict[int, float]) -> list[str]:
         elif c in built_in and c.d_star_m > 0.0:
             doubts.append(
                 f"ground class {c.name}: the diameter of the blocks on the ground (d_star_m "
-                f"{c.d_star_m:g}) stands in for a measurement on the site"
+                f"{c.d_star_m:g}) is a placeholder for a measurement on the site"
             )
     return doubts
 

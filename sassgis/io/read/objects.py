@@ -324,30 +324,31 @@ def _traffic(values: Mapping[str, float], label: str, file: Path, key: str) -> T
 
 
 def _warn(placed: PlacedObjects, grid: Grid, file: Path) -> None:
-    """Tell what can be used but deserves a look."""
+    """Warn of what can be used but deserves a look."""
     cells, owner = object_cells(placed, grid)
     known = np.isfinite(grid.values[np.divmod(cells, grid.shape[1])])
     n_known = np.bincount(owner, weights=known, minlength=len(placed))
     n_cells = np.bincount(owner, minlength=len(placed))
-    told: set[str] = set()
+    warned: set[str] = set()
     for i, thing in enumerate(placed.objects):
         if n_cells[i] and not n_known[i]:
             log.warning("%s: %s lies on nodata; no rock comes there", file, thing.name)
         stake = thing.value or thing.value_per_m or thing.persons or thing.traffic is not None
-        if not stake and thing.whole not in told:
-            told.add(thing.whole)
+        if not stake and thing.whole not in warned:
+            warned.add(thing.whole)
             log.warning(
                 "%s: %s has neither value nor people nor traffic: only hits are counted",
                 file,
                 thing.whole,
             )
-        if thing.traffic is not None and thing.traffic.occupancy > 1.0 and thing.whole not in told:
-            told.add(thing.whole)
+        occupancy = 0.0 if thing.traffic is None else thing.traffic.occupancy
+        if occupancy > 1.0 and thing.whole not in warned:
+            warned.add(thing.whole)
             log.warning(
                 "%s: %s: vehicles cover %.0f %% of the length of the road, all lanes together",
                 file,
                 thing.whole,
-                100.0 * thing.traffic.occupancy,
+                100.0 * occupancy,
             )
 
 
@@ -405,7 +406,7 @@ def _stretch_of(whole: ExposedObject, name: str, start: float, end: float) -> Ex
 
 
 def _chainage_names(name: str, spans: Sequence[tuple[float, float]]) -> list[str]:
-    """Names as 'road 0+000–0+050', with decimals where whole metres do not tell them apart."""
+    """Names as 'road 0+000–0+050', with decimals where whole metres do not separate them."""
     names: list[str] = []
     for digits in range(4):
         names = [f"{name} {chainage(a, digits)}–{chainage(b, digits)}" for a, b in spans]

@@ -303,7 +303,7 @@ def _place(dem: DemFile, west: float, north: float, cell: float, first: DemFile)
 
 
 def _check_overlaps(tiles: Sequence[Tile]) -> None:
-    """Where tiles overlap they must tell of one terrain."""
+    """Where tiles overlap they must hold one terrain."""
     for one, two in combinations(tiles, 2):
         common = one.place.common(two.place)
         if common is None:

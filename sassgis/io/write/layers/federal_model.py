@@ -252,7 +252,7 @@ def in_federal_extent(
 
 
 def has_federal_codes(preset: HazardPreset) -> bool:
-    """Whether the classes and return periods of a preset can be told in the federal codes."""
+    """Whether the classes and return periods of a preset can be written in the federal codes."""
     return (
         all(c.code in INTENSITY_CLASSES for c in preset.intensities)
         and all(c.code in HAZARD_LEVELS for c in preset.levels)

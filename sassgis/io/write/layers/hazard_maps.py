@@ -93,7 +93,7 @@ class _Maker:
             [f"Preset {preset.name} ({preset.title}).", *map(_sentence, preset_unverified(preset))]
         )
         self._sampled = (
-            f"{self._percent} intervals tell what another sample of rocks would change, not the "
+            f"{self._percent} intervals say what another sample of rocks would change, not the "
             "error of the model, its parameters or the onset frequency."
         )
 
