@@ -1,9 +1,9 @@
-"""Do a wall and two nets keep the rocks of Bedrina 1 off the road, as the authors of 1986 found?
+"""Do a wall and two nets protect the road at Bedrina 1, as the authors of 1986 found?
 
     python pipelines/bedrina_1986.py [FOLDER] -o OUT
 
-FOLDER holds ``config_before.toml`` and ``config_after.toml``; default: the sample slope, which is
-like Bedrina 1 in kind and not in figures. Writes both results, a comparison of the trajectories
+FOLDER holds ``config_before.toml`` and ``config_after.toml``; default: the sample slope, which
+resembles Bedrina 1 qualitatively. Writes both results, a comparison of the trajectories
 like Fig. 13 of Bozzolo and Pamini (1986), histograms at the cameras like their Fig. 12,
 ``hits.csv`` with the rocks on the road, and ``ranges.csv`` with the share of the rocks that lie
 within the ranges of Fig. 12.
@@ -17,16 +17,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from sassgis.hazard.along_profile import arrivals, passage_histogram, share_within
 from sassgis.io.write.frames import write_table
 from sassgis.model.errors import SassgisError
 from sassgis.report.figures import profile_comparison_figure, save, station_figure
-from sassgis.runs.profile import (
-    arrivals,
-    passage_histogram,
-    profile_panel,
-    run_profile,
-    share_within,
-)
+from sassgis.report.profile_report import profile_panel
+from sassgis.runs.profile import run_profile
 from sassgis.runs.samples import sample_folder
 
 #: Quantities of Fig. 12 with their unit and the range in which the paper's histograms mostly lie.

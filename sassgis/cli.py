@@ -134,7 +134,7 @@ def validate(config: Path) -> None:
     for line in report.lines():
         click.echo(line)
     if any(o.frequency is not None for o in settings.onsets.values()) or settings.objects:
-        from sassgis.runs.assessment import check_rules
+        from sassgis.runs.inputs import check_rules
 
         for line in check_rules(settings, report.terrain):
             click.echo(line)
@@ -215,7 +215,7 @@ def _zone(
     hazard = result.found.hazard
     summary = (
         f"{result.run.rocks} rocks, {hazard.levels.polygons.size} zones, "
-        f"{100 * hazard.undecided_share:.1f} % of the reached cells undecided."
+        f"{100 * hazard.uncertain_share:.1f} % of the reached cells statistically uncertain."
     )
     _conclude(result.run.warnings, summary, out)
 

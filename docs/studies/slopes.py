@@ -1,4 +1,4 @@
-"""Slopes of the samples, as the studies run them."""
+"""Slopes of the samples for the studies."""
 
 from __future__ import annotations
 
@@ -8,25 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.simulate import ControlLineCrossings, simulate
+from sassgis.engine.simulate import simulate
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.read.profile_csv import read_profile
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ProfileSet, TraceSet
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet, TraceSet
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import LEAD_IN_M, line_draw_keys, plan
 from sassgis.runs.samples import sample_folder
 from sassgis.terrain.flatten import profiles
+from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import LEAD_IN_M, line_draw_keys
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import trace_bundles
 from sassgis.terrain.stretch import take_lines, usable, with_lead_in
 
-#: Side of the cells of the strip of terrain that stands for a profile from a table (m).
+#: Side of the cells of the strip of terrain that represents a profile from a table (m).
 STRIP_CELL_M = 0.25
 
 
@@ -146,7 +147,7 @@ def follow(
     *,
     lead_in: bool = True,
 ) -> tuple[NDArray[np.void], FloatArray, FloatArray]:
-    """Follow rocks down one profile, with ground added behind its start unless it has it.
+    """Simulate rocks on one profile, with ground added behind its start unless it has it.
 
     Returns
     -------
@@ -177,7 +178,7 @@ def follow(
 
 
 def split(flat: ProfileSet, parts: int) -> ProfileSet:
-    """Every segment of a single profile cut into equal parts that lie on it."""
+    """Every segment of a single profile divided into equal parts that lie on it."""
     shares = np.arange(parts) / parts
     s = np.append((flat.s[:-1, None] + np.diff(flat.s)[:, None] * shares).ravel(), flat.s[-1])
     z = np.append((flat.z[:-1, None] + np.diff(flat.z)[:, None] * shares).ravel(), flat.z[-1])

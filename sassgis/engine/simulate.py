@@ -29,7 +29,8 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ProfileSet
+from sassgis.model.map_run import Forest, ObjectCells, Window
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
 from sassgis.model.settings import EngineSettings
 
@@ -41,131 +42,6 @@ COURSE_COLUMNS = (
     "phase", "t_s", "x_m", "z_m", "vx_mps", "vz_mps", "theta_rad", "omega_radps", "segment",
     "ux", "uz",
 )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class ControlLineCrossings:
-    """Where profiles cross stations and barriers.
-
-    Attributes
-    ----------
-    gates : tuple of Gate
-    offset : int64, shape (n_lines + 1,)
-    chainage : float64, shape (offset[-1],)
-        Rising within a line (m).
-    gate : int64, shape (offset[-1],)
-        Position in ``gates``.
-    """
-
-    control_lines: tuple[ControlLine, ...]
-    offset: IntArray
-    chainage: FloatArray
-    control_line: IntArray
-
-    @classmethod
-    def none(cls, n_lines: int) -> ControlLineCrossings:
-        """No stations and no barriers."""
-        return cls((), np.zeros(n_lines + 1, np.int64), np.empty(0), np.empty(0, np.int64))
-
-    @classmethod
-    def same_for_all(
-        cls, control_lines: Sequence[ControlLine], chainages: Sequence[float], n_lines: int
-    ) -> ControlLineCrossings:
-        """The same gates at the same chainages (m) on every one of ``n_lines`` profiles."""
-        order = np.argsort(np.asarray(chainages, float), kind="stable")
-        sorted_chainage = np.asarray(chainages, float)[order]
-        return cls(
-            tuple(control_lines),
-            np.arange(n_lines + 1, dtype=np.int64) * len(control_lines),
-            np.tile(sorted_chainage, n_lines),
-            np.tile(order.astype(np.int64), n_lines),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectCells:
-    """The cells of exposed objects.
-
-    Attributes
-    ----------
-    n_objects : int
-    cell : int64, shape (n,)
-        Flat indices of cells, ascending.
-    number : int64, shape (n,)
-        The object that covers the cell; a cell may belong to several.
-    """
-
-    n_objects: int
-    cell: IntArray
-    number: IntArray
-
-    @classmethod
-    def none(cls) -> ObjectCells:
-        """No object."""
-        return cls(0, np.empty(0, np.int64), np.empty(0, np.int64))
-
-    def under(self, cells: IntArray) -> Objects:
-        """The objects on each of some cells (flat indices, ascending)."""
-        first = np.searchsorted(self.cell, cells, side="left")
-        size = np.searchsorted(self.cell, cells, side="right") - first
-        offset = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
-        take = np.repeat(first - offset[:-1], size) + np.arange(offset[-1])
-        return Objects(offset, np.asarray(self.number, np.int64)[take])
-
-
-@dataclass(frozen=True, slots=True)
-class Forest:
-    """Stems on the cells of the grid.
-
-    Attributes
-    ----------
-    stems_per_m2 : float64, shape (n_rows * n_cols,)
-    diameter_m : float64, shape (n_rows * n_cols,)
-        At breast height.
-    """
-
-    stems_per_m2: FloatArray
-    diameter_m: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """A disk of cells around each cell, in which a rock counts once.
-
-    Attributes
-    ----------
-    n_rows, n_cols : int
-        Of the grid.
-    radius : float
-        In cells, from centre to centre; below 1 the window is the cell itself.
-    """
-
-    n_rows: int
-    n_cols: int
-    radius: float
-
-    def around(self, cells: IntArray) -> tuple[IntArray, Objects]:
-        """Windows that hold any of some cells (flat indices).
-
-        Returns
-        -------
-        centres : int64, shape (n_windows,)
-            Flat indices of the cells in the middle of the windows, ascending.
-        windows : Objects
-            The windows of each of ``cells``, by their position in ``centres``.
-        """
-        reach = int(self.radius)
-        step = np.arange(-reach, reach + 1)
-        near = step[:, None] ** 2 + step[None, :] ** 2 <= self.radius**2 + 1e-9
-        drow, dcol = (step[i] for i in np.nonzero(near))
-        row, col = np.divmod(cells, self.n_cols)
-        rows = row[:, None] + drow
-        cols = col[:, None] + dcol
-        inside = (rows >= 0) & (rows < self.n_rows) & (cols >= 0) & (cols < self.n_cols)
-        flat = (rows * self.n_cols + cols)[inside]
-        centres, number = np.unique(flat, return_inverse=True)
-        offset = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int64)
-        return centres.astype(np.int64), Objects(offset, number.astype(np.int64))
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,7 +144,8 @@ def _columns(sums: CellSums, reach: Exceedance) -> dict[str, NDArray[np.generic]
 
 def _windows(window: Window | None, cells: IntArray) -> tuple[IntArray, Objects]:
     if window is not None:
-        return window.around(cells)
+        centres, offset, number = window.around(cells)
+        return centres, Objects(offset, number)
     none = np.empty(0, np.int64)
     return none, Objects(np.zeros(cells.size + 1, np.int64), none)
 
@@ -471,7 +348,7 @@ def simulate(
             reach,
             windows,
             window_reach,
-            objects.under(cells),
+            Objects(*objects.under(cells)),
             object_reach,
             rocks,
             passages,

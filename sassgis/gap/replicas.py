@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
+from sassgis.engine.simulate import Simulated, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.sample import (
     LOOSE,
@@ -24,7 +24,8 @@ from sassgis.gap.sample import (
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ProfileSet
+from sassgis.model.map_run import Forest
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.results import ControlLine, StopReason
 from sassgis.terrain.release import point_keys
 

@@ -1,7 +1,7 @@
 """Hazard curves: how often rocks come to each place with at least some energy.
 
 Each simulated rock stands for a yearly frequency, its source's onset frequency over the rocks that
-were followed. The rate of a place is the sum over the rocks that came there; what those rocks say
+were simulated. The rate of a place is the sum over the rocks that came there; what those rocks say
 of the energy makes the curve.
 """
 

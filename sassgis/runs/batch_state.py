@@ -13,20 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.simulate import Bins
+from sassgis.hazard.bins import bins_of
+from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
 from sassgis.io.read.tiles import Part, Terrain
 from sassgis.io.write.staging import MANIFEST_NAME, writing
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
+from sassgis.model.map_run import FallLines, MapRun
 from sassgis.runs.checkpoint import progress_from, state_of
-from sassgis.runs.map import (
-    FallLines,
-    MapRun,
-    Plan,
-    Progress,
-    SourceTally,
-    bins_of,
-    evenly_kept,
-)
+from sassgis.terrain.plan import Plan
 
 RECORD_NAME = "area.json"
 #: Sums of the simulation, and of the same rocks without walls and nets.
@@ -48,8 +43,8 @@ class Record:
         Outer corner of the part of the terrain model (m).
     n_rows, n_cols : int
         Its cells.
-    rounds, points, rocks : int
-        Rounds of rocks, release points, rocks followed.
+    repetitions, points, rocks : int
+        Repetitions, release points, simulated blocks.
     furthest_m : float or None
         Longest run-out.
     zones_m2 : dict of str to float
@@ -66,7 +61,7 @@ class Record:
     north: float
     n_rows: int
     n_cols: int
-    rounds: int
+    repetitions: int
     points: int
     rocks: int
     furthest_m: float | None

@@ -71,7 +71,7 @@ from sassgis.io.write.staging import CHECKPOINT_STEM, staged_output
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_outputs import write_outputs
-from sassgis.runs.run import job_count
+from sassgis.runs.job import job_count
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5

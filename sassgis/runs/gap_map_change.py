@@ -125,7 +125,7 @@ def map_change(
             crs=results[0].run.grid.crs,
             vertical_datum=results[0].run.grid.vertical_datum,
             seed=results[0].run.seed,
-            ref_width_m=results[0].run.grid.cell_size,
+            ref_widths_m={"reach_probability": results[0].run.grid.cell_size},
             preset="",
             settings={"before": resolved(before), "after": resolved(after)},
             counts={"rocks_before": results[0].rocks, "rocks_after": results[1].rocks},

@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.engine.simulate import ControlLineCrossings, simulate
+from sassgis.engine.simulate import simulate
 from sassgis.gap.case import Case
 from sassgis.gap.residuals.reaches import Model, repeated
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws
 from sassgis.gap.sample import errors_of
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
 #: Effects that act between impacts; the flights that are compared here have none of them.

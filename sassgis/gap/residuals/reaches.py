@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
+from sassgis.engine.simulate import Simulated, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.distances import t_statistics
 from sassgis.gap.replicas import Ways, dips_at, ways_of
@@ -25,7 +25,8 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ProfileSet
+from sassgis.model.map_run import Forest
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.results import ControlLine, StopReason
 
 BoolArray = NDArray[np.bool_]

@@ -38,7 +38,6 @@ from sassgis.io.read.sections import (
     HazardSettings,
     ObjectSection,
     ObjectSettings,
-    OnsetUnit,
     OutputSettings,
     ProfileSettings,
     ProjectSettings,
@@ -54,6 +53,7 @@ from sassgis.io.read.sections import (
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.hazard import Onset
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 
@@ -103,25 +103,6 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "output": OutputSettings,
 }
 _LISTS = ("blocks", "stations", "barriers", "objects")
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Onset:
-    """How often a block scenario is released.
-
-    Attributes
-    ----------
-    frequency : float or None
-        In ``unit``; None if nothing is said.
-    unit : {"per_year", "per_year_ha", "per_year_m"}
-        Per release area, per hectare or per metre of it.
-    share : float
-        Of that frequency which falls between the limits of the scenario's volumes.
-    """
-
-    frequency: float | None
-    unit: OnsetUnit = "per_year"
-    share: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast, get_args
 
-from sassgis.io.read.config import Onset
 from sassgis.io.read.csv_table import csv_rows, number, one_of, read_text
-from sassgis.io.read.sections import OnsetUnit
 from sassgis.model.errors import InputError
+from sassgis.model.hazard import Onset, OnsetUnit
 
 _COLUMNS = ("area", "scenario", "frequency", "unit")
 

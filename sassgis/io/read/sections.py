@@ -22,6 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from sassgis.model.hazard import OnsetUnit
 from sassgis.model.results import ControlLine
 
 # ---------------------------------------------------------------------------------------------
@@ -255,7 +256,6 @@ class GroundSettings(Section):
 
 Semiaxis = Annotated[Span, between(0, 10, above=True)]
 Proportion = Annotated[Span, between(0, 1, above=True)]
-OnsetUnit = Literal["per_year", "per_year_ha", "per_year_m"]
 
 
 class BlockSettings(Section):

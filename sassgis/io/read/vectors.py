@@ -6,7 +6,6 @@ import logging
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from sassgis.io.read.features import (
 from sassgis.io.read.sections import BarrierSettings, ReleaseSettings, StationSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 
 log = logging.getLogger(__name__)
@@ -35,25 +35,6 @@ log = logging.getLogger(__name__)
 #: Below this slope no rock at rest rolls: the smallest rolling friction that Bozzolo and Pamini
 #: (1986) quote from Statham (1979) is 0.37, the tangent of 20.3 degrees; sliding asks for more.
 START_SLOPE_DEG = math.degrees(math.atan(0.37))
-
-
-@dataclass(frozen=True, slots=True)
-class ReleaseArea:
-    """A place from which rocks start.
-
-    Attributes
-    ----------
-    name : str
-        Unique in the run; random draws hang on it.
-    geometry : shapely geometry
-        Polygons, lines or points in the coordinates of the DEM (m).
-    scenarios : tuple of str
-        Names of the block scenarios that start here.
-    """
-
-    name: str
-    geometry: Any
-    scenarios: tuple[str, ...]
 
 
 # ---------------------------------------------------------------------------------------------

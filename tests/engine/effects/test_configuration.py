@@ -71,7 +71,8 @@ def test_an_unknown_family_and_an_unknown_class_are_told(valley):
     with pytest.raises(SassgisError, match="effects"):
         valley("[effects.wind]\n", whole=False)
     with pytest.raises(SassgisError) as caught:
-        from sassgis.runs.map import plan, simulate_map
+        from sassgis.runs.map import simulate_map
+        from sassgis.terrain.plan import plan
 
         run = valley('[effects.soft_ground]\nclasses = ["marsh"]\n')
         simulate_map(run, plan(run))

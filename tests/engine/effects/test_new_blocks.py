@@ -36,11 +36,11 @@ from sassgis.engine.effects.state import (
 )
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.rock import _bear_pieces
-from sassgis.engine.simulate import ControlLineCrossings
 from sassgis.engine.state import Block
 from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
+from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
 FLAT = slope((100.0, 0.0))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
 
-from sassgis.engine.simulate import ControlLineCrossings
 from sassgis.model.effects import (
     AirDrag,
     EffectSettings,
@@ -18,6 +17,7 @@ from sassgis.model.effects import (
     SoftGround,
     Trees,
 )
+from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
 FLAT = profile(rough_slope(3))

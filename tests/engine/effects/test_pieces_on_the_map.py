@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sassgis.hazard.progress import joined_rows
 from sassgis.io.read.config import load_config
 from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation, LateralDeflection
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import joined_rows, plan, simulate_map
+from sassgis.runs.map import simulate_map
+from sassgis.terrain.plan import plan
 
 
 @pytest.fixture(scope="module")

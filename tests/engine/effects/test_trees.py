@@ -23,8 +23,8 @@ from effects_lab import (
 from scipy import stats
 
 from sassgis.engine.effects import trees
-from sassgis.engine.simulate import ControlLineCrossings
 from sassgis.model.effects import EffectSettings, Trees
+from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
 ANGLE = 30.0

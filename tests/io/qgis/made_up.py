@@ -14,7 +14,7 @@ from sassgis.hazard.zone_styles import (
     hazard_level_style,
     intensity_style,
     level_change_style,
-    undecided_style,
+    uncertain_style,
 )
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
@@ -175,7 +175,7 @@ def zone_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
     return {
         layer.name: layer
         for layer in (
-            layer("undecided", "Level not settled", undecided_style(), [boxes[1].buffer(-60)]),
+            layer("uncertain", "Level not settled", uncertain_style(), [boxes[1].buffer(-60)]),
             layer(
                 "zones",
                 "Hazard level",
@@ -319,7 +319,7 @@ LAYOUTS = (
         (
             "vector_barriers",
             "vector_release_areas",
-            "vector_undecided",
+            "vector_uncertain",
             "vector_zones",
             "raster_terrain",
         ),
@@ -366,7 +366,7 @@ def make(folder: Path, *, local: bool = False) -> Made:
                 (
                     *(
                         LayerEntry(zones[name], "result.gpkg", visible=False)
-                        for name in ("undecided", "zones", "change")
+                        for name in ("uncertain", "zones", "change")
                     ),
                     LayerGroup(
                         "Intensity maps",

@@ -45,7 +45,7 @@ def test_counts_add_up(small) -> None:
     counts = json.loads((small.folder / "manifest.json").read_text())["counts"]
     assert counts["rocks"] == small.result.rocks > 200
     assert sum(counts[f"rocks_{r.name.lower()}"] for r in StopReason) == counts["rocks"]
-    assert counts["rocks"] + counts["rocks_not_followed"] == counts["release_points"] * 6
+    assert counts["rocks"] + counts["rocks_not_simulated"] == counts["release_points"] * 6
     assert counts["fall_lines"] == counts["release_points"]
 
 

@@ -9,21 +9,16 @@ import numpy as np
 import pytest
 import shapely
 
+from sassgis.hazard.bins import bins_of
+from sassgis.hazard.progress import Progress, joined_rows, line_ends, sample_of
 from sassgis.hazard.statistics import MapSums, reach_probability
 from sassgis.io.write.layers.maps import map_layers
+from sassgis.model.map_run import MapRun
+from sassgis.model.profiles import LineEnd
+from sassgis.model.release_areas import SpreadSettings
 from sassgis.model.results import StopReason
-from sassgis.runs import map as map_run
-from sassgis.runs.map import (
-    MapRun,
-    Progress,
-    bins_of,
-    chunks_of,
-    joined_rows,
-    plan,
-    sample_of,
-    simulate_map,
-)
-from sassgis.terrain.spread import SpreadSettings
+from sassgis.runs.map import chunks_of, simulate_map
+from sassgis.terrain.plan import plan
 
 
 def state(progress: Progress) -> dict[str, np.ndarray]:
@@ -294,9 +289,9 @@ def test_rocks_leave_a_terrain_model_that_ends_too_early(job) -> None:
     )  # fmt: skip
     progress = simulate_map(short, plan(short))
     assert progress.reasons[StopReason.LEFT_PROFILE] > 0
-    ends = map_run.line_ends(progress)
+    ends = line_ends(progress)
     assert sum(ends.values()) == len(plan(short).points)
-    assert ends[map_run.LineEnd.LEFT_DEM] > 0
+    assert ends[LineEnd.LEFT_DEM] > 0
 
 
 def test_a_release_file_of_points_gives_rocks(make_valley, read_job) -> None:

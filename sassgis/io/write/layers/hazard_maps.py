@@ -220,7 +220,7 @@ class _Maker:
             f"where the sample does not give its error. {self._frequencies} {self._rules}",
             (
                 self._band(
-                    "undecided",
+                    "uncertain",
                     "Whether another sample of rocks might give another level",
                     "class",
                     np.where(self._came, open_, np.nan),
