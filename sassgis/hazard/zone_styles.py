@@ -43,7 +43,7 @@ def hazard_level_style(column: str, levels: Sequence[HazardLevel]) -> VectorStyl
     column : str
         Holds the code of the level, as "slight".
     levels : sequence of HazardLevel
-        From slight to severe, as ``HazardPreset.levels``.
+        From low to high, as ``HazardPreset.levels``.
 
     Returns
     -------
@@ -114,7 +114,7 @@ def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> Ve
     ----------
     column : str
     entries : sequence of (code, label, ``#rrggbb``, hatched)
-        From slight to severe.
+        From low to high.
 
     Returns
     -------

@@ -196,7 +196,7 @@ class HazardPreset:
         last limit, is open. A limit belongs to the class below it.
     return_period_provenance : Provenance
     levels : tuple of HazardLevel
-        From slight to severe.
+        From low to high.
     matrix : tuple of tuple of int
         ``matrix[i][j]``: position in ``levels`` for intensity class i and return period class j.
     matrix_provenance : tuple of tuple of Provenance

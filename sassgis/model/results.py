@@ -154,7 +154,7 @@ class RasterLayer:
     breaks : tuple of float
         Class limits for the legend, ascending; empty: a continuous ramp over the data's range.
     ramp : str
-        Name of a matplotlib colour map.
+        Of :mod:`sassgis.model.ramps`.
     classes : tuple of RasterClass
         For a map of classes: the values of the first band are theirs; ``breaks`` is empty.
     """

@@ -13,10 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
-import matplotlib
-import numpy as np
-from matplotlib.colors import to_hex, to_rgb
-
+from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterClass
 
 #: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
@@ -190,24 +187,9 @@ def class_colours(breaks: Sequence[float], ramp: str) -> list[str]:
     Raises
     ------
     ValueError
-        If the breaks do not ascend or matplotlib does not know the ramp.
+        If the breaks do not ascend or there is no such ramp.
     """
     return ramp_colours(ramp, len(breaks) + 1)[-len(class_limits(breaks)) :]
-
-
-def ramp_colours(ramp: str, count: int) -> list[str]:
-    """Colours (``#rrggbb``) evenly along a colour map of matplotlib.
-
-    Raises
-    ------
-    ValueError
-        If matplotlib does not know the ramp.
-    """
-    try:
-        colours = matplotlib.colormaps[ramp]
-    except KeyError as error:
-        raise ValueError(f"matplotlib has no colour map named {ramp!r}") from error
-    return [to_hex(colours(float(place))) for place in np.linspace(0.0, 1.0, count)]
 
 
 def class_tint(entry: RasterClass) -> str:
@@ -217,9 +199,8 @@ def class_tint(entry: RasterClass) -> str:
     afar.
     """
     if not entry.hatched:
-        return to_hex(entry.colour)
-    red, green, blue = to_rgb(entry.colour)
-    return to_hex(((1.0 + red) / 2.0, (1.0 + green) / 2.0, (1.0 + blue) / 2.0))
+        return entry.colour.lower()
+    return "#" + "".join(f"{round((255 + part) / 2):02x}" for part in rgb(entry.colour))
 
 
 def class_name(entry: RasterClass) -> str:
@@ -291,7 +272,7 @@ def graduated_style(
     breaks : sequence of float
     unit : str
     ramp : str
-        Name of a matplotlib colour map.
+        Of :mod:`sassgis.model.ramps`.
 
     Returns
     -------

@@ -29,7 +29,7 @@ from sassgis.gap.words import (
     with_unit,
     with_unit_in_brackets,
 )
-from sassgis.io.read.dem import crs_name
+from sassgis.model.crs import crs_name
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.run_config import Config

@@ -15,6 +15,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
+from sassgis.report.number_text import power_of_ten
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
 Cell = str | int | float | np.integer[Any] | np.floating[Any] | None
@@ -156,7 +157,7 @@ def sensible(value: Cell, digits: int = 3) -> str:
         decimals = max(0, digits - 1 - int(exponent))
         text = f"{number:,.{decimals}f}"
         if abs(number) < 1e-4:
-            text = f"{mantissa} × 10^{int(exponent)}"
+            text = f"{mantissa} × {power_of_ten(int(exponent))}"
         elif decimals:
             # A friction of 0.8 is not known to be 0.800.
             text = text.rstrip("0").rstrip(".")

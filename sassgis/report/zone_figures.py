@@ -157,7 +157,7 @@ def zone_figures(
                 (
                     f"risk_{quantity}",
                     f"Risk: {quantity}",
-                    "Objects with the largest values, with one standard error of the sampling of "
+                    "Objects with the largest values, with the 95 % interval of the sampling of "
                     "rocks (at most). Values and vulnerability are the user's.",
                     figures.risk_figure(
                         [o.name for o in found.risk.objects], values,

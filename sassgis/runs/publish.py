@@ -17,7 +17,6 @@ from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerGroup
 from sassgis.io.qgis.run_project import write_run_project, zone_groups, zone_layouts
 from sassgis.io.read.config import resolved, settings_hash
-from sassgis.io.read.dem import crs_name
 from sassgis.io.write.frames import (
     passage_frame,
     profile_passage_frame,
@@ -44,6 +43,7 @@ from sassgis.io.write.layers.zones import (
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
+from sassgis.model.crs import crs_name
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config

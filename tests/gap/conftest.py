@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
 
-from sassgis.io.read.dem import parse_crs
+from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid
 
 

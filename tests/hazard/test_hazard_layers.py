@@ -141,7 +141,7 @@ def test_confidence(layers: dict[str, RasterLayer]) -> None:
         flat(found["rocks_factor"]), rocks_factor(CURVES, PRESET)[:4], rtol=1e-6
     )
     assert [(c.value, c.label) for c in layers["confidence"].classes] == [
-        (0, "decided"),
+        (0, "statistically certain"),
         (1, "statistically uncertain"),
     ]
 

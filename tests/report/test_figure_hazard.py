@@ -180,7 +180,7 @@ def test_layers_that_do_not_belong_together(valley: Grid) -> None:
         intensity_figure(valley, [replace(layer, classes=())])
     with pytest.raises(InputError, match="does not lie on the cells"):
         intensity_figure(replace(valley, values=valley.values[1:]), [layer])
-    with pytest.raises(InputError, match="'undecided' does not lie"):
+    with pytest.raises(InputError, match="'uncertain' does not lie"):
         confidence_figure(valley, layer, np.zeros((3, 3), bool))
     with pytest.raises(InputError, match="before and after"):
         change_figure(valley, layer, replace(layer, classes=LEVELS[:2]))
@@ -196,7 +196,7 @@ def test_undecided_cells_have_lines_over_them(valley: Grid, find, texts) -> None
     black = next(s for s in stripes if np.asarray(s.get_array())[..., :3].max() < 0.2)
     assert black.get_extent()[0] <= valley.west + 110.0
     assert "10.0 % of the cells" in texts(figure)
-    assert "undecided" in [t.get_text() for t in find(figure, "class")]
+    assert "statistically uncertain" in [t.get_text() for t in find(figure, "class")]
 
 
 def test_changes_of_level() -> None:
@@ -293,8 +293,8 @@ def test_the_fields_are_those_of_the_matrix(find) -> None:
 
 
 def test_the_note_tells_the_level_and_what_decides_it(texts) -> None:
-    # 30 kJ and more once in 50 years: mean; all rocks once in 20 years: mean by low intensity.
-    assert "Level: mean, by rocks of any energy, once in 20 years." in texts(
+    # 30 kJ and more once in 50 years: moderate; all rocks once in 20 years: so by low intensity.
+    assert "Level: moderate (blue), by rocks of any energy, once in 20 years." in texts(
         hazard_curve_figure(CURVE, 1, PRESET)
     )
     often = curves([0.05, 0.04, 0.04, 0.008, 0.001, 0.0])
@@ -322,7 +322,7 @@ def test_curves_that_cannot_be_drawn() -> None:
 
 def test_an_error_that_cannot_be_told(texts) -> None:
     unknown = replace(CURVE, variance=np.full_like(CURVE.variance, np.nan))
-    assert "cannot tell the error" in texts(hazard_curve_figure(unknown, 1, PRESET))
+    assert "does not give the error" in texts(hazard_curve_figure(unknown, 1, PRESET))
 
 
 # --- risk --------------------------------------------------------------------------------------

@@ -12,7 +12,8 @@ from sassgis.model.profiles import TraceSet
 from sassgis.model.results import Band, RasterLayer
 from sassgis.model.styles import class_colours
 from sassgis.report.figures import map_figure
-from sassgis.report.figures.map_figure import MAX_LINES, class_numbers, footprint
+from sassgis.report.figures.map_figure import class_numbers
+from sassgis.report.figures.map_marks import MAX_LINES, footprint
 from sassgis.report.figures.relief import coarsen, emptiest_corner, hillshade, window_of
 
 

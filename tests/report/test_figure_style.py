@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from sassgis.model.errors import OutputError
 from sassgis.report.figures import save, to_png
 from sassgis.report.figures.histograms import runout_figure
-from sassgis.report.figures.style import house_style, round_step, spread, thousands, wrap
+from sassgis.report.figures.style import house_style, round_step, spread, wrap
+from sassgis.report.number_text import thousands
 
 positions = st.lists(st.floats(-1e3, 1e3), min_size=0, max_size=12)
 

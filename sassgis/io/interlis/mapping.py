@@ -18,9 +18,9 @@ from sassgis.io.interlis.ili_models import (
     IliModel,
     IliType,
     normalised,
-    read_models,
 )
-from sassgis.io.write.layers.federal import (
+from sassgis.io.interlis.ili_parser import read_models
+from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_CLASSES,
     FEDERAL_EXTENT,
@@ -31,7 +31,7 @@ from sassgis.model.errors import InputError
 
 #: Names used where no model files are given: not taken from the model, unverified.
 DEFAULT_MODEL, DEFAULT_TOPIC = "HazardMapping_V1_3", "HazardMapping"
-#: Part of the model's name that tells its version from older ones in the same folder.
+#: Part of the model's name that distinguishes its version from older ones in the same folder.
 _MODEL_VERSION = "v13"
 
 
@@ -50,7 +50,7 @@ class Step:
 class Slot:
     """An attribute of the model, with the column that fills it.
 
-    ``column`` is the name of ours; None for an attribute that always gets ``constant``.
+    ``column`` is a column of the layer; None for an attribute that always gets ``constant``.
     """
 
     name: str
@@ -84,7 +84,7 @@ class ModelName:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Where everything goes; ``classes`` and ``topics`` by the name of our layer."""
+    """Where everything goes; ``classes`` and ``topics`` by the name of the layer."""
 
     model: ModelName
     others: tuple[ModelName, ...]

@@ -2,41 +2,39 @@
 
 Sources: KOGIS, *INTERLIS 2 – Reference Manual*, edition of 2006 (INTERLIS 2.3), chapter 3; the
 Federal Office for the Environment's minimal geodata model 166.1:
-:mod:`sassgis.io.write.layers.federal`.
+:mod:`sassgis.io.write.layers.federal_model`.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import os
 import re
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count, pairwise
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape, quoteattr
 
 import geopandas as gpd
-import numpy as np
 import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from sassgis import __version__
-from sassgis.io.interlis.mapping import ClassPlan, Plan, Slot, Step, code_of, default_plan, plan_of
-from sassgis.io.interlis.validation import XTF_NAMESPACE, ValidationResult, check_xtf, validate_xtf
-from sassgis.io.write.layers.federal import (
+from sassgis.io.interlis.mapping import ClassPlan, Slot, code_of, default_plan, plan_of
+from sassgis.io.interlis.validation import ValidationResult, check_xtf, validate_xtf
+from sassgis.io.interlis.xtf_document import XtfObject, document
+from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
     NOT_ASSESSED,
     FederalClass,
+    is_lv95,
+)
+from sassgis.io.write.layers.federal_values import (
     check_extent,
     checked_values,
-    is_lv95,
     surface_parts,
 )
 from sassgis.io.write.staging import MANIFEST_NAME, writing
@@ -175,7 +173,7 @@ def write_xtf(
     Parameters
     ----------
     geopackage_path : Path
-        With the layers of :data:`sassgis.io.write.layers.federal.FEDERAL_CLASSES`.
+        With the layers of :data:`sassgis.io.write.layers.federal_model.FEDERAL_CLASSES`.
     xtf_path : Path
     model_folder : Path or None
         Folder with the model's .ili files, from which all names, the order of attributes and the
@@ -225,7 +223,7 @@ def write_xtf(
         xtf_path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with partial.open("w", encoding="utf-8", newline="\n") as stream:
-                stream.writelines(_document(plan, objects))
+                stream.writelines(document(plan, objects, _NAMESPACE))
             problems = check_xtf(partial)
             if problems:  # pragma: no cover
                 raise OutputError(f"{xtf_path}: not written, a fault of sassgis: {problems[0]}")
@@ -301,25 +299,18 @@ def _complete_area(values: dict[str, Any], canton: str | None) -> None:
 # --- objects ---------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Object:
-    tid: str
-    texts: dict[str, str]
-    polygons: list[Any]
-
-
 def _objects(
     layer: FederalClass,
     plan: ClassPlan,
     rows: Sequence[_Row],
     file: Path,
     notes: list[str],
-) -> list[_Object]:
+) -> list[XtfObject]:
     zone = next(slot for slot in plan.slots if slot.geometry)
     together = any(step.many for step in zone.steps)
     _note_left_out(layer, plan, rows, notes)
     seen: dict[str, int] = {}
-    objects: list[_Object] = []
+    objects: list[XtfObject] = []
     for row in rows:
         texts = {
             slot.name: text
@@ -342,7 +333,7 @@ def _objects(
             content += "".join(shapely.to_wkb(p.normalize(), hex=True) for p in group)
             seen[content] = seen.get(content, 0) + 1
             identity = uuid.uuid5(_NAMESPACE, f"{content}|{seen[content]}")
-            objects.append(_Object(str(identity), texts, group))
+            objects.append(XtfObject(str(identity), texts, group))
     return objects
 
 
@@ -397,122 +388,3 @@ def _text_of(slot: Slot, row: _Row, layer: str, file: Path) -> str | None:
 
 def _as_code(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-# --- XML -------------------------------------------------------------------------------------
-
-
-def _document(plan: Plan, objects: Mapping[str, Sequence[_Object]]) -> Iterator[str]:
-    yield '<?xml version="1.0" encoding="UTF-8"?>\n'
-    yield f'<TRANSFER xmlns="{XTF_NAMESPACE}">\n'
-    yield f'<HEADERSECTION SENDER={quoteattr(f"sassgis {__version__}")} VERSION="2.3">\n<MODELS>\n'
-    for model in (plan.model, *plan.others):
-        yield (
-            f"<MODEL NAME={quoteattr(model.name)} VERSION={quoteattr(model.version)} "
-            f"URI={quoteattr(model.uri)}/>\n"
-        )
-    yield "</MODELS>\n"
-    if not plan.from_model:
-        yield f"<COMMENT>{escape(plan.notes[0])}</COMMENT>\n"
-    yield "</HEADERSECTION>\n<DATASECTION>\n"
-    numbers = iter(range(1, 1 + sum(len(found) for found in objects.values())))
-    for topic in dict.fromkeys(plan.topics.values()):
-        inside = [name for name in objects if plan.topics[name] == topic]
-        tids = [item.tid for name in inside for item in objects[name]]
-        basket = uuid.uuid5(_NAMESPACE, "|".join([topic, *tids]))
-        yield f'<{topic} BID="{basket}">\n'
-        for name in inside:
-            kind = plan.classes[name]
-            for item in objects[name]:
-                tid = item.tid if kind.identifier == "uuid" else str(next(numbers))
-                yield f'<{kind.tag} TID="{tid}">\n'
-                for slot in kind.slots:
-                    yield _attribute_text(slot, item)
-                yield f"</{kind.tag}>\n"
-        yield f"</{topic}>\n"
-    yield "</DATASECTION>\n</TRANSFER>\n"
-
-
-def _attribute_text(slot: Slot, item: _Object) -> str:
-    if slot.geometry:
-        content = _nested_surface(slot.steps, item.polygons, slot.decimals)
-    elif slot.name in item.texts:
-        content = _nested_text(slot.steps, item.texts[slot.name])
-    else:
-        return ""
-    return f"<{slot.name}>{content}</{slot.name}>\n"
-
-
-def _nested_text(steps: tuple[Step, ...], text: str) -> str:
-    if not steps:
-        return escape(text)
-    step = steps[0]
-    tongue = "" if step.language is None else "<{0}>{1}</{0}>".format(*step.language)
-    inner = _nested_text(steps[1:], text)
-    return (
-        f"<{step.structure}>{tongue}<{step.attribute}>{inner}</{step.attribute}></{step.structure}>"
-    )
-
-
-def _nested_surface(steps: tuple[Step, ...], polygons: Sequence[Any], decimals: int) -> str:
-    if not steps:
-        return _surface_text(polygons[0], decimals)
-    step = steps[0]
-    groups = [[polygon] for polygon in polygons] if step.many else [list(polygons)]
-    return "".join(
-        f"<{step.structure}><{step.attribute}>"
-        f"{_nested_surface(steps[1:], group, decimals)}"
-        f"</{step.attribute}></{step.structure}>"
-        for group in groups
-    )
-
-
-def _surface_text(polygon: Any, decimals: int) -> str:
-    """A surface: its outline and then its holes, each a closed line of straight pieces."""
-    boundaries = []
-    for ring in touching_at_corners(polygon):
-        corners = "\n".join(
-            f"<COORD><C1>{x:.{decimals}f}</C1><C2>{y:.{decimals}f}</C2></COORD>" for x, y in ring
-        )
-        boundaries.append(f"<BOUNDARY><POLYLINE>\n{corners}\n</POLYLINE></BOUNDARY>")
-    return "<SURFACE>\n" + "\n".join(boundaries) + "\n</SURFACE>"
-
-
-def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:
-    """Corners of the outline and of each hole; where they touch, both have a corner.
-
-    INTERLIS takes a corner on the edge of another ring for an intersection.
-
-    Parameters
-    ----------
-    polygon : Polygon
-        Valid.
-
-    Returns
-    -------
-    list of list of (x, y)
-        Closed rings, the outline first.
-    """
-    rings = [list(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
-    if len(rings) == 1:
-        return rings
-    edges = np.array([edge for ring in rings for edge in pairwise(ring)])
-    corners = np.unique(np.concatenate([np.array(ring) for ring in rings]), axis=0)
-    tree = shapely.STRtree(shapely.linestrings(edges))  # type: ignore[arg-type]
-    which, edge = tree.query(shapely.points(corners), predicate="intersects")
-    inner = (corners[which] != edges[edge, 0]).any(axis=1)
-    inner &= (corners[which] != edges[edge, 1]).any(axis=1)
-    added: dict[int, list[tuple[float, float]]] = {}
-    for corner, at in zip(corners[which[inner]].tolist(), edge[inner].tolist(), strict=True):
-        added.setdefault(at, []).append((corner[0], corner[1]))
-    numbers = count()
-    whole = []
-    for ring in rings:
-        corners_of = [ring[0]]
-        for start, end in pairwise(ring):
-            between = [
-                (math.dist(start, corner), corner) for corner in added.get(next(numbers), [])
-            ]
-            corners_of += [*(corner for _, corner in sorted(between)), end]
-        whole.append(corners_of)
-    return whole

@@ -21,8 +21,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import shapely
 
-from sassgis.io.interlis.ili_models import ili_files, read_models
-from sassgis.io.write.layers.federal import DECIMALS, FEDERAL_EXTENT
+from sassgis.io.interlis.ili_parser import ili_files, read_models
+from sassgis.io.write.layers.federal_model import (
+    DECIMALS,
+    FEDERAL_EXTENT,
+)
 from sassgis.model.errors import InputError, OutputError
 
 XTF_NAMESPACE = "http://www.interlis.ch/INTERLIS2.3"

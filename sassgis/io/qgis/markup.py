@@ -6,15 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as ET
 
-from matplotlib.colors import to_rgb
+from sassgis.model.ramps import rgb
 
 QGIS_VERSION = "3.22.0"
 
 
 def rgba(colour: str, opacity: float = 1.0) -> str:
     """A colour ``#rrggbb`` as QGIS writes it: red, green, blue and opacity, 0 to 255."""
-    red, green, blue = (round(255 * part) for part in to_rgb(colour))
-    return f"{red},{green},{blue},{round(255 * opacity)}"
+    return ",".join(map(str, (*rgb(colour), round(255 * opacity))))
 
 
 def number(value: float) -> str:

@@ -16,9 +16,10 @@ from xml.etree import ElementTree as ET
 
 from pyproj import CRS
 
-from sassgis.io.qgis.layout import PrintLayout, ShownLayer, layout_element
+from sassgis.io.qgis.layout import PrintLayout, layout_element
 from sassgis.io.qgis.markup import QGIS_VERSION, document
 from sassgis.io.qgis.raster_style import raster_style_elements
+from sassgis.io.qgis.sheet_legend import ShownLayer
 from sassgis.io.qgis.vector_style import vector_style_elements
 from sassgis.io.write.geopackage import VectorLayer
 from sassgis.io.write.staging import writing
@@ -190,7 +191,7 @@ def _project(
 
 
 def _horizontal(crs: CRS) -> CRS:
-    """The part of a compound system that tells east and north; QGIS 3.22 knows no other."""
+    """The part of a compound system of east and north; QGIS 3.22 knows no other."""
     return crs.sub_crs_list[0] if crs.is_compound else crs
 
 

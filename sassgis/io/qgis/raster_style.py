@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.io.qgis.markup import number, options, rgba, text_element
+from sassgis.model.ramps import ramp_colours
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import (
     HILLSHADE,
@@ -19,7 +20,6 @@ from sassgis.model.styles import (
     class_limits,
     class_name,
     class_tint,
-    ramp_colours,
     with_unit,
     zero_is_nothing,
 )

@@ -14,7 +14,6 @@ import shapely
 
 from sassgis.hazard.warnings import ground_warnings, spread_warnings
 from sassgis.io.read.config import profile_control_lines
-from sassgis.io.read.dem import crs_name
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.ground_map import (
     built_in_table,
@@ -25,6 +24,7 @@ from sassgis.io.read.ground_map import (
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines, read_release
+from sassgis.model.crs import crs_name
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.release_areas import ReleaseArea

@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
-from sassgis.io.read.vectors import nearest
+from sassgis.io.read.features import nearest
 from sassgis.model.errors import InputError
 
 
@@ -114,6 +115,36 @@ def check_columns(
                 found=", ".join(columns) or "nothing",
                 expected=", ".join(known),
             )
+
+
+def one_of(
+    value: str, known: Sequence[str], where: str, column: str, file: Path, what: str = ""
+) -> str:
+    """A cell that holds one of some names; InputError with the row and the column otherwise."""
+    if value in known:
+        return value
+    raise InputError(
+        f"{where}: unknown {what or column}",
+        file=file,
+        field=column,
+        found=repr(value),
+        expected=nearest(value, known),
+    )
+
+
+@contextmanager
+def errors_of_row(where: str, file: Path) -> Iterator[None]:
+    """Name row and file in the InputError of a class that checks its own values."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(
+            f"{where}: {error.problem}",
+            file=file,
+            field=error.field,
+            found=error.found,
+            expected=error.expected,
+        ) from None
 
 
 def number(value: object, where: str, column: str, file: Path) -> float:

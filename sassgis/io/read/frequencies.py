@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast, get_args
 
-from sassgis.io.read.csv_table import csv_rows, number, read_text
-from sassgis.io.read.vectors import nearest
+from sassgis.io.read.csv_table import csv_rows, number, one_of, read_text
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Onset, OnsetUnit
 
@@ -39,19 +38,9 @@ def read_frequencies(
     text = read_text(file, "hazard.frequencies", "a CSV table of onset frequencies")
     found: dict[tuple[str, str], Onset] = {}
     for where, row in csv_rows(text, file, _COLUMNS, (), ("frequency",)):
-        for column, known in (
-            ("area", areas),
-            ("scenario", scenarios),
-            ("unit", get_args(OnsetUnit)),
-        ):
-            if row[column] not in known:
-                raise InputError(
-                    f"{where}: unknown {column}",
-                    file=file,
-                    field=column,
-                    found=repr(row[column]),
-                    expected=nearest(row[column], known),
-                )
+        names = {"area": areas, "scenario": scenarios, "unit": get_args(OnsetUnit)}
+        for column, known in names.items():
+            one_of(row[column], known, where, column, file)
         frequency = number(row["frequency"], where, "frequency", file)
         if frequency < 0.0:
             raise InputError(

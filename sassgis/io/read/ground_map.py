@@ -18,9 +18,10 @@ from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.features import rasterize
 
-from sassgis.io.read.csv_table import check_columns, csv_rows, number, read_text
-from sassgis.io.read.dem import open_raster, resample, same_crs
-from sassgis.io.read.vectors import nearest, read_features
+from sassgis.io.read.csv_table import check_columns, csv_rows, errors_of_row, number, read_text
+from sassgis.io.read.dem import open_raster, resample
+from sassgis.io.read.features import nearest, read_features
+from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass, GroundTable
@@ -138,21 +139,13 @@ def _ground_class(where: str, row: Mapping[str, Any], file: Path) -> GroundClass
             expected="true or false",
         )
     numbers = {column: number(row[column], where, column, file) for column in _NUMBERS}
-    try:
+    with errors_of_row(where, file):
         return GroundClass(
             name=name.strip(),
             **numbers,
             source=str(row.get("source", "") or f"own table {file.name}"),
             verified=_TRUTH[truth],
         )
-    except InputError as error:
-        raise InputError(
-            f"{where}: {error.problem}",
-            file=file,
-            field=error.field,
-            found=error.found,
-            expected=error.expected,
-        ) from None
 
 
 # ---------------------------------------------------------------------------------------------

@@ -12,8 +12,9 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from sassgis.io.read.csv_table import csv_rows, number, read_text
-from sassgis.io.read.vectors import Feature, check_on_map, feature_names, nearest, read_features
+from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of, read_text
+from sassgis.io.read.features import Feature, nearest, read_features
+from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
     NUMBERS_OF_KIND,
@@ -304,30 +305,31 @@ def _traffic(values: Mapping[str, float], label: str, file: Path, key: str) -> T
 
 
 def _warn(placed: PlacedObjects, grid: Grid, file: Path) -> None:
-    """Tell what can be used but deserves a look."""
+    """Warn of what can be used but deserves a look."""
     cells, owner = object_cells(placed, grid)
     known = np.isfinite(grid.values[np.divmod(cells, grid.shape[1])])
     n_known = np.bincount(owner, weights=known, minlength=len(placed))
     n_cells = np.bincount(owner, minlength=len(placed))
-    told: set[str] = set()
+    warned: set[str] = set()
     for i, thing in enumerate(placed.objects):
         if n_cells[i] and not n_known[i]:
             log.warning("%s: %s lies on nodata; no rock comes there", file, thing.name)
         stake = thing.value or thing.value_per_m or thing.persons or thing.traffic is not None
-        if not stake and thing.whole not in told:
-            told.add(thing.whole)
+        if not stake and thing.whole not in warned:
+            warned.add(thing.whole)
             log.warning(
                 "%s: %s has neither value nor people nor traffic: only hits are counted",
                 file,
                 thing.whole,
             )
-        if thing.traffic is not None and thing.traffic.occupancy > 1.0 and thing.whole not in told:
-            told.add(thing.whole)
+        occupancy = 0.0 if thing.traffic is None else thing.traffic.occupancy
+        if occupancy > 1.0 and thing.whole not in warned:
+            warned.add(thing.whole)
             log.warning(
                 "%s: %s: vehicles cover %.0f %% of the length of the road, all lanes together",
                 file,
                 thing.whole,
-                100.0 * thing.traffic.occupancy,
+                100.0 * occupancy,
             )
 
 
@@ -385,7 +387,7 @@ def _stretch_of(whole: ExposedObject, name: str, start: float, end: float) -> Ex
 
 
 def _chainage_names(name: str, spans: Sequence[tuple[float, float]]) -> list[str]:
-    """Names as 'road 0+000–0+050', with decimals where whole metres do not tell them apart."""
+    """Names as 'road 0+000–0+050', with decimals where whole metres do not separate them."""
     names: list[str] = []
     for digits in range(4):
         names = [f"{name} {chainage(a, digits)}–{chainage(b, digits)}" for a, b in spans]
@@ -527,26 +529,11 @@ def read_vulnerability(
     columns = ("kind", "intensity", "vulnerability", "lethality", "source")
     rows = []
     for where, row in csv_rows(text, file, columns, (), ("vulnerability", "lethality")):
-        for column, known in (("kind", VULNERABILITY_KINDS), ("intensity", intensities)):
-            if row[column] not in known:
-                raise InputError(
-                    f"{where}: unknown {column}",
-                    file=file,
-                    field=column,
-                    found=repr(row[column]),
-                    expected=nearest(row[column], known),
-                )
+        one_of(row["kind"], VULNERABILITY_KINDS, where, "kind", file)
+        one_of(row["intensity"], intensities, where, "intensity", file)
         loss, death = (number(row[c], where, c, file) for c in ("vulnerability", "lethality"))
-        try:
+        with errors_of_row(where, file):
             rows.append(VulnerabilityRow(row["kind"], row["intensity"], loss, death, row["source"]))
-        except InputError as error:
-            raise InputError(
-                f"{where}: {error.problem}",
-                file=file,
-                field=error.field,
-                found=error.found,
-                expected=error.expected,
-            ) from None
     if not rows:
         raise InputError(
             "has no rows", file=file, field=field, expected="a row for each kind and intensity"

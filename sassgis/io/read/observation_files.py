@@ -42,10 +42,10 @@ from sassgis.gap.observations.tables import (
     without,
 )
 from sassgis.io.read.csv_table import csv_cells, read_text
-from sassgis.io.read.dem import parse_crs
-from sassgis.io.read.vectors import nearest, onto_grid
+from sassgis.io.read.features import nearest, onto_grid
 from sassgis.io.write.geopackage import register_columns, register_table
 from sassgis.io.write.staging import writing
+from sassgis.model.crs import parse_crs
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 

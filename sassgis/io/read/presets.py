@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sassgis.hazard.rules import preset_unverified
 from sassgis.io.read.csv_table import read_text
-from sassgis.io.read.vectors import nearest
+from sassgis.io.read.features import nearest
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
 
@@ -125,7 +125,7 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
     try:
         content = _File.model_validate(document)
     except ValidationError as error:
-        raise _told(error, file, document) from None
+        raise _first_problem(error, file, document) from None
     return _Reading(content, file).preset(name)
 
 
@@ -246,7 +246,7 @@ _KEYS = {
     "sources": "sections [sources.KEY] with text and verified",
     "intensity": "a section [[intensity]] per class, from weak to strong",
     "return_periods": "a section [return_periods]",
-    "levels": "a section [[levels]] per level, from slight to severe",
+    "levels": "a section [[levels]] per level, from low to high",
     "matrix": "a section [matrix.CODE] per intensity class",
     "text": "the publication, with page or section where known",
     "verified": "true if the value was read in the source, false if not",
@@ -259,18 +259,18 @@ _KEYS = {
 }
 
 
-def _told(error: ValidationError, file: str, document: Mapping[str, Any]) -> InputError:
+def _first_problem(error: ValidationError, file: str, document: Mapping[str, Any]) -> InputError:
     problems = error.errors()
-    # A misspelt key shows up twice, as unknown and as missing: the first tells more.
+    # A misspelt key shows up twice, as unknown and as missing: the first says more.
     first = min(problems, key=lambda p: p["type"] != "extra_forbidden")
-    told = _one_line(dict(first), file, document)
+    problem = _one_line(dict(first), file, document)
     if len(problems) > 1:
-        told.args = (f"{told} (and {len(problems) - 1} more)",)
-    return told
+        problem.args = (f"{problem} (and {len(problems) - 1} more)",)
+    return problem
 
 
 def _one_line(e: Mapping[str, Any], file: str, document: Mapping[str, Any]) -> InputError:
-    # `source` of a row is a text or a list: pydantic tells both attempts.
+    # `source` of a row is a text or a list: pydantic reports both attempts.
     loc = [part for part in e["loc"] if part not in ("str", "list[str]")]
     field, key, kind = _dotted(loc, document), str(loc[-1]), e["type"]
     if kind == "extra_forbidden":
@@ -308,5 +308,5 @@ def _dotted(loc: Sequence[Any], document: Mapping[str, Any]) -> str:
         if isinstance(document[text][number], dict):
             code = document[text][number].get("code")
         text += f"[{code}]" if isinstance(code, str) and code else f"[no. {number + 1}]"
-    # The place inside a list is told by the value that was found there.
+    # The place inside a list is named by the value that was found there.
     return ".".join([text, *(str(part) for part in rest if isinstance(part, str))])

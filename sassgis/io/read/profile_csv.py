@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.io.read.config import profile_control_lines
-from sassgis.io.read.csv_table import csv_rows, number, read_text
-from sassgis.io.read.vectors import nearest
+from sassgis.io.read.csv_table import csv_rows, number, one_of, read_text
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
@@ -62,14 +61,7 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
         s.append(chainage)
         z.append(number(row["z_m"], where, "z_m", path))
         name = row.get("ground") or default
-        if name not in table.names:
-            raise InputError(
-                f"{where}: unknown ground class",
-                file=path,
-                field="ground",
-                found=repr(name),
-                expected=nearest(name, table.names),
-            )
+        one_of(name, table.names, where, "ground", path, "ground class")
         ground.append(table.index(name))
     if len(s) < 2:
         raise InputError(

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pyproj
 
-from sassgis.io.read.dem import DemFile, crs_name, describe_dem, read_dem, read_dem_part, same_crs
+from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part
+from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
@@ -302,7 +303,7 @@ def _place(dem: DemFile, west: float, north: float, cell: float, first: DemFile)
 
 
 def _check_overlaps(tiles: Sequence[Tile]) -> None:
-    """Where tiles overlap they must tell of one terrain."""
+    """Where tiles overlap they must hold one terrain."""
     for one, two in combinations(tiles, 2):
         common = one.place.common(two.place)
         if common is None:

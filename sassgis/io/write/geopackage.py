@@ -170,7 +170,7 @@ def _write_layer(
     if frame.crs is None:
         options["SRID"] = "-1"  # Undefined Cartesian; GDAL would take undefined geographic.
     with warnings.catch_warnings():
-        # Local coordinates are a choice of the user, who has been told what it means.
+        # Local coordinates are a choice of the user, to whom its meaning was explained.
         warnings.filterwarnings("ignore", message="'crs' was not provided")
         pyogrio.write_dataframe(
             frame,

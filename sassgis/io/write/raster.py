@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.colors import to_rgb
 from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
@@ -13,6 +12,7 @@ from sassgis.io.qgis.markup import qml
 from sassgis.io.qgis.raster_style import raster_style_elements
 from sassgis.io.write.staging import writing
 from sassgis.model.grid import Grid
+from sassgis.model.ramps import rgb
 from sassgis.model.results import Band, RasterLayer
 from sassgis.model.styles import HILLSHADE, class_tint
 
@@ -109,8 +109,7 @@ def _palette(layer: RasterLayer) -> dict[int, tuple[int, int, int, int]]:
     """Colours of all values of a byte, for programs that do not read the style."""
     colours = dict.fromkeys(range(256), (255, 255, 255, 0))
     for entry in layer.classes:
-        red, green, blue = (round(255 * part) for part in to_rgb(class_tint(entry)))
-        colours[entry.value] = (red, green, blue, 255)
+        colours[entry.value] = (*rgb(class_tint(entry)), 255)
     return colours
 
 

@@ -1,4 +1,4 @@
-"""Results appear whole or not at all, and trouble with the disk is told in one line."""
+"""Results appear whole or not at all, and a failure of the disk is one line."""
 
 from __future__ import annotations
 

@@ -27,10 +27,10 @@ from sassgis.report.figures.style import (
     spread,
     styled,
     text_width_pt,
-    thousands,
     thousands_formatter,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 Quantity = Literal["energy", "speed", "height"]
 
@@ -70,7 +70,7 @@ def energy_profile_figure(
         Chainage and height of the vertices of the slope (m).
     quantity : {"energy", "speed", "height"}
         Energy (kJ) has a logarithmic axis; speed (m/s) and passing height (m) a plain one.
-    gates : (Gate, chainage)
+    control_lines : (ControlLine, chainage)
         Marked in both panels.
     title : str, optional
 

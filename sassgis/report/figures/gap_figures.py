@@ -28,7 +28,7 @@ from sassgis.gap.words import (
 )
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.report.figures import relief
-from sassgis.report.figures.map_figure import draw_release, footprint
+from sassgis.report.figures.map_marks import draw_release, footprint
 from sassgis.report.figures.style import (
     BLUE,
     GREY,

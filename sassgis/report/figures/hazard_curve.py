@@ -32,11 +32,10 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     lines_in,
     new_figure,
-    power_of_ten,
     styled,
-    thousands,
     wrap,
 )
+from sassgis.report.number_text import power_of_ten, thousands
 
 #: Sources with a curve of their own; the others go together.
 MAX_SOURCES = 6
@@ -127,7 +126,7 @@ def _rate_limits(rates: FloatArray, preset: HazardPreset) -> tuple[float, float]
     limits = [1.0 / t for t in preset.return_periods]
     low = min([0.3 * limits[-1], *limits, *known])
     high = max([3.0 * limits[0], *limits, *known])
-    # Rates far below the last limit tell nothing more of the level.
+    # Rates far below the last limit say nothing more about the level.
     low = max(low, 1e-4 * limits[-1])
     return 10.0 ** np.floor(np.log10(low)), 10.0 ** np.ceil(np.log10(1.2 * high))
 
@@ -181,7 +180,7 @@ def hazard_curve_figure(
     level = int(hazard_level(one, preset)[0])
     notes = [_level_words(one, preset, level)]
     if np.isnan(lower[total > 0.0]).any():
-        notes.append("The sample cannot tell the error of the rates.")
+        notes.append("The sample does not give the error of the rates.")
     notes.append(note)
     below = wrap(" ".join(n for n in notes if n), WIDTH_IN - 0.5)
     heading = wrap(title, WIDTH_IN - 0.5, TITLE)

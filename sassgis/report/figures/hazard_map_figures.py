@@ -1,4 +1,4 @@
-"""Maps of hazard side by side: intensities, what is undecided, what barriers change."""
+"""Maps of hazard side by side: intensities, uncertain levels, what barriers change."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sassgis.report.figures.class_maps import (
     draw_classes,
     draw_stripes,
 )
-from sassgis.report.figures.map_figure import (
+from sassgis.report.figures.map_marks import (
     MapControlLine,
     cut_extent,
     draw_map_control_lines,
@@ -42,9 +42,9 @@ from sassgis.report.figures.style import (
     lines_in,
     new_figure,
     styled,
-    thousands,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 _MAX_HEIGHT_IN = 8.0
 _LEFT_IN, _RIGHT_IN, _GAP_IN, _HEAD_IN = 0.5, 0.26, 0.14, 0.22
@@ -277,7 +277,7 @@ def intensity_figure(
         Outlines of the release areas (m).
     zones : float, each of shape (n, 2)
         Outlines of zones (m).
-    gates : (name, kind, coordinates of shape (n, 2))
+    control_lines : (name, kind, coordinates of shape (n, 2))
     extent : (west, south, east, north), optional
         Default: all that any of the maps shows.
     title, note : str
@@ -308,7 +308,7 @@ def intensity_figure(
 def confidence_figure(
     grid: Grid,
     level: RasterLayer,
-    undecided: NDArray[np.bool_],
+    uncertain: NDArray[np.bool_],
     *,
     release: Sequence[FloatArray] = (),
     zones: Sequence[FloatArray] = (),
@@ -317,13 +317,13 @@ def confidence_figure(
     title: str = "Where the sample of rocks leaves the level open",
     note: str = "",
 ) -> Figure:
-    """Draw the hazard level, with fine black lines over the cells whose level is undecided.
+    """Draw the hazard level, with fine black lines over the cells whose level is uncertain.
 
     Parameters
     ----------
-    grid, level, release, zones, gates, extent, title, note
+    grid, level, release, zones, control_lines, extent, title, note
         As in :func:`intensity_figure`.
-    undecided : bool, shape of the grid
+    uncertain : bool, shape of the grid
 
     Raises
     ------
@@ -331,17 +331,17 @@ def confidence_figure(
         The layer has no classes, or the cells are not those of the terrain.
     """
     positions = _class_layer(grid, level)
-    open_ = np.asarray(undecided, bool)
-    _check_shape(grid, "undecided", open_.shape)
+    open_ = np.asarray(uncertain, bool)
+    _check_shape(grid, "uncertain", open_.shape)
     reached = np.isfinite(positions)
     share = int((open_ & reached).sum()) / max(int(reached.sum()), 1)
-    told = f"Undecided: {100.0 * share:.1f} % of the cells that have a level."
+    words = f"Statistically uncertain: {100.0 * share:.1f} % of the cells that have a level."
     return _maps(
         grid,
         [_Panel(level.title, positions, level.classes, open_, _PALE)],
-        [_Legend("", level.classes, RasterClass(0, "undecided", INK))],
+        [_Legend("", level.classes, RasterClass(0, "statistically uncertain", INK))],
         title=title,
-        note=f"{told} {note}".strip(),
+        note=f"{words} {note}".strip(),
         release=release,
         zones=zones,
         control_lines=control_lines,
@@ -379,7 +379,7 @@ def change_figure(
 
     Parameters
     ----------
-    grid, release, zones, gates, extent, title, note
+    grid, release, zones, control_lines, extent, title, note
         As in :func:`intensity_figure`.
     before, after : RasterLayer
         Maps of the same classes.
@@ -404,7 +404,7 @@ def change_figure(
         for number, code in ((-1, "lower"), (0, "same"), (1, "higher"))
     )
     area = grid.cell_size**2
-    told = "; ".join(
+    changes = "; ".join(
         f"{kind.label.lower()}: {thousands(np.count_nonzero(change == kind.value) * area)} m²"
         for kind in kinds
     )
@@ -417,6 +417,6 @@ def change_figure(
         ],
         [_Legend("Level", before.classes), _Legend("Change", kinds)],
         title=title,
-        note=f"{told[:1].upper()}{told[1:]}. {note}".strip(),
+        note=f"{changes[:1].upper()}{changes[1:]}. {note}".strip(),
         release=release, zones=zones, control_lines=control_lines, extent=extent,
     )  # fmt: skip

@@ -27,10 +27,10 @@ from sassgis.report.figures.style import (
     percent_formatter,
     round_step,
     styled,
-    thousands,
     thousands_formatter,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 #: Ticks at round numbers.
 _STEPS = [1, 2, 5, 10]

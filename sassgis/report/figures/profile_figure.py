@@ -61,7 +61,7 @@ class ProfilePanel:
         Ground class of the segment that starts at each vertex; a last value is unused.
     ground_names : str
         Names of the ground classes by their number.
-    gates : (Gate, chainage, height of the ground)
+    control_lines : (ControlLine, chainage, height of the ground)
     stops : float, shape (k,)
         Chainages where rocks ended (m).
     title : str
@@ -470,7 +470,7 @@ def profile_figure(
         Ground class of the segment that starts at each vertex.
     ground_names : str
         Names of the ground classes by their number.
-    gates : (Gate, chainage, height of the ground)
+    control_lines : (ControlLine, chainage, height of the ground)
         Stations are drawn as dashed lines, walls and nets at their true height.
     stops : float, shape (k,), optional
         Chainages where rocks ended (m).

@@ -12,7 +12,8 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.report.figures.style import GREY, INK, SMALL, round_step, thousands
+from sassgis.report.figures.style import GREY, INK, SMALL, round_step
+from sassgis.report.number_text import thousands
 
 Extent = tuple[float, float, float, float]
 

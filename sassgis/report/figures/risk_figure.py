@@ -22,12 +22,11 @@ from sassgis.report.figures.style import (
     lines_in,
     new_figure,
     nothing_to_show,
-    power_of_ten,
     styled,
     text_width_pt,
-    thousands,
     wrap,
 )
+from sassgis.report.number_text import power_of_ten, thousands
 
 #: Width of a 95 % interval in standard errors of a normal distribution.
 _NORMAL_95 = 1.96
@@ -75,7 +74,7 @@ def risk_figure(
     names : sequence of str
         Of the objects.
     values, standard_errors : float, shape (n,)
-        Risk of each, and the standard error of its sampling; NaN where it cannot be told.
+        Risk of each, and the standard error of its sampling; NaN where it is not known.
     quantity, unit : str
         As "deaths" and "1/year".
     top : int
@@ -158,9 +157,9 @@ def _bars(
     middle = plot_h - (edges[:-1] + edges[1:]) / 2.0
     ax.barh(middle, risk, height=0.62 * _ROW_IN, color=BLUE, alpha=0.75, zorder=2, gid="bars")
     half = _NORMAL_95 * errors
-    told = np.isfinite(half)
-    low, high = np.maximum(risk - half, 0.0)[told], (risk + half)[told]
-    ax.hlines(middle[told], low, high, color=INK, lw=0.9, zorder=3, gid="intervals")
+    known = np.isfinite(half)
+    low, high = np.maximum(risk - half, 0.0)[known], (risk + half)[known]
+    ax.hlines(middle[known], low, high, color=INK, lw=0.9, zorder=3, gid="intervals")
     ends = risk + np.nan_to_num(half)
     furthest = float(ends.max())
     for y, value, end in zip(middle, risk, ends, strict=True):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.report.figures import relief
-from sassgis.report.figures.map_figure import draw_release, footprint
+from sassgis.report.figures.map_marks import draw_release, footprint
 from sassgis.report.figures.style import (
     BLUE,
     GREY,
@@ -26,10 +26,10 @@ from sassgis.report.figures.style import (
     nothing_to_show,
     percent_formatter,
     styled,
-    thousands,
     thousands_formatter,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 #: Shares of the rocks listed beside the curves.
 SHARES = (0.05, 0.25, 0.5, 0.75, 0.95)

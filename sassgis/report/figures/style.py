@@ -22,6 +22,7 @@ from matplotlib.ticker import FuncFormatter, PercentFormatter
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.results import StopReason
+from sassgis.report.number_text import thousands
 
 #: Width of a figure: the text width of an A4 page (in).
 WIDTH_IN = 6.7
@@ -180,16 +181,6 @@ def wrap(text: str, width_in: float, size: float = SMALL) -> str:
 def lines_in(text: str) -> int:
     """Count the lines of a text; 0 if there is none."""
     return text.count("\n") + 1 if text else 0
-
-
-def thousands(value: float, decimals: int = 0) -> str:
-    """Write a number with a thin space between thousands."""
-    return f"{value:,.{decimals}f}".replace(",", "\u2009").replace("-", "\u2212")
-
-
-def power_of_ten(exponent: int) -> str:
-    """Write a power of ten, as '10⁻⁶'."""
-    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def thousands_formatter(decimals: int = 0) -> FuncFormatter:

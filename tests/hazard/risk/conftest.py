@@ -13,7 +13,7 @@ import shapely
 from worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, vulnerability
 
 from sassgis.hazard.risk import RiskTable, assess_risk
-from sassgis.io.read.dem import parse_crs
+from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0

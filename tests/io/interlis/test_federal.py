@@ -17,22 +17,26 @@ from shapely.geometry import LineString, MultiPolygon, Polygon, box
 
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.federal import (
+    IntensityZones,
+    SourceZones,
+    assessment_area,
+    hazard_area,
+    indicative_hazard_area,
+    intensity_by_source,
+    synoptic_intensity,
+)
+from sassgis.io.write.layers.federal_model import (
     CANTONS,
     FEDERAL_CLASSES,
     HAZARD_LEVELS,
     INTENSITY_CLASSES,
-    IntensityZones,
-    SourceZones,
-    assessment_area,
     federal_note,
-    hazard_area,
     in_federal_extent,
-    indicative_hazard_area,
-    intensity_by_source,
     is_lv95,
+)
+from sassgis.io.write.layers.federal_values import (
     shortened,
     surface_parts,
-    synoptic_intensity,
     unique_short_names,
 )
 from sassgis.model.errors import InputError

@@ -19,11 +19,17 @@ import pytest
 import shapely
 from shapely.geometry import box
 
-from sassgis.io.interlis.ili_models import read_models
-from sassgis.io.interlis.transfer import export_xtf, touching_at_corners, write_xtf
+from sassgis.io.interlis.ili_parser import read_models
+from sassgis.io.interlis.transfer import export_xtf, write_xtf
 from sassgis.io.interlis.validation import XTF_NAMESPACE, check_xtf, validate_xtf
+from sassgis.io.interlis.xtf_document import touching_at_corners
 from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.federal import FEDERAL_CLASSES, hazard_area
+from sassgis.io.write.layers.federal import (
+    hazard_area,
+)
+from sassgis.io.write.layers.federal_model import (
+    FEDERAL_CLASSES,
+)
 from sassgis.model.errors import ConfigError, InputError, OutputError
 
 SIMPLE, STRUCTURED = made.MODELS / "simple", made.MODELS / "structured"

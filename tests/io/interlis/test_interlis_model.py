@@ -7,7 +7,8 @@ from pathlib import Path
 import made_zones as made
 import pytest
 
-from sassgis.io.interlis.ili_models import IliLibrary, normalised, read_ili, read_models
+from sassgis.io.interlis.ili_models import IliLibrary, normalised
+from sassgis.io.interlis.ili_parser import read_ili, read_models
 from sassgis.model.errors import InputError
 
 ODDITIES = """

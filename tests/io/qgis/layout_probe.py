@@ -26,6 +26,7 @@ from qgis.core import (
     QgsProject,
     QgsRenderContext,
 )
+from qgis.PyQt.QtCore import QRectF, Qt
 from qgis.PyQt.QtGui import QFont, QFontMetricsF, QImage, QPainter
 
 
@@ -48,16 +49,16 @@ def legend_texts(legend):
     return out
 
 
-def text_size(item):
-    """Width and height (mm) that the text of a label needs as it is broken."""
+def text_size(item, width_mm):
+    """Width and height (mm) that the text of a label needs where it may be this wide."""
     # Measured large, as metrics of small type are rounded.
     font = QFont(item.font())
     font.setPixelSize(1000)
     metrics = QFontMetricsF(font)
-    lines = item.currentText().split("\n")
     mm = item.font().pointSizeF() * 25.4 / 72.0 / 1000.0
-    widest = max(metrics.horizontalAdvance(line) for line in lines)
-    return [widest * mm, metrics.lineSpacing() * len(lines) * mm]
+    room = QRectF(0, 0, width_mm / mm, 1e9)
+    needed = metrics.boundingRect(room, Qt.TextWordWrap, item.currentText())
+    return [needed.width() * mm, needed.height() * mm]
 
 
 def describe(item):
@@ -69,7 +70,7 @@ def describe(item):
     }
     if isinstance(item, QgsLayoutItemLabel):
         facts["text"] = item.currentText()
-        facts["needs"] = text_size(item)
+        facts["needs"] = text_size(item, rect.width())
     elif isinstance(item, QgsLayoutItemMap):
         extent = item.extent()
         facts["scale"] = item.scale()

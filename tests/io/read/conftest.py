@@ -13,7 +13,7 @@ import pytest
 import rasterio
 from affine import Affine
 
-from sassgis.io.read.dem import parse_crs
+from sassgis.model.crs import parse_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 

@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyproj import CRS
 
-from sassgis.io.read.dem import crs_name, read_dem, same_crs
+from sassgis.io.read.dem import read_dem
+from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 
 LV95 = "EPSG:2056"

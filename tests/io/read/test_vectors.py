@@ -13,13 +13,8 @@ from shapely import LineString, MultiLineString, MultiPoint, MultiPolygon, Point
 
 from sassgis.io.read.checked import section_of
 from sassgis.io.read.config import load_config
-from sassgis.io.read.vectors import (
-    START_SLOPE_DEG,
-    cells_under,
-    read_control_lines,
-    read_release,
-    steepest_slope_deg,
-)
+from sassgis.io.read.features import cells_under, steepest_slope_deg
+from sassgis.io.read.vectors import START_SLOPE_DEG, read_control_lines, read_release
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.settings import ReleaseSettings

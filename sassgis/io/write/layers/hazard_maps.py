@@ -19,8 +19,8 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.results import Band, RasterClass, RasterLayer
 
-#: Colours of "decided" and "statistically uncertain".
-_DECIDED, _UNCERTAIN = "#b8c4c2", "#d6721f"
+#: Colours of "statistically certain" and "uncertain".
+_CERTAIN, _UNCERTAIN = "#b8c4c2", "#d6721f"
 
 
 def hazard_layers(
@@ -93,7 +93,7 @@ class _Maker:
             [f"Preset {preset.name} ({preset.title}).", *map(_sentence, preset_unverified(preset))]
         )
         self._sampled = (
-            f"{self._percent} intervals tell what another sample of rocks would change, not the "
+            f"{self._percent} intervals say what another sample of rocks would change, not the "
             "error of the model, its parameters or the onset frequency."
         )
 
@@ -199,7 +199,7 @@ class _Maker:
             "frequency",
             "Frequency of rocks (1/year)",
             f"{self._frequencies} {self._sampled} Gamma interval of weighted counts. Errors and "
-            "limits are missing where the sample cannot tell them (one rock per fall line).",
+            "limits are missing where the sample does not give them (one rock per fall line).",
             tuple(bands),
             (0.0, 0.1 * limits[0], *limits, 10.0 * limits[-1]),
             "plasma_r",
@@ -212,12 +212,12 @@ class _Maker:
         codes = "; ".join(f"{k} = {c.label}" for k, c in enumerate(self._preset.levels, start=1))
         return RasterLayer(
             "confidence",
-            "Is the level decided by the sample?",
-            f"Undecided: the {self._percent} intervals of the frequencies leave more than one "
-            f"level open. Levels: {codes}. {self._sampled} Cells that no rock came to are not "
-            "told. Factor of rocks: how many times the rocks would decide the level; missing where "
-            "the frequency lies on a limit of the matrix, so that no sample decides, or where the "
-            f"sample cannot tell its error. {self._frequencies} {self._rules}",
+            "Is the level statistically uncertain?",
+            f"Statistically uncertain: the {self._percent} intervals of the frequencies leave more "
+            f"than one level open. Levels: {codes}. {self._sampled} Cells that no rock reached are "
+            "left out. Factor of rocks: how many times the rocks would make the level certain; "
+            "missing where the frequency lies on a limit of the matrix, so that no sample does, or "
+            f"where the sample does not give its error. {self._frequencies} {self._rules}",
             (
                 self._band(
                     "uncertain",
@@ -229,7 +229,7 @@ class _Maker:
                 self._classes("highest_level", "Level at the upper limits of the rates", highest),
                 self._band(
                     "rocks_factor",
-                    "Factor by which the rocks would have to be more to decide the level",
+                    "Factor by which the rocks would have to be more for the level to be certain",
                     "1",
                     np.where(self._came & np.isfinite(factor), factor, np.nan),
                 ),
@@ -237,7 +237,7 @@ class _Maker:
             (),
             "",
             (
-                RasterClass(0, "decided", _DECIDED),
+                RasterClass(0, "statistically certain", _CERTAIN),
                 RasterClass(1, "statistically uncertain", _UNCERTAIN),
             ),
         )

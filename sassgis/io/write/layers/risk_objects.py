@@ -118,7 +118,7 @@ def _with_errors(quantities: Sequence[str]) -> list[str]:
 def risk_vectors(
     table: RiskTable, placed: PlacedObjects, crs: str, currency: str
 ) -> list[VectorLayer]:
-    """Layers of the objects with all that is told of them.
+    """Layers of the objects with their attributes and results.
 
     Parameters
     ----------

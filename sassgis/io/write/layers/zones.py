@@ -16,6 +16,8 @@ from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, u
 from sassgis.hazard.zoning.generalise import Coverage, ZoneSettings, coverage
 from sassgis.io.write.geopackage import VectorLayer
 from sassgis.io.write.layers import federal
+from sassgis.io.write.layers.federal_model import has_federal_codes, in_federal_extent
+from sassgis.io.write.layers.federal_values import shortened
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.run_config import Config
@@ -36,7 +38,7 @@ def federal_layers(
 ) -> list[VectorLayer]:
     """The layers of the federal model 166.1, or the same layers without claiming it."""
     crs = grid.crs or None
-    claims = federal.in_federal_extent(crs, grid.bounds) and federal.has_federal_codes(preset)
+    claims = in_federal_extent(crs, grid.bounds) and has_federal_codes(preset)
     level_codes = [level.code for level in preset.levels]
     assessed = coverage(
         np.isfinite(grid.values).astype(np.int64),
@@ -102,7 +104,7 @@ def _scenarios(hazard: Hazard, area: str) -> str:
         for s in hazard.sampled
         if s.source.area == area
     ]
-    return federal.shortened("; ".join(parts))
+    return shortened("; ".join(parts))
 
 
 def zone_sources(hazard: Hazard) -> pd.DataFrame:

@@ -1,0 +1,175 @@
+"""The legend of a map sheet: its layers, their classes, and the room that they need."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
+
+from sassgis.io.qgis.markup import options
+from sassgis.io.qgis.text_size import text_height, wrapped
+from sassgis.io.write.geopackage import VectorLayer
+from sassgis.model.results import RasterLayer
+from sassgis.model.styles import HILLSHADE, class_labels, class_name
+
+#: Space before a layer and between the rows (mm), as in the templates of the sheets.
+_SPACE_BEFORE, _SPACE_BETWEEN = 2.5, 1.2
+#: Height of a continuous ramp with the values at its ends (mm).
+_RAMP_HEIGHT = 14.0
+
+
+class ShownLayer(NamedTuple):
+    """A layer as layouts need it."""
+
+    key: str
+    datasource: str
+    content: RasterLayer | VectorLayer
+
+    @property
+    def provider(self) -> str:
+        """QGIS's name of the program that reads it."""
+        return "gdal" if isinstance(self.content, RasterLayer) else "ogr"
+
+
+class _LegendEntry(NamedTuple):
+    """A layer of the legend: its lines and those of its classes, already broken to the width."""
+
+    layer: ShownLayer
+    title: list[str]
+    classes: list[list[str]]
+
+
+def _class_texts(content: RasterLayer | VectorLayer) -> list[str]:
+    """Texts of the classes below the name of a layer, in the order in which QGIS lists them."""
+    if isinstance(content, VectorLayer):
+        texts = [entry.label for entry in content.style.classes]
+        return texts[::-1] if content.style.method == "ranges" else texts
+    if content.classes:
+        ordered = sorted(content.classes, key=lambda entry: -entry.value)
+        return [class_name(entry) for entry in ordered]
+    if content.breaks:
+        return class_labels(content.breaks, content.bands[0].unit)
+    return []
+
+
+def _rank(layer: ShownLayer) -> int:
+    """Layers with classes come first, areas and cells before lines; then those of one sign."""
+    content = layer.content
+    if isinstance(content, RasterLayer):
+        return 0
+    if not content.style.classes:
+        return 2
+    return 0 if content.style.symbol.kind == "fill" else 1
+
+
+def _has_one_sign(layer: ShownLayer) -> bool:
+    return _rank(layer) == 2
+
+
+def _legend_entries(
+    layers: Sequence[ShownLayer], width: float, symbol_width: float, points: float
+) -> list[_LegendEntry]:
+    beside = width - symbol_width - 3.0
+    out = []
+    for layer in sorted(layers, key=_rank):
+        if isinstance(layer.content, RasterLayer) and layer.content.ramp == HILLSHADE:
+            continue
+        classes = [wrapped(text, beside, points) for text in _class_texts(layer.content)]
+        # A layer of one sign has its name beside it.
+        room = beside if _has_one_sign(layer) else width
+        title = wrapped(layer.content.title, room, points, bold=not _has_one_sign(layer))
+        out.append(_LegendEntry(layer, title, classes))
+    return out
+
+
+def _legend_height(
+    entries: Sequence[_LegendEntry], points: float, symbol_height: float, *, heading: bool
+) -> float:
+    def row(lines: Sequence[str]) -> float:
+        return max(symbol_height, text_height(len(lines), points)) + _SPACE_BETWEEN
+
+    total = _SPACE_BEFORE + text_height(1, points) + _SPACE_BETWEEN if heading else 0.0
+    for entry in entries:
+        total += _SPACE_BEFORE
+        if _has_one_sign(entry.layer):
+            total += row(entry.title)
+            continue
+        total += _SPACE_BETWEEN + text_height(len(entry.title), points)
+        total += sum(row(lines) for lines in entry.classes) if entry.classes else _RAMP_HEIGHT
+    return total
+
+
+def fill_legend(
+    item: ET.Element, shown: Sequence[ShownLayer], width: float, points: float
+) -> float:
+    """Put layers into the legend of a template.
+
+    Parameters
+    ----------
+    item : Element
+        The legend.
+    shown : sequence of ShownLayer
+        The layers of the map, the top first.
+    width : float
+        Of the legend (mm).
+    points : float
+        Type size of the classes.
+
+    Returns
+    -------
+    float
+        Height that the legend needs (mm).
+    """
+    symbol_width, symbol_height = (
+        float(item.get(key, "")) for key in ("symbolWidth", "symbolHeight")
+    )
+    entries = _legend_entries(shown, width, symbol_width, points)
+    single = [_has_one_sign(entry.layer) for entry in entries]
+    # Signs of their own would seem to belong to the classes before them.
+    heading = 0 < sum(single) < len(entries)
+    tree = item.find("layer-tree-group")
+    assert tree is not None
+    tree.clear()
+    ET.SubElement(tree, "customproperties")
+    others = tree
+    if heading:
+        others = ET.Element(
+            "layer-tree-group", name="Also shown", checked="Qt::Checked", expanded="1"
+        )
+        ET.SubElement(others, "customproperties")
+    for entry, alone in zip(entries, single, strict=True):
+        (others if alone else tree).append(_legend_leaf(entry))
+    if heading:
+        tree.append(others)
+    ET.SubElement(tree, "custom-order", enabled="0")
+    return _legend_height(entries, points, symbol_height, heading=heading) + 1.0
+
+
+def _legend_leaf(entry: _LegendEntry) -> ET.Element:
+    """A layer in the legend, its texts broken into lines where they are long."""
+    layer = entry.layer
+    leaf = ET.Element(
+        "layer-tree-layer",
+        {
+            "id": layer.key,
+            "name": layer.content.title,
+            "source": layer.datasource,
+            "providerKey": layer.provider,
+            "checked": "Qt::Checked",
+            "expanded": "1",
+            "legend_exp": "",
+            "legend_split_behavior": "0",
+            "patch_size": "0,0",
+        },
+    )
+    first = 0
+    properties = {"legend/title-label": "\n".join(entry.title)}
+    if isinstance(layer.content, RasterLayer):
+        # QGIS lists the name of the band before the classes.
+        first = 1
+        places = range(1, 1 + max(len(entry.classes), 1))
+        properties["legend/node-order"] = ",".join(map(str, places))
+    for place, lines in enumerate(entry.classes, start=first):
+        properties[f"legend/label-{place}"] = "\n".join(lines)
+    options(ET.SubElement(leaf, "customproperties"), properties)
+    return leaf

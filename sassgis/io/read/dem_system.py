@@ -1,0 +1,210 @@
+"""The coordinate and height system of a terrain model: metres in plan, in the place it says."""
+
+from __future__ import annotations
+
+import logging
+import math
+from pathlib import Path
+from typing import Any
+
+import pyproj
+from pyproj.exceptions import CRSError, ProjError
+
+from sassgis.model.crs import crs_parts, parse_crs, same_crs
+from sassgis.model.errors import InputError
+
+log = logging.getLogger(__name__)
+
+#: Outside the area of use of a coordinate system by more than this, a warning is due (degrees).
+_AREA_MARGIN_DEG = 1.0
+#: Departure of the map scale from 1 that draws a warning, and that is refused.
+_SCALE_WARNING, _SCALE_ERROR = 0.005, 0.05
+
+
+def dem_system(
+    dataset: Any,
+    file: Path,
+    configured: str | None,
+    configured_datum: str | None,
+    bounds: tuple[float, float, float, float],
+) -> tuple[pyproj.CRS | None, str, float]:
+    """Horizontal system (None: local), name of the height system, metres per unit of height."""
+    local = configured is not None and configured.strip().lower() == "local"
+    stated = _stated_crs(dataset, file)
+    wanted = None
+    if configured is not None and not local:
+        wanted = parse_crs(configured, file=file, field="terrain.crs")
+    if stated is None and configured is None:
+        raise InputError(
+            "has no coordinate system",
+            file=file,
+            field="terrain.crs",
+            expected='terrain.crs in the configuration, such as "EPSG:2056" (or "local")',
+        )
+    if stated is not None and (local or (wanted is not None and not _agree(stated, wanted))):
+        raise InputError(
+            "the coordinate system of the file and the one configured differ",
+            file=file,
+            field="terrain.crs",
+            found=f"{stated.name} in the file, {configured} configured",
+            expected="the same; drop terrain.crs, or reproject or retag the DEM",
+        )
+    if stated is None and local:
+        return None, configured_datum or "", 1.0
+    full = stated if stated is not None else wanted
+    assert full is not None
+    plane, vertical = crs_parts(full)
+    if vertical is None and wanted is not None:
+        vertical = crs_parts(wanted)[1]
+    _check_plane(plane, file, bounds)
+    datum, unit = _height_system(vertical, configured_datum, file)
+    return plane, datum, unit
+
+
+def _stated_crs(dataset: Any, file: Path) -> pyproj.CRS | None:
+    if not dataset.crs:
+        return None
+    try:
+        crs = pyproj.CRS.from_user_input(dataset.crs)
+    except CRSError:
+        raise InputError(
+            "has a coordinate system that is not understood",
+            file=file,
+            expected="a known one; retag the file with gdal_edit.py -a_srs",
+        ) from None
+    # Nameless local systems say nothing about where the raster lies.
+    return None if crs.is_engineering else crs
+
+
+def _agree(stated: pyproj.CRS, wanted: pyproj.CRS) -> bool:
+    return same_crs(crs_parts(stated)[0], crs_parts(wanted)[0])
+
+
+def _check_plane(plane: pyproj.CRS, file: Path, bounds: tuple[float, float, float, float]) -> None:
+    """Refuse what cannot be measured in metres, or cannot be where it says it is."""
+    west, south, east, north = bounds
+    extent = f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
+    in_degrees = max(abs(west), abs(east)) <= 360.0 and max(abs(south), abs(north)) <= 90.0
+    if plane.is_geographic:
+        if not in_degrees:
+            raise InputError(
+                "coordinates cannot be degrees: the file is probably tagged with the wrong system",
+                file=file,
+                field="terrain.crs",
+                found=f"{plane.name} with {extent}",
+                expected="its true, projected system; set it with gdal_edit.py -a_srs EPSG:...",
+            )
+        utm = _utm(0.5 * (west + east), 0.5 * (south + north))
+        raise InputError(
+            "is in degrees",
+            file=file,
+            field="terrain.crs",
+            found=str(plane.name),
+            expected=f"a projected system in metres; reproject it with gdalwarp -t_srs EPSG:{utm}",
+        )
+    if not plane.is_projected:
+        raise InputError(
+            "has no projected coordinate system",
+            file=file,
+            field="terrain.crs",
+            found=str(plane.name),
+            expected="a projected system in metres",
+        )
+    for axis in plane.axis_info[:2]:
+        if abs(axis.unit_conversion_factor - 1.0) > 1e-9:
+            raise InputError(
+                "coordinates are not in metres",
+                file=file,
+                field="terrain.crs",
+                found=f"{plane.name} in {axis.unit_name}",
+                expected="a projected system in metres; reproject with gdalwarp -t_srs",
+            )
+    if in_degrees:
+        raise InputError(
+            "coordinates look like degrees, yet the file is tagged with a system in metres",
+            file=file,
+            field="terrain.crs",
+            found=f"{plane.name} with {extent}",
+            expected="its true system (EPSG:4326?), then reprojected to metres with gdalwarp",
+        )
+    _check_place(plane, file, 0.5 * (west + east), 0.5 * (south + north), extent)
+
+
+def _utm(lon: float, lat: float) -> int:
+    zone = min(60, max(1, math.floor((lon + 180.0) / 6.0) + 1))
+    return (32600 if lat >= 0.0 else 32700) + zone
+
+
+def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str) -> None:
+    """Coordinates must belong to the system, and its metres must be metres on the ground."""
+    base = plane.source_crs if plane.is_bound and plane.source_crs is not None else plane
+    try:
+        proj = pyproj.Proj(base)
+        lon, lat = proj(x, y, inverse=True)
+        factors = proj.get_factors(lon, lat)
+        scale = max(factors.meridional_scale, factors.parallel_scale, key=lambda k: abs(k - 1.0))
+    except ProjError:
+        lon = lat = scale = math.inf
+    if not (math.isfinite(lon) and math.isfinite(lat)):
+        raise InputError(
+            "coordinates do not belong to its coordinate system",
+            file=file,
+            field="terrain.crs",
+            found=f"{plane.name} with {extent}",
+            expected="coordinates on the Earth; the file is probably tagged with the wrong system",
+        )
+    area = _area_of_use(base)
+    if area is not None:
+        beyond = max(area.south - lat, lat - area.north, 0.0)
+        width = (area.east - area.west) % 360.0 or 360.0
+        past = (lon - area.west) % 360.0
+        beyond = max(beyond, min(past - width, 360.0 - past) if past > width else 0.0)
+        if beyond > _AREA_MARGIN_DEG:
+            log.warning(
+                "%s: lies %.1f degrees outside the area of use of %s (%s); "
+                "the coordinate system may be wrong",
+                file,
+                beyond,
+                plane.name,
+                area.name,
+            )
+    if abs(scale - 1.0) > _SCALE_ERROR:
+        raise InputError(
+            "map metres are not metres on the ground",
+            file=file,
+            field="terrain.crs",
+            found=f"{plane.name} with scale {scale:.3f} at the DEM",
+            expected=f"a system true to scale; gdalwarp -t_srs EPSG:{_utm(lon, lat)} makes one",
+        )
+    if abs(scale - 1.0) > _SCALE_WARNING:
+        log.warning(
+            "%s: a metre in %s is %.4f m on the ground at the DEM", file, plane.name, 1.0 / scale
+        )
+
+
+def _area_of_use(crs: pyproj.CRS) -> Any:
+    """Area of use; files do not carry it, but their codes lead to it."""
+    code = crs.to_epsg()
+    return crs.area_of_use or (None if code is None else pyproj.CRS.from_epsg(code).area_of_use)
+
+
+def _height_system(
+    vertical: pyproj.CRS | None, configured: str | None, file: Path
+) -> tuple[str, float]:
+    if vertical is None:
+        return configured or "", 1.0
+    name = str(vertical.name)
+    if configured and configured.lower() not in name.lower():
+        log.warning(
+            "%s: height system %r of the file is used, not %r as configured", file, name, configured
+        )
+    axis = vertical.axis_info[0] if vertical.axis_info else None
+    if axis is not None and axis.direction.lower() == "down":
+        raise InputError(
+            "holds depths, positive downwards",
+            file=file,
+            field="terrain.vertical_datum",
+            found=name,
+            expected="heights, positive upwards",
+        )
+    return name, 1.0 if axis is None else float(axis.unit_conversion_factor)

@@ -1,0 +1,482 @@
+"""Features of vector files: found, read, checked and brought into the coordinates of the DEM."""
+
+from __future__ import annotations
+
+import difflib
+import logging
+import math
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyogrio
+import pyproj
+import shapely
+from affine import Affine
+from numpy.typing import NDArray
+from pyogrio.errors import DataLayerError, DataSourceError
+from pyproj.exceptions import ProjError
+from rasterio.features import rasterize
+
+from sassgis.model.crs import crs_name, same_crs
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, Grid
+
+log = logging.getLogger(__name__)
+
+_KINDS = {
+    "Point": "point",
+    "MultiPoint": "point",
+    "LineString": "line",
+    "LinearRing": "line",
+    "MultiLineString": "line",
+    "Polygon": "polygon",
+    "MultiPolygon": "polygon",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """One feature of a layer, in the coordinates of the DEM.
+
+    Attributes
+    ----------
+    number : int
+        Place in the layer, counted from 1.
+    attributes : mapping of str to object
+    geometry : shapely geometry
+        Valid, not empty, without heights.
+    kind : {"polygon", "line", "point"}
+    """
+
+    number: int
+    attributes: Mapping[str, Any]
+    geometry: Any
+    kind: str
+
+    def text(self, field: str) -> str | None:
+        """Attribute as text; None where it is empty."""
+        return _text(self.attributes[field])
+
+    def label(self, name_field: str | None = None) -> str:
+        """How messages speak of the feature."""
+        name = self.text(name_field) if name_field else None
+        return f"feature {self.number}" + (f" ({name})" if name else "")
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """What may have been meant by a name that is not known."""
+    if not known:
+        return "one that exists, but there is none"
+    close = difflib.get_close_matches(name.lower(), [k.lower() for k in known], n=1, cutoff=0.6)
+    hint = next((f" (nearest: {k})" for k in known if close and k.lower() == close[0]), "")
+    return f"one of {', '.join(known)}{hint}"
+
+
+def _text(value: object) -> str | None:
+    if value is None or value != value or str(value) == "<NA>":
+        return None
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return str(value).strip() or None
+
+
+# ---------------------------------------------------------------------------------------------
+# Layers
+
+
+def read_features(
+    file: Path,
+    grid: Grid,
+    key: str,
+    *,
+    layer: str | None = None,
+    fields: Mapping[str, str | None] | None = None,
+    label: str | None = None,
+    kinds: Sequence[str] = ("polygon", "line", "point"),
+    choose: Callable[[Sequence[Feature]], list[Feature]] | None = None,
+) -> list[Feature]:
+    """Read a layer, check its geometries and bring them into the coordinates of the DEM.
+
+    Parameters
+    ----------
+    file, layer
+        The file, and its layer where it has several.
+    grid
+        The terrain model.
+    key
+        Section of the configuration that names the file, for messages.
+    fields
+        Attributes that must exist, by the configuration key that names them.
+    label
+        Attribute with the names of the features, for messages.
+    kinds
+        Kinds of geometry that can be used.
+    choose
+        Picks the features to read, by number and attributes alone. Default: all.
+
+    Returns
+    -------
+    list of Feature
+
+    Raises
+    ------
+    InputError
+        If file, layer or field are missing, the layer is empty or lies outside the DEM, or a
+        geometry is missing, invalid or of the wrong kind.
+    """
+    frame = open_layer(file, layer, key, fields or {})
+    plain = without_shapes(frame)
+    if choose is not None:
+        plain = choose(plain)
+    labels = [f.label(label) for f in plain]
+    geometries = [frame.geometry.array[f.number - 1] for f in plain]
+    shapes = [shapely.force_2d(g) if g is not None else None for g in geometries]
+    found_kinds = [
+        _check_shape(g, who, file, key, kinds) for g, who in zip(shapes, labels, strict=True)
+    ]
+    moved = onto_grid(shapes, frame.crs, grid, file, key, labels)
+    return [
+        Feature(f.number, f.attributes, g, kind)
+        for f, g, kind in zip(plain, moved, found_kinds, strict=True)
+    ]
+
+
+def without_shapes(frame: Any) -> list[Feature]:
+    """The features of a layer by number and attributes."""
+    rows = frame.drop(columns=frame.geometry.name).to_dict("records")
+    return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
+
+
+def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str | None]) -> Any:
+    """The layer as a frame with geometry."""
+    if not file.exists():
+        raise InputError(
+            "file not found", file=file, field=f"{key}.file", expected="the path of a vector file"
+        )
+    try:
+        with warnings.catch_warnings(record=True) as spoken:
+            warnings.simplefilter("always")
+            layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
+            name = _choose_layer(layers, layer, file, key)
+            # Geometries that cannot be decoded come as None and are reported by feature.
+            frame = pyogrio.read_dataframe(file, layer=name, on_invalid="ignore")
+    except (DataSourceError, DataLayerError, shapely.errors.ShapelyError, ValueError) as error:
+        raise InputError(
+            "cannot be read as a vector file",
+            file=file,
+            field=f"{key}.file",
+            found=str(error).split(";")[0].replace(f"'{file}' ", "")[:160],
+            expected="GeoPackage, Shapefile, GeoJSON or another format that GDAL reads",
+        ) from None
+    for text in dict.fromkeys(str(w.message) for w in spoken):
+        # Measures along lines are dropped with the heights: nothing is lost.
+        if not text.startswith("Measured"):
+            log.warning("%s: %s", file, " ".join(text.split()))
+    known = [c for c in frame.columns if c != "geometry"]
+    for setting, field in fields.items():
+        if field is not None and field not in known:
+            raise InputError(
+                "attribute not found",
+                file=file,
+                field=f"{key}.{setting}",
+                found=repr(field),
+                expected=nearest(field, known),
+            )
+    if len(frame) == 0:
+        raise InputError(
+            "layer is empty", file=file, field=f"layer {name}", expected="at least one feature"
+        )
+    return frame
+
+
+def _choose_layer(
+    layers: Mapping[str, str | None], wanted: str | None, file: Path, key: str
+) -> str:
+    drawn = [name for name, kind in layers.items() if kind is not None]
+    if wanted is not None and wanted in drawn:
+        return wanted
+    if not drawn:
+        raise InputError(
+            "holds no layer with geometry",
+            file=file,
+            field=f"{key}.file",
+            found=f"layers {', '.join(layers) or 'none'}",
+            expected="a layer of polygons, lines or points",
+        )
+    if wanted is not None:
+        raise InputError(
+            "layer not found",
+            file=file,
+            field=f"{key}.layer",
+            found=repr(wanted),
+            expected=nearest(wanted, drawn),
+        )
+    if len(drawn) > 1:
+        raise InputError(
+            "has several layers",
+            file=file,
+            field=f"{key}.layer",
+            found=", ".join(drawn),
+            expected=f"one of them as {key}.layer",
+        )
+    return drawn[0]
+
+
+def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str]) -> str:
+    """Kind of a geometry, in the coordinates of its file so that users find the place."""
+    place = f"{key}.file"
+    if shape is None or shape.is_empty:
+        raise InputError(
+            f"{who} has no usable geometry",
+            file=file,
+            field=place,
+            expected="a " + " or ".join(kinds),
+        )
+    kind = _KINDS.get(shape.geom_type, "")
+    if kind not in kinds:
+        raise InputError(
+            f"{who} is of the wrong kind",
+            file=file,
+            field=place,
+            found=shape.geom_type,
+            expected="a " + " or ".join(kinds),
+        )
+    if not np.isfinite(shapely.get_coordinates(shape)).all():
+        raise InputError(
+            f"{who} has a coordinate that is no number", file=file, field=place, expected="numbers"
+        )
+    if not shape.is_valid:
+        raise InputError(
+            f"{who} is not valid",
+            file=file,
+            field=place,
+            found=shapely.is_valid_reason(shape),
+            expected="a geometry that does not cross itself; mend it with QGIS 'Fix geometries'",
+        )
+    return kind
+
+
+def onto_grid(
+    shapes: Sequence[Any], crs: Any, grid: Grid, file: Path, key: str, labels: Sequence[str]
+) -> list[Any]:
+    """Geometries in the coordinates of the DEM; they must meet it somewhere.
+
+    Raises
+    ------
+    InputError
+        If they cannot be brought there or lie beside it, with a guess why.
+    """
+    place = f"{key}.file"
+    own = None if crs is None else pyproj.CRS.from_user_input(crs)
+    if own is not None and own.is_engineering:
+        own = None
+    # GeoJSON cannot leave its coordinate system out: longitude and latitude are then only implied.
+    implied = own is not None and own.is_geographic and file.suffix.lower() in (".geojson", ".json")
+    if own is None or (not grid.crs and implied):
+        if not _meets(shapes, grid):
+            raise InputError(
+                "has no coordinate system and does not lie on the DEM",
+                file=file,
+                field=place,
+                found=_extent(_bounds(shapes)),
+                expected=f"a file with its coordinate system, or coordinates of the DEM: "
+                f"{_extent(grid.bounds)}",
+            )
+        log.info("%s: states no coordinate system: taken to be that of the DEM", file)
+        return list(shapes)
+    if not grid.crs:
+        raise InputError(
+            "has a coordinate system, yet the DEM is in local coordinates",
+            file=file,
+            field=place,
+            found=str(own.name),
+            expected="local coordinates without a coordinate system",
+        )
+    target = pyproj.CRS.from_wkt(grid.crs)
+    west, south, east, north = _bounds(shapes)
+    if own.is_geographic and (
+        max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0
+    ):
+        raise InputError(
+            "coordinates cannot be degrees: the file is probably tagged with the wrong system",
+            file=file,
+            field=place,
+            found=f"{own.name} with {_extent((west, south, east, north))}",
+            expected="its true coordinate system",
+        )
+    plane = own.sub_crs_list[0] if own.is_compound else own
+    if same_crs(plane, target):
+        moved = list(shapes)
+    else:
+        moved = _reprojected(shapes, plane, target, file, place, labels)
+        log.info("%s: reprojected from %s to %s", file, plane.name, crs_name(grid.crs))
+    if not _meets(moved, grid):
+        error = outside(file, place, labels[0], _bounds(moved), grid)
+        if plane.is_geographic and _meets_swapped(shapes, plane, target, grid):
+            error = InputError(
+                "latitude and longitude are swapped",
+                file=file,
+                field=place,
+                found=_extent((west, south, east, north)),
+                expected="longitude first",
+            )
+        raise error
+    return moved
+
+
+def _reprojected(
+    shapes: Sequence[Any],
+    source: pyproj.CRS,
+    target: pyproj.CRS,
+    file: Path,
+    place: str,
+    labels: Sequence[str],
+) -> list[Any]:
+    transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
+
+    def move(points: FloatArray) -> FloatArray:
+        x, y = transformer.transform(points[:, 0], points[:, 1])
+        return np.column_stack([x, y])
+
+    try:
+        moved = [shapely.transform(g, move) for g in shapes]
+    except ProjError as error:
+        raise InputError(
+            "cannot be brought into the coordinates of the DEM",
+            file=file,
+            field=place,
+            found=str(error),
+            expected=f"coordinates that {target.name} can express",
+        ) from None
+    for shape, who in zip(moved, labels, strict=True):
+        if not np.isfinite(shapely.get_coordinates(shape)).all() or not shape.is_valid:
+            raise InputError(
+                f"{who} cannot be brought into the coordinates of the DEM",
+                file=file,
+                field=place,
+                found=f"{source.name}",
+                expected=f"coordinates that {target.name} can express",
+            )
+    return moved
+
+
+def _meets_swapped(
+    shapes: Sequence[Any], source: pyproj.CRS, target: pyproj.CRS, grid: Grid
+) -> bool:
+    transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
+    points = shapely.get_coordinates(list(shapes))
+    x, y = transformer.transform(points[:, 1], points[:, 0])
+    return bool((grid.cell_of(x, y) >= 0).any())
+
+
+def _bounds(shapes: Iterable[Any]) -> tuple[float, float, float, float]:
+    west, south, east, north = shapely.total_bounds(list(shapes)).tolist()
+    return west, south, east, north
+
+
+def _meets(shapes: Sequence[Any], grid: Grid) -> bool:
+    return bool(shapely.intersects(np.array(shapes, dtype=object), shapely.box(*grid.bounds)).any())
+
+
+def _extent(bounds: tuple[float, float, float, float]) -> str:
+    west, south, east, north = bounds
+    return f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
+
+
+def outside(
+    file: Path, place: str, label: str, bounds: tuple[float, float, float, float], grid: Grid
+) -> InputError:
+    """The error for a feature beyond the DEM."""
+    return InputError(
+        f"{label} lies outside the DEM",
+        file=file,
+        field=place,
+        found=_extent(bounds),
+        expected=f"within {_extent(grid.bounds)}",
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Geometry against the grid
+
+
+def share_inside(feature: Feature, grid: Grid) -> float:
+    """Share of a feature (of its area, length or number of points) within the DEM, 0 to 1."""
+    box = shapely.box(*grid.bounds)
+    if box.covers(feature.geometry):
+        return 1.0
+    common = feature.geometry.intersection(box)
+    if feature.kind == "polygon":
+        return float(common.area / feature.geometry.area)
+    if feature.kind == "line":
+        return float(common.length / feature.geometry.length)
+    whole = shapely.get_num_coordinates(feature.geometry)
+    return float(shapely.get_num_coordinates(common) / whole)
+
+
+def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.bool_]]:
+    """Cells that a geometry covers.
+
+    Parameters
+    ----------
+    geometry
+        Shapely geometry that meets the DEM.
+    grid
+        The terrain model.
+
+    Returns
+    -------
+    rows, cols : slice
+        The part of the grid that holds the geometry.
+    mask : bool, shape of that part
+        Cells whose centre lies in a polygon; for points, lines and polygons too small to hold a
+        centre, the cells that they touch.
+    """
+    n_rows, n_cols = grid.shape
+    west, south, east, north = geometry.bounds
+    size = grid.cell_size
+    first_row = min(max(math.floor((grid.north - north) / size), 0), n_rows - 1)
+    last_row = min(max(math.floor((grid.north - south) / size), 0), n_rows - 1)
+    first_col = min(max(math.floor((west - grid.west) / size), 0), n_cols - 1)
+    last_col = min(max(math.floor((east - grid.west) / size), 0), n_cols - 1)
+    rows, cols = slice(first_row, last_row + 1), slice(first_col, last_col + 1)
+    corner = Affine(
+        size, 0.0, grid.west + first_col * size, 0.0, -size, grid.north - first_row * size
+    )
+    mask = np.zeros((0, 0), dtype=bool)
+    for touched in (False, True):
+        if not touched and shapely.get_dimensions(geometry) < 2:
+            continue
+        burnt = rasterize(
+            [(geometry, 1)],
+            out_shape=(last_row - first_row + 1, last_col - first_col + 1),
+            transform=corner,
+            all_touched=touched,
+            dtype=np.uint8,
+        )
+        mask = burnt.astype(bool)
+        if mask.any():
+            break
+    return rows, cols, mask
+
+
+def steepest_slope_deg(geometry: Any, grid: Grid) -> float:
+    """Steepest slope (degrees) of the cells under a geometry, from central differences."""
+    rows, cols, mask = cells_under(geometry, grid)
+    n_rows, n_cols = grid.shape
+    top, left = max(rows.start - 1, 0), max(cols.start - 1, 0)
+    window = grid.values[top : min(rows.stop + 1, n_rows), left : min(cols.stop + 1, n_cols)]
+    down = np.asarray(np.gradient(window, grid.cell_size, axis=0))
+    right = np.asarray(np.gradient(window, grid.cell_size, axis=1))
+    own = (
+        slice(rows.start - top, rows.start - top + mask.shape[0]),
+        slice(cols.start - left, cols.start - left + mask.shape[1]),
+    )
+    slopes = np.hypot(down[own], right[own])[mask]
+    known = slopes[np.isfinite(slopes)]
+    # Cells with nodata all around have no slope, and nothing is claimed about them.
+    return math.degrees(math.atan(float(known.max()))) if known.size else 90.0

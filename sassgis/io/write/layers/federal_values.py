@@ -1,0 +1,273 @@
+"""Values and zones as the federal model takes them: checked, shortened, on coordinates of 1 mm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import shapely
+
+from sassgis.io.write.layers.federal_model import (
+    DECIMALS,
+    FEDERAL_EXTENT,
+    LONGEST_OF_A_SCENARIO,
+    Attribute,
+    FederalClass,
+)
+from sassgis.model.errors import InputError
+
+
+def checked_values(
+    kind: FederalClass,
+    values: Mapping[str, Any],
+    where: str,
+    federal: bool = True,
+    optional: tuple[str, ...] = (),
+    file: Path | None = None,
+) -> dict[str, Any]:
+    """Values of one feature as the model has them.
+
+    Parameters
+    ----------
+    kind : FederalClass
+    values : mapping of str to object
+        By attribute.
+    where : str
+        How messages speak of the feature.
+    federal : bool
+        Whether codes must be those of the model.
+    optional : tuple of str
+        Attributes that may be empty nevertheless.
+    file : Path, optional
+        Named by messages.
+
+    Returns
+    -------
+    dict of str to object
+        Plain str, int, float, bool or None.
+
+    Raises
+    ------
+    InputError
+        If a value is missing, of the wrong kind, out of range, too long or no code of the model; if
+        there is no return period though the scenario is not extreme; or an extreme one is frequent.
+    """
+
+    def refused(attribute: str, problem: str, found: object, expected: str) -> InputError:
+        return InputError(
+            f"{where}: {problem}",
+            file=file,
+            field=f"{kind.name}.{attribute}",
+            found=found,
+            expected=expected,
+        )
+
+    checked: dict[str, Any] = {}
+    for attribute in kind.attributes:
+        value = plain(values.get(attribute.name))
+        if value is None:
+            if attribute.required and attribute.name not in optional:
+                raise refused(attribute.name, "value is missing", None, _expected(attribute))
+        else:
+            value = _of_kind(attribute, value, federal)
+            if value is None:
+                found = plain(values.get(attribute.name))
+                if isinstance(found, str) and attribute.longest is not None:
+                    found = f"{len(found)} characters"
+                raise refused(attribute.name, "value cannot be used", found, _expected(attribute))
+        checked[attribute.name] = value
+    if "extreme_scenario" in checked:
+        years, extreme = checked["return_period_in_years"], checked["extreme_scenario"]
+        if years is None and not extreme:
+            raise refused(
+                "return_period_in_years",
+                "value is missing",
+                None,
+                "years, unless the scenario is extreme",
+            )
+        if extreme and years is not None and years <= LONGEST_OF_A_SCENARIO:
+            raise refused(
+                "extreme_scenario",
+                "an extreme scenario is too frequent",
+                f"a return period of {years} years",
+                f"none, or more than {LONGEST_OF_A_SCENARIO}",
+            )
+    return checked
+
+
+def plain(value: Any) -> Any:
+    """None for all that means empty; text in single spaces."""
+    if value is None or value is pd.NA or value != value:
+        return None
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, str):
+        return " ".join(value.split()) or None
+    return value
+
+
+def _of_kind(attribute: Attribute, value: Any, federal: bool) -> Any:
+    """The value in the kind of the attribute; None where it is not of it."""
+    if attribute.kind == "boolean":
+        # Where a column has gaps, booleans come as 0 and 1.
+        return bool(value) if value in (0, 1) else None
+    if attribute.kind in ("whole", "number"):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return None
+        if not attribute.low <= value <= attribute.high:
+            return None
+        if attribute.kind == "whole" and value != int(value):
+            return None
+        return int(value) if attribute.kind == "whole" else float(value)
+    if not isinstance(value, str):
+        return None
+    if attribute.kind == "code":
+        return value if not federal or not attribute.codes or value in attribute.codes else None
+    return value if attribute.longest is None or len(value) <= attribute.longest else None
+
+
+def _expected(attribute: Attribute) -> str:
+    if attribute.kind == "boolean":
+        return "true or false"
+    if attribute.kind == "code":
+        return f"one of {', '.join(attribute.codes)}" if attribute.codes else "a code"
+    if attribute.kind == "text":
+        return "a text" + (
+            f" of at most {attribute.longest} characters" if attribute.longest else ""
+        )
+    words = "a whole number" if attribute.kind == "whole" else "a number"
+    return f"{words}, {attribute.low:g} to {attribute.high:g}"
+
+
+def unique_short_names(names: Sequence[str], longest: int = 50) -> dict[str, str]:
+    """Cut names so that they are short enough and still differ.
+
+    Parameters
+    ----------
+    names : sequence of str
+        May repeat.
+    longest : int
+        Most characters.
+
+    Returns
+    -------
+    dict of str to str
+        Short name of each. Names that are short enough stay as they are.
+
+    Raises
+    ------
+    InputError
+        If a name is empty.
+    """
+    wanted = list(dict.fromkeys(names))
+    plain = {name: " ".join(name.split()) for name in wanted}
+    if empty := [name for name in wanted if not plain[name]]:
+        raise InputError("a source has no name", found=repr(empty[0]), expected="a text")
+    taken: set[str] = set()
+    short: dict[str, str] = {}
+    # Those that need no cut have the first claim to their own name.
+    for name in sorted(wanted, key=lambda name: len(plain[name]) > longest):
+        text, number = plain[name][:longest].rstrip(), 1
+        while text in taken:
+            number += 1
+            end = f"~{number}"
+            text = plain[name][: longest - len(end)].rstrip() + end
+        taken.add(text)
+        short[name] = text
+    return {name: short[name] for name in wanted}
+
+
+def shortened(text: str, longest: int = 400) -> str:
+    """Text cut at a word, with an ellipsis, where it is too long."""
+    text = " ".join(text.split())
+    if len(text) <= longest:
+        return text
+    head = text[: longest - 1]
+    words = head.rsplit(" ", 1)[0]
+    return f"{words.rstrip(' ,;:') or head}…"
+
+
+def surface_parts(
+    geometry: Any, *, where: str, file: Path | None = None, decimals: int = DECIMALS
+) -> list[Any]:
+    """Single polygons with straight edges, without heights, on coordinates of 1 mm.
+
+    Corners that polygons share stay shared. What vanishes on the grid of 1 mm is left out.
+
+    Parameters
+    ----------
+    geometry : Polygon or MultiPolygon
+    where : str
+        How messages speak of it.
+    file : Path, optional
+        Named by messages.
+    decimals : int
+        Of a coordinate (m).
+
+    Returns
+    -------
+    list of Polygon
+        Valid, not empty.
+
+    Raises
+    ------
+    InputError
+        If it is no polygon, or crosses itself.
+    """
+    if not isinstance(geometry, shapely.Polygon | shapely.MultiPolygon):
+        raise InputError(
+            f"{where}: cannot be a zone",
+            file=file,
+            found="nothing" if geometry is None else getattr(geometry, "geom_type", geometry),
+            expected="a polygon with straight edges",
+        )
+    if not np.isfinite(shapely.get_coordinates(geometry)).all():
+        raise InputError(f"{where}: a coordinate is no number", file=file)
+    if not geometry.is_valid:
+        raise InputError(
+            f"{where}: the polygon is not valid", file=file, found=shapely.is_valid_reason(geometry)
+        )
+    parts = []
+    for part in shapely.get_parts(shapely.force_2d(geometry)).tolist():
+        parts += _on_millimetres(part, decimals)
+    return parts
+
+
+def _on_millimetres(polygon: Any, decimals: int) -> list[Any]:
+    if polygon.is_empty:
+        return []
+    # Not set_precision at once: it may put corners where the neighbour has none.
+    rounded = shapely.transform(polygon, lambda xy: np.round(xy, decimals))
+    rounded = shapely.remove_repeated_points(rounded)
+    if not rounded.is_valid:
+        rounded = shapely.set_precision(polygon, 10.0**-decimals)
+        rounded = shapely.transform(rounded, lambda xy: np.round(xy, decimals))
+    return [
+        part
+        for part in shapely.get_parts(rounded).tolist()
+        if part.geom_type == "Polygon" and not part.is_empty and part.is_valid
+    ]
+
+
+def check_extent(geometries: Sequence[Any], *, field: str, file: Path | None = None) -> None:
+    """Refuse coordinates outside the extent of the federal model.
+
+    Raises
+    ------
+    InputError
+    """
+    if not len(geometries) or shapely.is_empty(geometries).all():
+        return
+    west, south, east, north = shapely.total_bounds(geometries).tolist()
+    low_x, low_y, high_x, high_y = FEDERAL_EXTENT
+    if not (low_x <= west and east <= high_x and low_y <= south and north <= high_y):
+        raise InputError(
+            "zones lie outside the extent of the federal model",
+            file=file,
+            field=field,
+            found=f"E {west:.10g} to {east:.10g}, N {south:.10g} to {north:.10g}",
+            expected=f"E {low_x:.10g} to {high_x:.10g}, N {low_y:.10g} to {high_y:.10g}",
+        )

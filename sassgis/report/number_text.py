@@ -1,0 +1,13 @@
+"""Numbers as a person would write them, in figures and reports."""
+
+from __future__ import annotations
+
+
+def thousands(value: float, decimals: int = 0) -> str:
+    """Write a number with a thin space between thousands."""
+    return f"{value:,.{decimals}f}".replace(",", "\u2009").replace("-", "\u2212")
+
+
+def power_of_ten(exponent: int) -> str:
+    """Write a power of ten, as '10⁻⁶'."""
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
