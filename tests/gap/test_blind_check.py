@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sassgis.gap.check.blinded_cases import labels_text, seal_of
 
 from sassgis.gap.check import check_scores
+from sassgis.gap.check.blinded_cases import labels_text, seal_of
 from sassgis.gap.check.worker_pool import Task, WorkerPool
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.model.errors import InputError, OutputError
