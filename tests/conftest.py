@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,10 @@ import pytest
 from sassgis.runs.samples import copy_sample
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# What a test writes need not outlive a power cut; waiting for the disk is half of some tests' time.
+os.environ.setdefault("OGR_SQLITE_SYNCHRONOUS", "OFF")
+os.fsync = lambda _descriptor: None
 
 
 @pytest.fixture(scope="session")
