@@ -17,6 +17,20 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("OGR_SQLITE_SYNCHRONOUS", "OFF")
 os.fsync = lambda _descriptor: None
 
+#: A file runs on one worker, so that its fixtures are made once. The long ones come first: no
+#: worker is left alone with one of them at the end.
+LONG_FILES = (
+    "test_diagnose.py", "test_worlds.py", "test_blind_check.py", "test_outputs.py",
+    "test_where.py", "test_project.py", "test_products.py", "test_batch.py", "test_interlis.py",
+    "test_any_world.py", "test_convergence.py", "test_pipelines.py", "test_command_line.py",
+    "test_staging.py", "test_docs.py", "test_layout.py", "test_zones.py", "test_contact.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {name: i for i, name in enumerate(LONG_FILES)}
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))
+
 
 @pytest.fixture(scope="session")
 def repository() -> Path:

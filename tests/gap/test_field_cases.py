@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +18,10 @@ from sassgis.gap.observations.tables import what_can_be_told
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs.gap_case import read_case
+
+from helpers.scripts import run_script
+
+pytestmark = pytest.mark.battery
 
 ROWS = {"tschamut2014": 62, "chant_sura_2020": 11, "authume_quarry_p1": 41}
 PIPELINES = {
@@ -161,14 +164,11 @@ def test_data_that_are_not_there_are_told_in_one_line(
     repository: Path, tmp_path: Path, tables: ModuleType
 ) -> None:
     for script in PIPELINES.values():
-        done = subprocess.run(
-            [sys.executable, repository / "pipelines" / f"{script}.py", tmp_path, "-o",
-             tmp_path / "out"],
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode != 0
-        assert len(done.stderr.strip().splitlines()) == 1
-        assert "the field data are not here" in done.stderr
+        file = repository / "pipelines" / f"{script}.py"
+        done = run_script(file, tmp_path, "-o", tmp_path / "out")
+        assert done.code != 0
+        assert len(done.err.strip().splitlines()) == 1
+        assert "the field data are not here" in done.err
     with pytest.raises(InputError):
         tables.field_file(tmp_path, "tschamut2014", "terrain.asc")
     (tmp_path / "full").mkdir()

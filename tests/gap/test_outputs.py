@@ -726,7 +726,6 @@ def test_difference_counts_unreached_cells_as_zero() -> None:
     assert np.allclose(difference(before, after), [-0.1, 0.3, -0.5, np.nan], equal_nan=True)
 
 
-@pytest.mark.slow
 def test_change_of_the_map(made: Made, written: Path, tmp_path: Path) -> None:
     config, _ = made
     change = map_change(config, written / "model" / "config.toml", tmp_path / "map", 1)

@@ -303,7 +303,7 @@ def test_the_same_seed_gives_the_same_findings():
     assert found(case) == found(case)
 
 
-@pytest.mark.slow
+@pytest.mark.battery
 def test_nothing_is_found_where_nothing_is():
     """False findings among all of them in about one case of twenty."""
     false = 0
