@@ -30,7 +30,7 @@ def test_the_package_is_whole_and_nothing_else_is_in_the_wheel(
     assert "sassgis/py.typed" in expected
     assert expected <= names
     rest = {n for n in names - expected if not n.startswith("sassgis/data/sample_dem/")}
-    assert {n.split("/")[0].rsplit("-", 1)[-1].split(".", 3)[-1] for n in rest} == {"dist-info"}
+    assert {Path(n).parts[0].rpartition(".")[2] for n in rest} == {"dist-info"}
 
 
 def test_the_installed_package_is_the_one_that_is_used(installed: Installed, demo: Path) -> None:

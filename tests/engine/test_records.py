@@ -12,6 +12,8 @@ import pytest
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.simulate import default_bins
 
+pytestmark = pytest.mark.kernels
+
 G = 9.81
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 from dataclasses import dataclass
@@ -31,9 +32,10 @@ def command_of(readme: str, name: str) -> str:
 
 
 def done_in(folder: Path, *command: object) -> subprocess.CompletedProcess[str]:
-    """A finished command that did not fail."""
+    """A finished command that did not fail; it does not see the Python of the tests."""
     done = subprocess.run(
-        [str(c) for c in command], cwd=folder, capture_output=True, text=True, check=False
-    )
+        [str(c) for c in command], cwd=folder, capture_output=True, text=True, check=False,
+        env={k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PYTHONHOME")},
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done

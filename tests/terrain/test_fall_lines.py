@@ -17,6 +17,8 @@ from sassgis.terrain.release import take
 from sassgis.terrain.spread import SpreadSettings, fans, trace_bundles
 from sassgis.terrain.surface import surface
 
+pytestmark = pytest.mark.kernels
+
 FloatArray = NDArray[np.float64]
 SHARP = FallLineSettings(smoothing_m=0.0)
 

@@ -21,6 +21,8 @@ from sassgis.terrain.flatten import (
 )
 from sassgis.terrain.release import take
 
+pytestmark = pytest.mark.kernels
+
 FloatArray = NDArray[np.float64]
 
 

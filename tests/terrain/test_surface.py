@@ -10,6 +10,8 @@ from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.terrain.surface import evaluate, smoothed, surface
 
+pytestmark = pytest.mark.kernels
+
 
 def holed(grid: Grid) -> Grid:
     """With a hole, a lone cell, a ragged side and a lone hole."""

@@ -13,6 +13,8 @@ from sassgis.engine.effects import air_drag, build
 from sassgis.model.effects import AirDrag, EffectSettings
 from sassgis.model.settings import EngineSettings
 
+pytestmark = pytest.mark.kernels
+
 FLAT = slope((400.0, 0.0))
 
 

@@ -30,6 +30,8 @@ from sassgis.model.errors import ConfigError
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings
 
+pytestmark = pytest.mark.kernels
+
 FLAT = slope((200.0, 0.0))
 VX, VZ, OMEGA = COL["vx_mps"], COL["vz_mps"], COL["omega_radps"]
 #: Lands on its corner, so that it rebounds.
