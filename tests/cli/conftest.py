@@ -6,9 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from small_slope import Slope, heights, release_box
 
 from sassgis.cli import main
+
+from helpers.small_slope import Slope, heights, release_box
 
 
 @pytest.fixture

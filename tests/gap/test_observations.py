@@ -11,7 +11,6 @@ import pandas as pd
 import pyogrio
 import pytest
 import shapely
-from observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
 from sassgis.gap.observations.tables import (
     METADATA_KEYS,
@@ -38,6 +37,8 @@ from sassgis.io.read.observation_files import (
 )
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import Grid
+
+from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
 
 def lines(observations, grid=None):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts, swiss
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,6 +18,8 @@ from sassgis.hazard.levels import (
     undecided,
 )
 from sassgis.model.hazard import HazardCurves, Source
+
+from helpers.hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts, swiss
 
 PRESET = swiss()
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from terrains import grid_of, rough
 
 from sassgis.model.grid import Grid
+
+from helpers.terrains import grid_of, rough
 
 
 @pytest.fixture(scope="session")

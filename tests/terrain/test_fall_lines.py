@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from terrains import grid_of, middle, points_at
 
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import Grid
@@ -16,6 +15,8 @@ from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trac
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import SpreadSettings, fans, trace_bundles
 from sassgis.terrain.surface import surface
+
+from helpers.terrains import grid_of, middle, points_at
 
 pytestmark = pytest.mark.kernels
 

@@ -6,7 +6,6 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from terrains import grid_of, middle, points_at, rough
 
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
@@ -20,6 +19,8 @@ from sassgis.terrain.flatten import (
     xy_to_chainage,
 )
 from sassgis.terrain.release import take
+
+from helpers.terrains import grid_of, middle, points_at, rough
 
 pytestmark = pytest.mark.kernels
 

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from terrains import grid_of, rough
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.terrain.surface import evaluate, smoothed, surface
+
+from helpers.terrains import grid_of, rough
 
 pytestmark = pytest.mark.kernels
 

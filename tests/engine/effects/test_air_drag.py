@@ -6,12 +6,24 @@ import math
 
 import numpy as np
 import pytest
-from effects_lab import COL, IMPACT, G, ellipsoid, first, plain, run, slope, sphere, sphere_mass
 from scipy.integrate import solve_ivp
 
 from sassgis.engine.effects import air_drag, build
 from sassgis.model.effects import AirDrag, EffectSettings
 from sassgis.model.settings import EngineSettings
+
+from helpers.effects_lab import (
+    COL,
+    IMPACT,
+    G,
+    ellipsoid,
+    first,
+    plain,
+    run,
+    slope,
+    sphere,
+    sphere_mass,
+)
 
 pytestmark = pytest.mark.kernels
 

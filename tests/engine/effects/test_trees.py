@@ -6,7 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from effects_lab import (
+from scipy import stats
+
+from sassgis.engine.effects import trees
+from sassgis.engine.simulate import ControlLineCrossings
+from sassgis.model.effects import EffectSettings, Trees
+from sassgis.model.results import ControlLine
+
+from helpers.effects_lab import (
     COL,
     IMPACT,
     REST,
@@ -20,12 +27,6 @@ from effects_lab import (
     sphere,
     sphere_mass,
 )
-from scipy import stats
-
-from sassgis.engine.effects import trees
-from sassgis.engine.simulate import ControlLineCrossings
-from sassgis.model.effects import EffectSettings, Trees
-from sassgis.model.results import ControlLine
 
 ANGLE = 30.0
 RADIUS = 0.4
@@ -159,7 +160,7 @@ def test_stems_are_met_below_their_height_only(cell):
 @pytest.mark.parametrize("cell", [0.5, 2.0, 100.0])
 def test_the_loss_in_a_forest_does_not_depend_on_the_cells(cell):
     # A rough run through a real forest: the mean run-out agrees with that on cells of 2 m.
-    from effects_lab import MIXED, ground, rough_slope
+    from helpers.effects_lab import MIXED, ground, rough_slope
 
     effects = EffectSettings(trees=Trees())
     runs = []

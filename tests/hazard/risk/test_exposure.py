@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, MultiLineString, MultiPoint, Point, box
 from shapely.affinity import rotate, translate
-from worked_example import HOUSE, ROAD, vulnerability
 
 from sassgis.io.read.objects import (
     PlacedObjects,
@@ -26,6 +25,8 @@ from sassgis.io.read.objects import (
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import Traffic, Vulnerability
 from sassgis.model.grid import Grid
+
+from helpers.worked_example import HOUSE, ROAD, vulnerability
 
 TRAFFIC = {
     "traffic_per_day": 2000.0,

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 
 from sassgis.hazard.risk import (
     ADDITIVE,
@@ -28,6 +27,8 @@ from sassgis.hazard.risk import (
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import ExposedObject, Vulnerability
 from sassgis.model.hazard import Source, SourceCounts
+
+from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 
 
 def close(value):

@@ -10,7 +10,6 @@ import geopandas as gpd
 import numpy as np
 import pytest
 from shapely import LineString, Point, box
-from worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 
 from sassgis.hazard.risk import ADDITIVE, assess_risk, object_rows, source_rows, total_rows
 from sassgis.io.read.objects import PlacedObjects
@@ -18,6 +17,8 @@ from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.risk_objects import risk_frames, risk_vectors
 from sassgis.model.exposure import ExposedObject
 from sassgis.model.hazard import SourceCounts
+
+from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 
 PLAYGROUND = ExposedObject("playground", "people", persons=10.0, presence=0.1)
 PLACED = PlacedObjects(

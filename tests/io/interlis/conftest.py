@@ -6,10 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import made_zones
 import pytest
 
 from sassgis.io.write.geopackage import write_geopackage
+
+from helpers import made_zones
 
 
 @pytest.fixture

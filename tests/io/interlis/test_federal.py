@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import made_zones as made
 import numpy as np
 import pyogrio
 import pyproj
@@ -37,6 +36,8 @@ from sassgis.io.write.layers.federal import (
 )
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, Provenance
+
+from helpers import made_zones as made
 
 LV95: dict[str, Any] = {"crs": "EPSG:2056", "federal": True}
 ZONE = box(made.E, made.N, made.E + 100, made.N + 100)

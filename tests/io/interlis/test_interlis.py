@@ -13,7 +13,6 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import geopandas as gpd
-import made_zones as made
 import pyogrio
 import pytest
 import shapely
@@ -25,6 +24,8 @@ from sassgis.io.interlis.validation import XTF_NAMESPACE, check_xtf, validate_xt
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.federal import FEDERAL_CLASSES, hazard_area
 from sassgis.model.errors import ConfigError, InputError, OutputError
+
+from helpers import made_zones as made
 
 SIMPLE, STRUCTURED = made.MODELS / "simple", made.MODELS / "structured"
 NS = f"{{{XTF_NAMESPACE}}}"

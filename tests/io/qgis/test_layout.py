@@ -10,7 +10,6 @@ from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
-import made_up
 import matplotlib.image
 import numpy as np
 import pytest
@@ -30,6 +29,8 @@ from sassgis.io.qgis.layout import (
     text_width,
     wrapped,
 )
+
+from helpers import made_up_result as made_up
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 PROBE = Path(__file__).with_name("layout_probe.py")

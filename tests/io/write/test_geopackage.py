@@ -9,7 +9,6 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import geopandas as gpd
-import made_up
 import numpy as np
 import pyogrio
 import pytest
@@ -23,6 +22,8 @@ from sassgis.model.styles import (
     RELEASE_AREA_STYLE,
     RELEASE_POINT_STYLE,
 )
+
+from helpers import made_up_result as made_up
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,13 @@ import rasterio
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from zone_slope import CELL, VULNERABILITY, Case, Zoned, box, gully, place, two_areas, zoned
 
 from sassgis.cli import main
 from sassgis.hazard.assess import curves_of, hazard_of, level_zones, raster
 from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.hazard.zoning.generalise import ZoneSettings
+
+from helpers.zone_slope import CELL, VULNERABILITY, Case, Zoned, box, gully, place, two_areas, zoned
 
 LEVELS = ["residual_hazard", "slight", "mean", "substantial"]
 INTENSITIES = ["low", "mean", "high"]
