@@ -1,7 +1,7 @@
 """Time of a run without effects and with each of them: ``python benchmarks/effects.py``.
 
-The slope is that of slope.py, unrolled: one line of it, so that only the engine is measured. "off"
-is the run with empty settings of effects beside that without any.
+One line of the slope of slope.py, so that only the engine is measured. "off" is a run with empty
+settings of effects, compared with a run without any.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def slope_line(table: GroundTable) -> ProfileSet:
 
 
 def measure(rocks: int, repeats: int) -> dict[str, dict[str, float]]:
-    """Shortest time (s) of each case, its ratio to the first, and what came of the rocks."""
+    """Shortest time (s) of each case, its ratio to the first, mean run-out and fragments."""
     table = read_ground_table(None)
     line = slope_line(table)
     n = line.cell.size
@@ -85,7 +85,7 @@ def measure(rocks: int, repeats: int) -> dict[str, dict[str, float]]:
     for effects in CASES.values():
         play(effects)  # compiled
     best: dict[str, tuple[float, float, int]] = {}
-    for _ in range(repeats):  # in turns: what else the machine does falls on all alike
+    for _ in range(repeats):  # in turn, so that other load affects all cases alike
         for name, effects in CASES.items():
             found = play(effects)
             best[name] = min(best.get(name, found), found)
@@ -100,13 +100,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--rocks", type=int, default=3000)
     parser.add_argument("--repeats", type=int, default=7)
-    parser.add_argument("--json", type=Path, help="write the figures to a file as well")
+    parser.add_argument("--json", type=Path, help="also write the figures to a file")
     arguments = parser.parse_args()
     result = measure(arguments.rocks, arguments.repeats)
     for name, row in result.items():
         print(
-            f"{name:20s} {arguments.rocks / row['seconds']:9.0f} rocks/s  x {row['ratio']:.2f}  "
-            f"run-out {row['mean_runout_m']:6.1f} m  {row['pieces']} pieces"
+            f"{name:20s} {arguments.rocks / row['seconds']:9.0f} blocks/s  x {row['ratio']:.2f}  "
+            f"run-out {row['mean_runout_m']:6.1f} m  {row['pieces']} fragments"
         )
     if arguments.json:
         arguments.json.write_text(json.dumps(result, indent=1) + "\n")

@@ -1,10 +1,10 @@
-"""Rate, memory and compilation time of sassgis on the benchmark slope, beside SAGA's random walk.
+"""Rate, memory and compilation time of sassgis on the benchmark slope, compared with SAGA.
 
     python benchmarks/run.py [--repeats 3] [--rough] [--json FILE]
 
 Each figure comes from a process of its own. The rate counts complete trajectories with all map
-statistics on, from release points to sums per cell, on one core, after compilation. Beside SAGA
-stand two ratios: of whole runs, and of the rocks and walks alone, without the set-up of either.
+statistics on, from release points to sums per cell, on one core, after compilation. The comparison
+with SAGA has two ratios: of complete runs, and of blocks and walks only, without set-up.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def simulate_once(folder: Path, repeats: int) -> dict[str, Any]:
     wall, cpu, per_rock = [], [], []
     rocks = 0
     # One rock per line has the same set-up: terrain, fall lines, profiles. The difference is the
-    # time of the rocks alone, as saga.measure takes that of the walks alone.
+    # time of the blocks only, as saga.measure takes that of the walks only.
     one = dataclasses.replace(run, rocks_per_point=1)
     for _ in range(repeats):
         t, c = time.perf_counter(), time.process_time()
@@ -121,7 +121,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--rough", action="store_true", help="metre-scale roughness on the slope")
-    parser.add_argument("--json", type=Path, help="write the figures here as well")
+    parser.add_argument("--json", type=Path, help="also write the figures to a file")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.child:
@@ -130,7 +130,7 @@ def main() -> None:
     result = measure(given.repeats, given.rough)
     if given.json:
         given.json.write_text(json.dumps(result, indent=2) + "\n")
-    print(f"slope: {'rough' if given.rough else 'plain'}, {result['rocks']} rocks")
+    print(f"slope: {'rough' if given.rough else 'plain'}, {result['rocks']} blocks")
     low, high = result["trajectories_per_s_range"]
     print(
         f"sassgis: {result['trajectories_per_s_and_core']:,.0f} trajectories per second and core "
@@ -143,8 +143,8 @@ def main() -> None:
     if result["saga"].get("available"):
         walks = result["saga"]["walks"] / statistics.median(result["saga"]["seconds"])
         print(
-            f"SAGA {result['saga']['version']}: {walks:,.0f} walks per second, start to end; "
-            f"sassgis does {result['ratio_whole']:.1f} times as many"
+            f"SAGA {result['saga']['version']}: {walks:,.0f} walks per second, complete process; "
+            f"sassgis: {result['ratio_whole']:.1f} times as many"
         )
         print(
             f"without set-up: {result['further_trajectories_per_s']:,.0f} trajectories and "

@@ -112,7 +112,7 @@ def run_once(work: Path, iterations: int) -> tuple[float, float]:
     busy = sum(after[2:4]) - sum(before[2:4])
     if done.returncode != 0:
         said = (done.stderr.strip() or done.stdout.strip()).splitlines()
-        raise RuntimeError(f"{PROGRAM} failed: {said[-1] if said else 'without a word'}")
+        raise RuntimeError(f"{PROGRAM} failed: {said[-1] if said else 'no message'}")
     return seconds, busy
 
 

@@ -134,7 +134,7 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     write_slope(arguments.folder, arguments.rough)
-    print(f"{RELEASE_CELLS} release cells x {ROCKS_PER_CELL} rocks: {arguments.folder}")
+    print(f"{RELEASE_CELLS} release cells x {ROCKS_PER_CELL} blocks: {arguments.folder}")
 
 
 if __name__ == "__main__":

@@ -20,43 +20,46 @@ from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 PAGE = Path(__file__).parent / "configuration.md"
 
 _HEAD = """\
-<!-- Written by docs/make_reference.py from the models in sassgis/io/sections.py. Do not edit. -->
+<!-- Written by docs/make_reference.py from the declared settings. Do not edit. -->
 
 # Configuration
 
 One TOML file describes a run. `sassgis init` writes one with every key, `sassgis validate` reads it
 and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
 (`mps`), rad/s (`radps`), kg/m³ (`kgm3`), kJ (`kj`), degrees (`deg`). A *range* is `[low, high]`; a
-single number stands for two equal limits. Unknown keys are errors.
+single number means two equal limits. Unknown keys are errors.
 
 A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
 needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else has a default.
 
-Paths, numbers of cores and what is written do not change the rocks. Everything in the sections
-terrain, release, spread, ground, blocks, stations, barriers, engine and run (but `jobs`) may.
+Paths, numbers of cores and output settings do not change the simulated blocks. The sections
+terrain, release, spread, ground, blocks, stations, barriers, effects, engine and run (except
+`jobs`) may.
 """
 
 _INTRO = {
     "project": "",
     "terrain": "The DEM, and how fall lines are traced and flattened: [terrain.md](terrain.md).",
-    "release": "Where rocks start: [terrain.md](terrain.md#release-points).",
+    "release": "Where blocks start: [terrain.md](terrain.md#release-points).",
     "spread": "A bundle of lines from each release point: [terrain.md](terrain.md#spread).",
-    "ground": "The kind of ground of each cell: [model.md](model.md#ground-classes).",
-    "blocks": "One section for each block scenario; one is needed. Each rock is drawn uniformly "
+    "ground": "The ground class of each cell: [model.md](model.md#ground-classes).",
+    "blocks": "One section for each block scenario; one is needed. Each block is drawn uniformly "
     "between the limits. Its size is given by three semi-axes or by a volume. Zones need its onset "
     "frequency: [hazard.md](hazard.md).",
-    "stations": "Where passing rocks are recorded; a section for each. Placed by exactly one "
-    "of `line`, `file`, `chainage_m`.",
-    "barriers": "Walls and nets, placed as stations are. All stations and barriers differ in name.",
-    "engine": "How the model is read where the paper is silent: [model.md](model.md#readings).",
+    "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
+    "exactly one of `line`, `file`, `chainage_m`.",
+    "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "
+    "unique.",
+    "engine": "Modelling assumptions where the paper leaves a question open: "
+    "[model.md](model.md#modelling-assumptions).",
     "profile": "A run along one profile (`sassgis profile`).",
     "hazard": "Intensities and hazard levels (`sassgis zone`): [hazard.md](hazard.md).",
     "zones": "From cells to polygons: [zones.md](zones.md).",
-    "risk": "What hits do to exposed objects: [risk.md](risk.md).",
+    "risk": "Consequences of hits on exposed objects: [risk.md](risk.md).",
     "objects": "Exposed objects, a section for each layer: [risk.md](risk.md). Each number is one "
     "for all features, or an attribute of each (`..._field`).",
     "run": "",
-    "output": "What is written: [outputs.md](outputs.md).",
+    "output": "Output files: [outputs.md](outputs.md).",
 }
 _LISTS = ("blocks", "stations", "barriers", "objects")
 

@@ -4,7 +4,7 @@
 
 Runs ``sassgis batch`` and adds two tables beside its summary: ``OUT/shares.csv`` has a row per
 hazard level and release area, with the zones of the mosaic that the area governs and their size;
-``OUT/overlaps.csv`` has how much of the map the rocks of one area, of two, of three ... reach.
+``OUT/overlaps.csv`` has the size of the map reached by one area, by two, by three ... areas.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def shares(mosaic: Path) -> pd.DataFrame:
 
 
 def overlaps(folder: Path, areas: list[str]) -> pd.DataFrame:
-    """Size of the map by the number of areas whose rocks come there."""
+    """Size of the map by the number of areas whose blocks reach it."""
     with rasterio.open(folder / "mosaic" / "maps" / "passages.tif") as mosaic:
         count = np.zeros(mosaic.shape, np.int64)
         corner, cell = (mosaic.transform.c, mosaic.transform.f), mosaic.res[0]

@@ -1,9 +1,9 @@
-"""Do a wall and two nets keep the rocks of Bedrina 1 off the road, as the authors of 1986 found?
+"""Do a wall and two nets protect the road at Bedrina 1, as the authors of 1986 found?
 
     python pipelines/bedrina_1986.py [FOLDER] -o OUT
 
-FOLDER holds ``config_before.toml`` and ``config_after.toml``; default: the sample slope, which is
-like Bedrina 1 in kind and not in figures. Writes both results, a comparison of the trajectories
+FOLDER holds ``config_before.toml`` and ``config_after.toml``; default: the sample slope, which
+resembles Bedrina 1 qualitatively. Writes both results, a comparison of the trajectories
 like Fig. 13 of Bozzolo and Pamini (1986), histograms at the cameras like their Fig. 12,
 ``hits.csv`` with the rocks on the road, and ``ranges.csv`` with the share of the rocks that lie
 within the ranges of Fig. 12.

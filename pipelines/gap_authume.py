@@ -1,10 +1,10 @@
-"""Why do rocks run too short at the Authume quarry, and how far aside of their lines do they stop?
+"""Why is the run-out at the Authume quarry too short, and what is the lateral offset of the stops?
 
     python pipelines/gap_authume.py [DATA] -o OUT [--jobs 2] [--case-only]
 
 DATA holds the folder ``authume_quarry_p1`` (B. Garcia et al. 2022, Eng. Geol. 310, 106855; F.
-Bourrier et al. 2021, Landslides 18, 639). The data state no licence: the terrain is read where it
-lies, and what OUT holds beyond ``results.json`` and the figures is not to be passed on.
+Bourrier et al. 2021, Landslides 18, 639). The data state no licence: the terrain is read from its
+folder, and apart from ``results.json`` and the figures the files in OUT must not be passed on.
 
 Writes the configuration of ``docs/studies/authume``, observations of 41 stops and of two halves of
 them, the diagnoses, and ``results.json``.
@@ -29,7 +29,7 @@ STUDY = Path(__file__).resolve().parents[1] / "docs" / "studies" / "authume" / "
 
 
 def untuned() -> ModuleType:
-    """The study that reads the data and writes the untuned configuration."""
+    """The study that reads the data and writes the uncalibrated configuration."""
     spec = importlib.util.spec_from_file_location("authume", STUDY)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -39,7 +39,7 @@ def untuned() -> ModuleType:
 
 
 def write(data: Path, out: Path) -> FieldCase:
-    """Write the case: which rock started where in the square is not known."""
+    """Write the case; the release points of single rocks are not known."""
     field_file(data, FOLDER, "Endpoints_P1.txt")
     authume = untuned()
     quarry = (data / FOLDER).resolve()
@@ -67,8 +67,8 @@ def write(data: Path, out: Path) -> FieldCase:
         f"{len(ids)} stops; {int((plan <= authume.EDGE_M).sum())} of them above the edge of the "
         "upper face",
         "heights of the stops lie 2.9 m above the terrain: not used",
-        "release points are not known rock by rock: rocks take turns on a lattice of 1 m in the "
-        "square of release",
+        "release points of single rocks are not known: rocks take turns on a lattice of 1 m in the "
+        "release square",
         "semi-axes: half of the measured boxes; the ellipsoid is lighter than the rock as weighed",
         "ground and drop as in docs/studies/authume.md, by name",
     ]

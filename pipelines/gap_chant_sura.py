@@ -1,4 +1,4 @@
-"""Do rocks at Chant Sura keep what the impact law says, and does soft ground explain the rest?
+"""Do impacts at Chant Sura follow the impact law, and does soft ground explain the rest?
 
     python pipelines/gap_chant_sura.py [DATA] -o OUT [--jobs 2] [--case-only]
 
@@ -7,7 +7,7 @@ EnviDat, doi 10.16904/envidat.174, WSL Data Policy; scars: A. Caviezel et al. 20
 Dynam. 7, 199; G. Lu et al. 2019, Landslides 16, 2353). Writes the configuration, the terrain (7.7 m
 of it), the contacts that can be used, their one-step predictions, the diagnosis, ``results.json``.
 
-No stops and no stations are there: this case speaks of single impacts alone.
+There are no stops and no stations: the case covers single impacts only.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ density_kgm3 = 2670
 
 
 def write(data: Path, out: Path) -> FieldCase:
-    """Write the case: one rock of the tables is one run."""
+    """Write the case: each rock in the tables is one run."""
     field_file(data, FOLDER, "observed_contact_events_extended.csv")
     folder = data / FOLDER
     contacts, rocks = read_contacts(folder)
@@ -77,12 +77,12 @@ def write(data: Path, out: Path) -> FieldCase:
     notes = [
         f"{len(contacts)} contacts of {len(rocks)} runs; {len(used)} can be used",
         *(f"left out: {w.rock_id} contact {w.impact}: {w.left_out}" for w in why.itertuples()),
-        "flights are parabolas through two points, exact to g: they say nothing of the air, and no "
+        "flights are parabolas through two points, exact to g: no information on air drag, and no "
         "trajectories are written",
         "spin is measured in the axes of the rock: its size is known, its direction is not; it is "
-        "taken as forward rolling",
+        "assumed to be forward rolling",
         "normal of the ground: the plane through the terrain within 0.5 m of the contact",
-        "ground by judgement: soft_meadow all over",
+        "ground by expert judgement: soft_meadow everywhere",
     ]
     meta = {"speed_error_rel": 0.1, "rotation_error_rel": 0.1, "position_error_m": 0.2}
     tables: dict[str, pd.DataFrame] = {"rocks": rocks, "impacts": impacts}
@@ -93,7 +93,7 @@ def write(data: Path, out: Path) -> FieldCase:
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Write the case, predict contact by contact, diagnose."""
+    """Write the case, predict each contact, diagnose."""
     given = parser(__doc__).parse_args(argv)
     case = write(given.data, fresh(given.output, given.overwrite))
     folder = given.data / FOLDER

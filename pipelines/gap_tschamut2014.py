@@ -1,13 +1,13 @@
-"""Is the run-out at Tschamut wrong for some blocks, why, and for how much of it can be made up?
+"""Is the run-out at Tschamut wrong, because of which effect, and how far does the gap shrink?
 
     python pipelines/gap_tschamut2014.py [DATA] -o OUT [--jobs 2] [--case-only]
 
 DATA holds the folder ``tschamut2014`` (A. Volkwein and W. Gerber 2018, Repetitive trajectory
 testing in Tschamut 2014, EnviDat, doi 10.16904/envidat.34; ODbL). Writes configuration, terrain,
-observations of all runs and of two splits, the diagnoses, and ``results.json``. The terrain is no
-survey: a surface of 5 m put through the heights of the tracked rocks, cut off 10 m beyond them.
-Stops are last positions of the tracking. Three blocks were used again and again: runs are drawn,
-not blocks.
+observations of all runs and of two splits, the diagnoses, and ``results.json``. The terrain was not
+surveyed: it is a surface of 5 m cells interpolated from the heights of the tracked rocks, clipped
+10 m beyond them. Stops are last positions of the tracking. Three blocks were released repeatedly:
+the unit of resampling is the run, not the block.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ XY = ["x_m", "y_m"]
 BLOCKS = {1: "St. Leonard", 2: "heaviest", 4: "plate"}
 #: Release places, by the least x of each; within one, positions scatter by a metre.
 PLACES_M = (0.0, 17.5, 25.0, 32.0, 45.0)
-#: The terrain is known this far beyond the tracks (m); further out it is a plane that falls on.
+#: The terrain is known this far beyond the tracks (m); further out it is an extrapolated plane.
 BEYOND_M = 10.0
 CONFIG = """[project]
 name = "Tschamut 2014"
@@ -55,7 +55,7 @@ density_kgm3 = [2579, 3010]
 
 
 def write(data: Path, out: Path) -> tables.FieldCase:
-    """Write the case: one rock of the tables is one run."""
+    """Write the case: each rock in the tables is one run."""
     release = pd.read_csv(tables.field_file(data, FOLDER, "release_points.csv"))
     stops = pd.read_csv(tables.field_file(data, FOLDER, "observed_deposition.csv"))
     sizes = pd.read_csv(tables.field_file(data, FOLDER, "block_metadata.csv")).set_index("block_id")
@@ -92,12 +92,12 @@ def write(data: Path, out: Path) -> tables.FieldCase:
         "plate": (ids[~plate].tolist(), ids[plate].tolist()),
     }
     notes = [
-        f"{len(release)} runs; left out as copies of another run to the last digit: {copies}",
+        f"{len(release)} runs; left out as exact copies of another run: {copies}",
         f"{block.value_counts().to_dict()} runs of each block",
         f"positions at a release place scatter by {scatter:.2f} m: stated as position_error_m",
-        "heights are read off the terrain and release speeds are first samples: not used",
+        "heights are taken from the terrain and release speeds are first samples: not used",
         "density: the weighed mass over the volume of the ellipsoid of the measured axes",
-        "ground by judgement: soft_meadow all over (the data say nothing of it)",
+        "ground by expert judgement: soft_meadow everywhere (not in the data)",
     ]
     meta = {"position_error_m": round(scatter, 2)}
     seen = {"rocks": rocks, "deposits": deposits}

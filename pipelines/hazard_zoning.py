@@ -1,10 +1,10 @@
-"""Which release area sends how many rocks where, and how much of the slope is in which class?
+"""How many blocks of each release area arrive where, and how much of the slope is in which class?
 
     python pipelines/hazard_zoning.py CONFIG -o OUT
 
-Runs the configuration as ``sassgis run`` does, with the tables of rocks and passages, and adds two
+Runs the configuration like ``sassgis run``, with the tables of blocks and passages, and adds two
 tables to the result (after its manifest, which does not list them): ``OUT/tables/areas.csv`` has a
-row per release area and station or barrier, with the rocks that arrive, their energy, speed and
+row per release area and station or barrier, with the arriving blocks, their energy, speed and
 passing height; ``OUT/tables/energy_classes.csv`` has the share of the reached cells by class of the
 95 % quantile of the energy.
 """

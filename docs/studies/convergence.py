@@ -3,10 +3,10 @@
 ``python docs/studies/convergence.py -o FOLDER [--rocks N]`` writes convergence.csv, .json and .png.
 
 Constants of the compiled code are changed before it is compiled, each set of them in a process and
-a cache of compiled code of its own. Every variant is followed twice: with the same draws as the
-base, which shows how many rocks take exactly the same course, and with other draws, for a
-comparison of two independent samples. To show what the comparison can see, settings that are meant
-to matter (the readings of docs/model.md) go through it as well.
+a cache of compiled code of its own. Every variant is simulated twice: with the same draws as the
+base, which shows how many rocks take exactly the same path, and with other draws, for a
+comparison of two independent samples. To show what the comparison can detect, settings
+that are meant to matter (the modelling assumptions of docs/model.md) are compared in the same way.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 SEED, OTHER_SEED = 1986, 1987
 LINES = 8
 STATION_M = {"valley": 150.0, "bedrina": 118.0}
-#: Rocks that end this close to each other have had the same course (m).
+#: Rocks that stop this close to each other have had the same path (m).
 SAME_M = 1e-3
 
 
@@ -50,7 +50,7 @@ NUMERICAL = (
     ("rock._STRAIGHT", "kernel._STRAIGHT_M"),
     ("rock._FIRST_TURN",),
     ("contact._DEEP", "contact._TINY", "contact._WAIT"),
-    # When a rock that trembles on one spot is at rest.
+    # Criterion of rest for repeated contacts at one point.
     ("rock._REST_SHARE", "rock._SAME_SPOT"),
 )
 
@@ -77,19 +77,19 @@ def variants() -> list[Variant]:
             {c: 0.5 for some in NUMERICAL for c in some},
             {"contact_tolerance_m": 0.5e-6},
         ),
-        Variant("rolling_threshold 0.05", "reading", settings={"rolling_threshold": 0.05}),
-        Variant("rolling_threshold 0.2", "reading", settings={"rolling_threshold": 0.2}),
-        Variant("rolling ellipse", "reading", settings={"rolling": "ellipse"}),
-        Variant("end_sliding false", "reading", settings={"end_sliding": False}),
-        Variant("slope_variation off", "reading", settings={"slope_variation": "off"}),
-        Variant("eta_max_rule coulomb", "reading", settings={"eta_max_rule": "coulomb"}),
+        Variant("rolling_threshold 0.05", "assumption", settings={"rolling_threshold": 0.05}),
+        Variant("rolling_threshold 0.2", "assumption", settings={"rolling_threshold": 0.2}),
+        Variant("rolling ellipse", "assumption", settings={"rolling": "ellipse"}),
+        Variant("end_sliding false", "assumption", settings={"end_sliding": False}),
+        Variant("slope_variation off", "assumption", settings={"slope_variation": "off"}),
+        Variant("eta_max_rule coulomb", "assumption", settings={"eta_max_rule": "coulomb"}),
     ]
 
 
 def work(
     constants: dict[str, float], jobs: list[tuple[str, dict[str, object]]], rocks: int
 ) -> None:
-    """Follow rocks with changed constants; runs in a process of its own."""
+    """Simulate rocks with changed constants; runs in a process of its own."""
     for name, factor in constants.items():
         # Nothing is compiled before its first call, so the compiled code sees the new value.
         file, constant = name.split(".")
@@ -194,7 +194,7 @@ def compared(results: dict[str, dict[str, NDArray[np.float64]]]) -> list[dict[st
 
 
 def draw(rows: list[dict[str, object]], path: Path) -> None:
-    """Kolmogorov-Smirnov distances of all variants, beside what chance alone gives."""
+    """Kolmogorov-Smirnov distances of all variants, with the critical value of chance."""
     from sassgis.report.figures import save
     from sassgis.report.figures.style import BLUE, GREY, ORANGE, WIDTH_IN, new_figure, styled
 
@@ -214,7 +214,7 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
                     [names.index(str(r["variant"])) for r in some],
                     marker=marker,
                     s=22,
-                    color=[ORANGE if r["kind"] == "reading" else BLUE for r in some],
+                    color=[ORANGE if r["kind"] == "assumption" else BLUE for r in some],
                     label=slope,
                 )
                 # Critical value of the two-sample test at 5 % (Smirnov, 1948).
@@ -229,8 +229,8 @@ def draw(rows: list[dict[str, object]], path: Path) -> None:
         axes[0].invert_yaxis()
         axes[1].legend(loc="lower right")
         fig.supxlabel(
-            "blue: numerical, halved; orange: readings; dotted: what 5 % of pairs of equal samples "
-            "exceed", size=7, color=GREY, x=0.01, ha="left",
+            "blue: numerical, halved; orange: assumptions; dotted: exceeded by 5 % of pairs of "
+            "equal samples", size=7, color=GREY, x=0.01, ha="left",
         )  # fmt: skip
         return fig
 

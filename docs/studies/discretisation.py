@@ -1,4 +1,4 @@
-"""How far does the cutting of the slope into segments affect the result?
+"""How much does the discretisation of the slope into segments affect the result?
 
 The open question of Bozzolo and Pamini (1986).
 
@@ -35,16 +35,16 @@ BOOTSTRAP = 400
 def quantities(
     runout: FloatArray, energy: FloatArray, height: FloatArray, stations: tuple[float, ...]
 ) -> dict[str, float]:
-    """What is followed over the tolerances; arrays of shape (..., n_rocks)."""
+    """Quantities compared over the tolerances; arrays of shape (..., n_rocks)."""
     out = {f"run-out {100 * q:g} % (m)": float(np.quantile(runout, q)) for q in RUNOUT_SHARES}
     for k, chainage in enumerate(stations):
         e, h = energy[k], height[k]
-        come = np.isfinite(e)
-        some = bool(come.any())
-        out[f"come to {chainage:g} m (%)"] = 100.0 * float(come.mean())
-        out[f"E95 at {chainage:g} m (kJ)"] = float(np.quantile(e[come], 0.95)) if some else np.nan
+        there = np.isfinite(e)
+        some = bool(there.any())
+        out[f"arrivals at {chainage:g} m (%)"] = 100.0 * float(there.mean())
+        out[f"E95 at {chainage:g} m (kJ)"] = float(np.quantile(e[there], 0.95)) if some else np.nan
         out[f"height 95 % at {chainage:g} m (m)"] = (
-            float(np.quantile(h[come], 0.95)) if some else np.nan
+            float(np.quantile(h[there], 0.95)) if some else np.nan
         )
     return out
 
@@ -126,7 +126,7 @@ def study(name: str, slopes: list[Slope], rocks: int) -> tuple[list[dict], list[
 
 
 def draw(summary: list[dict], rocks: dict[str, int], out: Path) -> None:
-    """A figure per slope; what does not change at all has no panel."""
+    """A figure per slope; quantities that do not change have no panel."""
     for name, count in rocks.items():
         shown = {}
         for q in dict.fromkeys(r["quantity"] for r in summary if r["slope"] == name):
@@ -134,7 +134,7 @@ def draw(summary: list[dict], rocks: dict[str, int], out: Path) -> None:
             arrays = tuple(
                 np.array([float(r[k]) for r in rows]) for k in ("value", "low_95", "high_95")
             )
-            if np.ptp(np.concatenate(arrays)) > 1e-9 and not q.startswith("come"):
+            if np.ptp(np.concatenate(arrays)) > 1e-9 and not q.startswith("arrivals"):
                 shown[q] = arrays
         tolerances = np.array([float(r["tolerance_m"]) for r in rows])
         title = f"{name}: {count} rocks for each tolerance"
@@ -142,7 +142,7 @@ def draw(summary: list[dict], rocks: dict[str, int], out: Path) -> None:
 
 
 def splitting(slopes: list[Slope], rocks: int) -> list[dict]:
-    """Cut the segments of given polylines; the ground stays exactly where it is."""
+    """Divide the segments of given polylines; the ground is unchanged."""
     rows = []
     for slope in slopes:
         # With the ground behind the start: added to a cut profile, it would lie a rounding off.

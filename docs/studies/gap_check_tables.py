@@ -1,4 +1,4 @@
-"""Put the scores of a blind check into docs/gap_check.md and docs/gap.md.
+"""Put the scores of a blinded check into docs/gap_check.md and docs/gap.md.
 
 ``python docs/studies/gap_check_tables.py CHECK`` takes scores and figures from the folder that
 ``sassgis gap check -o CHECK`` wrote, keeps them in ``docs/studies/gap_check`` and rewrites what
@@ -22,7 +22,7 @@ KEPT = HERE / "gap_check"
 PAGE = HERE.parent / "gap_check.md"
 SHORT = HERE.parent / "gap.md"
 FIGURES = ("confusion.png", "reliability.png", "shrinkage.png")
-#: Unknown effects whose signatures were learned as such, and those that never were.
+#: Unknown effects that are in the training set.
 SEEN = ("wind", "snow", "collisions", "wetting")
 
 
@@ -49,10 +49,10 @@ def share_row(name: str, share: dict[str, Any]) -> list[str]:
 
 
 def page_part(scores: dict[str, Any], worlds: list[dict[str, str]]) -> str:
-    """The part of the page that comes from the scores and the list of worlds."""
+    """The part of the page that comes from the scores and the list of sites."""
     met = {True: "yes", False: "**no**", None: "–"}
     lines = table(
-        ["measure", "asked", "reached", "worlds", "95 % interval", "met"],
+        ["measure", "required", "reached", "sites", "95 % interval", "met"],
         [
             [
                 row["measure"],
@@ -68,20 +68,20 @@ def page_part(scores: dict[str, Any], worlds: list[dict[str, str]]) -> str:
     lines += ["", "All other measures:", ""]
     asked = {row["key"] for row in scores["acceptance"]}
     lines += table(
-        ["measure", "reached", "worlds", "95 % interval"],
+        ["measure", "reached", "sites", "95 % interval"],
         [share_row(m["measure"], m) for k, m in scores["measures"].items() if k not in asked],
     )
     for title, rows in scores["single_effects_named_by"].items():
         lines += ["", f"Single effects named, by {title}:", ""]
         lines += table(
-            [title, "named", "worlds", "95 % interval"], [share_row(r["measure"], r) for r in rows]
+            [title, "named", "sites", "95 % interval"], [share_row(r["measure"], r) for r in rows]
         )
     lines += unknown_part(worlds)
     check = scores["shrinkage"]
     error, bias = check["mean_error"], check["bias"]
     lines += [
         "",
-        f"Shrinkage: {check['compared']} worlds with one stated and one measured"
+        f"Shrinkage: {check['compared']} sites with one stated and one measured"
         + (
             f"; mean error {error:.2f}, bias {bias:+.2f}; "
             if error is not None and bias is not None
@@ -101,14 +101,14 @@ def unknown_part(worlds: list[dict[str, str]]) -> list[str]:
         own = [w for w in worlds if w["truth"] == "unknown" and (w["effects"] in SEEN) == seen]
         for kind in sorted({w["effects"] for w in own}):
             answers = Counter(w["answer"].replace("_", " ") for w in own if w["effects"] == kind)
-            told = ", ".join(f"{answer} {n}" for answer, n in answers.most_common())
-            rows.append([kind, "yes" if seen else "no", told])
-    head = ["unknown effect", "kind was learned from", "answers"]
+            counted = ", ".join(f"{answer} {n}" for answer, n in answers.most_common())
+            rows.append([kind, "yes" if seen else "no", counted])
+    head = ["unknown effect", "kind in the training set", "answers"]
     return ["", "Answers to unknown effects, by kind:", "", *table(head, rows)]
 
 
 def trust_part(scores: dict[str, Any]) -> str:
-    """What a reader of the diagnosis should know of it, in a list."""
+    """The accuracy of the diagnosis, in a list."""
     rows = scores["acceptance"]
     lines = [
         f"- {row['measure']}: {percent(row['reached'])} ({row['hits']} of {row['worlds']}; "

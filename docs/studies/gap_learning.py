@@ -1,24 +1,24 @@
-"""Learn what signatures of known causes look like, and freeze it for the diagnosis.
+"""Train the classifier of the diagnosis on signatures of known cause, and freeze it.
 
     python docs/studies/gap_learning.py rows -o ROWS --jobs 2       # an hour on two cores
     python docs/studies/gap_learning.py learn ROWS                  # a few minutes
     python docs/studies/gap_learning.py page                        # the page from the numbers
 
-``rows`` makes the worlds of development. Their seeds are their own: no battery with which scores
-are reported may use any of them. Of each world come
+``rows`` generates the training sites. Their seeds are reserved: no battery with reported scores may
+use any of them. Each site gives
 
 - the signature of its observed campaign, once as observed and once with 40 rocks and without
   impacts, and both also with tables left out;
 - signatures of campaigns of the engine's own effects in the same case, so that each cause is
-  learned in the forms of two programs;
-- of unknown effects, wind, snow, lying blocks and wetting. Ice, terraces and lift are kept for the
-  check: there must be unknown effects that were never seen.
+  represented in the forms of two programs;
+- of unknown effects, wind, snow, lying blocks and wetting. Ice, terraces and lift are reserved for
+  the check: it needs unknown effects outside the training set.
 
-``learn`` grows an ensemble of randomised trees for each design, calibrates its probabilities on
-worlds left out of the growing, by cross-validation over worlds, and writes
+``learn`` trains an ensemble of randomised trees for each design, calibrates its probabilities on
+held-out sites, by cross-validation over sites, and writes
 ``sassgis/data/gap_judges.npz``, ``sassgis/data/gap_thresholds.json`` and
-``docs/studies/gap_learning.json``, in which the accuracy on worlds left out is told; ``page``
-puts it into ``docs/studies/gap_learning.md``.
+``docs/studies/gap_learning.json``, with the accuracy on held-out sites; ``page``
+writes it into ``docs/studies/gap_learning.md``.
 """
 
 from __future__ import annotations
@@ -83,17 +83,17 @@ LEAF, ASKED = 3, 0.1
 #: A battery's shares of causes, for which probabilities are calibrated.
 PRIOR = {NONE: 1 / 3, PAIR: 2 / 15, UNKNOWN: 2 / 15}
 SINGLES = 2 / 5
-#: From this probability on none is named; less probable causes are not named. Chosen by looking at
-#: worlds left out, with unknown effects of a kind that was not seen either.
+#: From this probability on none is named; less probable causes are not named. Chosen on
+#: held-out sites, with unknown effects of a kind outside the training set as well.
 NONE_SHARE, LEAST_CONFIDENCE = 0.4, 0.45
-#: Where a confidence is SURE or more, this share is to be right; confusion sets are to hold the
-#: truth of this share of single effects.
+#: Required share of correct answers where a confidence is SURE or more; required share of single
+#: effects with the truth in the confusion set.
 RIGHT, COVERED = 0.93, 0.97
-#: Designs, with a number of rocks, whose accuracy is told.
+#: Designs, with a number of rocks, whose accuracy is reported.
 ASKED_OF = (("everything", 100), ("both", 40), ("stations", 40), ("stops", 40))
-#: Batteries that were looked at before.
+#: Seeds of batteries that were scored before.
 EARLIER = (7, 1986)
-BOTH = "made worlds and the engine"
+BOTH = "synthetic sites and the engine"
 STUDY = Path(__file__).with_suffix(".json")
 
 
@@ -153,10 +153,10 @@ class Rows:
     design : str
     names : tuple of str
     values : float32, shape (n, p)
-        The first of the world itself, the others of the engine's campaigns.
+        The first of the site itself, the others of the engine's campaigns.
     causes : tuple of str, length n
     truth : tuple of str
-        Effects of the world.
+        Effects of the site.
     strength : str
         Of a single effect.
     """
@@ -172,7 +172,7 @@ class Rows:
 
 
 def cause_of(truth: Sequence[str]) -> str:
-    """Cause by which a world is learned."""
+    """Cause of a site in the training set."""
     if not truth:
         return NONE
     if len(truth) > 1:
@@ -190,7 +190,7 @@ HELD = {
 
 
 def engine_campaigns(case: Case, base: Base) -> list[tuple[str, dict[str, float]]]:
-    """Numbers of campaigns of the engine's effects, strong enough to be seen."""
+    """Features of campaigns of the engine's effects, strong enough to be detected."""
     problem, made = base.problem, []
     for k, family in enumerate(TRIED):
         kept = 0
@@ -238,7 +238,7 @@ def rows_of_case(case: Case, designs: Iterable[str]) -> dict[str, tuple[tuple[st
 
 
 def make_rows(task: tuple[int, WorldSpec, int, str]) -> int:
-    """All rows of one world, into a file."""
+    """Write all rows of one site to a file."""
     number, spec, seed, folder = task
     file = Path(folder) / f"{number:03d}.pkl"
     if file.exists():
@@ -290,7 +290,7 @@ def table_of(rows: Sequence[Rows], design: str) -> Table:
     place = {name: i for i, name in enumerate(names)}
     blocks, causes = [], []
     for r in own:
-        # The world, and every second campaign of the engine: more of them add little but nodes.
+        # The site, and every second campaign of the engine: more of them mainly add nodes.
         rows = [0, *range(1, len(r.values), 2)]
         block = np.full((len(rows), len(names)), np.nan, np.float32)
         kept = [k for k, name in enumerate(r.names) if name in place]
@@ -345,7 +345,7 @@ def shares_of(
 def left_out_shares(
     table: Table, causes: Sequence[str], *, worlds: bool = True
 ) -> tuple[IntArray, FloatArray]:
-    """Shares of the made worlds' own rows, by trees that have not seen the world.
+    """Shares of the rows of the synthetic sites, by trees trained without the site.
 
     Without ``worlds`` the trees grow on the engine's campaigns alone.
     """
@@ -363,7 +363,7 @@ def left_out_shares(
 
 
 def kinds_left_out(table: Table, causes: Sequence[str], shares: FloatArray) -> FloatArray:
-    """The same shares, but those of unknown effects by trees that have seen none of their kind."""
+    """The same shares, but those of unknown effects by trees trained without their kind."""
     own = np.flatnonzero(table.made)
     kind = np.array([t[0] if len(t) == 1 else "" for t in table.truth])
     found = shares.copy()
@@ -443,7 +443,7 @@ def as_trees(model: Any, causes: Sequence[str]) -> Trees:
 
 @dataclass(frozen=True)
 class Answers:
-    """Probabilities of causes of worlds left out, and the truth."""
+    """Probabilities of the causes of held-out sites, and the truth."""
 
     causes: tuple[str, ...]
     probability: FloatArray
@@ -453,7 +453,7 @@ class Answers:
     truth: list[str]
 
     def decided(self, thresholds: Thresholds) -> tuple[np.ndarray, FloatArray]:
-        """Answer to each world, and its probability."""
+        """Answer on each site, and its probability."""
         answers = []
         for p in self.probability:
             order = np.argsort(-p, kind="stable")
@@ -463,7 +463,7 @@ class Answers:
 
 
 def learn_design(rows: Sequence[Rows], design: str) -> tuple[Classifier, dict[str, Answers]]:
-    """Judge of a design, and what is answered of worlds left out, by what was learned on."""
+    """Classifier of a design, and the answers on held-out sites, by training set."""
     table = table_of(rows, design)
     causes = tuple(sorted(set(table.cause.tolist())))
     own, shares = left_out_shares(table, causes)
@@ -492,12 +492,12 @@ def learn_design(rows: Sequence[Rows], design: str) -> tuple[Classifier, dict[st
     return classifier, {
         BOTH: left_out,
         "the same, no unknown effect of the kind": answers(strange),
-        "the engine alone": answers(engine_only),
+        "the engine only": answers(engine_only),
     }
 
 
 def confidence_calibration_of(left_out: Answers) -> float:
-    """How cautious confidences must be so that, where they are SURE or more, enough is right."""
+    """Confidence calibration: where confidences are SURE or more, enough answers are correct."""
     answer, p = left_out.decided(Thresholds(NONE_SHARE, LEAST_CONFIDENCE))
     right = answer == np.array(left_out.truth)
     weight = prior_weights(left_out.cause)
@@ -529,7 +529,7 @@ def accuracy(
     thresholds: Thresholds,
     confidence_calibration: float,
 ) -> dict[str, Any]:
-    """What is right on worlds left out."""
+    """Accuracy on held-out sites."""
     answer, p = one.decided(thresholds)
     mine = one.rocks == rocks
     answer, p, truth = answer[mine], p[mine], np.array(one.truth)[mine]
@@ -559,7 +559,7 @@ def accuracy(
 
 
 def learn(folder: Path) -> None:
-    """Write judges, thresholds and what they got right."""
+    """Write classifiers, thresholds and their accuracy."""
     rows = [r for file in sorted(folder.glob("*.pkl")) for r in pickle.loads(file.read_bytes())]
     with ProcessPoolExecutor(len(DESIGNS)) as pool:
         learned = dict(
@@ -594,12 +594,12 @@ def learn(folder: Path) -> None:
 def page_part(told: dict[str, Any]) -> str:
     """The table of the page."""
     columns = {
-        "first_family_right": "most probable family is the true one",
+        "first_family_right": "most probable effect is the true one",
         "single_right": "single effect answered",
         "weak_right": "weak one answered",
         "pair_right": "pair answered, both",
-        "false_alarms": "named where there is none",
-        "unknown_named": "family named where it is unknown",
+        "false_alarms": "effect named where there is none",
+        "unknown_named": "known effect named where it is unknown",
     }
     lines = ["| observed | learned on | " + " | ".join(columns.values()) + " |"]
     lines.append("|" + "---|" * (2 + len(columns)))
@@ -615,7 +615,7 @@ def page_part(told: dict[str, Any]) -> str:
     thresholds = told["thresholds"]
     lines += [
         "",
-        f"{told['worlds']} worlds; signatures: "
+        f"{told['worlds']} sites; signatures: "
         + ", ".join(f"{n} of {design}" for design, n in told["signatures"].items())
         + f". `none` is answered from a probability of {thresholds['none_share']:g} on; causes "
         f"below {thresholds['least_confidence']:g} are not named; confusion sets hold "
@@ -641,7 +641,7 @@ def main() -> None:
     make = steps.add_parser("rows")
     make.add_argument("-o", "--out", type=Path, required=True)
     make.add_argument("--jobs", type=int, default=1)
-    make.add_argument("--worlds", type=int, help="only the first so many")
+    make.add_argument("--worlds", type=int, help="number of sites; default: all")
     steps.add_parser("learn").add_argument("rows", type=Path)
     steps.add_parser("page")
     arguments = parser.parse_args()
@@ -653,7 +653,7 @@ def main() -> None:
     tasks = [(k, spec, seed, str(arguments.out)) for k, (spec, seed) in enumerate(worlds)]
     with ProcessPoolExecutor(arguments.jobs) as pool:
         for number in pool.map(make_rows, tasks):
-            print(f"{number + 1} of {len(tasks)} worlds", flush=True)
+            print(f"{number + 1} of {len(tasks)} sites", flush=True)
 
 
 if __name__ == "__main__":

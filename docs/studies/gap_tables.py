@@ -16,7 +16,7 @@ HERE = Path(__file__).parent
 
 
 def results(case: str) -> dict[str, Any]:
-    """What the pipeline of a case found."""
+    """Results of the pipeline of a case."""
     file = HERE / f"gap_{case}" / "results.json"
     found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return found
@@ -57,7 +57,7 @@ def untuned(case: str) -> str:
     found = results(case)
     body = []
     for group, one in found["untuned"].items():
-        for quantity, word in (("runout_m", "run-out"), ("aside_m", "aside")):
+        for quantity, word in (("runout_m", "run-out"), ("aside_m", "lateral offset")):
             q = one[quantity]
             body.append(
                 [
@@ -74,11 +74,11 @@ def untuned(case: str) -> str:
 
 
 def recalibrated(case: str) -> str:
-    """One class of ground calibrated widely, on rocks left out."""
+    """One class of ground calibrated widely, on held-out rocks."""
     body = []
     for split, one in results(case)["recalibrated"].items():
         for model, word in (
-            ("untuned", "untuned"),
+            ("untuned", "uncalibrated"),
             ("recalibrated", f"η_max {number(one['eta_max'])}, μ_0 {number(one['mu_0'])}"),
         ):
             q = one[model]
@@ -95,12 +95,12 @@ def recalibrated(case: str) -> str:
             )
         seen = one["untuned"]["observed"]
         body.append(["", "*observed*", " / ".join(metres(v) for v in seen), "", "", "", ""])
-    head = ["left out", "soft_meadow", "run-out 10 / 50 / 90 % (m)", "mean gap (m, 95 %)"]
-    return markdown([*head, "CRPS (m)", "energy distance (m)", "to the end of the line"], body)
+    head = ["held out", "soft_meadow", "run-out 10 / 50 / 90 % (m)", "mean gap (m, 95 %)"]
+    return markdown([*head, "CRPS (m)", "energy distance (m)", "to the end of the path"], body)
 
 
 def deflected(case: str) -> str:
-    """Distance aside of rocks left out, with an angle from the rocks to fit on."""
+    """Lateral offset of held-out rocks, with an angle from the fitted rocks."""
     body = []
     for split, one in results(case)["recalibrated"].items():
         for model, word in (
@@ -119,12 +119,12 @@ def deflected(case: str) -> str:
             )
         seen = one["untuned"]["aside"]["observed"]
         body.append(["", "*observed*", " / ".join(metres(v) for v in seen), "", ""])
-    head = ["left out", "ways", "aside 10 / 50 / 90 % (m)", "CRPS (m)", "energy distance (m)"]
-    return markdown(head, body)
+    head = ["held out", "paths", "lateral offset 10 / 50 / 90 % (m)", "CRPS (m)"]
+    return markdown([*head, "energy distance (m)"], body)
 
 
 def which(case: str, split: str) -> str:
-    """Contenders of a diagnosis, most probable first."""
+    """Hypotheses of a diagnosis, most probable first."""
     found = results(case).get("splits", {}).get(split)
     if found is None:
         return "*Not diagnosed.*"
@@ -136,7 +136,7 @@ def which(case: str, split: str) -> str:
 
 
 def verdict(case: str) -> str:
-    """What was named on each split."""
+    """Named effect of each split."""
     found = results(case)
     body = [
         [
@@ -154,7 +154,7 @@ def verdict(case: str) -> str:
 
 
 def left_out(case: str) -> str:
-    """Scores on rocks left out."""
+    """Scores on held-out rocks."""
     body = []
     for split, one in results(case).get("splits", {}).items():
         held = one["left_out"]
@@ -171,7 +171,7 @@ def left_out(case: str) -> str:
                 ]
             name = f"{split} ({held['rocks']})" if model == "untuned" else ""
             word = {
-                "untuned": "untuned",
+                "untuned": "uncalibrated",
                 "base": "base, calibrated",
                 "effect": f"with {one['verdict']}",
                 "floor": "replicates of the last",
@@ -187,12 +187,12 @@ def left_out(case: str) -> str:
         )  # fmt: skip
     if not body:
         return "*Not diagnosed.*"
-    head = ["left out", "model", "energy distance", "above the floor (95 %)"]
-    return markdown([*head, "energy score", "mean gap (m)", "distance aside (m)"], body)
+    head = ["held out", "model", "energy distance", "above the floor (95 %)"]
+    return markdown([*head, "energy score", "mean gap (m)", "lateral offset (m)"], body)
 
 
 def contacts(which_ones: str) -> str:
-    """Means over contacts: observed, untuned, and calibrated on the contacts of other runs."""
+    """Means over contacts: observed, uncalibrated, and calibrated on the contacts of other runs."""
     found = results("chant_sura")["contacts"][which_ones]
 
     def cells(values: list[float]) -> list[str]:
@@ -200,17 +200,17 @@ def contacts(which_ones: str) -> str:
 
     body = [["observed", *cells(found["observed_mean"]), ""]]
     for form, mean in found["untuned_mean"].items():
-        body.append([f"as it comes: {form}", *cells(mean), ""])
+        body.append([f"default: {form}", *cells(mean), ""])
     for form, one in found["left_out"].items():
         score = number(one["energy_score"])
-        body.append([f"left out: {form}", *cells(one["mean"]), score])
+        body.append([f"held out: {form}", *cells(one["mean"]), score])
     return markdown(
         ["", "v_t′ (m/s)", "v_n′ (m/s)", "ω′ (rad/s)", "energy kept", "energy score"], body
     )
 
 
 def scars() -> str:
-    """Energy of translation that is kept, of impacts left out."""
+    """Translational energy kept in held-out impacts."""
     found = results("chant_sura")["scars"]["energy_kept_left_out"]
     body = []
     for form, one in found.items():
@@ -221,11 +221,11 @@ def scars() -> str:
 
 
 TABLES = {
-    **{f"{c} untuned": (lambda c=c: untuned(c)) for c in ("tschamut", "authume")},
+    **{f"{c} uncalibrated": (lambda c=c: untuned(c)) for c in ("tschamut", "authume")},
     **{f"{c} verdict": (lambda c=c: verdict(c)) for c in ("tschamut", "authume", "chant_sura")},
     **{f"{c} recalibrated": (lambda c=c: recalibrated(c)) for c in ("tschamut", "authume")},
-    **{f"{c} aside": (lambda c=c: deflected(c)) for c in ("tschamut", "authume")},
-    **{f"{c} left out": (lambda c=c: left_out(c)) for c in ("tschamut", "authume")},
+    **{f"{c} lateral offset": (lambda c=c: deflected(c)) for c in ("tschamut", "authume")},
+    **{f"{c} held out": (lambda c=c: left_out(c)) for c in ("tschamut", "authume")},
     "tschamut which": lambda: which("tschamut", "halves"),
     "authume which": lambda: which("authume", "halves"),
     "chant_sura contacts": lambda: contacts("used"),
@@ -235,7 +235,7 @@ TABLES = {
 
 
 def filled(text: str) -> str:
-    """A page with its tables made anew."""
+    """A page with its tables written again."""
 
     def table(match: re.Match[str]) -> str:
         return f"<!-- gap: {match[1]} -->\n\n{TABLES[match[1]]()}\n\n<!-- end gap -->"

@@ -1,4 +1,4 @@
-"""Slopes of the samples, as the studies run them."""
+"""Slopes of the samples for the studies."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sassgis.terrain.release import take
 from sassgis.terrain.spread import trace_bundles
 from sassgis.terrain.stretch import take_lines, usable, with_lead_in
 
-#: Side of the cells of the strip of terrain that stands for a profile from a table (m).
+#: Side of the cells of the strip of terrain that represents a profile from a table (m).
 STRIP_CELL_M = 0.25
 
 
@@ -146,7 +146,7 @@ def follow(
     *,
     lead_in: bool = True,
 ) -> tuple[NDArray[np.void], FloatArray, FloatArray]:
-    """Follow rocks down one profile, with ground added behind its start unless it has it.
+    """Simulate rocks on one profile, with ground added behind its start unless it has it.
 
     Returns
     -------
@@ -177,7 +177,7 @@ def follow(
 
 
 def split(flat: ProfileSet, parts: int) -> ProfileSet:
-    """Every segment of a single profile cut into equal parts that lie on it."""
+    """Every segment of a single profile divided into equal parts that lie on it."""
     shares = np.arange(parts) / parts
     s = np.append((flat.s[:-1, None] + np.diff(flat.s)[:, None] * shares).ravel(), flat.s[-1])
     z = np.append((flat.z[:-1, None] + np.diff(flat.z)[:, None] * shares).ravel(), flat.z[-1])

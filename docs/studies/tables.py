@@ -51,7 +51,7 @@ def discretisation(slope: str) -> str:
 
 
 def lines() -> str:
-    """How much single lines of the valley change against the finest tolerance."""
+    """Change of single lines of the valley against the finest tolerance."""
     rows = rows_of("discretisation/lines_valley.csv")
     tolerances = list(dict.fromkeys(r["tolerance_m"] for r in rows))
     quantities = ("run-out 50 % (m)", "run-out 95 % (m)", "E95 at 150 m (kJ)")
@@ -74,7 +74,7 @@ def lines() -> str:
 
 
 def splitting() -> str:
-    """Cut polylines against whole ones."""
+    """Polylines with divided segments against the original ones."""
     return markdown(
         [
             "slope",
@@ -101,7 +101,7 @@ def splitting() -> str:
 
 
 def convergence(kind: str) -> str:
-    """Numerical tolerances, or readings, against the base."""
+    """Numerical tolerances, or modelling assumptions, against the base."""
     base = {
         (r["slope"], r["quantity"]): r
         for r in rows_of("convergence/convergence.csv")
@@ -138,12 +138,12 @@ TABLES = {
     "discretisation lines": lines,
     "discretisation splitting": splitting,
     "convergence tolerance": lambda: convergence("tolerance"),
-    "convergence reading": lambda: convergence("reading"),
+    "convergence assumption": lambda: convergence("assumption"),
 }
 
 
 def filled(text: str) -> str:
-    """A page with its tables made anew."""
+    """A page with its tables written again."""
 
     def table(match: re.Match[str]) -> str:
         name = match[1]

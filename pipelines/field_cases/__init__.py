@@ -1,1 +1,1 @@
-"""What the pipelines of the field cases share: folders, tables of observations, splits, scores."""
+"""Shared by the pipelines of the field cases: folders, observations, splits, scores."""

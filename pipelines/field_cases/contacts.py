@@ -1,4 +1,4 @@
-"""Contacts at Chant Sura: what was measured, taken apart along the ground, and predicted singly."""
+"""Contacts at Chant Sura: measured velocities, resolved along the ground and its normal."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-#: Ground about a contact through which its plane is laid (m).
+#: Radius of the ground about a contact to which a plane is fitted (m).
 REACH_M = 0.5
-#: A contact farther from the terrain than this was on other ground than that of the terrain (m).
+#: A contact farther from the terrain than this was not on the surveyed ground (m).
 OFF_GROUND_M = 0.3
 #: Axes of the EOTA 221 block of 780 kg (G. Lu et al. 2019, Table 2), scaled to other masses.
 PLATE_M, PLATE_KG = (0.93, 0.93, 0.47), 780.0
@@ -29,13 +29,13 @@ def read_contacts(folder: Path, reach_m: float = REACH_M) -> tuple[pd.DataFrame,
     ----------
     folder : Path
     reach_m : float
-        Ground about a contact through which its plane is laid (m).
+        Radius of the ground about a contact to which a plane is fitted (m).
 
     Returns
     -------
     contacts : DataFrame
-        A row for each contact; ``left_out`` says why one cannot be used, ``above_ground_m`` how far
-        its first point lies above the terrain.
+        A row for each contact; ``left_out`` is the reason why one cannot be used,
+        ``above_ground_m`` the height of its first point above the terrain.
     rocks : DataFrame
         A row for each run.
     """
@@ -97,9 +97,9 @@ def _why_left_out(row: Mapping[str, Any], number: int) -> str:
             "up or down: not measured"
         )
     if row["vn_in_mps"] >= 0.0:
-        return "it comes from the ground, not onto it: the terrain there is another"
+        return "its incoming velocity points away from the ground: the terrain there differs"
     if abs(row["above_ground_m"]) > OFF_GROUND_M:
-        return f"{row['above_ground_m']:+.2f} m off the terrain, which is of another year"
+        return f"{row['above_ground_m']:+.2f} m off the terrain, which was surveyed in another year"
     return ""
 
 

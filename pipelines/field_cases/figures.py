@@ -25,17 +25,17 @@ from sassgis.report.figures.style import (
 
 FloatArray = NDArray[np.float64]
 
-_LABELS = ("run-out along the fall line (m)", "distance aside of it (m), positive to the right")
+_LABELS = ("run-out along the fall line (m)", "lateral offset (m), positive to the right")
 
 
 @styled
 def stops_figure(seen: FloatArray, made: FloatArray, labels: Sequence[str], title: str) -> Figure:
-    """Stops by group: what was observed, over the range of what is predicted.
+    """Stops by group: observed, with the range of the predictions.
 
     Parameters
     ----------
     seen : float64, shape (n, 2)
-        Chainage and distance aside (m).
+        Chainage and lateral offset (m).
     made : float64, shape (n, m, 2)
     labels : sequence of str, length n
         Group of each rock.
@@ -54,7 +54,7 @@ def stops_figure(seen: FloatArray, made: FloatArray, labels: Sequence[str], titl
             ax.plot([low, high], [g - 0.14] * 2, color=BLUE, lw=1.2, solid_capstyle="butt")
             ax.plot([first, third], [g - 0.14] * 2, color=BLUE, lw=6, solid_capstyle="butt")
             ax.plot([middle] * 2, [g - 0.26, g - 0.02], color=INK, lw=1.2)
-            # Points that fall together are told apart by a little height.
+            # Coincident points are separated by a little height.
             lift = 0.16 + 0.06 * (np.arange(rows.sum()) % 4)
             ax.plot(
                 seen[rows, q], g + lift, "D", ms=3, mfc=ORANGE, mec=INK, mew=0.3, ls="none"
@@ -79,7 +79,7 @@ _PANELS = ("v_t after (m/s)", "v_n after (m/s)", "spin after (rad/s)", "energy k
 def contacts_figure(
     seen: FloatArray, left_out: Mapping[str, Mapping[str, Any]], names: Sequence[str]
 ) -> Figure:
-    """Contacts after which was observed what, and what each form predicts when they are left out.
+    """Observed states after the contacts, and the held-out predictions of each form.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def contacts_figure(
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=5)
     figure.suptitle(
-        "Chant Sura: contacts predicted from their own state before", x=0.01, ha="left",
+        "Chant Sura: contacts predicted from the observed state before", x=0.01, ha="left",
         weight="bold",
     )  # fmt: skip
     return figure
@@ -129,7 +129,7 @@ def scars_figure(
     figure = new_figure(WIDTH_IN, 3.3)
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
     order = np.argsort(normal)
-    left.plot(normal[order], predicted[order], color=GREEN, label="scar form as it comes")
+    left.plot(normal[order], predicted[order], color=GREEN, label="scar form, default")
     for (name, values), mark, colour in zip(depth.items(), "os", (ORANGE, SKY), strict=True):
         for number, filled in zip(sorted(set(run)), (True, False), strict=True):
             own = np.array(run) == number

@@ -1,4 +1,4 @@
-"""Single impacts predicted from what was observed before them, with and without soft ground."""
+"""Single impacts predicted from the observed state before them, with and without soft ground."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from sassgis.report.figures import save
 FloatArray = NDArray[np.float64]
 
 DRAWS = 400
-#: Relative error of a velocity: what another reach of the plane through the ground makes of it.
+#: Relative error of a velocity: the effect of another radius of the plane through the ground.
 SPEED_ERROR = 0.1
-#: Ground by judgement.
+#: Ground by expert judgement.
 GROUND = "soft_meadow"
-#: What is calibrated on the other contacts, over grids as wide as the effect allows.
+#: Parameters calibrated on the other contacts, over grids as wide as the effect allows.
 ETA_MAX = (0.2, 0.35, 0.5, 0.7, 0.95)
 FORMS: Mapping[str, Mapping[str, Sequence[float]]] = {
     "base": {},
@@ -98,7 +98,7 @@ def laws(form: str, ground: GroundClass) -> list[Law]:
 
 
 def defaults(ground: GroundClass) -> dict[str, Law]:
-    """Each form as it comes."""
+    """Each form with its defaults."""
     return {
         form: Law(ground, None if form == "base" else SoftGround(form=form))  # type: ignore[arg-type]
         for form in FORMS
@@ -106,7 +106,7 @@ def defaults(ground: GroundClass) -> dict[str, Law]:
 
 
 def predict(state: State, law: Law, rng: np.random.Generator, draws: int = DRAWS) -> FloatArray:
-    """v_t, v_n, ω after the impact, share of all energy and of that of translation that is kept.
+    """v_t, v_n, ω after the impact, kept share of the total and of the translational energy.
 
     Shape (draws, 5), in the order of QUANTITIES.
 
@@ -180,7 +180,7 @@ def left_out_scores(
     seen : float64, shape (n, 5)
         What was observed, in the order of QUANTITIES.
     runs : sequence of str
-        Run of each contact: what is left out together.
+        Run of each contact; its contacts are held out together.
     scored : sequence of int
         Columns that are scored; distances are in units of the observed spread.
     seed : int
@@ -190,7 +190,7 @@ def left_out_scores(
     Returns
     -------
     dict
-        Of each form: mean energy score of contacts left out, mean prediction of each contact with
+        Of each form: mean energy score of held-out contacts, mean prediction of each contact with
         5 and 95 %, and what was chosen.
     """
     ground = ground_class()
@@ -209,7 +209,7 @@ def left_out_scores(
 
         best = np.empty(len(states), int)
         for run in set(runs):
-            # Not even the unit may come from what is left out.
+            # The unit must not depend on the held-out contacts either.
             others = np.flatnonzero(own != run)
             unit = observed_scale(seen[np.ix_(others, columns)])
             means = [np.mean([score(j, i, unit) for i in others]) for j in range(len(tried))]
@@ -233,7 +233,7 @@ def left_out_scores(
 
 
 def summary(found: Mapping[str, Any]) -> dict[str, Any]:
-    """What is kept of the predictions of a form: their mean over the contacts, and the choices."""
+    """Mean of the predictions of a form over the contacts, and the chosen parameters."""
     kept = {k: v for k, v in found.items() if k not in ("mean", "q05", "q95", "scores")}
     return {**kept, "mean": np.mean(found["mean"], axis=0)}
 
@@ -284,7 +284,7 @@ def contact_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
         untuned = {
             form: _means(states, law, seed) for form, law in defaults(ground_class()).items()
         }
-        # The block of the model turns about its shortest axis; these are plates, and may tumble.
+        # The block of the model rotates about its shortest axis; these plates may tumble.
         tumbling = [replace(s, axes=(s.axes[0], s.axes[2], s.axes[1])) for s in states]
         untuned["base, shortest axis in the plane"] = _means(tumbling, Law(ground_class()), seed)
         for other in ("debris", "rock"):

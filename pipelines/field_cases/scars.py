@@ -63,7 +63,7 @@ def scar_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
                   (a, b, c), r["mass_kg"])
         )  # fmt: skip
         seen[i, 4] = r["published_energy_transition_ratio"]
-    # Only the energy of translation was published.
+    # Only the translational energy was published.
     law = left_out_scores(states, seen, run, (4,), seed)
     length = four["scar_length_m"].to_numpy()
     chord = _chord(four["scar_depth_m"].to_numpy(), radius)
@@ -101,14 +101,14 @@ def scar_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
             "length_over_chord": length / chord,
             "horizontal_speed_kept": level[1:] / level[:-1],
             "spin_kept": four["wres_radps"].to_numpy()[1:] / four["wres_radps"].to_numpy()[:-1],
-            # The speed after a contact is at least its horizontal part, which flight keeps.
+            # The speed after a contact is at least its horizontal part, constant in flight.
             "rim_over_speed_at_most": four["wres_radps"].to_numpy()[1:] * a / level[1:],
         },
     }  # fmt: skip
 
 
 def _chord(depth: FloatArray, radius: float) -> FloatArray:
-    """Length of the scar in the form: the chord of a circle that stands so deep (m)."""
+    """Length of the scar in the form: the chord of a circle at that depth (m)."""
     d = np.minimum(depth, radius)
     chord: FloatArray = 2.0 * np.sqrt(2.0 * radius * d - d * d)
     return chord
@@ -116,7 +116,7 @@ def _chord(depth: FloatArray, radius: float) -> FloatArray:
 
 def _left_at(form: SoftGround, depth: float, mass: float, radius: float) -> float:
     """Share of the energy left by the form with C = 1 for a scar of a given depth."""
-    # The form takes the depth from the speed: a factor that gives this depth at 1 m/s.
+    # The form derives the depth from the speed: a factor that gives this depth at 1 m/s.
     factor = depth / (mass**0.25 * form.modulus_mpa**-0.4)
     one = numbers_of(form)._replace(depth=factor, drag=1.0)
     return float(soft_ground.scar_energy_left(one, mass, radius, 1.0))

@@ -1,4 +1,4 @@
-"""Field data as a configuration and folders of observations, some rocks of which are left out."""
+"""Field data as a configuration and folders of observations, with held-out rocks."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from sassgis.model.grid import Grid
 
 #: Beside the repository.
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-#: Of the splits; stated, and never changed for a result.
+#: Seed of the splits; stated, and never changed because of a result.
 SEED = 2014
-#: What marks a folder as one that a field case was written to.
+#: File that marks the folder of a field case.
 _NOTES = "notes.txt"
 
 Tables = Mapping[str, pd.DataFrame]
@@ -32,18 +32,18 @@ Tables = Mapping[str, pd.DataFrame]
 
 @dataclass(frozen=True)
 class FieldCase:
-    """What one field case was written to.
+    """Files of one field case.
 
     Attributes
     ----------
     name : str
     config : Path
     observations : mapping
-        Folder of each set: "all", and of each split the rocks to fit on and those left out.
+        Folder of each set: "all", and for each split the fitted and the held-out rocks.
     splits : mapping of name to (str, str)
         Names of its two sets.
     notes : tuple of str
-        What was left out or decided while reading.
+        Rows left out and decisions while reading.
     """
 
     name: str
@@ -61,7 +61,7 @@ def parser(doc: str | None) -> argparse.ArgumentParser:
     made.add_argument("--overwrite", action="store_true")
     made.add_argument("--jobs", type=int, default=1)
     made.add_argument("--seed", type=int, default=1986)
-    made.add_argument("--case-only", action="store_true", help="write the case, diagnose nothing")
+    made.add_argument("--case-only", action="store_true", help="write the case without a diagnosis")
     return made
 
 
@@ -85,15 +85,15 @@ def field_file(data: Path, folder: str, file: str) -> Path:
 
 
 def fresh(folder: Path, overwrite: bool) -> Path:
-    """An empty folder for what comes out.
+    """An empty folder for the results.
 
     Raises
     ------
     OutputError
-        If there is something in it and it may not go.
+        If it is not empty and must not be overwritten.
     """
     if folder.exists() and any(folder.iterdir()):
-        # Only what such a pipeline wrote is ever removed.
+        # Only folders written by such a pipeline are removed.
         if not (overwrite and (folder / _NOTES).is_file()):
             raise OutputError(
                 f"{folder}: is not empty; expected an empty folder, or one that a field case was "
@@ -105,7 +105,7 @@ def fresh(folder: Path, overwrite: bool) -> Path:
 
 
 def split_in_two(strata: Mapping[str, str], seed: int = SEED) -> tuple[list[str], list[str]]:
-    """Rocks to fit on and rocks to score on, half of each stratum as near as may be.
+    """Rocks to fit and rocks to score, as close to half of each stratum as possible.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def split_in_two(strata: Mapping[str, str], seed: int = SEED) -> tuple[list[str]
     Returns
     -------
     fit, left_out : list of str
-        In the order of the mapping. Odd ones go to either side in turn.
+        In the order of the mapping. Odd ones are assigned to either side in turn.
     """
     rng = np.random.default_rng(seed)
     chosen: set[str] = set()
@@ -141,7 +141,7 @@ def write_tables(folder: Path, tables: Tables, metadata: Mapping[str, object]) -
 
 
 def of_rocks(tables: Tables, rocks: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """The tables with the rows of some rocks alone."""
+    """The tables with only the rows of some rocks."""
     wanted = set(rocks)
     return {
         name: frame[frame["rock_id"].isin(wanted)] if "rock_id" in frame else frame
@@ -187,7 +187,7 @@ def terrain_of(config: Path) -> Grid:
 
 
 def check(case: FieldCase) -> list[str]:
-    """What the check of the observations warns of.
+    """Warnings of the check of the observations.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def check(case: FieldCase) -> list[str]:
 
 
 def write_dem(source: Path, target: Path, within: shapely.Geometry | None = None) -> Path:
-    """A terrain model as GeoTIFF; what lies outside of an area is left without heights."""
+    """A terrain model as GeoTIFF; cells outside an area have no height."""
     with rasterio.open(source) as read:
         profile = {**read.profile, "driver": "GTiff", "compress": "deflate"}
         heights = read.read()

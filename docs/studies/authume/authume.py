@@ -1,11 +1,11 @@
-"""Untuned prediction of the block releases P1 in the Authume quarry against the measured stops.
+"""Uncalibrated prediction of the block releases P1 at Authume against the measured stops.
 
     python docs/studies/authume/authume.py [--data ../shared/data] [--rocks 200] [--work FOLDER]
 
 The data (Garcia et al. 2022, Eng. Geol. 310:106855; Bourrier et al. 2021, Landslides 18:639) state
-no licence. They are read where they lie; what is written beside this script are distributions of
-run-out and counts, no terrain and no coordinates. ``--work`` keeps the whole run and a map of the
-stops, which stay with whoever has the data.
+no licence. They are read from their folder; the files written beside this script are distributions
+of run-out and counts, no terrain and no coordinates. ``--work`` keeps the whole run and a map of
+the stops, which must not be passed on.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ DEFAULT_DATA = HERE.parents[2].parent / "shared" / "data"
 FOLDER = "authume_quarry_p1"
 SHARES = (0.10, 0.25, 0.50, 0.75, 0.90)
 SEED = 1986
-#: Ends of rocks that were not followed to a stop.
+#: Stopping reasons of rocks without a stop.
 NO_STOP = ("left_profile", "step_limit")
 #: Zones of the substratum raster: classes of the built-in table, chosen by name alone.
 ZONES = {1: "soft_meadow", 2: "rock", 3: "debris"}
-#: Edge of the upper rock face (m, plan distance): what comes further has left the upper slope.
+#: Edge of the upper rock face (m, plan distance): rocks beyond it have left the upper slope.
 EDGE_M = 30.0
 #: Limestone; the mass of a rock cancels out of its motion.
 DENSITY_KGM3 = 2600.0
-#: The same run under other readings. None is preferred for what it gives here.
+#: The same run with other assumptions. None is preferred for its result here.
 VARIANTS: dict[str, dict[str, str]] = {
     "vegetated ground as forest_soil": {"zone_1": "forest_soil"},
     "vegetated ground as debris": {"zone_1": "debris"},
@@ -61,7 +61,7 @@ VARIANTS: dict[str, dict[str, str]] = {
 
 @dataclass(frozen=True)
 class Observed:
-    """What was measured, in the coordinates of the rasters (x = X, y = Z).
+    """Measured data, in the coordinates of the rasters (x = X, y = Z).
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ def write_inputs(
     spacing: float,
     variant: dict[str, str],
 ) -> Path:
-    """Write the release area and the configuration; the rasters are read where they lie."""
+    """Write the release area and the configuration; the rasters are read from their folder."""
     folder.mkdir(parents=True, exist_ok=True)
     square = shapely.MultiPoint(observed.corners).convex_hull
     with warnings.catch_warnings():
@@ -316,7 +316,7 @@ def compare(seen: RunOut, made: RunOut, rng: np.random.Generator) -> dict[str, A
 
 
 def _rounded(item: Any) -> Any:
-    """Four significant digits: more would only be noise."""
+    """Four significant digits."""
     if isinstance(item, dict):
         return {k: _rounded(v) for k, v in item.items()}
     if isinstance(item, list):
