@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from sassgis.cli import main
 from sassgis.runs.samples import copy_sample
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -64,3 +65,18 @@ def make_valley(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]
         return with_settings(config, **{"spacing_m": 12.0, "rocks_per_point": 6, **values})
 
     return make
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Call the command line; gives exit code, stdout and stderr."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main([str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        assert isinstance(stopped.value.code, int)
+        return stopped.value.code, out, err
+
+    return run
