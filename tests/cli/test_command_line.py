@@ -16,13 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.small_slope import SASSGIS, Slope, release_box
 
 import sassgis
 from sassgis.io.read.tiles import read_terrain
 from sassgis.model.grid import Grid
 from sassgis.model.results import StopReason
-
-from helpers.small_slope import SASSGIS, Slope, release_box
 
 
 def test_help_is_quick_because_it_imports_nothing_heavy() -> None:

@@ -10,11 +10,10 @@ import subprocess
 import sys
 
 import pytest
+from helpers.scripts import run_script
 
 import sassgis
 from sassgis.model.settings import EngineSettings
-
-from helpers.scripts import run_script
 
 
 def load(path):

@@ -9,7 +9,6 @@ import sysconfig
 from pathlib import Path
 
 import pytest
-
 from helpers.installed import Installed, command_of, done_in
 
 

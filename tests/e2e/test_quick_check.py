@@ -6,7 +6,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
 from helpers.installed import done_in
 
 pytestmark = [pytest.mark.e2e, pytest.mark.battery]

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import click
 import pytest
+from helpers.installed import command_of
 
 from sassgis.cli import cli
-
-from helpers.installed import command_of
 
 pytestmark = pytest.mark.e2e
 

@@ -10,7 +10,6 @@ import numpy as np
 import pyogrio
 import pytest
 import rasterio
-
 from helpers.installed import Installed, done_in
 
 pytestmark = [pytest.mark.e2e, pytest.mark.battery]

@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 import shapely
+from helpers.contact_reference import first_contact, overlap, tangents
 from shapely import affinity
 
 from sassgis.engine.contact import next_contact, resting_height
-
-from helpers.contact_reference import first_contact, overlap, tangents
 
 G = 9.81
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
 
 from sassgis.io.read.dem import parse_crs
 from sassgis.model.grid import Grid
-
-from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.simulated_slope import TABLE, observed
 
 from sassgis.gap import distances as scores
 from sassgis.gap.case import Case
@@ -61,8 +62,6 @@ from sassgis.io.read.gap_thresholds import read_classifier, write_classifiers
 from sassgis.model.effects import EffectSettings, LateralDeflection
 from sassgis.model.effects import Trees as Forest
 from sassgis.model.errors import InputError
-
-from helpers.simulated_slope import TABLE, observed
 
 ORDER = {name: i for i, name in enumerate(FAMILIES)}
 

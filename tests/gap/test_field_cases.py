@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.scripts import run_script
 
 from sassgis.gap.observations.tables import what_can_be_told
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs.gap_case import read_case
-
-from helpers.scripts import run_script
 
 pytestmark = pytest.mark.battery
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pyogrio
 import pytest
 import shapely
+from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
 from sassgis.gap.observations.tables import (
     METADATA_KEYS,
@@ -37,8 +38,6 @@ from sassgis.io.read.observation_files import (
 )
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import Grid
-
-from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
 
 def lines(observations, grid=None):

@@ -16,6 +16,17 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from helpers.made_diagnosis import (
+    CONFIG,
+    FINDINGS,
+    calibrated,
+    finding,
+    made_case,
+    unnamed,
+    with_trees,
+    write_slope,
+)
+from helpers.observed_slope import NORTH
 
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Hypothesis
@@ -61,18 +72,6 @@ from sassgis.runs.gap_map_change import difference, map_change
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.run import run
-
-from helpers.made_diagnosis import (
-    CONFIG,
-    FINDINGS,
-    calibrated,
-    finding,
-    made_case,
-    unnamed,
-    with_trees,
-    write_slope,
-)
-from helpers.observed_slope import NORTH
 
 Made = tuple[Path, Case]
 

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers.observed_slope import NORTH, WEST, at, ground
 
 from sassgis.gap.observations.projection import (
     lines_of_rocks,
@@ -25,8 +26,6 @@ from sassgis.terrain.flatten import profiles
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys
 from sassgis.terrain.stretch import take_lines
-
-from helpers.observed_slope import NORTH, WEST, at, ground
 
 MIDDLE = WEST + 100.0
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.simulated_slope import STATIONS, TABLE, observed
 
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
@@ -19,8 +20,6 @@ from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, onl
 from sassgis.gap.where.findings import LEAST_ROCKS, leg_edges, locate, where
 from sassgis.model.effects import AirDrag, EffectSettings, SoftGround, Trees
 from sassgis.model.ground import GroundTable
-
-from helpers.simulated_slope import STATIONS, TABLE, observed
 
 
 def changed(name: str, **values: float) -> GroundTable:

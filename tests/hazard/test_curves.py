@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from helpers.hazard_samples import curves_of, drawn_counts
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
@@ -21,8 +22,6 @@ from sassgis.hazard.curves import (
 )
 from sassgis.hazard.statistics import Sample, reach_probability
 from sassgis.model.hazard import Source, SourceCounts
-
-from helpers.hazard_samples import curves_of, drawn_counts
 
 ENERGIES = np.array([0.0, 30.0, 300.0])
 

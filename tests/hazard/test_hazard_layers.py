@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.hazard_samples import curves_of, swiss
 
 from sassgis.hazard.curves import energy_at, rate_interval
 from sassgis.hazard.levels import hazard_level, intensity_class, level_interval, rocks_factor
@@ -9,8 +10,6 @@ from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.results import Band, RasterLayer
-
-from helpers.hazard_samples import curves_of, swiss
 
 PRESET = swiss()
 SHAPE = (3, 4)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts, swiss
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,8 +19,6 @@ from sassgis.hazard.levels import (
     undecided,
 )
 from sassgis.model.hazard import HazardCurves, Source
-
-from helpers.hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts, swiss
 
 PRESET = swiss()
 

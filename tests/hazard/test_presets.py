@@ -3,12 +3,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from helpers.hazard_samples import swiss
 
 from sassgis.hazard.rules import energy_labels, period_labels
 from sassgis.io.read.presets import preset_names, preset_unverified, read_preset
 from sassgis.model.errors import InputError
-
-from helpers.hazard_samples import swiss
 
 LEVELS = ("residual_hazard", "slight", "mean", "substantial")
 FEDERAL = {

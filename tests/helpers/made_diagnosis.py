@@ -9,6 +9,7 @@ from typing import Any
 import geopandas as gpd
 import numpy as np
 import shapely
+from helpers.observed_slope import LV95, NORTH, WEST, at
 
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import (
@@ -26,8 +27,6 @@ from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.results import Band, RasterLayer
 from sassgis.runs.gap_case import read_case
-
-from helpers.observed_slope import LV95, NORTH, WEST, at
 
 CONFIG = """\
 # A slope in the files beside it.

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from helpers.terrains import grid_of, rough
 
 from sassgis.model.grid import Grid
-
-from helpers.terrains import grid_of, rough
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from helpers.terrains import grid_of, middle, points_at
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -15,8 +16,6 @@ from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trac
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import SpreadSettings, fans, trace_bundles
 from sassgis.terrain.surface import surface
-
-from helpers.terrains import grid_of, middle, points_at
 
 pytestmark = pytest.mark.kernels
 

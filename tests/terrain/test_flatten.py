@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from helpers.terrains import grid_of, middle, points_at, rough
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -19,8 +20,6 @@ from sassgis.terrain.flatten import (
     xy_to_chainage,
 )
 from sassgis.terrain.release import take
-
-from helpers.terrains import grid_of, middle, points_at, rough
 
 pytestmark = pytest.mark.kernels
 

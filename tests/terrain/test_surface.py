@@ -2,14 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.terrains import grid_of, rough
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.terrain.surface import evaluate, smoothed, surface
-
-from helpers.terrains import grid_of, rough
 
 pytestmark = pytest.mark.kernels
 

@@ -6,12 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-
-from sassgis.engine.effects import air_drag, build
-from sassgis.model.effects import AirDrag, EffectSettings
-from sassgis.model.settings import EngineSettings
-
 from helpers.effects_lab import (
     COL,
     IMPACT,
@@ -24,6 +18,11 @@ from helpers.effects_lab import (
     sphere,
     sphere_mass,
 )
+from scipy.integrate import solve_ivp
+
+from sassgis.engine.effects import air_drag, build
+from sassgis.model.effects import AirDrag, EffectSettings
+from sassgis.model.settings import EngineSettings
 
 pytestmark = pytest.mark.kernels
 

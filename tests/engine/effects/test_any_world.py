@@ -4,6 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.effects_lab import (
+    BROKEN,
+    COL,
+    END,
+    STEP_LIMIT,
+    G,
+    forest,
+    ground,
+    profile,
+    run,
+)
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
@@ -21,18 +32,6 @@ from sassgis.model.effects import (
     Trees,
 )
 from sassgis.model.settings import EngineSettings
-
-from helpers.effects_lab import (
-    BROKEN,
-    COL,
-    END,
-    STEP_LIMIT,
-    G,
-    forest,
-    ground,
-    profile,
-    run,
-)
 
 # Not shrunk: a course of thousands of events takes its time.
 QUICK = settings(

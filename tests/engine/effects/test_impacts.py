@@ -6,15 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
-
-from sassgis.engine.effects import rock_shape, roughness
-from sassgis.engine.ellipse import contact_frame
-from sassgis.model.effects import EffectSettings, Entrainment, RockShape, Roughness, SoftGround
-from sassgis.model.errors import ConfigError
-from sassgis.model.ground import GroundTable
-from sassgis.model.settings import EngineSettings
-
 from helpers.effects_lab import (
     COL,
     FLIGHT,
@@ -30,6 +21,14 @@ from helpers.effects_lab import (
     slope,
     sphere,
 )
+from scipy import stats
+
+from sassgis.engine.effects import rock_shape, roughness
+from sassgis.engine.ellipse import contact_frame
+from sassgis.model.effects import EffectSettings, Entrainment, RockShape, Roughness, SoftGround
+from sassgis.model.errors import ConfigError
+from sassgis.model.ground import GroundTable
+from sassgis.model.settings import EngineSettings
 
 pytestmark = pytest.mark.kernels
 

@@ -6,6 +6,21 @@ import math
 
 import numpy as np
 import pytest
+from helpers.effects_lab import (
+    BROKEN,
+    IMPACT,
+    MIXED,
+    G,
+    ellipsoid,
+    ground,
+    plain,
+    profile,
+    rough_slope,
+    run,
+    slope,
+    sphere,
+    sphere_mass,
+)
 from scipy import stats
 
 from sassgis.engine.effects import fragmentation
@@ -27,22 +42,6 @@ from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
 from sassgis.model.results import ControlLine
-
-from helpers.effects_lab import (
-    BROKEN,
-    IMPACT,
-    MIXED,
-    G,
-    ellipsoid,
-    ground,
-    plain,
-    profile,
-    rough_slope,
-    run,
-    slope,
-    sphere,
-    sphere_mass,
-)
 
 FLAT = slope((100.0, 0.0))
 ROUGH = rough_slope(6)

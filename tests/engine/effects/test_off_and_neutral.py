@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
 
 from sassgis.engine.simulate import ControlLineCrossings
 from sassgis.model.effects import (
@@ -18,8 +19,6 @@ from sassgis.model.effects import (
     Trees,
 )
 from sassgis.model.results import ControlLine
-
-from helpers.effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
 
 FLAT = profile(rough_slope(3))
 CONTROL_LINES = ControlLineCrossings.same_for_all(

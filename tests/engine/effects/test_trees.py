@@ -6,13 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
-
-from sassgis.engine.effects import trees
-from sassgis.engine.simulate import ControlLineCrossings
-from sassgis.model.effects import EffectSettings, Trees
-from sassgis.model.results import ControlLine
-
 from helpers.effects_lab import (
     COL,
     IMPACT,
@@ -27,6 +20,12 @@ from helpers.effects_lab import (
     sphere,
     sphere_mass,
 )
+from scipy import stats
+
+from sassgis.engine.effects import trees
+from sassgis.engine.simulate import ControlLineCrossings
+from sassgis.model.effects import EffectSettings, Trees
+from sassgis.model.results import ControlLine
 
 ANGLE = 30.0
 RADIUS = 0.4

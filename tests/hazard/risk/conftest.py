@@ -10,12 +10,11 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import shapely
+from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, vulnerability
 
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.io.read.dem import parse_crs
 from sassgis.model.grid import Grid
-
-from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, vulnerability
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0
 

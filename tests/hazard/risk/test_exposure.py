@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from helpers.worked_example import HOUSE, ROAD, vulnerability
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, MultiLineString, MultiPoint, Point, box
@@ -25,8 +26,6 @@ from sassgis.io.read.objects import (
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import Traffic, Vulnerability
 from sassgis.model.grid import Grid
-
-from helpers.worked_example import HOUSE, ROAD, vulnerability
 
 TRAFFIC = {
     "traffic_per_day": 2000.0,

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -27,8 +28,6 @@ from sassgis.hazard.risk import (
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import ExposedObject, Vulnerability
 from sassgis.model.hazard import Source, SourceCounts
-
-from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 
 
 def close(value):

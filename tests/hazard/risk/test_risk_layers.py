@@ -9,6 +9,7 @@ from dataclasses import replace
 import geopandas as gpd
 import numpy as np
 import pytest
+from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 from shapely import LineString, Point, box
 
 from sassgis.hazard.risk import ADDITIVE, assess_risk, object_rows, source_rows, total_rows
@@ -17,8 +18,6 @@ from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.risk_objects import risk_frames, risk_vectors
 from sassgis.model.exposure import ExposedObject
 from sassgis.model.hazard import SourceCounts
-
-from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 
 PLAYGROUND = ExposedObject("playground", "people", persons=10.0, presence=0.1)
 PLACED = PlacedObjects(

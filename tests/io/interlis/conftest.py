@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import made_zones
 
 from sassgis.io.write.geopackage import write_geopackage
-
-from helpers import made_zones
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import pyogrio
 import pyproj
 import pytest
 import shapely
+from helpers import made_zones as made
 from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiPolygon, Polygon, box
@@ -36,8 +37,6 @@ from sassgis.io.write.layers.federal import (
 )
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, Provenance
-
-from helpers import made_zones as made
 
 LV95: dict[str, Any] = {"crs": "EPSG:2056", "federal": True}
 ZONE = box(made.E, made.N, made.E + 100, made.N + 100)

@@ -16,6 +16,7 @@ import geopandas as gpd
 import pyogrio
 import pytest
 import shapely
+from helpers import made_zones as made
 from shapely.geometry import box
 
 from sassgis.io.interlis.ili_models import read_models
@@ -24,8 +25,6 @@ from sassgis.io.interlis.validation import XTF_NAMESPACE, check_xtf, validate_xt
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.federal import FEDERAL_CLASSES, hazard_area
 from sassgis.model.errors import ConfigError, InputError, OutputError
-
-from helpers import made_zones as made
 
 SIMPLE, STRUCTURED = made.MODELS / "simple", made.MODELS / "structured"
 NS = f"{{{XTF_NAMESPACE}}}"

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from helpers import made_zones as made
 
 from sassgis.io.interlis.ili_models import IliLibrary, normalised, read_ili, read_models
 from sassgis.model.errors import InputError
-
-from helpers import made_zones as made
 
 ODDITIES = """
 INTERLIS 2.3;

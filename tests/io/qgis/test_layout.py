@@ -13,6 +13,7 @@ from typing import Any
 import matplotlib.image
 import numpy as np
 import pytest
+from helpers import made_up_result as made_up
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -29,8 +30,6 @@ from sassgis.io.qgis.layout import (
     text_width,
     wrapped,
 )
-
-from helpers import made_up_result as made_up
 
 SYSTEM_PYTHON = "/usr/bin/python3"
 PROBE = Path(__file__).with_name("layout_probe.py")

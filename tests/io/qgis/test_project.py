@@ -12,12 +12,11 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from helpers import made_up_result as made_up
 
 from sassgis.hazard.zone_styles import ZONE_OPACITY
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.model.styles import RASTER_OPACITY
-
-from helpers import made_up_result as made_up
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")
 PROBE = Path(__file__).with_name("probe.py")

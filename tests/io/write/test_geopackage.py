@@ -12,6 +12,7 @@ import geopandas as gpd
 import numpy as np
 import pyogrio
 import pytest
+from helpers import made_up_result as made_up
 from shapely.geometry import LineString, MultiPolygon, Point, box
 
 from sassgis.io.write.geopackage import FieldInfo, VectorLayer, write_geopackage
@@ -22,8 +23,6 @@ from sassgis.model.styles import (
     RELEASE_AREA_STYLE,
     RELEASE_POINT_STYLE,
 )
-
-from helpers import made_up_result as made_up
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 import rasterio
+from helpers import made_up_result as made_up
 
 from sassgis.io.write.raster import NODATA, write_raster
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import Grid
 from sassgis.model.results import Band, RasterClass, RasterLayer
-
-from helpers import made_up_result as made_up
 
 
 def layer_of(values: np.ndarray, unit: str = "kJ", **changes: object) -> RasterLayer:

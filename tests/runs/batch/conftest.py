@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from helpers.cut_valley import CUTS, Stopped, Valley, areas_of, cut_tile
 from rasterio.windows import Window
 
 from sassgis.runs.batch import batch
-
-from helpers.cut_valley import CUTS, Stopped, Valley, areas_of, cut_tile
 
 
 @pytest.fixture(scope="session")

@@ -12,14 +12,13 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
+from helpers.cut_valley import GOOD, Stopped, Valley, write_vrt
 
 from sassgis.cli import main
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.runs.batch import batch, find_areas
 from sassgis.runs.zone import zone
-
-from helpers.cut_valley import GOOD, Stopped, Valley, write_vrt
 
 # Maps hold everything that is counted; these hold what is made of it.
 TABLES = ("zones", "zone_sources", "sources", "design", "risk_objects", "risk_sources")

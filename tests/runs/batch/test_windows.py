@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from helpers.cut_valley import Valley
 
 from sassgis.io.read.config import load_config
 from sassgis.io.read.tiles import Part, open_terrain
 from sassgis.runs.batch_window import Windowed, windowed
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.map import MapRun, plan, trace_lines
-
-from helpers.cut_valley import Valley
 
 
 def test_a_window_holds_the_ways_of_every_round(valley: Valley) -> None:

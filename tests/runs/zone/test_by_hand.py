@@ -33,12 +33,11 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+from helpers.zone_slope import CELL, Case, box, place, plane, zoned
 
 from sassgis.hazard.curves import rate_interval
 from sassgis.hazard.levels import hazard_level
 from sassgis.runs.zone import ZoneResult, zone
-
-from helpers.zone_slope import CELL, Case, box, place, plane, zoned
 
 ROWS, COLS, ROW = 21, 90, 10
 TOP, MIDDLE, LOW = 1.0 / 2000.0, 1.0 / 150.0, 1.0 / 200.0

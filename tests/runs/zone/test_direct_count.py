@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from helpers.zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
 
 from sassgis.engine.simulate import simulate
 from sassgis.runs.map import LEAD_IN_M, bins_of, control_line_crossings, line_draw_keys
@@ -22,8 +23,6 @@ from sassgis.terrain.flatten import profiles
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import trace_bundles
 from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, take_profiles, usable, with_lead_in
-
-from helpers.zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
 
 #: Area, scenario, line, round: cells with the largest energy of a rock there (kJ).
 Rock = tuple[str, str, int, int, dict[int, float]]

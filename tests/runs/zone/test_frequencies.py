@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from helpers.zone_slope import box, place, two_areas, zoned
 from scipy import stats
 
 from sassgis.hazard.sources import onset_frequencies
@@ -17,8 +18,6 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.runs.map import Rows, simulate_map
 from sassgis.runs.run import read_job
-
-from helpers.zone_slope import box, place, two_areas, zoned
 
 #: North: 8 x 9 cells of 4 m2; south: 7 x 9.
 NORTH_M2, SOUTH_M2 = 288.0, 252.0

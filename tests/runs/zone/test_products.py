@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
+from helpers.zone_slope import CELL, VULNERABILITY, Case, Zoned, box, gully, place, two_areas, zoned
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,8 +23,6 @@ from sassgis.cli import main
 from sassgis.hazard.assess import curves_of, hazard_of, level_zones, raster
 from sassgis.hazard.levels import hazard_level, intensity_class
 from sassgis.hazard.zoning.generalise import ZoneSettings
-
-from helpers.zone_slope import CELL, VULNERABILITY, Case, Zoned, box, gully, place, two_areas, zoned
 
 LEVELS = ["residual_hazard", "slight", "mean", "substantial"]
 INTENSITIES = ["low", "mean", "high"]

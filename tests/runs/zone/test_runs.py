@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.zone_slope import Case, Zoned, place, two_areas, zoned
 
 from sassgis.hazard.assess import share_undecided
 from sassgis.io.read.config import load_config
@@ -16,8 +17,6 @@ from sassgis.model.errors import Interrupted
 from sassgis.model.hazard import HazardCurves
 from sassgis.runs.map import Rows, simulate_map
 from sassgis.runs.zone import zone
-
-from helpers.zone_slope import Case, Zoned, place, two_areas, zoned
 
 
 def same_curves(one: HazardCurves, two: HazardCurves) -> bool:

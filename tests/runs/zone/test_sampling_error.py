@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.zone_slope import VULNERABILITY, box, two_areas
 
 from sassgis.hazard.assess import curves_of
 from sassgis.hazard.risk import RiskTable
@@ -16,8 +17,6 @@ from sassgis.runs.assessment import read_rules, risk_of
 from sassgis.runs.map import bins_of, plan, simulate_map
 from sassgis.runs.run import read_job
 from sassgis.runs.zone import prepared
-
-from helpers.zone_slope import VULNERABILITY, box, two_areas
 
 SEEDS = 100
 ENERGIES = (0.0, 30.0, 300.0)
