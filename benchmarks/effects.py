@@ -13,20 +13,19 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.engine.simulate import Forest, simulate
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.rock_shape import RockShape
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.engine.effects.trees import Trees
+from sassgis.engine.simulate import simulate
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import (
-    AirDrag,
-    EffectSettings,
-    Entrainment,
-    Fragmentation,
-    RockShape,
-    Roughness,
-    SoftGround,
-    Trees,
-)
+from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.settings import EngineSettings
 
@@ -38,15 +37,15 @@ BLOCKS = BlockPopulation(axis_1_m=(0.3, 0.6), axis_2_m=(0.25, 0.5), axis_3_m=(0.
 CASES: dict[str, EffectSettings | None] = {
     "none": None,
     "off": EffectSettings(),
-    "air_drag": EffectSettings(air_drag=AirDrag()),
-    "trees, stems": EffectSettings(trees=Trees()),
-    "trees, viscous": EffectSettings(trees=Trees("viscous")),
-    "soft_ground": EffectSettings(soft_ground=SoftGround()),
-    "soft_ground, scar": EffectSettings(soft_ground=SoftGround("scar")),
-    "roughness": EffectSettings(roughness=Roughness()),
-    "rock_shape": EffectSettings(rock_shape=RockShape()),
-    "fragmentation": EffectSettings(fragmentation=Fragmentation()),
-    "entrainment": EffectSettings(entrainment=Entrainment()),
+    "air_drag": EffectSettings(AirDrag()),
+    "trees, stems": EffectSettings(Trees()),
+    "trees, viscous": EffectSettings(Trees("viscous")),
+    "soft_ground": EffectSettings(SoftGround()),
+    "soft_ground, scar": EffectSettings(SoftGround("scar")),
+    "roughness": EffectSettings(Roughness()),
+    "rock_shape": EffectSettings(RockShape()),
+    "fragmentation": EffectSettings(Fragmentation()),
+    "entrainment": EffectSettings(Entrainment()),
 }
 
 

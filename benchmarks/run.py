@@ -31,7 +31,8 @@ def simulate_once(folder: Path, repeats: int) -> dict[str, Any]:
     """In this process: time runs on the slope, the first of them with compilation."""
     from sassgis.io.read.config import load_config
     from sassgis.runs.inputs import read_map_run
-    from sassgis.runs.map import chunks_of, plan, simulate_map
+    from sassgis.runs.map import chunks_of, simulate_map
+    from sassgis.terrain.plan import plan
 
     run = read_map_run(load_config(folder / "config.toml"))
     began = time.perf_counter()

@@ -1,6 +1,6 @@
-"""Write docs/configuration.md from the models that read the configuration.
+"""Write docs/configuration.md and the table of docs/effects.md from the declared settings.
 
-``python docs/make_reference.py`` rewrites the page.
+``python docs/make_reference.py`` rewrites both.
 """
 
 from __future__ import annotations
@@ -8,16 +8,18 @@ from __future__ import annotations
 import json
 import math
 import types
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel
-from pydantic.fields import FieldInfo
+from annotated_types import Interval
 
-from sassgis.io.read.config import SECTIONS
-from sassgis.io.read.effect_sections import EFFECT_SECTIONS
+from sassgis.engine.effects.registry import EFFECTS
+from sassgis.io.read.config import LISTS, declared_sections
+from sassgis.model.declared import Declared, limits_text
 
 PAGE = Path(__file__).parent / "configuration.md"
+EFFECTS_PAGE = Path(__file__).parent / "effects.md"
 
 _HEAD = """\
 <!-- Written by docs/make_reference.py from the declared settings. Do not edit. -->
@@ -61,7 +63,6 @@ _INTRO = {
     "run": "",
     "output": "Output files: [outputs.md](outputs.md).",
 }
-_LISTS = ("blocks", "stations", "barriers", "objects")
 
 
 def kind(annotation: Any) -> str:
@@ -82,7 +83,7 @@ def kind(annotation: Any) -> str:
         if parts[0] is str:
             return "list of texts"
         return "list of points" if "tuple" in str(parts[0]) else "list of numbers"
-    if origin is dict:
+    if origin is not None:
         return "table"
     names = {str: "text", Path: "path", float: "number", int: "whole number", bool: "true or false"}
     return names[annotation]
@@ -99,42 +100,63 @@ def shown(value: Any) -> str:
     return json.dumps(value)
 
 
-def row(name: str, field: FieldInfo) -> str:
+def limits(annotation: Any) -> str:
+    """Limits of a number in words; nothing if it has none."""
+    parts = [a for a in get_args(annotation) if not isinstance(a, str)]
+    own = next((a for a in parts if isinstance(a, Interval)), None)
+    if own is not None:
+        return limits_text(own)
+    return next((text for text in map(limits, parts) if text), "")
+
+
+def row(own: Declared) -> str:
     """One key as a row of its section's table."""
-    if field.is_required():
+    if own.is_required:
         default = "*needed*"
-    elif field.default is None:
+    elif own.default is None:
         default = "–"
     else:
-        default = f"`{shown(field.default)}`"
-    text = (field.description or "").replace("|", "\\|").rstrip(".")
+        default = f"`{shown(own.default)}`"
+    text = own.description.replace("|", "\\|").rstrip(".")
     text = text[:1].lower() + text[1:]
-    return f"| `{name}` | {kind(field.annotation)} | {default} | {text} |"
+    if own.old_name is not None:
+        text += f". Formerly `{own.old_name}`, which is read with a note for one version"
+    return f"| `{own.name}` | {kind(own.kind)} | {default} | {limits(own.kind)} | {text} |"
 
 
-def section(name: str, model: type[BaseModel]) -> str:
+def section(name: str, keys: Mapping[str, Declared]) -> str:
     """One section of the page."""
-    brackets = f"[[{name}]]" if name in _LISTS else f"[{name}]"
+    brackets = f"[[{name}]]" if name in LISTS else f"[{name}]"
     lines = [f"## `{brackets}`", ""]
     intro = _INTRO.get(name, "Turns the effect on: [effects.md](effects.md).")
     if intro:
         lines += [intro, ""]
-    lines += ["| key | kind | default | meaning |", "|---|---|---|---|"]
-    lines += [row(key, field) for key, field in model.model_fields.items()]
+    lines += ["| key | kind | default | limits | meaning |", "|---|---|---|---|---|"]
+    lines += [row(own) for own in keys.values()]
     return "\n".join(lines)
 
 
 def page() -> str:
-    """The whole page."""
-    sections: dict[str, type[BaseModel]] = {}
-    for name, model in SECTIONS.items():
-        if name == "effects":
-            sections |= {f"effects.{family}": own for family, own in EFFECT_SECTIONS.items()}
-        else:
-            sections[name] = model
-    parts = [_HEAD.rstrip(), *(section(name, model) for name, model in sections.items())]
-    return "\n\n".join(parts) + "\n"
+    """The whole page of the configuration."""
+    sections = (section(name, keys) for name, keys in declared_sections().items())
+    return "\n\n".join([_HEAD.rstrip(), *sections]) + "\n"
+
+
+_MARKS = ("<!-- effects: made by docs/make_reference.py -->\n", "<!-- effects: end -->\n")
+
+
+def effects_page(text: str) -> str:
+    """The page of the effects with its table made anew."""
+    rows = ["| effect | what it is | phase | forms |", "|---|---|---|---|"]
+    for name, own in EFFECTS.items():
+        form = own.keys.get("form")
+        forms = "" if form is None else kind(form.kind).replace(" or ", ", ").replace('"', "")
+        rows.append(f"| [`{name}`](#{name}) | {own.summary} | {own.phase} | {forms} |")
+    before, rest = text.split(_MARKS[0])
+    _, after = rest.split(_MARKS[1])
+    return before + _MARKS[0] + "\n".join(rows) + "\n" + _MARKS[1] + after
 
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
+    EFFECTS_PAGE.write_text(effects_page(EFFECTS_PAGE.read_text("utf-8")), encoding="utf-8")

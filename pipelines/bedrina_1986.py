@@ -17,16 +17,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from sassgis.hazard.along_profile import arrivals, passage_histogram, share_within
 from sassgis.io.write.frames import write_table
 from sassgis.model.errors import SassgisError
 from sassgis.report.figures import profile_comparison_figure, save, station_figure
-from sassgis.runs.profile import (
-    arrivals,
-    passage_histogram,
-    profile_panel,
-    run_profile,
-    share_within,
-)
+from sassgis.report.profile_report import profile_panel
+from sassgis.runs.profile import run_profile
 from sassgis.runs.samples import sample_folder
 
 #: Quantities of Fig. 12 with their unit and the range in which the paper's histograms mostly lie.

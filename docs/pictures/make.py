@@ -11,15 +11,12 @@ import sys
 import tempfile
 from pathlib import Path
 
+from sassgis.hazard.along_profile import arrivals
 from sassgis.io.read.config import load_config
 from sassgis.model.results import StopReason
 from sassgis.report.figures import profile_comparison_figure, save
-from sassgis.runs.profile import (
-    arrivals,
-    profile_from_csv,
-    profile_panel,
-    simulate_profile,
-)
+from sassgis.report.profile_report import profile_panel
+from sassgis.runs.profile import profile_from_csv, simulate_profile
 from sassgis.runs.samples import sample_folder
 from sassgis.runs.zone import zone
 

@@ -21,7 +21,7 @@ import sassgis
 from sassgis.model.grid import FloatArray
 from sassgis.model.results import StopReason
 from sassgis.report.figures import convergence_figure, save
-from sassgis.runs.map import LEAD_IN_M
+from sassgis.terrain.prepare import LEAD_IN_M
 from sassgis.terrain.stretch import with_lead_in
 
 TOLERANCES = (0.05, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0)

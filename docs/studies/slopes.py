@@ -8,20 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.simulate import ControlLineCrossings, simulate
+from sassgis.engine.simulate import simulate
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.read.profile_csv import read_profile
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ProfileSet, TraceSet
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet, TraceSet
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import LEAD_IN_M, line_draw_keys, plan
 from sassgis.runs.samples import sample_folder
 from sassgis.terrain.flatten import profiles
+from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import LEAD_IN_M, line_draw_keys
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import trace_bundles
 from sassgis.terrain.stretch import take_lines, usable, with_lead_in

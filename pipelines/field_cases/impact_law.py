@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from field_cases.contacts import REACH_M, read_contacts
 from field_cases.figures import contacts_figure
 from sassgis.engine.effects import soft_ground
+from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import COULOMB, SCALE, impact
 from sassgis.gap.distances import energy_score, observed_scale
 from sassgis.gap.residuals.impact_step import orientation_at_contact
 from sassgis.io.read.ground_map import built_in_table
-from sassgis.model.effects import SoftGround
 from sassgis.model.ground import GroundClass
 from sassgis.report.figures import save
 

@@ -14,8 +14,8 @@ from field_cases.contacts import plate_axes
 from field_cases.figures import scars_figure
 from field_cases.impact_law import State, left_out_scores, numbers_of, summary
 from sassgis.engine.effects import soft_ground
+from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import inertia
-from sassgis.model.effects import SoftGround
 from sassgis.report.figures import save
 
 FloatArray = NDArray[np.float64]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 import sassgis
 from field_cases.figures import stops_figure
 from field_cases.tables import FieldCase
+from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Diagnosis, Finding
 from sassgis.gap.distances import (
@@ -29,8 +30,8 @@ from sassgis.gap.distances import (
 from sassgis.gap.replicas import Aside, Model, Stand, campaigns, ways_of
 from sassgis.gap.sample import main_blocks, observed_sample
 from sassgis.gap.where.findings import where
-from sassgis.gap.which.families import PHYSICAL
 from sassgis.model.ground import GroundTable
+from sassgis.model.settings import LateralDeflection
 from sassgis.report.figures import save
 from sassgis.runs.gap_case import read_case
 
@@ -259,7 +260,7 @@ def _ends(case: Case) -> FloatArray:
 
 
 def _untuned(case: Case) -> Model:
-    return Model(case.table, replace(case.effects, lateral_deflection=None))
+    return Model(case.table, case.effects.without(LateralDeflection))
 
 
 def _with_ground(case: Case, eta_max: float, mu_0: float) -> Model:
@@ -373,7 +374,7 @@ def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
     above = np.quantile([d["base"] - d["floor"] for d in drawn], 0.05)
     # Without an effect that is named there is nothing that could shrink the gap, and errors of
     # the observation are in no calibrated model.
-    named = set(answer.verdict.effect.split("+")) & set(PHYSICAL)
+    named = set(answer.verdict.effect.split("+")) & set(EFFECTS)
     told = bool(above > 0.0) and bool(named)
     return {
         "rocks": case.n_rocks,
@@ -418,9 +419,7 @@ def model_of(found: Calibrated) -> Model:
     stand = None
     if found.stand is not None and found.stems_per_ha is not None and found.dbh_cm is not None:
         stand = Stand(*found.stand, found.stems_per_ha, found.dbh_cm)
-    return Model(
-        found.table, replace(found.effects, lateral_deflection=None), stand=stand, aside=aside
-    )
+    return Model(found.table, found.effects.without(LateralDeflection), stand=stand, aside=aside)
 
 
 def _plain(item: Any) -> Any:

@@ -18,18 +18,18 @@ from sassgis.engine.effects.state import (
     Spawned,
 )
 from sassgis.engine.profile import cut, last_cell, without_straight_vertices
-from sassgis.engine.recording import CellWork, Pieces
+from sassgis.engine.recording import Pieces, empty_work
 from sassgis.engine.rock import BARRIER, REST, follow
 from sassgis.engine.state import Block, ControlLines, Course, Physics, Profile
 from sassgis.engine.statistics import (
-    Bins,
     CellSums,
-    Event,
     Exceedance,
+    FlatBins,
     Objects,
     at_objects,
     close_line,
     collect,
+    empty_event,
     empty_tally,
     flush,
     give_back,
@@ -117,7 +117,7 @@ def run_lines(
     limits: FloatArray,
     physics: Physics,
     control_line_table: ControlLineTable,
-    bins: Bins,
+    bins: FlatBins,
     seed: int | np.uint64,
     first_rock: int,
     n_rocks: int,
@@ -146,7 +146,7 @@ def run_lines(
         core.blocks.BlockPopulation.array, of all lines or of each.
     physics : Physics
     gate_table : GateTable
-    bins : Bins
+    bins : FlatBins
     seed : uint64
     first_rock, n_rocks : int
         Numbers of the rocks on each line.
@@ -177,8 +177,8 @@ def run_lines(
         of the second: then nothing that was filled is of use.
     """
     n_lines = lines.number.size
-    n_cells = sums.tally.shape[0]
-    work = CellWork(np.full((n_cells, 4), -1.0), np.zeros(n_cells, np.int64))
+    n_cells = sums.stops.size
+    work = empty_work(n_cells)
     tally = empty_tally(reach)
     window_tally = empty_tally(window_reach)
     window_peak = np.full(window_reach.rocks.shape[0], -1.0)
@@ -202,8 +202,7 @@ def run_lines(
     n_line_windows = int(np.int64(0))
     n_line_objects = int(np.int64(0))
     no_birth = np.empty(0)
-    n_event = n_cells if effects is not None else 0
-    event = Event(np.full((n_event, 3), -1.0), np.zeros(n_event, np.int64), np.zeros(1, np.int64))
+    event = empty_event(n_cells if effects is not None else 0)
     for i in range(n_lines):
         v0 = lines.offset[i]
         v1 = lines.offset[i + 1]
@@ -301,7 +300,7 @@ def run_lines(
             n_passages += n_new
             last = last_cell(pieces, sx, reason, x, start)
             if last >= 0 and reason in (REST, BARRIER):
-                sums.tally[last, 1] += 1
+                sums.stops[last] += 1
             _fill_row(
                 rocks[row_number], block, density, start, reason, x, z, furthest, t, impacts,
                 top_speed, top_height, top_energy,
@@ -338,7 +337,7 @@ def run_lines(
                     collect(event, work, n_touched, part.mass)
                     last = last_cell(pieces, sx, reason, x, birth[0])
                     if last >= 0 and reason in (REST, BARRIER):
-                        sums.tally[last, 1] += 1
+                        sums.stops[last] += 1
                     row = piece_rows[n_born]
                     row[0] = lines.number[i]
                     row[1] = rock

@@ -1,12 +1,15 @@
-"""What a moving rock leaves behind: cells it passes, stations, the course of its events.
+"""What a moving rock leaves in the cells that it enters: its maxima and its time of arrival.
 
 The cells under a profile come as stretches ("pieces") that are also cut at the profile's vertices,
 so that the ground is straight in each. Within a piece of a flight the speed is greatest at an end
-and the height above ground is a concave parabola, so all maxima are exact.
+and the height above ground is a concave parabola, so all maxima are exact. So is
+the time at a cell's border: chainage is linear in time in flight, and speed squared linear in the
+distance on the ground.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +17,12 @@ from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
+from sassgis.model.statistics_table import QUANTITIES
+
+#: Columns of what is recorded: energy per unit mass (J/kg), -1 where the rock has not been; height
+#: (m); speed squared (m²/s²); time since the release at the first entry (s).
+N_RECORDED = len(QUANTITIES)
+ENERGY, HEIGHT, SPEED2, ARRIVAL = range(N_RECORDED)
 
 
 class Pieces(NamedTuple):
@@ -25,32 +34,43 @@ class Pieces(NamedTuple):
 
 
 class CellWork(NamedTuple):
-    """Maxima of one rock in each cell of a chunk.
+    """What one rock did in each cell of a chunk.
 
     What is touched together lies together, so that the processor fetches it at once.
     """
 
-    # (n, 4): energy per unit mass (J/kg), -1 where the rock has not been; height (m); speed squared
-    # (m²/s²); unused.
-    peak: NDArray[np.float64]
+    peak: NDArray[np.float64]  # (n, N_RECORDED), columns as above
     touched: NDArray[np.int64]  # cells in the order in which they were entered
 
 
 @kernel
+def empty_work(n_cells: int) -> CellWork:
+    """Room for what a rock does in the cells of a chunk."""
+    return CellWork(np.full((n_cells, N_RECORDED), -1.0), np.zeros(n_cells, np.int64))
+
+
+@kernel
 def _raise(
-    work: CellWork, n_touched: int, cell: int, energy: float, height: float, speed2: float
+    work: CellWork,
+    n_touched: int,
+    cell: int,
+    energy: float,
+    height: float,
+    speed2: float,
+    t: float,
 ) -> int:
-    """Raise the maxima of a cell; returns the new number of cells touched."""
+    """Raise the maxima of a cell that is entered at time t; returns the number of cells touched."""
     peak = work.peak
-    if peak[cell, 0] < 0.0:
+    if peak[cell, ENERGY] < 0.0:
         work.touched[n_touched] = cell
-        peak[cell, 0] = energy
-        peak[cell, 1] = height
-        peak[cell, 2] = speed2
+        peak[cell, ENERGY] = energy
+        peak[cell, HEIGHT] = height
+        peak[cell, SPEED2] = speed2
+        peak[cell, ARRIVAL] = t
         return n_touched + 1
-    peak[cell, 0] = max(peak[cell, 0], energy)
-    peak[cell, 1] = max(peak[cell, 1], height)
-    peak[cell, 2] = max(peak[cell, 2], speed2)
+    peak[cell, ENERGY] = max(peak[cell, ENERGY], energy)
+    peak[cell, HEIGHT] = max(peak[cell, HEIGHT], height)
+    peak[cell, SPEED2] = max(peak[cell, SPEED2], speed2)
     return n_touched
 
 
@@ -67,6 +87,7 @@ def record_flight(
     spin_energy: float,
     gravity: float,
     until: float,
+    t: float,
     rest: float,
     sx: FloatArray,
     sz: FloatArray,
@@ -86,6 +107,8 @@ def record_flight(
         Per unit mass (J/kg).
     gravity, until : float
         (m/s²), duration (s).
+    t : float
+        Time since the release at the start of the flight (s).
     rest : float
         The shorter semi-axis (m): over cos β it is the resting height.
     sx, sz, tx, tz : float64 arrays
@@ -145,7 +168,9 @@ def record_flight(
         cell = pieces.cell[piece]
         if cell >= 0:
             speed2 = vx * vx + max(before, after)
-            n_touched = _raise(work, n_touched, cell, 0.5 * speed2 + spin_energy, high, speed2)
+            n_touched = _raise(
+                work, n_touched, cell, 0.5 * speed2 + spin_energy, high, speed2, t + now
+            )
         if inside:
             return n_touched, piece, top
         before = after
@@ -166,6 +191,8 @@ def record_ground(
     spin: float,
     dspin: float,
     chord: float,
+    length: float,
+    t: float,
 ) -> tuple[int, int]:
     """Record the cells under a stretch of rolling or sliding.
 
@@ -179,6 +206,10 @@ def record_ground(
         Rotational energy per unit mass at the start, and its change (J/kg).
     chord : float
         Chainage of the whole stretch, positive (m); speeds squared are linear in it.
+    length : float
+        Distance along the ground of the whole stretch (m).
+    t : float
+        Time since the release at the start (s).
     """
     n = pieces.cell.size
     while piece > 0 and pieces.border[piece] > x:
@@ -201,7 +232,13 @@ def record_ground(
         if cell >= 0:
             fast = max(v2 + dv2 * done, v2 + dv2 * share)
             energy = 0.5 * fast + max(spin + dspin * done, spin + dspin * share)
-            n_touched = _raise(work, n_touched, cell, energy, 0.0, max(fast, 0.0))
+            enters = t
+            if done > 0.0 and work.peak[cell, ENERGY] < 0.0:
+                # At constant acceleration the mean of the speeds at both ends is that over time.
+                both = math.sqrt(v2) + math.sqrt(max(v2 + dv2 * done, 0.0))
+                if both > 0.0:
+                    enters += 2.0 * length * done / both
+            n_touched = _raise(work, n_touched, cell, energy, 0.0, max(fast, 0.0), enters)
         if inside:
             return n_touched, piece
         done = share

@@ -26,6 +26,7 @@ from sassgis.engine.effects import (
 )
 from sassgis.engine.effects.state import (
     BORN_OMEGA,
+    BORN_T,
     BORN_THETA,
     BORN_VX,
     BORN_VZ,
@@ -180,8 +181,9 @@ def _bear_pieces(
     vz: float,
     theta: float,
     omega: float,
+    t: float,
 ) -> bool:
-    """Break a block in flight into pieces; False if it is too small to break."""
+    """Break a block in flight into pieces at time t; False if it is too small to break."""
     volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
     n = fragmentation.shares(effects.breaking, volume, spawned.share)
     if n < 2:
@@ -193,7 +195,7 @@ def _bear_pieces(
         side = spawned.side[i]
         _bear(
             spawned, x, z, ahead * (vx - side * vz), ahead * (vz + side * vx), theta, spin,
-            size * block.a, size * block.b, size * block.c, spawned.share[i] * block.mass,
+            size * block.a, size * block.b, size * block.c, spawned.share[i] * block.mass, t,
         )  # fmt: skip
     return True
 
@@ -210,8 +212,9 @@ def _set_off(
     theta: float,
     ux: float,
     uz: float,
+    t: float,
 ) -> None:
-    """Set blocks of the ground in motion with part of the energy that an impact took (J).
+    """Set blocks of the ground in motion at time t with energy that an impact took (J).
 
     They leave the ground on which they lie flat, under the rock: without a height they get the one
     at which they rest.
@@ -228,7 +231,7 @@ def _set_off(
         up = speed * math.sin(angle)
         _bear(
             spawned, x, -np.inf, along * ux - up * uz, along * uz + up * ux, theta, 0.0,
-            size * block.a, size * block.b, size * block.c, mass,
+            size * block.a, size * block.b, size * block.c, mass, t,
         )  # fmt: skip
 
 
@@ -245,8 +248,9 @@ def _bear(
     b: float,
     c: float,
     mass: float,
+    t: float,
 ) -> None:
-    """Add a birth; one without room is counted only."""
+    """Add a birth at time t since the release; one without room is counted only."""
     i = spawned.born[0]
     spawned.born[0] = i + 1
     if i < spawned.rows.shape[0]:
@@ -261,6 +265,7 @@ def _bear(
         row[7] = b
         row[8] = c
         row[9] = mass
+        row[10] = t
 
 
 @kernel
@@ -343,6 +348,7 @@ def follow(
     vz = speed * tz[seg]
     omega = spin
     t = 0.0
+    began = 0.0
     piece = 0
     while piece < pieces.cell.size - 1 and pieces.border[piece + 1] < x:
         piece += 1
@@ -398,6 +404,7 @@ def follow(
         vx = birth[BORN_VX]
         vz = birth[BORN_VZ]
         omega = birth[BORN_OMEGA]
+        began = birth[BORN_T]
         phase = FLIGHT
         reason = STEP_LIMIT
         furthest = x
@@ -500,8 +507,8 @@ def follow(
             if control_line >= 0:
                 until = t_control_line
             n_touched, piece, top = record_flight(
-                pieces, work, n_touched, piece, x, z, vx, vz, spin_energy, g, until, b, sx, sz,
-                tx, tz,
+                pieces, work, n_touched, piece, x, z, vx, vz, spin_energy, g, until, began + t,
+                b, sx, sz, tx, tz,
             )  # fmt: skip
             top_height = max(top_height, top)
             wz = vz - g * until
@@ -668,13 +675,13 @@ def follow(
                     ):
                         _set_off(
                             effects, spawned, block, impacts, lost * block.mass, x,
-                            1 if vx >= 0.0 else -1, profile.angle[seg], tx[seg], tz[seg],
+                            1 if vx >= 0.0 else -1, profile.angle[seg], tx[seg], tz[seg], began + t,
                         )  # fmt: skip
                     if (
                         effects.breaking.form != fragmentation.OFF
                         and fragmentation.breaks(effects.breaking, block.key, impacts, lost)
                         and _bear_pieces(
-                            effects, spawned, block, impacts, x, z, vx, vz, theta, omega
+                            effects, spawned, block, impacts, x, z, vx, vz, theta, omega, began + t
                         )
                     ):
                         reason = BROKEN
@@ -848,7 +855,7 @@ def follow(
         chord = abs(end_x - x)
         n_touched, piece = record_ground(
             pieces, work, n_touched, piece, x, end_x, v2, dv2, 0.5 * inert * spin2,
-            0.5 * inert * dspin2, chord,
+            0.5 * inert * dspin2, chord, way_len, began + t,
         )  # fmt: skip
         new_v = math.sqrt(max(v2 + dv2, 0.0))
         fast2 = max(v2, v2 + dv2)

@@ -22,16 +22,17 @@ from sassgis.engine.kernel import (
     run_lines,
 )
 from sassgis.engine.state import Physics
-from sassgis.engine.statistics import Bins as Bins
-from sassgis.engine.statistics import CellSums, Exceedance, Objects
+from sassgis.engine.statistics import Exceedance, Objects, by_name, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ProfileSet
+from sassgis.model.map_run import Forest, ObjectCells, Window
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
 from sassgis.model.settings import EngineSettings
+from sassgis.model.statistics_table import Bins, default_bins
 
 #: Pieces and blocks set in motion that one rock may have.
 MOST_SPAWNED = 5000
@@ -44,131 +45,6 @@ COURSE_COLUMNS = (
 
 
 @dataclass(frozen=True, slots=True)
-class ControlLineCrossings:
-    """Where profiles cross stations and barriers.
-
-    Attributes
-    ----------
-    gates : tuple of Gate
-    offset : int64, shape (n_lines + 1,)
-    chainage : float64, shape (offset[-1],)
-        Rising within a line (m).
-    gate : int64, shape (offset[-1],)
-        Position in ``gates``.
-    """
-
-    control_lines: tuple[ControlLine, ...]
-    offset: IntArray
-    chainage: FloatArray
-    control_line: IntArray
-
-    @classmethod
-    def none(cls, n_lines: int) -> ControlLineCrossings:
-        """No stations and no barriers."""
-        return cls((), np.zeros(n_lines + 1, np.int64), np.empty(0), np.empty(0, np.int64))
-
-    @classmethod
-    def same_for_all(
-        cls, control_lines: Sequence[ControlLine], chainages: Sequence[float], n_lines: int
-    ) -> ControlLineCrossings:
-        """The same gates at the same chainages (m) on every one of ``n_lines`` profiles."""
-        order = np.argsort(np.asarray(chainages, float), kind="stable")
-        sorted_chainage = np.asarray(chainages, float)[order]
-        return cls(
-            tuple(control_lines),
-            np.arange(n_lines + 1, dtype=np.int64) * len(control_lines),
-            np.tile(sorted_chainage, n_lines),
-            np.tile(order.astype(np.int64), n_lines),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectCells:
-    """The cells of exposed objects.
-
-    Attributes
-    ----------
-    n_objects : int
-    cell : int64, shape (n,)
-        Flat indices of cells, ascending.
-    number : int64, shape (n,)
-        The object that covers the cell; a cell may belong to several.
-    """
-
-    n_objects: int
-    cell: IntArray
-    number: IntArray
-
-    @classmethod
-    def none(cls) -> ObjectCells:
-        """No object."""
-        return cls(0, np.empty(0, np.int64), np.empty(0, np.int64))
-
-    def under(self, cells: IntArray) -> Objects:
-        """The objects on each of some cells (flat indices, ascending)."""
-        first = np.searchsorted(self.cell, cells, side="left")
-        size = np.searchsorted(self.cell, cells, side="right") - first
-        offset = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
-        take = np.repeat(first - offset[:-1], size) + np.arange(offset[-1])
-        return Objects(offset, np.asarray(self.number, np.int64)[take])
-
-
-@dataclass(frozen=True, slots=True)
-class Forest:
-    """Stems on the cells of the grid.
-
-    Attributes
-    ----------
-    stems_per_m2 : float64, shape (n_rows * n_cols,)
-    diameter_m : float64, shape (n_rows * n_cols,)
-        At breast height.
-    """
-
-    stems_per_m2: FloatArray
-    diameter_m: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """A disk of cells around each cell, in which a rock counts once.
-
-    Attributes
-    ----------
-    n_rows, n_cols : int
-        Of the grid.
-    radius : float
-        In cells, from centre to centre; below 1 the window is the cell itself.
-    """
-
-    n_rows: int
-    n_cols: int
-    radius: float
-
-    def around(self, cells: IntArray) -> tuple[IntArray, Objects]:
-        """Windows that hold any of some cells (flat indices).
-
-        Returns
-        -------
-        centres : int64, shape (n_windows,)
-            Flat indices of the cells in the middle of the windows, ascending.
-        windows : Objects
-            The windows of each of ``cells``, by their position in ``centres``.
-        """
-        reach = int(self.radius)
-        step = np.arange(-reach, reach + 1)
-        near = step[:, None] ** 2 + step[None, :] ** 2 <= self.radius**2 + 1e-9
-        drow, dcol = (step[i] for i in np.nonzero(near))
-        row, col = np.divmod(cells, self.n_cols)
-        rows = row[:, None] + drow
-        cols = col[:, None] + dcol
-        inside = (rows >= 0) & (rows < self.n_rows) & (cols >= 0) & (cols < self.n_cols)
-        flat = (rows * self.n_cols + cols)[inside]
-        centres, number = np.unique(flat, return_inverse=True)
-        offset = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int64)
-        return centres.astype(np.int64), Objects(offset, number.astype(np.int64))
-
-
-@dataclass(frozen=True, slots=True)
 class Simulated:
     """What the rocks of some lines left.
 
@@ -177,10 +53,8 @@ class Simulated:
     cells : int64, shape (n_cells,)
         Flat indices of the grid cells under the lines, ascending.
     sums : dict of str to array with a row for each of ``cells``
-        "reach" (rocks that came), "reach_square" (sum over lines of its square), "exceed" and
-        "exceed_square" (the same of the rocks that reach each threshold), "stops", "energy_sum"
-        (J), "energy_max" (kJ), "height_max" (m), "speed_max" (m/s), and the counts "energy",
-        "height", "speed" in the bins of the run.
+        Those of model.statistics_table.SUMS, histograms in the bins of the run; and of the rocks
+        that reach each threshold "exceed" and, summed over lines, its square "exceed_square".
     windows : int64, shape (n_windows,)
         Flat indices of the cells in the middle of the windows; empty unless asked for.
     window_sums, objects : dict
@@ -204,43 +78,6 @@ class Simulated:
     courses: tuple[FloatArray, ...]
 
 
-def default_bins(
-    largest_energy_kj: float = 1e6,
-    largest_height_m: float = 100.0,
-    largest_speed_mps: float = 80.0,
-    thresholds_kj: Sequence[float] = (),
-) -> Bins:
-    """Edges of the histograms that the map's quantiles come from, and energies of hazard curves.
-
-    Energy: 20 bins a decade, 30 and 300 kJ among the edges, from 0.03 kJ. Height: 0.1 m up to 2 m,
-    then steps of 6 %. Speed: 0.5 m/s up to 20 m/s, then 1 m/s. Hazard curves: 0, four energies a
-    decade from 0.95 kJ with 30 and 300 kJ among them, and the thresholds given.
-    """
-    top = max(int(np.ceil(20.0 * np.log10(max(largest_energy_kj, 1.0) / 30.0))), 20)
-    energy = np.concatenate([[0.0], 30.0 * 10.0 ** (np.arange(-60, top + 1) / 20.0)])
-    steps = max(int(np.ceil(np.log(max(largest_height_m, 4.0) / 2.0) / np.log(1.06))), 1)
-    height = np.concatenate([np.arange(0.0, 2.0, 0.1), 2.0 * 1.06 ** np.arange(steps + 1)])
-    speed = np.concatenate(
-        [np.arange(0.0, 20.0, 0.5), np.arange(20.0, max(largest_speed_mps, 22.0) + 1.0, 1.0)]
-    )
-    regular = 30.0 * 10.0 ** (np.arange(-6, top // 5 + 1) / 4.0)
-    regular[[6, 10]] = 30.0, 300.0
-    given = np.array([t for t in thresholds_kj if not np.isclose(t, regular, rtol=1e-9).any()])
-    threshold = np.unique(np.concatenate([[0.0], regular, given]))
-    return Bins(energy, height, speed, threshold)
-
-
-def empty_sums(n_cells: int, bins: Bins) -> CellSums:
-    """Sums for ``n_cells`` cells to which nothing has come yet."""
-    return CellSums(
-        tally=np.zeros((n_cells, 2), np.int64),
-        peak=np.zeros((n_cells, 3)),
-        energy=np.zeros((n_cells, bins.energy.size - 1), np.uint32),
-        height=np.zeros((n_cells, bins.height.size - 1), np.uint32),
-        speed=np.zeros((n_cells, bins.speed.size - 1), np.uint32),
-    )
-
-
 def no_exceedance(n: int, bins: Bins) -> Exceedance:
     """Counts for ``n`` cells or objects to which nothing has come yet."""
     return Exceedance(*(np.zeros((n, bins.threshold.size), np.int64) for _ in range(2)))
@@ -250,25 +87,10 @@ def _exceedance(sums: Exceedance) -> dict[str, IntArray]:
     return {"exceed": sums.rocks, "exceed_square": sums.square}
 
 
-def _columns(sums: CellSums, reach: Exceedance) -> dict[str, NDArray[np.generic]]:
-    """The sums under their names."""
-    return {
-        "reach": reach.rocks[:, 0],
-        "reach_square": reach.square[:, 0],
-        "exceed": reach.rocks,
-        "exceed_square": reach.square,
-        "energy_sum": sums.tally[:, 0],
-        "stops": sums.tally[:, 1],
-        **{n: sums.peak[:, i] for i, n in enumerate(("energy_max", "height_max", "speed_max"))},
-        "energy": sums.energy,
-        "height": sums.height,
-        "speed": sums.speed,
-    }
-
-
 def _windows(window: Window | None, cells: IntArray) -> tuple[IntArray, Objects]:
     if window is not None:
-        return window.around(cells)
+        centres, offset, number = window.around(cells)
+        return centres, Objects(offset, number)
     none = np.empty(0, np.int64)
     return none, Objects(np.zeros(cells.size + 1, np.int64), none)
 
@@ -437,6 +259,7 @@ def simulate(
         1e3 * np.array([g.capacity_kj for g in control_lines.control_lines], np.float64),
     )
     centres, windows = _windows(window, cells)
+    flat = flat_bins(bins)
     effects = effects or EffectSettings()
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     limits = np.array([population.array() for population in populations])
@@ -449,7 +272,7 @@ def simulate(
     event_counts = np.zeros(n, np.int64)
     room = 1
     while True:
-        sums = empty_sums(cells.size, bins)
+        sums = empty_sums(cells.size, flat)
         reach = no_exceedance(cells.size, bins)
         object_reach = no_exceedance(objects.n_objects, bins)
         window_reach = no_exceedance(centres.size, bins)
@@ -463,7 +286,7 @@ def simulate(
             limits,
             _physics(settings),
             control_line_table,
-            bins,
+            flat,
             np.uint64(seed),
             first_rock,
             rocks_per_line,
@@ -471,7 +294,7 @@ def simulate(
             reach,
             windows,
             window_reach,
-            objects.under(cells),
+            Objects(*objects.under(cells)),
             object_reach,
             rocks,
             passages,
@@ -493,7 +316,7 @@ def simulate(
         )
     return Simulated(
         cells=cells,
-        sums=_columns(sums, reach),
+        sums=by_name(sums, reach, flat) | _exceedance(reach),
         windows=centres,
         window_sums=_exceedance(window_reach),
         objects=_exceedance(object_reach),

@@ -8,17 +8,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.recording import CellWork
+from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
+from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
 
-class Bins(NamedTuple):
-    """Edges of the histograms; what lies beyond goes into the first or last bin."""
+def _quantities(reducer: Reducer) -> tuple[int, ...]:
+    """Which quantity each column of the sums of a kind is made from."""
+    return tuple(QUANTITIES.index(s.quantity) for s in sums_by(reducer))
 
-    energy: NDArray[np.float64]  # kJ
-    height: NDArray[np.float64]  # m
-    speed: NDArray[np.float64]  # m/s
+
+# Constants of the compiled code.
+_SUMMED, _RAISED, _LOWERED = _quantities("sum"), _quantities("max"), _quantities("min")
+_BINNED = _quantities("histogram")
+
+
+class FlatBins(NamedTuple):
+    """Edges of all histograms, one after the other."""
+
+    edges: NDArray[np.float64]
+    first: NDArray[np.int64]  # (histograms + 1,)
     threshold: NDArray[np.float64]  # kJ, ascending from 0: energies whose exceedance is counted
 
 
@@ -37,16 +47,16 @@ class Exceedance(NamedTuple):
 
 
 class CellSums(NamedTuple):
-    """Statistics per cell of a chunk, one entry per rock and cell.
+    """Statistics per cell of a chunk, one entry per rock and cell: the table's sums by kind.
 
     Whole numbers, so that the order of adding does not matter.
     """
 
-    tally: NDArray[np.int64]  # (n, 2): energy (J); stops
-    peak: NDArray[np.float64]  # (n, 3): largest energy (kJ), height (m), speed (m/s)
-    energy: NDArray[np.uint32]  # (n, bins)
-    height: NDArray[np.uint32]
-    speed: NDArray[np.uint32]
+    stops: NDArray[np.int64]  # (n,)
+    total: NDArray[np.int64]  # (n, sums)
+    largest: NDArray[np.float64]  # (n, maxima)
+    smallest: NDArray[np.float64]  # (n, minima)
+    counts: NDArray[np.uint32]  # (n, bins of all histograms, one after the other)
 
 
 class LineTally(NamedTuple):
@@ -55,6 +65,39 @@ class LineTally(NamedTuple):
     hits: NDArray[np.uint32]  # (n, thresholds)
     came: NDArray[np.bool_]
     touched: NDArray[np.int64]  # places in the order in which they were first reached
+
+
+def flat_bins(bins: Bins) -> FlatBins:
+    """The edges as the kernel takes them."""
+    edges = [bins.edges[s.name] for s in sums_by("histogram")]
+    first = np.cumsum([0, *(e.size for e in edges)]).astype(np.int64)
+    return FlatBins(np.concatenate(edges), first, bins.threshold)
+
+
+def empty_sums(n_cells: int, bins: FlatBins) -> CellSums:
+    """Sums for ``n_cells`` cells to which nothing has come yet."""
+    n_bins = bins.edges.size - len(_BINNED)
+    return CellSums(
+        stops=np.zeros(n_cells, np.int64),
+        total=np.zeros((n_cells, len(_SUMMED)), np.int64),
+        largest=np.zeros((n_cells, len(_RAISED))),
+        smallest=np.full((n_cells, len(_LOWERED)), np.inf),
+        counts=np.zeros((n_cells, n_bins), np.uint32),
+    )
+
+
+def by_name(sums: CellSums, reach: Exceedance, bins: FlatBins) -> dict[str, NDArray[np.generic]]:
+    """The sums under their names in the table."""
+    out: dict[str, NDArray[np.generic]] = {
+        "reach": reach.rocks[:, 0], "reach_square": reach.square[:, 0], "stops": sums.stops,
+    }  # fmt: skip
+    out |= {s.name: sums.total[:, i] for i, s in enumerate(sums_by("sum"))}
+    out |= {s.name: sums.largest[:, i] for i, s in enumerate(sums_by("max"))}
+    out |= {s.name: sums.smallest[:, i] for i, s in enumerate(sums_by("min"))}
+    for i, s in enumerate(sums_by("histogram")):
+        # A histogram has one bin less than edges.
+        out[s.name] = sums.counts[:, bins.first[i] - i : bins.first[i + 1] - i - 1]
+    return out
 
 
 @kernel
@@ -128,7 +171,7 @@ def at_objects(
             if peak[number] < 0.0:
                 met[n_met] = number
                 n_met += 1
-            peak[number] = max(peak[number], work.peak[cell, 0])
+            peak[number] = max(peak[number], work.peak[cell, ENERGY])
     near = 0
     for k in range(n_met):
         number = met[k]
@@ -154,44 +197,58 @@ def flush(
     work: CellWork,
     n_touched: int,
     sums: CellSums,
-    bins: Bins,
+    bins: FlatBins,
     mass: float,
     tally: LineTally,
     n_line: int,
 ) -> int:
     """Add one rock's cells to the sums; returns the number of cells that its line has touched."""
-    ie = 0
-    ih = 0
-    iv = 0
     level = 0
     for k in range(n_touched):
         cell = work.touched[k]
-        joule = work.peak[cell, 0] * mass
-        kj = 1e-3 * joule
-        height = work.peak[cell, 1]
-        speed = math.sqrt(work.peak[cell, 2])
-        ie = _hunt(bins.energy, kj, ie)
-        ih = _hunt(bins.height, height, ih)
-        iv = _hunt(bins.speed, speed, iv)
-        level = _level(bins.threshold, kj, level)
-        sums.energy[cell, ie] += np.uint32(1)
-        sums.height[cell, ih] += np.uint32(1)
-        sums.speed[cell, iv] += np.uint32(1)
-        sums.tally[cell, 0] += np.int64(joule + 0.5)
-        sums.peak[cell, 0] = max(sums.peak[cell, 0], kj)
-        sums.peak[cell, 1] = max(sums.peak[cell, 1], height)
-        sums.peak[cell, 2] = max(sums.peak[cell, 2], speed)
+        record = work.peak[cell]
+        joule = record[ENERGY] * mass
+        record[ENERGY] = 1e-3 * joule
+        record[SPEED2] = math.sqrt(record[SPEED2])
+        thousandth = (joule, 1e3 * record[HEIGHT], 1e3 * record[SPEED2], 1e3 * record[ARRIVAL])
+        for i in range(len(_SUMMED)):
+            sums.total[cell, i] += np.int64(thousandth[_SUMMED[i]] + 0.5)
+        for i in range(len(_RAISED)):
+            sums.largest[cell, i] = max(sums.largest[cell, i], record[_RAISED[i]])
+        for i in range(len(_LOWERED)):
+            sums.smallest[cell, i] = min(sums.smallest[cell, i], record[_LOWERED[i]])
+        level = _level(bins.threshold, record[ENERGY], level)
         n_line = _tally(tally, n_line, cell, level)
-        work.peak[cell, 0] = -1.0
+    for i in range(len(_BINNED)):
+        # A histogram has one bin less than edges.
+        first = bins.first[i] - i
+        edges = bins.edges[bins.first[i] : bins.first[i + 1]]
+        near = 0
+        for k in range(n_touched):
+            cell = work.touched[k]
+            near = _hunt(edges, work.peak[cell, _BINNED[i]], near)
+            sums.counts[cell, first + near] += np.uint32(1)
+    for k in range(n_touched):
+        work.peak[work.touched[k], ENERGY] = -1.0
     return n_line
 
 
 class Event(NamedTuple):
-    """Maxima of a rock and all its pieces in each cell: energy (J), height, speed squared."""
+    """What a rock and all its fragments did in each cell, as one block of 1 kg."""
 
-    peak: NDArray[np.float64]  # (n_cells, 3), energy -1 where none has been
+    peak: NDArray[np.float64]  # (n_cells, N_RECORDED), energy -1 where none has been
     touched: NDArray[np.int64]
     filled: NDArray[np.int64]  # (1,)
+
+
+@kernel
+def empty_event(n_cells: int) -> Event:
+    """Room for what a rock and its fragments do in some cells."""
+    return Event(
+        np.full((n_cells, N_RECORDED), -1.0),
+        np.zeros(n_cells, np.int64),
+        np.zeros(1, np.int64),
+    )
 
 
 @kernel
@@ -199,16 +256,18 @@ def collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
     """Move the cells of one block to those of the event."""
     for k in range(n_touched):
         cell = work.touched[k]
-        joule = work.peak[cell, 0] * mass
-        if event.peak[cell, 0] < 0.0:
+        joule = work.peak[cell, ENERGY] * mass
+        if event.peak[cell, ENERGY] < 0.0:
             event.touched[event.filled[0]] = cell
             event.filled[0] += 1
-            event.peak[cell, 1] = 0.0
-            event.peak[cell, 2] = 0.0
-        event.peak[cell, 0] = max(event.peak[cell, 0], joule)
-        event.peak[cell, 1] = max(event.peak[cell, 1], work.peak[cell, 1])
-        event.peak[cell, 2] = max(event.peak[cell, 2], work.peak[cell, 2])
-        work.peak[cell, 0] = -1.0
+            event.peak[cell, HEIGHT] = 0.0
+            event.peak[cell, SPEED2] = 0.0
+            event.peak[cell, ARRIVAL] = np.inf
+        event.peak[cell, ENERGY] = max(event.peak[cell, ENERGY], joule)
+        event.peak[cell, HEIGHT] = max(event.peak[cell, HEIGHT], work.peak[cell, HEIGHT])
+        event.peak[cell, SPEED2] = max(event.peak[cell, SPEED2], work.peak[cell, SPEED2])
+        event.peak[cell, ARRIVAL] = min(event.peak[cell, ARRIVAL], work.peak[cell, ARRIVAL])
+        work.peak[cell, ENERGY] = -1.0
 
 
 @kernel
@@ -218,8 +277,8 @@ def give_back(event: Event, work: CellWork) -> int:
     for k in range(n):
         cell = event.touched[k]
         work.touched[k] = cell
-        for i in range(3):
+        for i in range(N_RECORDED):
             work.peak[cell, i] = event.peak[cell, i]
-        event.peak[cell, 0] = -1.0
+        event.peak[cell, ENERGY] = -1.0
     event.filled[0] = 0
     return int(n)

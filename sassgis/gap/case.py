@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.engine.simulate import Forest
 from sassgis.gap.observations.projection import Projected, StationChainages
 from sassgis.gap.observations.tables import Observations
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ProfileSet, TraceSet
 from sassgis.model.settings import EngineSettings
 

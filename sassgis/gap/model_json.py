@@ -7,24 +7,16 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.replicas import Aside, Measurement, Model, Release, Stand
-from sassgis.model import effects as families
+from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundClass, GroundTable
-
-_EFFECTS = {
-    "air_drag": families.AirDrag,
-    "trees": families.Trees,
-    "soft_ground": families.SoftGround,
-    "roughness": families.Roughness,
-    "rock_shape": families.RockShape,
-    "fragmentation": families.Fragmentation,
-    "entrainment": families.Entrainment,
-}
 
 
 def model_as_json(model: Model) -> dict[str, Any]:
     """A model as dictionaries, lists, texts and numbers; infinite limits become None."""
-    plain: dict[str, Any] = _plain(dataclasses.asdict(model))
+    effects = {own.name: dataclasses.asdict(own) for own in model.effects}
+    plain: dict[str, Any] = _plain({**dataclasses.asdict(model), "effects": effects})
     return plain
 
 
@@ -46,18 +38,19 @@ def model_from_json(plain: Mapping[str, Any]) -> Model:
     KeyError, TypeError
         If the values are not those of a model.
     """
-    effects = {
-        name: _EFFECTS[name](**{k: tuple(v) if isinstance(v, list) else v for k, v in own.items()})
+    effects = [
+        EFFECTS[name].settings(
+            **{k: tuple(v) if isinstance(v, list) else v for k, v in own.items()}
+        )
         for name, own in plain["effects"].items()
-        if own is not None
-    }
+    ]
     aside = dict(plain["aside"])
     aside["s0"] = -math.inf if aside["s0"] is None else aside["s0"]
     aside["s1"] = math.inf if aside["s1"] is None else aside["s1"]
     stand = plain["stand"]
     return Model(
         GroundTable(tuple(GroundClass(**own) for own in plain["table"]["classes"])),
-        families.EffectSettings(**effects),
+        EffectSettings(*effects),
         None if stand is None else Stand(**stand),
         Aside(**aside),
         Release(**plain["release"]),

@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
+from sassgis.engine.simulate import Simulated, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.sample import (
     LOOSE,
@@ -24,7 +27,8 @@ from sassgis.gap.sample import (
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ProfileSet
+from sassgis.model.map_run import Forest
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.results import ControlLine, StopReason
 from sassgis.terrain.release import point_keys
 
@@ -350,7 +354,7 @@ def campaigns(
 
 
 def _wood(ways: Ways, model: Model) -> Forest | None:
-    if model.effects.trees is None:
+    if model.effects.get(Trees) is None:
         return None
     if model.stand is None:
         return ways.wood
@@ -444,11 +448,12 @@ class _Paths:
     def _kind(self, rows: NDArray[np.void], owner: IntArray) -> IntArray:
         """Whether pieces broke off or were set in motion: the latter have one size."""
         effects = self._model.effects
-        if effects.entrainment is None:
+        entrainment = effects.get(Entrainment)
+        if entrainment is None:
             return np.full(owner.size, PIECE, np.int64)
-        if effects.fragmentation is None:
+        if effects.get(Fragmentation) is None:
             return np.full(owner.size, LOOSE, np.int64)
-        ratio = rows["mass_kg"] / self._mass[owner] / effects.entrainment.size_ratio**3
+        ratio = rows["mass_kg"] / self._mass[owner] / entrainment.size_ratio**3
         return np.where(np.abs(ratio - 1.0) < 1e-9, LOOSE, PIECE).astype(np.int64)
 
     def deposits(self) -> DepositRows:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.diagnosis import Finding
 
 #: Findings below this level count: of the largest gap over all (headline), or as a share of false
@@ -11,14 +12,7 @@ from sassgis.gap.diagnosis import Finding
 LEVEL = 0.05
 
 EFFECT_NAMES: Mapping[str, str] = {
-    "lateral_deflection": "lateral deflection",
-    "fragmentation": "fragmentation",
-    "soft_ground": "soft ground",
-    "entrainment": "entrainment",
-    "trees": "trees",
-    "air_drag": "air drag",
-    "roughness": "roughness of the ground",
-    "rock_shape": "shape of the rocks",
+    **{row.name: row.label for row in EFFECTS.values() if row.calibration is not None},
     "release_error": "error of the release",
     "measurement_error": "error of measurement",
     "none": "calibration alone",
@@ -27,14 +21,7 @@ EFFECT_NAMES: Mapping[str, str] = {
 
 #: What an effect does, to follow "The gap is best explained by".
 EFFECT_PHRASES: Mapping[str, str] = {
-    "lateral_deflection": "rocks that leave the fall line sideways",
-    "fragmentation": "blocks that break at impacts",
-    "soft_ground": "soft ground that yields at impacts and takes energy",
-    "entrainment": "blocks of the slope that passing rocks set in motion",
-    "trees": "trees that take energy from passing rocks",
-    "air_drag": "the drag of the air",
-    "roughness": "ground that is rougher than the terrain model shows",
-    "rock_shape": "the shape of the rocks, which the plane ellipse does not know",
+    **{row.name: row.summary for row in EFFECTS.values() if row.calibration is not None},
     "release_error": "an error in where or how fast the rocks are taken to start, not in the "
     "motion below",
     "measurement_error": "an error of the measurement, not of the motion",

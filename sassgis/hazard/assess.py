@@ -10,7 +10,8 @@ import numpy as np
 
 from sassgis.hazard.attribution import attribution, governing, zone_of_cells
 from sassgis.hazard.curves import at_energies, hazard_curves
-from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class, undecided
+from sassgis.hazard.levels import deciding_energy, hazard_level, intensity_class, uncertain
+from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.hazard.sources import Sampled
 from sassgis.hazard.zoning.generalise import (
     BoolArray,
@@ -19,6 +20,7 @@ from sassgis.hazard.zoning.generalise import (
     generalised_series,
     nested_coverages,
 )
+from sassgis.model.exposure import PlacedObjects, Vulnerability
 from sassgis.model.grid import Grid, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 
@@ -32,7 +34,7 @@ class ZoneFacts:
     area_m2 : float64, shape (n_zones,)
     cells : int64, shape (n_zones,)
         Cells that rocks reach; the others were raised when the zone was drawn.
-    undecided : float64, shape (n_zones,)
+    uncertain : float64, shape (n_zones,)
         Share of those cells whose level another sample of rocks might change; NaN without any.
     shares : float64, shape (n_zones, n_sources)
         Of each source in the rate that makes the level; NaN in zones without a reached cell.
@@ -42,7 +44,7 @@ class ZoneFacts:
 
     area_m2: np.ndarray
     cells: IntArray
-    undecided: np.ndarray
+    uncertain: np.ndarray
     shares: np.ndarray
     governing: IntArray
 
@@ -69,7 +71,7 @@ class Hazard:
         Of the zones of ``levels``.
     intensities : tuple of IntensityMap
         From frequent to rare; class k is the preset's intensity k - 1.
-    undecided : bool, shape (n_cells,)
+    uncertain : bool, shape (n_cells,)
         Whether another sample of rocks might change the level of a cell of ``curves``.
     """
 
@@ -78,12 +80,12 @@ class Hazard:
     levels: Coverage
     facts: ZoneFacts
     intensities: tuple[IntensityMap, ...]
-    undecided: BoolArray
+    uncertain: BoolArray
 
     @property
-    def undecided_share(self) -> float:
+    def uncertain_share(self) -> float:
         """Share of the cells that rocks reach whose level another sample might change."""
-        return _share(self.undecided)
+        return _share(self.uncertain)
 
 
 def raster(grid: Grid, cells: IntArray, classes: np.ndarray) -> IntArray:
@@ -98,9 +100,9 @@ def curves_of(sampled: Sequence[Sampled], energies_kj: np.ndarray) -> HazardCurv
     return hazard_curves([s.source for s in sampled], [s.cells for s in sampled], energies_kj)
 
 
-def share_undecided(curves: HazardCurves, preset: HazardPreset, confidence: float) -> float:
+def share_uncertain(curves: HazardCurves, preset: HazardPreset, confidence: float) -> float:
     """Share of the reached cells whose level another sample might change."""
-    return _share(undecided(curves, preset, confidence))
+    return _share(uncertain(curves, preset, confidence))
 
 
 def _share(cells: BoolArray) -> float:
@@ -200,7 +202,7 @@ def hazard_of(
     confidence : float
         Of the sampling interval.
     """
-    unsure = undecided(curves, preset, confidence)
+    unsure = uncertain(curves, preset, confidence)
     return Hazard(
         tuple(sampled),
         curves,
@@ -229,3 +231,118 @@ def by_area(
         )
         for area in areas
     }
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What zoning needs besides the simulated blocks.
+
+    Attributes
+    ----------
+    preset : HazardPreset
+    frequencies : dict of (area, scenario) to float
+        Blocks per year.
+    placed : PlacedObjects
+        Exposed objects; may be none.
+    vulnerability : Vulnerability or None
+    zones : ZoneSettings
+    ref_width_m : float
+        Reference width of all frequencies (m): one cell or more.
+    notices : tuple of str
+        What the readers had to say.
+    """
+
+    preset: HazardPreset
+    frequencies: dict[tuple[str, str], float]
+    placed: PlacedObjects
+    vulnerability: Vulnerability | None
+    zones: ZoneSettings
+    ref_width_m: float
+    notices: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """What zoning found.
+
+    Attributes
+    ----------
+    hazard : Hazard
+        With the walls and nets there are.
+    without : Hazard or None
+        Without them; None if there are none or nobody asked.
+    by_area : dict of str to tuple of IntensityMap
+        Intensities of each release area alone; empty unless asked for.
+    risk, risk_without : RiskTable or None
+    """
+
+    hazard: Hazard
+    without: Hazard | None
+    by_area: dict[str, tuple[IntensityMap, ...]]
+    risk: RiskTable | None
+    risk_without: RiskTable | None
+
+    @property
+    def without_barriers(self) -> tuple[Sampled, ...]:
+        """The sources as they come to a line if no barrier holds them."""
+        return (self.without or self.hazard).sampled
+
+
+def assess(
+    rules: Rules,
+    grid: Grid,
+    energies_kj: np.ndarray,
+    sampled: Sequence[Sampled],
+    without: Sequence[Sampled] | None,
+    *,
+    confidence: float,
+    by_source: bool,
+) -> Assessment:
+    """What the counts of a simulation say of hazard and risk.
+
+    Parameters
+    ----------
+    rules : Rules
+    grid : Grid
+    energies_kj : float64, shape (n,)
+        Of the hazard curves.
+    sampled : sequence of Sampled
+    without : sequence of Sampled or None
+        The same sources without walls and nets.
+    confidence : float
+        Of the sampling interval.
+    by_source : bool
+        Whether to draw zones of intensity of each release area alone.
+    """
+    both = [sampled] if without is None else [sampled, without]
+    curves = [curves_of(own, energies_kj) for own in both]
+    zones = level_zones(curves, rules.preset, grid, rules.zones)
+    after, *others = (
+        hazard_of(*own, rules.preset, grid, rules.zones, confidence)
+        for own in zip(both, curves, zones, strict=True)
+    )
+    before = others[0] if others else None
+    alone = (
+        by_area(after.sampled, energies_kj, rules.preset, grid, rules.zones) if by_source else {}
+    )
+    return Assessment(
+        after,
+        before,
+        alone,
+        risk_of(rules, after.sampled, energies_kj),
+        None if before is None else risk_of(rules, before.sampled, energies_kj),
+    )
+
+
+def risk_of(rules: Rules, sampled: Sequence[Sampled], energies: np.ndarray) -> RiskTable | None:
+    """Risk of the exposed objects; None if there are none."""
+    if rules.vulnerability is None:
+        return None
+    return assess_risk(
+        rules.placed.objects,
+        [s.source for s in sampled],
+        [s.objects for s in sampled],
+        energies,
+        rules.preset.thresholds_kj,
+        rules.vulnerability,
+    )

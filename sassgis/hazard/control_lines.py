@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.hazard.statistics import quantiles
+from sassgis.hazard.map_sums import quantiles
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import ControlLine, Histogram, Outcome
 
@@ -24,7 +24,7 @@ QUANTITIES: dict[str, tuple[str, FloatArray]] = {
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """One quantity at one gate.
+    """One quantity at one control line.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class ControlLineSums:
 
     Parameters
     ----------
-    gates : tuple of Gate
+    control_lines : tuple of ControlLine
     """
 
     def __init__(self, control_lines: tuple[ControlLine, ...]) -> None:
@@ -91,9 +91,9 @@ class ControlLineSums:
 
         Parameters
         ----------
-        other : GateSums
-        numbers : int64, shape (n_gates of ``other``,)
-            Position in ``gates`` of each gate of ``other``; each once.
+        other : ControlLineSums
+        numbers : int64, shape (n_control_lines of ``other``,)
+            Position in ``control_lines`` of each of those of ``other``; each once.
         """
         self._outcomes[numbers] += other._outcomes
         for q in QUANTITIES:
@@ -103,15 +103,15 @@ class ControlLineSums:
             self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
 
     def outcomes(self, control_line: int) -> dict[Outcome, int]:
-        """How many rocks fared how at a gate (position in ``gates``)."""
+        """How many rocks had which outcome at a control line (its position)."""
         return {o: int(self._outcomes[control_line, o]) for o in Outcome}
 
     def arrivals(self, control_line: int) -> int:
-        """Rocks that came to a gate."""
+        """Blocks that arrived at a control line (its position)."""
         return int(self._outcomes[control_line].sum())
 
     def distribution(self, control_line: int, quantity: str) -> Distribution:
-        """One of QUANTITIES at a gate (position in ``gates``)."""
+        """One of QUANTITIES at a control line (its position)."""
         unit, edges = QUANTITIES[quantity]
         count = self.arrivals(control_line)
         return Distribution(
@@ -162,3 +162,40 @@ def trimmed(histogram: Histogram, bins: int = 15) -> Histogram:
     step = histogram.edges[1] - histogram.edges[0]
     edges: FloatArray = histogram.edges[0] + step * width * np.arange(groups + 1)
     return Histogram(edges, counts.reshape(groups, width).sum(axis=1), histogram.unit)
+
+
+#: Outcomes that are counted at walls and nets.
+BARRIER_OUTCOMES = (
+    Outcome.STOPPED,
+    Outcome.HELD_BY_NET,
+    Outcome.OVERTOPPED,
+    Outcome.BROKE_THROUGH,
+)
+
+
+def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, object]]:
+    """A row of statistics for each station and barrier."""
+    rows = []
+    for i, control_line in enumerate(control_lines.control_lines):
+        row: dict[str, object] = {"name": control_line.name, "kind": control_line.kind}
+        outcomes = control_lines.outcomes(i)
+        row["rocks"] = control_lines.arrivals(i)
+        if control_line.kind != "station":
+            row["height_m"] = control_line.height_m
+            row["capacity_kj"] = (
+                control_line.capacity_kj if np.isfinite(control_line.capacity_kj) else None
+            )
+            row["hits"] = control_lines.arrivals(i) - outcomes[Outcome.OVERTOPPED]
+            for outcome in BARRIER_OUTCOMES:
+                row[outcome.name.lower()] = outcomes[outcome]
+        for quantity in QUANTITIES:
+            d = control_lines.distribution(i, quantity)
+            values = dict(
+                zip(("q50", "q95", "q99"), d.quantile(0.5, 0.95, 0.99), strict=True),
+                mean=d.mean,
+                max=d.largest,
+            )
+            for name, value in values.items():
+                row[f"{quantity}_{name}"] = float(f"{value:.5g}") if np.isfinite(value) else None
+        rows.append(row)
+    return rows

@@ -1,7 +1,7 @@
 """Hazard curves: how often rocks come to each place with at least some energy.
 
 Each simulated rock stands for a yearly frequency, its source's onset frequency over the rocks that
-were followed. The rate of a place is the sum over the rocks that came there; what those rocks say
+were simulated. The rate of a place is the sum over the rocks that came there; what those rocks say
 of the energy makes the curve.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from sassgis.hazard.statistics import count_variance
+from sassgis.hazard.map_sums import count_variance
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 

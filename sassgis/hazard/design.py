@@ -45,9 +45,9 @@ def arrivals(
     Parameters
     ----------
     sources : sequence of Source
-    gates : sequence of GateSums
+    control_lines : sequence of ControlLineSums
         Of each source.
-    gate : int
+    control_line : int
         Position among the stations and barriers.
     quantity : str
         One of sassgis.hazard.control_lines.QUANTITIES.
@@ -74,12 +74,10 @@ def value_at_rate(curve: Arrivals, rate: float) -> float:
     Returns
     -------
     float
-        0 where rocks come less often than that at all; NaN where none comes.
+        NaN where rocks come less often than that at all: there is no such value.
     """
-    if not curve.rocks[0]:
-        return float("nan")
     if curve.rate[0] <= rate:
-        return 0.0
+        return float("nan")
     # The bin at whose lower edge the rate is still above the wanted one.
     i = int(np.flatnonzero(curve.rate > rate)[-1])
     step = curve.rate[i] - curve.rate[i + 1]

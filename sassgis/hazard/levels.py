@@ -157,7 +157,7 @@ def levels_of_interval(
     return lowest, np.where(came.any(axis=1), highest, 0).astype(np.int16)
 
 
-def undecided(
+def uncertain(
     curves: HazardCurves, preset: HazardPreset, confidence: float = 0.95
 ) -> NDArray[np.bool_]:
     """Whether another sample of rocks might give a place another level, shape (n,)."""
@@ -189,7 +189,7 @@ def rocks_factor(
         no sample decides; NaN where the sample cannot tell its variance. Rounded up by 1.4 %.
     """
     few = at_energies(curves, preset.thresholds_kj)
-    unsure = undecided(few, preset, confidence)
+    unsure = uncertain(few, preset, confidence)
     out = np.ones(unsure.size)
     untold = np.isnan(few.variance).any(axis=1)
     out[unsure & untold] = np.nan
@@ -203,7 +203,7 @@ def rocks_factor(
             few.variance[of] / factor[:, None],
             few.rate_of_a_rock[of] / factor,
         )
-        return undecided(more, preset, confidence)
+        return uncertain(more, preset, confidence)
 
     never = still(rows, np.full(rows.size, MAX_FACTOR))
     out[rows[never]] = np.inf

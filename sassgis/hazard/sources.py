@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from sassgis.hazard.control_lines import ControlLineSums
-from sassgis.io.read.config import Config, Onset
-from sassgis.io.read.frequencies import read_frequencies
-from sassgis.io.read.vectors import ReleaseArea, release_names
+from sassgis.hazard.progress import Progress
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
-from sassgis.model.hazard import Source, SourceCounts
-from sassgis.runs.map import MapRun, Progress
+from sassgis.model.hazard import Onset, Source, SourceCounts
+from sassgis.model.map_run import MapRun
+from sassgis.model.release_areas import ReleaseArea
 
 _HECTARE_M2 = 1e4
 _PLACE = {"per_year_ha": "release polygons", "per_year_m": "release lines"}
@@ -29,7 +29,7 @@ class Sampled:
     source : Source
     cells, objects : SourceCounts
         Places are flat indices of cells, and numbers of exposed objects.
-    gates : GateSums
+    control_lines : ControlLineSums
         At stations and barriers.
     """
 
@@ -39,51 +39,61 @@ class Sampled:
     control_lines: ControlLineSums
 
 
+@dataclass(frozen=True, slots=True)
+class OnsetTable:
+    """Onset frequencies of single sources; ``file`` is None where there is no table."""
+
+    onsets: Mapping[tuple[str, str], Onset]
+    file: Path | None = None
+
+
 def onset_frequencies(
-    config: Config, run: MapRun, known: Sequence[str] | None = None
+    areas: Sequence[ReleaseArea],
+    onsets: Mapping[str, Onset],
+    table: OnsetTable,
+    config_file: Path,
 ) -> dict[tuple[str, str], float]:
     """Blocks released per year, by release area and block scenario.
 
     Parameters
     ----------
-    config : Config
-    run : MapRun
-    known : sequence of str, optional
-        Names that the table of frequencies may hold; default those of the file of release areas.
+    areas : sequence of ReleaseArea
+    onsets : mapping of str to Onset
+        By scenario.
+    table : OnsetTable
+        Goes before ``onsets``.
+    config_file : Path
+        For messages.
 
     Raises
     ------
     ConfigError
         A scenario that is released somewhere has no frequency.
     InputError
-        The table of frequencies cannot be used, or a unit does not go with the shape of an area.
+        A unit does not go with the shape of an area.
     """
-    single: dict[tuple[str, str], Onset] = {}
-    table = config.hazard.frequencies
-    if table is not None:
-        names = release_names(config.release) if known is None else known
-        single = read_frequencies(table, names, config.block_names)
     yearly = {}
-    for area in run.areas:
+    for area in areas:
         for scenario in area.scenarios:
-            from_table = (area.name, scenario) in single
-            onset = config.onsets[scenario]
-            if from_table:
-                onset = replace(single[area.name, scenario], share=onset.share)
+            single = table.onsets.get((area.name, scenario))
+            onset = onsets[scenario]
+            if single is not None:
+                onset = replace(single, share=onset.share)
             if onset.frequency is None:
                 raise ConfigError(
                     "missing key: zones need to know how often blocks are released",
-                    file=config.file,
+                    file=config_file,
                     field=f"blocks[{scenario}].onset_frequency",
                     expected="a number 0 or more"
-                    + ("" if table is None else f", or a row for {area.name} in {table.name}"),
-                )
+                    + ("" if table.file is None else f", or a row for {area.name} in "
+                       f"{table.file.name}"),
+                )  # fmt: skip
             size = _size(area, onset)
             if size == 0.0:
                 raise InputError(
                     f"release area {area.name} has no extent for this unit",
-                    file=table if from_table else config.file,
-                    field="unit" if from_table else f"blocks[{scenario}].onset_unit",
+                    file=config_file if single is None else table.file,
+                    field=f"blocks[{scenario}].onset_unit" if single is None else "unit",
                     found=f"{onset.unit}, {area.geometry.geom_type}",
                     expected=f"{_PLACE[onset.unit]}, or per_year",
                 )

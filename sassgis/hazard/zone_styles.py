@@ -1,4 +1,4 @@
-"""Ready styles of hazard zones: levels, intensities, what barriers change, what is undecided.
+"""Ready styles of hazard zones: levels, intensities, changes by barriers, uncertain levels.
 
 Colours and names are those of the preset. Levels are not told apart by colour alone: a level that
 the preset calls hatched is drawn as stripes on white.
@@ -94,7 +94,7 @@ def level_change_style(column: str) -> VectorStyle:
     )
 
 
-def undecided_style() -> VectorStyle:
+def uncertain_style() -> VectorStyle:
     """Fine black lines over places whose level the sample of rocks does not settle.
 
     They fall to the right, across the stripes of hatched levels.

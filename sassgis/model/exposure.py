@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 from sassgis.model.errors import InputError
 
@@ -353,3 +353,22 @@ def kinds_needed(objects: Iterable[ExposedObject]) -> tuple[str, ...]:
         if thing.traffic is not None:
             kinds[VEHICLE] = None
     return tuple(kinds)
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedObjects:
+    """Exposed objects with their places.
+
+    Attributes
+    ----------
+    objects : tuple of ExposedObject
+    geometries : tuple of shapely geometry
+        Polygons, line strings or points in the coordinates of the DEM (m), one per object: the
+        ground on which a rock meets the object.
+    """
+
+    objects: tuple[ExposedObject, ...]
+    geometries: tuple[Any, ...]
+
+    def __len__(self) -> int:
+        return len(self.objects)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
@@ -292,3 +293,26 @@ class HazardPreset:
     def thresholds_kj(self) -> tuple[float, ...]:
         """Lower limits of the intensity classes (kJ), ascending, from 0."""
         return tuple(c.from_kj for c in self.intensities)
+
+
+#: What an onset frequency refers to.
+OnsetUnit = Literal["per_year", "per_year_ha", "per_year_m"]
+
+
+@dataclass(frozen=True, slots=True)
+class Onset:
+    """How often a block scenario is released.
+
+    Attributes
+    ----------
+    frequency : float or None
+        In ``unit``; None if nothing is said.
+    unit : {"per_year", "per_year_ha", "per_year_m"}
+        Per release area, per hectare or per metre of it.
+    share : float
+        Of that frequency which falls between the limits of the scenario's volumes.
+    """
+
+    frequency: float | None
+    unit: OnsetUnit = "per_year"
+    share: float = 1.0

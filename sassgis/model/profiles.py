@@ -5,6 +5,7 @@ Ragged data are flat arrays with offsets: item ``i`` owns ``[offset[i], offset[i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.results import ControlLine
 
 
 class LineEnd(IntEnum):
@@ -117,3 +119,42 @@ class ProfileSet:
         """Chainage and height of the vertices of profile ``i`` (m)."""
         own = slice(int(self.offset[i]), int(self.offset[i + 1]))
         return self.s[own], self.z[own]
+
+
+@dataclass(frozen=True, slots=True)
+class ControlLineCrossings:
+    """Where profiles cross stations and barriers.
+
+    Attributes
+    ----------
+    control_lines : tuple of ControlLine
+    offset : int64, shape (n_lines + 1,)
+    chainage : float64, shape (offset[-1],)
+        Rising within a line (m).
+    control_line : int64, shape (offset[-1],)
+        Position in ``control_lines``.
+    """
+
+    control_lines: tuple[ControlLine, ...]
+    offset: IntArray
+    chainage: FloatArray
+    control_line: IntArray
+
+    @classmethod
+    def none(cls, n_lines: int) -> ControlLineCrossings:
+        """No stations and no barriers."""
+        return cls((), np.zeros(n_lines + 1, np.int64), np.empty(0), np.empty(0, np.int64))
+
+    @classmethod
+    def same_for_all(
+        cls, control_lines: Sequence[ControlLine], chainages: Sequence[float], n_lines: int
+    ) -> ControlLineCrossings:
+        """The same control lines at the same chainages (m) on each of ``n_lines`` profiles."""
+        order = np.argsort(np.asarray(chainages, float), kind="stable")
+        sorted_chainage = np.asarray(chainages, float)[order]
+        return cls(
+            tuple(control_lines),
+            np.arange(n_lines + 1, dtype=np.int64) * len(control_lines),
+            np.tile(sorted_chainage, n_lines),
+            np.tile(order.astype(np.int64), n_lines),
+        )

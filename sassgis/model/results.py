@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class StopReason(IntEnum):
-    """Why a rock is no longer followed."""
+    """Why the simulation of a block stops."""
 
     REST = 0
     BARRIER = 1

@@ -1,79 +1,729 @@
-"""Readings of the paper where it is silent: each is a setting with a name and a default."""
+"""Every setting of a run but those of the effects: declared here once, by section."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, get_args
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
 
+from annotated_types import Interval, MaxLen, MinLen
+
+from sassgis.model.declared import (
+    Codes,
+    Example,
+    Name,
+    Pattern,
+    PresetName,
+    Renamed,
+    Section,
+    Span,
+    Text,
+)
+from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
-
-EtaMaxRule = Literal["scale", "coulomb"]
-SlopeVariation = Literal["per_impact", "off"]
-Rolling = Literal["round", "ellipse"]
+from sassgis.model.hazard import OnsetUnit
+from sassgis.model.results import ControlLine
 
 
 @dataclass(frozen=True, slots=True)
-class EngineSettings:
-    """Settings of the engine; docs/model.md says what each one means for the results.
+class ProjectSettings(Section):
+    """Title of the project."""
 
-    Attributes
-    ----------
-    gravity_mps2 : float
-        Acceleration of gravity.
-    eta_max_rule : {"scale", "coulomb"}
-        How an impact that would keep more energy than η_max is brought down to it. "scale" scales
-        spin and velocity together (direction and no-slip kept). "coulomb" first lets the contact
-        slip where friction μ_f cannot hold it, then scales what is left.
-    slope_variation : {"per_impact", "off"}
-        Whether each impact on descending ground meets it at tan β' = tan β (1 − u).
-    rolling_threshold : float
-        A rock lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius.
-    rolling : {"round", "ellipse"}
-        "round": dv/dt = g (sin β − μ_r cos β), the paper's words; the rock leaves the ground at
-        convex vertices only. "ellipse": also the turning ellipse counts, whose centre rises and
-        falls, and it leaves the ground where the normal force on it ends (N <= 0).
-    end_sliding : bool
-        Whether a rock too slow to turn over its longer axis ends by sliding.
-    contact_tolerance_m : float
-        Gap below which ground and rock touch.
-    max_events : int
-        Contacts after which a rock is given up and reported.
+    name: Annotated[Text, "title on maps and in the report"] = "rockfall"
+
+
+@dataclass(frozen=True, slots=True)
+class TerrainSettings(Section):
+    """The DEM, and how fall lines are traced and flattened."""
+
+    dem: Annotated[
+        Path | None,
+        "terrain model: any raster that GDAL reads, or a folder of tiles",
+        Example("dem.tif", needed=True),
+    ] = None
+    crs: Annotated[
+        Text | None,
+        "coordinate system where the DEM states none, e.g. EPSG:2056, or 'local'",
+        Example("EPSG:2056"),
+    ] = None
+    vertical_datum: Annotated[
+        Text | None, "name of the height system where the DEM states none", Example("LN02")
+    ] = None
+    smoothing_m: Annotated[
+        float,
+        Interval(ge=0, le=200),
+        "scale of the terrain that steers fall lines: Gaussian standard deviation (m)",
+    ] = 5.0
+    segment_tolerance_m: Annotated[
+        float, Interval(ge=0, le=100), "largest vertical gap between terrain and segments (m)"
+    ] = 0.25
+    energy_line_angle_deg: Annotated[
+        float,
+        Interval(ge=0, le=60),
+        "lines end where they sink below this angle seen from the start (degrees); choose it lower "
+        "than any run-out that you expect",
+    ] = 20.0
+    max_line_length_m: Annotated[
+        float, Interval(gt=0, le=100_000), "longest fall line, in plan (m)"
+    ] = 5000.0
+    flat_slope_deg: Annotated[
+        float,
+        Interval(ge=0, le=30),
+        "slope below which a line tends to keep its heading (degrees)",
+    ] = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseSettings(Section):
+    """Where rocks start."""
+
+    file: Annotated[
+        Path | None,
+        "polygons, lines or points of release",
+        Example("release.gpkg", needed=True),
+    ] = None
+    layer: Annotated[Text | None, "layer, where the file has several", Example("release")] = None
+    name_field: Annotated[
+        Text | None,
+        "attribute with the names of the areas; else area 1, area 2, ...",
+        Example("name"),
+    ] = None
+    scenario_field: Annotated[
+        Text | None,
+        "attribute naming the block scenarios of an area: a;b for several; empty: all",
+        Example("scenario"),
+    ] = None
+    spacing_m: Annotated[
+        float, Interval(gt=0, le=10_000), "distance between release points (m)"
+    ] = 5.0
+    placement: Annotated[
+        Literal["grid", "random"], "how points are laid out: on a grid, or at random as densely"
+    ] = "grid"
+    rocks_per_point: Annotated[
+        int, Interval(ge=1, le=1_000_000), "rocks released at each release point"
+    ] = 50
+    #: The configuration, for messages of those who are given this section alone.
+    config_file: Path | None = field(default=None, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class BundleSettings(Section):
+    """A bundle of lines from each release point."""
+
+    lines_per_point: Annotated[
+        int, Interval(ge=1, le=1001), "lines traced from each release point"
+    ] = 1
+    width_percent: Annotated[
+        float,
+        Interval(ge=0, le=100),
+        "width of the bundle, both sides together, in percent of the length",
+    ] = 0.0
+
+    def _fits_together(self) -> None:
+        if self.lines_per_point > 1 and self.width_percent == 0.0:
+            raise ConfigError(
+                "would trace the same line several times",
+                field="width_percent",
+                found=self.width_percent,
+                expected="a width above 0 where lines_per_point is above 1",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class GroundSettings(Section):
+    """The kind of ground of each cell."""
+
+    default: Annotated[Name, "class where nothing else is said"] = "debris"
+    file: Annotated[
+        Path | None, "polygons or a raster of ground classes", Example("ground.gpkg")
+    ] = None
+    layer: Annotated[Text | None, "layer, where the file has several", Example("ground")] = None
+    class_field: Annotated[Text, "attribute with the class names"] = "class"
+    classes: Annotated[
+        Path | None,
+        "own class table (CSV or TOML), added to the built-in one or overriding it",
+        Example("classes.csv"),
+    ] = None
+    raster_classes: Annotated[
+        Mapping[int, Name] | None,
+        Codes(),
+        "class of each code, where the file is a raster",
+        Example({1: "rock", 2: "debris"}),
+    ] = None
+    #: The configuration, for messages of those who are given this section alone.
+    config_file: Path | None = field(default=None, compare=False, repr=False)
+
+    def _fits_together(self) -> None:
+        for key in ("layer", "raster_classes"):
+            if getattr(self, key) is not None and self.file is None:
+                raise ConfigError(
+                    "has no file to go with", field=key, expected="ground.file as well"
+                )
+
+
+Semiaxis = Annotated[Span, Interval(gt=0, le=10)]
+Proportion = Annotated[Span, Interval(gt=0, le=1)]
+AXES = ("axis_1_m", "axis_2_m", "axis_3_m")
+
+
+@dataclass(frozen=True, slots=True)
+class BlockSettings(Section):
+    """One block scenario; every range may also be a single number."""
+
+    name: Annotated[Name, "name of the scenario", Example("1 m3", needed=True)]
+    axis_1_m: Annotated[
+        Semiaxis | None,
+        "first SEMI-axis, half the length of the block (m)",
+        Example((0.65, 0.85), needed=True),
+    ] = None
+    axis_2_m: Annotated[
+        Semiaxis | None, "second SEMI-axis (m)", Example((0.55, 0.70), needed=True)
+    ] = None
+    axis_3_m: Annotated[
+        Semiaxis | None, "third SEMI-axis (m)", Example((0.45, 0.60), needed=True)
+    ] = None
+    volume_m3: Annotated[
+        Span | None,
+        Interval(gt=0, le=1000),
+        "volume of the block, in place of the axes (m3)",
+        Example((0.1, 1.0)),
+    ] = None
+    volume_exponent: Annotated[
+        float | None,
+        Interval(ge=0, le=10),
+        "b of a power law: the frequency of blocks larger than V falls as V^-b between "
+        "the limits of volume_m3; without it all volumes between them are equally likely",
+        Example(1.0),
+    ] = None
+    shape: Annotated[
+        tuple[Proportion, Proportion, Proportion] | None,
+        "with volume_m3: proportions of the three axes, as [1, [0.7, 0.9], 0.6]; "
+        "default [1, [0.7, 1], [0.5, 0.8]]",
+        Example((1.0, (0.7, 1.0), (0.5, 0.8))),
+    ] = None
+    onset_frequency: Annotated[
+        float | None,
+        Interval(ge=0, le=1e6),
+        "how often a block of this scenario is released",
+        Example(0.1),
+    ] = None
+    onset_unit: Annotated[
+        OnsetUnit,
+        "of onset_frequency: per year in each release area, per year and hectare of "
+        "it (in plan), or per year and metre of it (release lines)",
+    ] = "per_year"
+    onset_above_m3: Annotated[
+        float | None,
+        Interval(gt=0, le=1000),
+        "with volume_exponent: onset_frequency is that of blocks larger than this "
+        "(m3), from which the power law gives the frequency between the limits of volume_m3",
+        Example(0.1),
+    ] = None
+    density_kgm3: Annotated[Span, Interval(ge=500, le=10_000), "density of the rock (kg/m3)"] = (
+        2700.0,
+        2700.0,
+    )
+    speed_mps: Annotated[
+        Span, Interval(ge=0, le=150), "speed at the start, downhill along the slope (m/s)"
+    ] = (0.0, 0.0)
+    spin_radps: Annotated[
+        Span,
+        Interval(ge=-300, le=300),
+        "spin at the start, positive as a rock rolling downhill (rad/s)",
+    ] = (0.0, 0.0)
+    drop_m: Annotated[
+        Span, Interval(ge=0, le=1000), "height above rest from which the rock is released (m)"
+    ] = (0.0, 0.0)
+    orientation_rad: Annotated[
+        Span,
+        Interval(ge=-2.0 * math.pi, le=2.0 * math.pi),
+        "angle of the longest axis to the slope at the start (rad)",
+    ] = (0.0, math.pi)
+
+    def _fits_together(self) -> None:
+        axes = [key for key in AXES if getattr(self, key) is not None]
+        if self.volume_m3 is not None and axes:
+            raise ConfigError(
+                "has both a volume and axes", found=axes[0], expected="volume_m3 or the three axes"
+            )
+        if self.volume_m3 is None:
+            for key in AXES:
+                if key not in axes:
+                    raise ConfigError(
+                        "missing key",
+                        field=key,
+                        expected="three SEMI-axis ranges (m), or volume_m3 instead",
+                    )
+            for key in ("volume_exponent", "shape"):
+                if getattr(self, key) is not None:
+                    raise ConfigError(
+                        "has no volume to go with", field=key, expected="volume_m3 as well"
+                    )
+        if self.onset_above_m3 is not None and self.volume_exponent is None:
+            raise ConfigError(
+                "has no power law to go with",
+                field="onset_above_m3",
+                expected="volume_exponent as well",
+            )
+
+    @property
+    def axes(self) -> dict[str, tuple[float, float]]:
+        """The three axes, semi-axes in metres or proportions."""
+        shape = self.shape or ((1.0, 1.0), (0.7, 1.0), (0.5, 0.8))
+        return {key: getattr(self, key) or shape[i] for i, key in enumerate(AXES)}
+
+
+@dataclass(frozen=True, slots=True)
+class StationSettings(Section):
+    """A line on the map, or a chainage, where passing rocks are recorded."""
+
+    name: Annotated[Name, "name of the station", Example("road")]
+    line: Annotated[
+        Annotated[tuple[tuple[float, float], ...], MinLen(2)] | None,
+        "[[x, y], [x, y], ...] in the DEM's coordinates (m)",
+        Example(((2700010.0, 1150000.0), (2700090.0, 1150010.0))),
+    ] = None
+    file: Annotated[
+        Path | None, "layer of lines; each feature is a station", Example("stations.gpkg")
+    ] = None
+    layer: Annotated[Text | None, "layer, where the file has several", Example("stations")] = None
+    name_field: Annotated[
+        Text | None, "attribute with the names; else the name and a number", Example("name")
+    ] = None
+    chainage_m: Annotated[
+        float | None, "chainage along the profile; profile runs only (m)", Example(120.0)
+    ] = None
+
+    def _fits_together(self) -> None:
+        places = [k for k in ("line", "file", "chainage_m") if getattr(self, k) is not None]
+        if len(places) != 1:
+            raise ConfigError(
+                "must be put in one place",
+                found=" and ".join(places) or "none",
+                expected="exactly one of line, file, chainage_m",
+            )
+        for key in ("layer", "name_field"):
+            if getattr(self, key) is not None and self.file is None:
+                raise ConfigError("has no file to go with", field=key, expected="file as well")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BarrierSettings(StationSettings):
+    """A wall or a net; placed as a station is."""
+
+    kind: Annotated[Literal["wall", "net"], "wall or net", Example("net")]
+    height_m: Annotated[
+        float,
+        Interval(gt=0, le=100),
+        "height of the top above the ground, vertical (m)",
+        Example(4.0),
+    ]
+    capacity_kj: Annotated[
+        float | None,
+        Interval(gt=0),
+        "energy that it takes (kJ); without it every rock that meets it is stopped",
+        Example(2000.0),
+    ] = None
+    restarts_from_rest: Annotated[
+        bool,
+        "whether rocks that it takes move on from zero speed, as nets may let them",
+        Renamed("lets_go"),
+    ] = False
+
+    def control_line(self, name: str) -> ControlLine:
+        """Return this barrier under the name of one of its features."""
+        capacity = math.inf if self.capacity_kj is None else self.capacity_kj
+        return ControlLine(name, self.kind, self.height_m, capacity, self.restarts_from_rest)
+
+
+@dataclass(frozen=True, slots=True)
+class EngineSettings(Section):
+    """How the model is read where its paper is silent; docs/model.md says what each changes."""
+
+    gravity_mps2: Annotated[float, Interval(ge=0.1, le=30.0), "acceleration of gravity (m/s2)"] = (
+        9.81
+    )
+    eta_max_rule: Annotated[
+        Literal["scale", "coulomb"],
+        "how an impact that would keep more energy than η_max is brought down to it. "
+        '"scale" scales spin and velocity together (direction and no-slip kept). "coulomb" first '
+        "lets the contact slip where friction μ_f cannot hold it, then scales what is left",
+    ] = "scale"
+    slope_variation: Annotated[
+        Literal["per_impact", "off"],
+        "whether each impact on descending ground meets it at tan β' = tan β (1 − u)",
+    ] = "per_impact"
+    rolling_threshold: Annotated[
+        float,
+        Interval(ge=0.0, le=10.0),
+        "a rock lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius",
+    ] = 0.1
+    rolling: Annotated[
+        Literal["round", "ellipse"],
+        '"round": dv/dt = g (sin β − μ_r cos β), the paper\'s words; the rock leaves the ground at '
+        'convex vertices only. "ellipse": also the turning ellipse counts, whose centre rises and '
+        "falls, and it leaves the ground where the normal force on it ends (N <= 0)",
+    ] = "round"
+    end_sliding: Annotated[
+        bool, "whether a rock too slow to turn over its longer axis ends by sliding"
+    ] = True
+    contact_tolerance_m: Annotated[
+        float, Interval(ge=1e-12, le=1e-2), "gap below which ground and rock touch (m)"
+    ] = 1e-6
+    max_events: Annotated[
+        int,
+        Interval(ge=100, le=10_000_000),
+        "contacts after which a rock is given up and reported",
+    ] = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class LateralDeflection(EffectSection):
+    """Paths in plan that leave the fall line, on the terrain.
+
+    Each rock has a path of its own, traced before it is simulated: sideways it is a random walk,
+    not the outcome of its impacts. Tests report 5 to 20 degrees per impact, and widths of 10 to 20
+    per cent (Azzoni et al. 1995, Crosta and Agliardi 2004).
     """
 
-    gravity_mps2: float = 9.81
-    eta_max_rule: EtaMaxRule = "scale"
-    slope_variation: SlopeVariation = "per_impact"
-    rolling_threshold: float = 0.1
-    rolling: Rolling = "round"
-    end_sliding: bool = True
-    contact_tolerance_m: float = 1e-6
-    max_events: int = 20_000
+    name: ClassVar[str] = "lateral_deflection"
 
-    def __post_init__(self) -> None:
-        choices = {
-            "eta_max_rule": get_args(EtaMaxRule),
-            "slope_variation": get_args(SlopeVariation),
-            "rolling": get_args(Rolling),
-        }
-        for field, allowed in choices.items():
-            if getattr(self, field) not in allowed:
+    form: Annotated[
+        Literal["kicks", "constant"],
+        '"kicks": over each hop the path heads at an angle to the steepest descent that is drawn '
+        'anew, normal with the standard deviation angle_deg. "constant": each path keeps one '
+        "deviation, uniform within width_percent of the length, both sides together",
+    ] = "kicks"
+    angle_deg: Annotated[
+        float, Interval(ge=0.0, le=60.0), 'of "kicks": standard deviation of the angle (degrees)'
+    ] = 10.0
+    hop_m: Annotated[
+        float, Interval(ge=0.5, le=1000.0), "mean length of the hops in plan, exponential (m)"
+    ] = 10.0
+    width_percent: Annotated[
+        float, Interval(ge=0.0, le=100.0), 'of "constant": width in percent of the length'
+    ] = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class ForestPlace(Section):
+    """Where the forest of ``[effects.trees]`` stands."""
+
+    file: Annotated[
+        Path | None,
+        "polygons of forest; without it and rasters, forest is everywhere",
+        Example("forest.gpkg"),
+    ] = None
+    layer: Annotated[Text | None, "layer, where the file has several", Example("forest")] = None
+    stems_field: Annotated[
+        Text | None, "attribute with the stems per hectare", Example("stems_per_ha")
+    ] = None
+    dbh_field: Annotated[
+        Text | None, "attribute with the diameter at breast height (cm)", Example("dbh_cm")
+    ] = None
+    stems_raster: Annotated[
+        Path | None, "raster of stems per hectare, in place of polygons", Example("stems.tif")
+    ] = None
+    dbh_raster: Annotated[
+        Path | None, "raster of diameters at breast height (cm)", Example("dbh.tif")
+    ] = None
+    stems_per_ha: Annotated[
+        float | None,
+        Interval(ge=0, le=20_000),
+        "stems per hectare where nothing else is said",
+        Example(300.0),
+    ] = None
+    dbh_cm: Annotated[
+        float | None,
+        Interval(ge=0, le=300),
+        "diameter at breast height where nothing else is said (cm)",
+        Example(30.0),
+    ] = None
+
+    def _fits_together(self) -> None:
+        rasters = self.stems_raster is not None or self.dbh_raster is not None
+        if rasters and self.file is not None:
+            raise ConfigError(
+                "forest is given twice", field="stems_raster", expected="polygons or rasters"
+            )
+        for what, attribute, raster in (
+            ("stems_per_ha", self.stems_field, self.stems_raster),
+            ("dbh_cm", self.dbh_field, self.dbh_raster),
+        ):
+            if getattr(self, what) is None and attribute is None and raster is None:
                 raise ConfigError(
-                    "unknown choice",
-                    field=f"engine.{field}",
-                    found=repr(getattr(self, field)),
-                    expected="one of " + ", ".join(allowed),
+                    "missing key", field=what, expected="a number, an attribute or a raster"
                 )
-        limits = {
-            "gravity_mps2": (0.1, 30.0),
-            "rolling_threshold": (0.0, 10.0),
-            "contact_tolerance_m": (1e-12, 1e-2),
-            "max_events": (100, 10_000_000),
-        }
-        for field, (low, high) in limits.items():
-            if not low <= getattr(self, field) <= high:
+            if attribute is not None and self.file is None:
                 raise ConfigError(
-                    "value out of range",
-                    field=f"engine.{field}",
-                    found=getattr(self, field),
-                    expected=f"{low:g} to {high:g}",
+                    "has no file to go with", field=what, expected="effects.trees.file as well"
                 )
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileSettings(Section):
+    """A run along a single profile (sassgis profile), which needs neither terrain nor release."""
+
+    file: Annotated[
+        Path | None,
+        "CSV with columns s_m, z_m and, if wanted, ground",
+        Example("profile.csv"),
+    ] = None
+    start_m: Annotated[Span, "chainages between which rocks start (m)"] = (0.0, 0.0)
+    rocks: Annotated[int, Interval(ge=1, le=100_000_000), "number of rocks"] = 100
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings(Section):
+    """Seed and processor cores."""
+
+    seed: Annotated[
+        int, Interval(ge=0, le=2**63 - 1), "the same seed gives the same rocks, whatever the jobs"
+    ] = 1
+    jobs: Annotated[int, Interval(ge=0, le=4096), "processor cores; 0: all of them"] = 0
+
+
+TableFormat = Literal["none", "csv", "parquet"]
+
+
+@dataclass(frozen=True, slots=True)
+class OutputSettings(Section):
+    """What is written."""
+
+    stop_points_max: Annotated[
+        int, Interval(ge=0, le=100_000_000), "most stop points written to the map"
+    ] = 100_000
+    rock_table: Annotated[TableFormat, "one row per rock"] = "none"
+    passage_table: Annotated[TableFormat, "one row per rock and station or barrier"] = "none"
+    energy_classes_kj: Annotated[
+        tuple[Annotated[float, Interval(gt=0)], ...],
+        MinLen(1),
+        "limits between the energy classes (kJ)",
+    ] = (30.0, 300.0)
+
+    def _fits_together(self) -> None:
+        limits = self.energy_classes_kj
+        if any(low >= high for low, high in itertools.pairwise(limits)):
+            raise ConfigError(
+                "limits do not rise",
+                field="energy_classes_kj",
+                found=list(limits),
+                expected="numbers in ascending order",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class HazardSettings(Section):
+    """From rocks to intensities and hazard levels (sassgis zone); needs onset frequencies."""
+
+    preset: Annotated[
+        Text,
+        PresetName(),
+        "rules for intensity and level: a built-in preset (ch-federal, ch-low-yellow, ti), or a "
+        "TOML file of your own (docs/presets.md)",
+    ] = "ch-federal"
+    frequencies: Annotated[
+        Path | None,
+        "table (CSV) with columns area, scenario, frequency, unit: onset frequencies "
+        "of single release areas, in place of onset_frequency and onset_unit of [[blocks]]; "
+        "onset_above_m3 holds for them too",
+        Example("frequencies.csv"),
+    ] = None
+    ref_width_m: Annotated[
+        float | None,
+        Interval(gt=0, le=1000),
+        "reference width of all frequencies (m): a rock counts for a place if it comes "
+        "within half of it, as block plus exposed object; default: one cell",
+        Example(10.0),
+    ] = None
+    confidence: Annotated[
+        float,
+        Interval(ge=0.5, le=0.9999),
+        "of the sampling interval that tells whether a level is statistically certain",
+    ] = 0.95
+    uncertain_share_max: Annotated[
+        float | None,
+        Interval(ge=0, lt=1),
+        "if given, the simulation is repeated until no larger share of the reached "
+        "cells has a statistically uncertain level",
+        Renamed("undecided_share_max"),
+        Example(0.05),
+    ] = None
+    repetitions_max: Annotated[
+        int,
+        Interval(ge=1, le=1024),
+        "most repetitions of rocks_per_point with uncertain_share_max",
+        Renamed("rounds_max"),
+    ] = 8
+    by_source: Annotated[bool, "whether intensities are also written for each release area"] = True
+    compare_barriers: Annotated[
+        bool, "whether the zones are also made without walls and nets, and compared"
+    ] = True
+    design_return_periods_years: Annotated[
+        tuple[Annotated[float, Interval(ge=1, le=10_000)], ...],
+        MinLen(1),
+        "for the energy and height that a barrier at each station must take",
+    ] = (30.0, 100.0, 300.0)
+    canton: Annotated[
+        str | None,
+        Pattern(r"^[A-Z]{2}$"),
+        "code of the canton that is responsible for the data, as TI (federal model)",
+        Example("TI"),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class ZoningSettings(Section):
+    """From cells to polygons."""
+
+    min_area_m2: Annotated[float, Interval(ge=0, le=1e6), "smallest area of a zone (m2)"] = 100.0
+    closing_m: Annotated[
+        float | None,
+        Interval(ge=0, le=1000),
+        "gaps between parts of a zone that are closed, up to this width (m); default: "
+        "two cells, or release.spacing_m if that is wider",
+        Example(5.0),
+    ] = None
+    min_width_m: Annotated[
+        float | None,
+        Interval(ge=0, le=1000),
+        "threads narrower than this are widened (m); default: three cells",
+        Example(6.0),
+    ] = None
+    tolerance_m: Annotated[
+        float | None,
+        Interval(ge=0, le=1000),
+        "how far a smoothed outline may lie outside its cells (m); default: one and a half cells",
+        Example(3.0),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class RiskSettings(Section):
+    """What hits do to exposed objects."""
+
+    vulnerability: Annotated[
+        Path | None,
+        "table (CSV) with columns kind, intensity, vulnerability, lethality, source",
+        Example("vulnerability.csv"),
+    ] = None
+    currency: Annotated[Text, MaxLen(12), "of all values"] = "CHF"
+
+
+Amount = Annotated[float, Interval(ge=0)]
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectSettings(Section):
+    """A layer of exposed objects of one kind.
+
+    Each number is one for all features, or an attribute of each (``<number>_field``).
+    """
+
+    name: Annotated[
+        Name, "name of the layer, for messages and as a name of its objects", Example("houses")
+    ]
+    kind: Annotated[
+        Literal["building", "road", "line", "people"], "kind of the objects", Example("building")
+    ]
+    file: Annotated[Path, "polygons, lines or points", Example("buildings.gpkg")]
+    layer: Annotated[Text | None, "layer, where the file has several", Example("buildings")] = None
+    name_field: Annotated[
+        Text | None, "attribute with the names of the objects", Example("name")
+    ] = None
+    segment_m: Annotated[
+        float,
+        Interval(ge=1, le=100_000),
+        "length of the stretches into which roads and lines are cut (m)",
+    ] = 50.0
+    radius_m: Annotated[
+        float, Interval(ge=0, le=1000), "of the ground that people given as points take up (m)"
+    ] = 0.0
+    value: Annotated[
+        Amount | None, "value that a hit of vulnerability 1 destroys; buildings", Example(500000.0)
+    ] = None
+    value_field: Annotated[Text | None, "attribute with value", Example("value")] = None
+    value_per_m: Annotated[Amount | None, "value of a metre; roads and lines", Example(1000.0)] = (
+        None
+    )
+    value_per_m_field: Annotated[
+        Text | None, "attribute with value_per_m", Example("value_per_m")
+    ] = None
+    damage_length_m: Annotated[
+        Amount | None,
+        "length that a hit of vulnerability 1 destroys (m); without it the width of "
+        "the block; roads and lines",
+        Example(5.0),
+    ] = None
+    damage_length_m_field: Annotated[
+        Text | None, "attribute with damage_length_m", Example("damage_length_m")
+    ] = None
+    persons: Annotated[
+        Amount | None,
+        "people who live, work or stay there; buildings and people",
+        Example(2.0),
+    ] = None
+    persons_field: Annotated[Text | None, "attribute with persons", Example("persons")] = None
+    presence: Annotated[
+        Amount | None, "share of the time that each of them is there, 0 to 1", Example(0.5)
+    ] = None
+    presence_field: Annotated[Text | None, "attribute with presence", Example("presence")] = None
+    traffic_per_day: Annotated[
+        Amount | None, "vehicles a day, both directions; roads", Example(1000.0)
+    ] = None
+    traffic_per_day_field: Annotated[
+        Text | None, "attribute with traffic_per_day", Example("traffic_per_day")
+    ] = None
+    speed_kmh: Annotated[Amount | None, "at which vehicles drive (km/h); roads", Example(50.0)] = (
+        None
+    )
+    speed_kmh_field: Annotated[Text | None, "attribute with speed_kmh", Example("speed_kmh")] = None
+    vehicle_length_m: Annotated[
+        Amount | None, "mean length of a vehicle (m); roads", Example(5.0)
+    ] = None
+    vehicle_length_m_field: Annotated[
+        Text | None, "attribute with vehicle_length_m", Example("vehicle_length_m")
+    ] = None
+    persons_per_vehicle: Annotated[
+        Amount | None, "mean number of people in a vehicle; roads", Example(1.6)
+    ] = None
+    persons_per_vehicle_field: Annotated[
+        Text | None, "attribute with persons_per_vehicle", Example("persons_per_vehicle")
+    ] = None
+    vehicle_value: Annotated[Amount | None, "mean value of a vehicle; roads", Example(20000.0)] = (
+        None
+    )
+    vehicle_value_field: Annotated[
+        Text | None, "attribute with vehicle_value", Example("vehicle_value")
+    ] = None
+    trips_per_day: Annotated[
+        Amount | None,
+        "how often the road user of the individual risk drives by in a day; roads",
+        Example(2.0),
+    ] = None
+    trips_per_day_field: Annotated[
+        Text | None, "attribute with trips_per_day", Example("trips_per_day")
+    ] = None
+
+    @property
+    def defaults(self) -> dict[str, float]:
+        """Numbers for features without one of their own."""
+        stated = {n: getattr(self, n) for n in OBJECT_NUMBERS}
+        return {n: v for n, v in stated.items() if v is not None}
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """Attributes with the numbers of single features."""
+        stated = {n: getattr(self, f"{n}_field") for n in OBJECT_NUMBERS}
+        return {n: v for n, v in stated.items() if v is not None}
+
+
+#: What may be said of an exposed object, as one number for all or as an attribute of each.
+OBJECT_NUMBERS = tuple(
+    key.removesuffix("_field")
+    for key in ObjectSettings.__annotations__
+    if key.endswith("_field") and key != "name_field"
+)

@@ -29,10 +29,10 @@ from sassgis.gap.words import (
     with_unit,
     with_unit_in_brackets,
 )
-from sassgis.io.read.config import Config
 from sassgis.io.read.dem import crs_name
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
+from sassgis.model.run_config import Config
 from sassgis.report import figures
 from sassgis.report.figures.gap_figures import GapStretch
 from sassgis.report.map_report import save_figure

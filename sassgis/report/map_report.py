@@ -9,33 +9,17 @@ import numpy as np
 import shapely
 from matplotlib.figure import Figure
 
-from sassgis.engine.course import trajectory
-from sassgis.engine.simulate import simulate
-from sassgis.hazard.control_lines import ControlLineSums, trimmed
-from sassgis.io.read.config import Config
-from sassgis.io.write.layers.run_vectors import LINE_END_TEXT, STOP_TEXT, control_line_rows
-from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
+from sassgis.hazard.along_profile import LinePaths
+from sassgis.hazard.control_lines import ControlLineSums, control_line_rows, trimmed
+from sassgis.hazard.progress import Progress, joined_lines
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems
+from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import TraceSet
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable
-from sassgis.runs.checkpoint import joined_lines
-from sassgis.runs.map import (
-    LEAD_IN_M,
-    MapRun,
-    Plan,
-    Progress,
-    control_line_crossings,
-    line_draw_keys,
-    trace_lines,
-)
-from sassgis.terrain.flatten import profiles
-from sassgis.terrain.release import take
-from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, usable, with_lead_in
-
-_COURSE_EVENTS = 2000
-_PATHS = 100
+from sassgis.terrain.plan import Plan
 
 
 def release_outlines(run: MapRun) -> list[FloatArray]:
@@ -58,51 +42,20 @@ def _drawn_lines(progress: Progress) -> TraceSet:
     )
 
 
-def furthest_line(progress: Progress) -> tuple[int, int, int] | None:
-    """Line, block scenario and number of the rock that came furthest."""
-    if progress.furthest is None:
-        return None
-    _, line, scenario, rock = progress.furthest
-    return line, scenario, rock
-
-
-def one_profile_figure(run: MapRun, planned: Plan, line: int, scenario: int, rock: int) -> Figure:
-    """The profile of one line with the paths of its rocks, in the round of one of them."""
-    round_ = rock // run.rocks_per_line
-    point, member = divmod(line, run.lines_per_point)
-    starts = take(planned.starts, np.array([point]))
-    bundle = trace_lines(run, planned.surface, starts, round_)
-    chosen = np.arange(len(bundle)) == member
-    traces = take_lines(bundle, chosen)
-    flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
-    if not usable(traces, SHORTEST_LINE_M).all():
-        raise InputError("this fall line is too short for a profile")
-    ahead = with_lead_in(flat, LEAD_IN_M)
-    blocks = run.blocks[scenario]
-    crossings = control_line_crossings(run, traces)
-    s, z = flat.vertices(0)
-    keys = line_draw_keys(bundle, starts.key, run.lines_per_point, blocks.name)[chosen]
-    result = simulate(
-        ahead, run.table, blocks, run.engine, seed=run.seed,
-        rocks_per_line=min(_PATHS, run.rocks_per_line), line_keys=keys,
-        first_rock=round_ * run.rocks_per_line,
-        starts=np.array([[0.0, min(2.0 * planned.moved[point], s[-1])]]), control_lines=crossings,
-        course_events=_COURSE_EVENTS, effects=run.effects, forest=run.forest,
-    )  # fmt: skip
-    paths = [trajectory(c, run.engine.gravity_mps2) for c in result.courses]
-    ends = result.rocks["runout_m"]
-    reach = s <= max(float(ends.max()) + 30.0, s[1])
+def line_figure(shown: LinePaths) -> Figure:
+    """The profile of one line with the paths of its blocks."""
+    s, z = shown.s, shown.z
+    reach = s <= max(float(shown.stops.max()) + 30.0, s[1])
     last = max(int(reach.sum()), 2)
     control_lines = [
-        (crossings.control_lines[g], float(c), float(np.interp(c, s, z)))
-        for c, g in zip(crossings.chainage, crossings.control_line, strict=True)
-        if c <= s[last - 1]
+        (line, chainage, float(np.interp(chainage, s, z)))
+        for line, chainage in shown.control_lines
+        if chainage <= s[last - 1]
     ]
-    area = planned.points.area_names[planned.points.area[point]]
     return figures.profile_figure(
-        s[:last], z[:last], paths, ground=flat.ground[:last].astype(np.int64),
-        ground_names=run.table.names, control_lines=control_lines, stops=ends,
-        title=f"Fall line of the rock that came furthest: {area}, {blocks.name}",
+        s[:last], z[:last], shown.paths, ground=shown.ground[:last],
+        ground_names=shown.ground_names, control_lines=control_lines, stops=shown.stops,
+        title=f"Fall line of the rock that came furthest: {shown.area}, {shown.scenario}",
     )  # fmt: skip
 
 
@@ -140,6 +93,16 @@ def runout_counts(progress: Progress, bins: int = 40) -> Figure:
     )
 
 
+def stopping_reasons(counts: IntArray) -> ReportTable:
+    """How many blocks stop for which reason; ``counts`` by StopReason."""
+    total = max(int(counts.sum()), 1)
+    return ReportTable(
+        "Stopping reasons",
+        (("reason", ""), ("rocks", ""), ("share", "%")),
+        tuple((STOP_TEXT[r], int(counts[r]), 100.0 * int(counts[r]) / total) for r in StopReason),
+    )
+
+
 def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
     """Statistics at stations and barriers, for the report."""
     rows = control_line_rows(control_lines)
@@ -173,7 +136,7 @@ def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
             ReportTable(
                 "Walls and nets",
                 (
-                    ("barrier", ""), ("kind", ""), ("rocks that come", ""), ("hits", ""),
+                    ("barrier", ""), ("kind", ""), ("arriving rocks", ""), ("hits", ""),
                     ("stopped", ""), ("taken, then move on", ""), ("over the top", ""),
                     ("break through", ""), ("energy, 95 %", "kJ"), ("energy, 99 %", "kJ"),
                     ("height, 95 %", "m"), ("height, 99 %", "m"),
@@ -204,37 +167,67 @@ def save_figure(folder: Path, name: str, figure: Figure) -> bytes:
     return png
 
 
-def file_stem(name: str) -> str:
-    """A name as part of a file name."""
-    return "".join(c if c.isalnum() else "_" for c in name).strip("_").lower() or "unnamed"
+def _block_table(run: MapRun) -> ReportTable:
+    return ReportTable(
+        "Block scenarios",
+        (
+            ("scenario", ""), ("semi-axis 1", "m"), ("semi-axis 2", "m"), ("semi-axis 3", "m"),
+            ("density", "kg/m³"), ("initial speed", "m/s"),
+        ),
+        tuple(
+            (
+                b.name,
+                *(
+                    f"{low:g} to {high:g}" if high > low else f"{low:g}"
+                    for low, high in (
+                        b.axis_1_m, b.axis_2_m, b.axis_3_m, b.density_kgm3, b.speed_mps
+                    )
+                ),
+            )
+            for b in run.blocks
+        ),
+    )  # fmt: skip
 
 
-def file_stems(names: Sequence[str]) -> list[str]:
-    """Names as parts of file names, no two the same."""
-    taken: set[str] = set()
-    stems = []
-    for name in names:
-        stem = base = file_stem(name)
-        number = 1
-        while stem in taken:
-            number += 1
-            stem = f"{base}_{number}"
-        taken.add(stem)
-        stems.append(stem)
-    return stems
+def _ground_table(run: MapRun) -> ReportTable:
+    """The ground classes on the map."""
+    used = np.unique(run.ground[np.isfinite(run.grid.values)])
+    return ReportTable(
+        "Ground classes",
+        (("class", ""), ("η max", ""), ("Δp/p", ""), ("μ_f", ""), ("μ_0", ""), ("k", ""),
+         ("d*", "m"), ("η max, Δp from the paper", ""), ("source", "")),
+        tuple(
+            (c.name, c.eta_max, f"{c.dp_min:g} to {c.dp_max:g}", c.mu_f, c.mu_0, c.k, c.d_star_m,
+             "yes" if c.verified else "no", c.source)
+            for c in (run.table.classes[i] for i in used)
+        ),
+    )  # fmt: skip
 
 
 def map_report(
-    config: Config,
     run: MapRun,
     planned: Plan,
     progress: Progress,
     layers: tuple[RasterLayer, ...],
-    warnings: list[str],
+    furthest: LinePaths | None,
+    warnings: Sequence[str],
     facts: Mapping[str, object],
     folder: Path,
 ) -> ReportContext:
-    """Draw the figures of a run into ``folder`` and put the report together."""
+    """Draw the figures of a run into ``folder`` and put the report together.
+
+    Parameters
+    ----------
+    run, planned, progress
+    layers : tuple of RasterLayer
+        Maps of what was simulated.
+    furthest : LinePaths or None
+        Paths on the line of the block that came furthest.
+    warnings : sequence of str
+    facts : mapping of str to object
+        As in the GeoPackage, and the names "terrain_file" and "config_file".
+    folder : Path
+    """
     outlines = release_outlines(run)
     control_lines: list[tuple[str, str, FloatArray]] = [
         (g.name, g.kind, c) for g, c in run.control_lines
@@ -252,9 +245,8 @@ def map_report(
             )  # fmt: skip
             png = save_figure(folder, f"map_{stem}", figure)
             pictures.append(ReportFigure(layer.title, layer.note, png))
-        chosen = furthest_line(progress)
-        if chosen is not None:
-            figure = one_profile_figure(run, planned, *chosen)
+        if furthest is not None:
+            figure = line_figure(furthest)
             pictures.append(
                 ReportFigure(
                     "A fall line with the paths of its rocks",
@@ -278,48 +270,7 @@ def map_report(
                 save_figure(folder, f"station_{stem}", figure),
             )
         )
-    blocks = ReportTable(
-        "Block scenarios",
-        (
-            ("scenario", ""), ("semi-axis 1", "m"), ("semi-axis 2", "m"), ("semi-axis 3", "m"),
-            ("density", "kg/m³"), ("initial speed", "m/s"),
-        ),
-        tuple(
-            (
-                b.name,
-                *(
-                    f"{low:g} to {high:g}" if high > low else f"{low:g}"
-                    for low, high in (
-                        b.axis_1_m, b.axis_2_m, b.axis_3_m, b.density_kgm3, b.speed_mps
-                    )
-                ),
-            )
-            for b in run.blocks
-        ),
-    )  # fmt: skip
-    used = np.unique(run.ground[np.isfinite(run.grid.values)])
-    ground = ReportTable(
-        "Ground classes",
-        (("class", ""), ("η max", ""), ("Δp/p", ""), ("μ_f", ""), ("μ_0", ""), ("k", ""),
-         ("d*", "m"), ("η max, Δp from the paper", ""), ("source", "")),
-        tuple(
-            (c.name, c.eta_max, f"{c.dp_min:g} to {c.dp_max:g}", c.mu_f, c.mu_0, c.k, c.d_star_m,
-             "yes" if c.verified else "no", c.source)
-            for c in (run.table.classes[i] for i in used)
-        ),
-    )  # fmt: skip
-    ends = ReportTable(
-        "How rocks end",
-        (("reason", ""), ("rocks", ""), ("share", "%")),
-        tuple(
-            (
-                STOP_TEXT[r],
-                int(progress.reasons[r]),
-                100.0 * int(progress.reasons[r]) / max(total, 1),
-            )
-            for r in StopReason
-        ),
-    )
+    ends = stopping_reasons(progress.reasons)
     lines = joined_lines(progress.lines)
     line_ends = ReportTable(
         "How fall lines end",
@@ -327,10 +278,10 @@ def map_report(
         tuple((text, int((lines.end == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
     return ReportContext(
-        title=config.project.name,
+        title=str(facts["title"]),
         subtitle="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986)",
         what_was_run=(
-            ("Terrain", f"{config.dem_path.name}, {run.grid.shape[1]} × {run.grid.shape[0]} cells "
+            ("Terrain", f"{facts['terrain_file']}, {run.grid.shape[1]} × {run.grid.shape[0]} cells "
              f"of {run.grid.cell_size:.4g} m"),
             ("Coordinate system", str(facts["crs"])),
             ("Heights", str(facts["vertical_datum"])),
@@ -346,11 +297,12 @@ def map_report(
         warnings=tuple(warnings),
         key_results=ends,
         figures=tuple(pictures),
-        tables=(*control_line_tables(progress.control_lines), blocks, ground, line_ends),
+        tables=(*control_line_tables(progress.control_lines), _block_table(run), _ground_table(run),
+                line_ends),
         provenance=(
             ("Program", str(facts["program"])),
             ("Seed", run.seed),
             ("Settings and inputs (SHA-256)", str(facts["settings_hash"])),
-            ("Configuration", config.file.name),
+            ("Configuration", str(facts["config_file"])),
         ),
     )  # fmt: skip

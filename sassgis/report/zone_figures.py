@@ -10,18 +10,16 @@ import numpy as np
 import shapely
 from matplotlib.figure import Figure
 
-from sassgis.hazard.assess import Hazard, raster
+from sassgis.hazard.assess import Assessment, Hazard, Rules, raster
 from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.zoning.generalise import Coverage
-from sassgis.io.read.config import Config
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
 from sassgis.report.map_report import release_outlines, save_figure
 from sassgis.report.page import ReportFigure
-from sassgis.runs.assessment import Assessment, Rules
-from sassgis.runs.run import Simulation
 
 
 def rings(coverage: Coverage) -> list[FloatArray]:
@@ -57,36 +55,38 @@ def curves_at(hazard: Hazard, place: int) -> dict[str, FloatArray]:
     return out
 
 
-def _level_layer(like: RasterLayer, hazard: Hazard, rules: Rules, done: Simulation) -> RasterLayer:
+def _level_layer(like: RasterLayer, hazard: Hazard, rules: Rules, grid: Grid) -> RasterLayer:
     """The map of levels of one of the simulations."""
     level = hazard_level(hazard.curves, rules.preset)
-    values = raster(done.run.grid, hazard.curves.places, level).astype(np.float32)
+    values = raster(grid, hazard.curves.places, level).astype(np.float32)
     values[values == 0.0] = np.nan
     return replace(like, bands=(replace(like.bands[0], values=values),))
 
 
-def _where(hazard: Hazard, place: int, done: Simulation) -> str:
-    x, y = done.run.grid.cell_centres(hazard.curves.places[place : place + 1])
+def _where(hazard: Hazard, place: int, grid: Grid) -> str:
+    x, y = grid.cell_centres(hazard.curves.places[place : place + 1])
     return f"At {x[0]:.0f}, {y[0]:.0f}."
 
 
 def zone_figures(
-    config: Config,
+    run: MapRun,
     rules: Rules,
     found: Assessment,
-    done: Simulation,
     maps: tuple[RasterLayer, ...],
     folder: Path,
+    *,
+    confidence: float,
+    currency: str,
 ) -> tuple[ReportFigure, ...]:
     """Draw the figures of a zoning into a folder."""
-    hazard, grid = found.hazard, done.run.grid
+    hazard, grid = found.hazard, run.grid
     place = telling_place(hazard)
     if place is None:
         return ()
     by_stem = {layer.stem: layer for layer in maps}
     around: dict[str, Any] = {
-        "release": release_outlines(done.run),
-        "control_lines": [(g.name, g.kind, course) for g, course in done.run.control_lines],
+        "release": release_outlines(run),
+        "control_lines": [(line.name, line.kind, trace) for line, trace in run.control_lines],
     }
     width = f"Reference width {rules.ref_width_m:.4g} m."
     drawn: list[tuple[str, str, str, Figure]] = [
@@ -109,8 +109,8 @@ def zone_figures(
         ),
         (
             "confidence",
-            "Where the level is undecided",
-            f"Cells whose level changes within the {100 * config.hazard.confidence:g} % interval "
+            "Where the level is statistically uncertain",
+            f"Cells whose level changes within the {100 * confidence:g} % interval "
             "of the sampling of rocks. More rocks settle them; other frequencies or ground values "
             "may change any cell.",
             figures.confidence_figure(
@@ -124,7 +124,7 @@ def zone_figures(
     ]
     if found.without is not None:
         shown = by_stem["hazard_level"]
-        layers = [_level_layer(shown, h, rules, done) for h in (found.without, hazard)]
+        layers = [_level_layer(shown, h, rules, grid) for h in (found.without, hazard)]
         drawn.append(
             (
                 "barriers",
@@ -144,12 +144,12 @@ def zone_figures(
             f"crosses. {width}",
             figures.hazard_curve_figure(
                 hazard.curves, place, rules.preset, by_source=curves_at(hazard, place),
-                confidence=config.hazard.confidence, note=_where(hazard, place, done),
+                confidence=confidence, note=_where(hazard, place, grid),
             ),
         )
     )  # fmt: skip
     if found.risk is not None:
-        for quantity, unit in (("loss", f"{config.risk.currency}/year"), ("deaths", "1/year")):
+        for quantity, unit in (("loss", f"{currency}/year"), ("deaths", "1/year")):
             values = found.risk.of_object(quantity)
             if not (values > 0.0).any():
                 continue

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,27 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.simulate import Bins
+from sassgis.hazard.bins import bins_of
+from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
 from sassgis.io.read.tiles import Part, Terrain
 from sassgis.io.write.staging import MANIFEST_NAME, writing
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
+from sassgis.model.map_run import FallLines, MapRun
+from sassgis.model.statistics_table import SUM_NAMES, wider
 from sassgis.runs.checkpoint import progress_from, state_of
-from sassgis.runs.map import (
-    FallLines,
-    MapRun,
-    Plan,
-    Progress,
-    SourceTally,
-    bins_of,
-    evenly_kept,
-)
+from sassgis.terrain.plan import Plan
 
 RECORD_NAME = "area.json"
 #: Sums of the simulation, and of the same rocks without walls and nets.
 SIMULATION_NAME, BARE_NAME = "simulation.npz", "without_barriers.npz"
-_EDGES = ("energy", "height", "speed")
-_PEAKS = ("reach", "reach_square", "stops", "energy_sum", "energy_max", "height_max", "speed_max")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +40,13 @@ class Record:
         Outer corner of the part of the terrain model (m).
     n_rows, n_cols : int
         Its cells.
-    rounds, points, rocks : int
-        Rounds of rocks, release points, rocks followed.
+    repetitions, points, rocks : int
+        Repetitions, release points, simulated blocks.
     furthest_m : float or None
         Longest run-out.
     zones_m2 : dict of str to float
         Area of the zones, by the code of the hazard level.
-    gates, objects : tuple of int
+    control_lines, objects : tuple of int
         Which stations and barriers, and which exposed objects, of those of the batch were in it.
     notices : tuple of str
         What the readers had to say.
@@ -66,7 +58,7 @@ class Record:
     north: float
     n_rows: int
     n_cols: int
-    rounds: int
+    repetitions: int
     points: int
     rocks: int
     furthest_m: float | None
@@ -169,7 +161,8 @@ def add_area(
         return part.cells_in(place, flat)
 
     if own.sums.cells.size:
-        total.sums.add(cells(own.sums.cells), _wide_sums(own, bins))
+        wide_sums = {n: wider(n, own.sums.column(n), bins) for n in SUM_NAMES}
+        total.sums.add(cells(own.sums.cells), wide_sums)
     total.control_lines.add_sums(own.control_lines, control_lines)
     total.reasons += own.reasons
     total.lost += own.lost
@@ -210,17 +203,6 @@ def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> IntArray:
     if at.size and (at[-1] >= wanted.size or not np.array_equal(wanted[at], own)):
         raise ValueError("hazard curves of areas have different energies")
     return at
-
-
-def _wide_sums(own: Progress, bins: Bins) -> Mapping[str, NDArray[Any]]:
-    """Sums of cells with as many bins as the mosaic has."""
-    out = {name: own.sums.column(name) for name in _PEAKS}
-    for name in _EDGES:
-        counts = own.sums.column(name)
-        wide = np.zeros((counts.shape[0], getattr(bins, name).size - 1), counts.dtype)
-        wide[:, : counts.shape[1]] = counts
-        out[name] = wide
-    return out
 
 
 def _sum_of(one: IntArray, two: IntArray) -> IntArray:

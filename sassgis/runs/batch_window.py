@@ -10,7 +10,10 @@ import numpy as np
 
 from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.model.errors import InputError
-from sassgis.runs.map import MapRun, Plan, plan, trace_lines
+from sassgis.model.map_run import MapRun
+from sassgis.model.settings import LateralDeflection
+from sassgis.terrain.plan import Plan, plan
+from sassgis.terrain.prepare import trace_lines
 from sassgis.terrain.release import take
 
 #: Margin with which the search begins (m).
@@ -52,14 +55,14 @@ def windowed(
     bounds: tuple[float, float, float, float],
     ref_width_m: float,
     make: Callable[[Part], MapRun],
-    rounds: int,
+    repetitions: int,
     first_margin_m: float = _FIRST_MARGIN_M,
 ) -> Windowed:
     """Find the part of the terrain model that the fall lines of a release area need.
 
-    A part is tried, the lines of all rounds are traced on it, and on each side on which one comes
-    near a cut edge (see edge_cells) the margin grows by half. So the lines are those of the whole
-    terrain model: to the last bit where corners and sizes of cells are binary numbers (whole
+    A part is tried, the lines of all repetitions are traced on it, and on each side on which one
+    comes near a cut edge (see edge_cells) the margin grows by half. So the lines are those of the
+    whole terrain model: to the last bit where corners and sizes of cells are binary numbers (whole
     metres, halves, quarters, ...) and no nodata is near, else but for rounding.
 
     Parameters
@@ -71,8 +74,8 @@ def windowed(
         Reference width of the frequencies (m).
     make : callable
         Makes the run on a part.
-    rounds : int
-        Most rounds of rocks that there may be; where ways are random, each has its own.
+    repetitions : int
+        Most of them that there may be; where paths are random, each has its own.
     first_margin_m : float
         Margin with which to begin.
 
@@ -95,7 +98,7 @@ def windowed(
         run = make(part)
         planned = plan(run)
         keep = edge_cells(run.fall_lines.smoothing_m, ref_width_m, terrain.cell_size)
-        reached = terrain.part_of(_extent(run, planned, rounds)).grown(keep, keep, keep, keep)
+        reached = terrain.part_of(_extent(run, planned, repetitions)).grown(keep, keep, keep, keep)
         near = [
             cut and beyond
             for cut, beyond in zip(cut_sides(part, terrain), _beyond(reached, part), strict=True)
@@ -127,13 +130,15 @@ def _beyond(reached: Part, part: Part) -> tuple[bool, bool, bool, bool]:
     )
 
 
-def _extent(run: MapRun, planned: Plan, rounds: int) -> tuple[float, float, float, float]:
-    """Rectangle around all lines of all rounds (m)."""
+def _extent(run: MapRun, planned: Plan, repetitions: int) -> tuple[float, float, float, float]:
+    """Rectangle around all lines of all repetitions (m)."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for first in range(0, len(planned.starts), _POINTS):
         some = take(planned.starts, slice(first, first + _POINTS))
-        for round_ in range(rounds if run.effects.lateral_deflection is not None else 1):
-            lines = trace_lines(run, planned.surface, some, round_)
+        for repetition in range(
+            repetitions if run.effects.get(LateralDeflection) is not None else 1
+        ):
+            lines = trace_lines(run, planned.surface, some, repetition)
             low = np.minimum(low, [lines.x.min(), lines.y.min()])
             high = np.maximum(high, [lines.x.max(), lines.y.max()])
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

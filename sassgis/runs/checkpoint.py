@@ -17,35 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums
+from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
-from sassgis.hazard.statistics import MapSums
 from sassgis.io.write.staging import CHECKPOINT_STEM, writing
+from sassgis.model.map_run import FallLines, MapRun, Rows
 from sassgis.model.results import ControlLine
-from sassgis.runs.map import (
-    FallLines,
-    MapRun,
-    Progress,
-    Rows,
-    SourceTally,
-    joined_rows,
-)
 
 _LINE_FIELDS = ("offset", "x", "y", "point", "fan", "length_m", "drop_m", "end")
 _ROW_FIELDS = ("rocks", "rock_scenario", "x", "y", "passages", "passage_scenario")
-
-
-def joined_lines(parts: list[FallLines]) -> FallLines:
-    """Fall lines of several chunks as one."""
-    if not parts:
-        empty = np.empty(0)
-        none = np.empty(0, np.int64)
-        return FallLines(np.zeros(1, np.int64), empty, empty, none, empty, empty, empty,
-                         np.empty(0, np.uint8))  # fmt: skip
-    sizes = np.concatenate([np.diff(p.offset) for p in parts])
-    return FallLines(
-        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
-        *(np.concatenate([getattr(p, f) for p in parts]) for f in _LINE_FIELDS[1:]),
-    )
 
 
 class Checkpoint:
@@ -132,13 +112,13 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
         "furthest_rock": np.array((progress.furthest or ())[1:], np.int64),
     }
     state |= {f"sums.{k}": v for k, v in progress.sums.state().items()}
-    state |= {f"gates.{k}": v for k, v in progress.control_lines.state().items()}
+    state |= {f"control_lines.{k}": v for k, v in progress.control_lines.state().items()}
     for (area, scenario), tally in progress.sources.items():
         name = f"source.{area}.{scenario}"
         state[f"{name}.rocks"] = np.array(tally.rocks)
         state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
         state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
-        state |= {f"{name}.gates.{k}": v for k, v in tally.control_lines.state().items()}
+        state |= {f"{name}.control_lines.{k}": v for k, v in tally.control_lines.state().items()}
     lines = joined_lines(progress.lines)
     state |= {f"lines.{f}": getattr(lines, f) for f in _LINE_FIELDS}
     stops = joined_rows(progress.stops)
@@ -187,7 +167,7 @@ def _sources(
         sources[int(area), int(scenario)] = SourceTally(
             SourceSums.from_state(_group(state, f"{name}.cells")),
             SourceSums.from_state(_group(state, f"{name}.objects")),
-            ControlLineSums.from_state(control_lines, _group(state, f"{name}.gates")),
+            ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
             int(state[f"{name}.rocks"]),
         )
     return sources

@@ -59,7 +59,7 @@ from sassgis.gap.which.verdict import (
     probability_of,
     verdict_of,
 )
-from sassgis.io.read.config import Config, load_config, settings_hash
+from sassgis.io.read.config import load_config, settings_hash
 from sassgis.io.read.gap_thresholds import (
     read_classifier,
     read_thresholds,
@@ -69,9 +69,10 @@ from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.io.write.program import program_digest
 from sassgis.io.write.staging import CHECKPOINT_STEM, staged_output
 from sassgis.model.errors import InputError, Interrupted
+from sassgis.model.run_config import Config
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_outputs import write_outputs
-from sassgis.runs.run import job_count
+from sassgis.runs.job import job_count
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5

@@ -19,19 +19,19 @@ from sassgis.gap.observations.tables import (
     Observations,
     rock_masses_kg,
 )
-from sassgis.io.read.config import Config
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import LEAD_IN_M, MapRun, plan
-from sassgis.runs.run import configured
+from sassgis.runs.job import configured
 from sassgis.terrain.fall_lines import fall_line_surface, trace
-from sassgis.terrain.flatten import profiles
+from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import prepare_lines
 from sassgis.terrain.release import point_keys, take
-from sassgis.terrain.stretch import SHORTEST_LINE_M, usable, with_lead_in
 
 #: Stations are prolonged by this much: a fall line may pass just beside one (m).
 _PROLONG_M = 100.0
@@ -72,7 +72,7 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
             expected="one row or more",
         )
     traces, line = _fall_lines(run, observations, file)
-    flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
+    prepared = prepare_lines(run, traces)
     stations = station_chainages(traces, observations.stations, prolong_m=_PROLONG_M)
     masses = rock_masses_kg(observations)
     blocks = rock_populations(observations, run.blocks[0], masses)
@@ -85,14 +85,16 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
         effects=run.effects,
         forest=run.forest,
         traces=traces,
-        profiles=with_lead_in(flat, LEAD_IN_M),
+        profiles=prepared.profiles,
         line=line,
         blocks=blocks,
         start=np.zeros((len(names), 2)),
         mass_kg=masses,
         radius_m=radius,
         stations=stations,
-        projected=project_observations(observations, traces, line, grid=run.grid, profiles=flat),
+        projected=project_observations(
+            observations, traces, line, grid=run.grid, profiles=prepared.flat
+        ),
     )
 
 
@@ -116,8 +118,8 @@ def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[Tr
     else:
         starts = plan(run).starts
         line = np.full(n, -1, np.int64)
-    traces = trace(run.grid, fall_line_surface(run.grid, run.fall_lines), starts, run.fall_lines)
-    good = usable(traces, SHORTEST_LINE_M)
+    surface = fall_line_surface(run.grid, run.fall_lines)
+    good = prepare_lines(run, trace(run.grid, surface, starts, run.fall_lines)).good
     if not good.any():
         raise InputError(
             "no fall line can be traced from the release points",
@@ -131,8 +133,7 @@ def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[Tr
     loose = np.flatnonzero(line < 0)
     line[loose] = np.resize(np.flatnonzero(good), loose.size)
     used, line = np.unique(line, return_inverse=True)
-    kept = take(starts, used)
-    traces = trace(run.grid, fall_line_surface(run.grid, run.fall_lines), kept, run.fall_lines)
+    traces = trace(run.grid, surface, take(starts, used), run.fall_lines)
     return traces, line.ravel().astype(np.int64)
 
 

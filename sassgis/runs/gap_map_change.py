@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.io.read.config import Config, load_config, resolved
+from sassgis.io.read.config import load_config, resolved
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.io.write.staging import staged_output
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.results import Band, RasterLayer
+from sassgis.model.run_config import Config
 from sassgis.report import figures
 from sassgis.report.map_report import release_outlines, save_figure
 from sassgis.runs.inputs import input_files
@@ -125,7 +126,7 @@ def map_change(
             crs=results[0].run.grid.crs,
             vertical_datum=results[0].run.grid.vertical_datum,
             seed=results[0].run.seed,
-            ref_width_m=results[0].run.grid.cell_size,
+            ref_widths_m={"reach_probability": results[0].run.grid.cell_size},
             preset="",
             settings={"before": resolved(before), "after": resolved(after)},
             counts={"rocks_before": results[0].rocks, "rocks_after": results[1].rocks},

@@ -63,7 +63,7 @@ def write_outputs(
         crs=case.grid.crs,
         vertical_datum=case.grid.vertical_datum,
         seed=diagnosis.seed,
-        ref_width_m=None,
+        ref_widths_m={},
         preset="",
         settings=resolved(config)
         | {

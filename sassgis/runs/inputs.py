@@ -10,19 +10,25 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.simulate import Forest
-from sassgis.io.read.config import Config
+from sassgis.hazard.assess import Rules
+from sassgis.hazard.sources import OnsetTable, onset_frequencies
+from sassgis.hazard.warnings import rule_warnings
+from sassgis.hazard.zoning.generalise import ZoneSettings
 from sassgis.io.read.forest import read_forest
+from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
+from sassgis.io.read.objects import joined_objects, read_objects, read_vulnerability
+from sassgis.io.read.presets import read_preset
 from sassgis.io.read.tiles import read_terrain
-from sassgis.io.read.vectors import ReleaseArea, read_control_lines, read_release
-from sassgis.model.errors import ConfigError
+from sassgis.io.read.vectors import read_control_lines, read_release, release_names
+from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
+from sassgis.model.hazard import HazardPreset
+from sassgis.model.map_run import Forest, MapRun
+from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
 from sassgis.model.results import ControlLine
-from sassgis.runs.map import MapRun
-from sassgis.terrain.fall_lines import FallLineSettings
-from sassgis.terrain.spread import SpreadSettings
+from sassgis.model.run_config import Config
 
 
 @contextmanager
@@ -119,7 +125,7 @@ def map_run_of(
         rocks_per_point=config.release.rocks_per_point,
         seed=config.run.seed,
         stop_points_max=config.output.stop_points_max,
-        effects=config.effect_settings,
+        effects=config.effects,
         forest=forest,
     )
 
@@ -143,7 +149,141 @@ def input_files(config: Config) -> dict[str, Path]:
     return files
 
 
-def unverified_classes(run: MapRun) -> list[str]:
-    """Names of the ground classes on the map whose values are not from the paper."""
-    used = np.unique(run.ground[np.isfinite(run.grid.values)])
-    return [run.table.classes[i].name for i in used if not run.table.classes[i].verified]
+def yearly_frequencies(
+    config: Config, areas: Sequence[ReleaseArea], known: Sequence[str] | None = None
+) -> dict[tuple[str, str], float]:
+    """Blocks released per year, by release area and block scenario.
+
+    Parameters
+    ----------
+    config : Config
+    areas : sequence of ReleaseArea
+    known : sequence of str, optional
+        Names that the table of frequencies may hold; default those of the file of release areas.
+
+    Raises
+    ------
+    ConfigError, InputError
+        As read_frequencies and onset_frequencies.
+    """
+    table = OnsetTable({})
+    file = config.hazard.frequencies
+    if file is not None:
+        names = release_names(config.release) if known is None else known
+        table = OnsetTable(read_frequencies(file, names, config.block_names), file)
+    return onset_frequencies(areas, config.onsets, table, config.file)
+
+
+def read_rules(config: Config, run: MapRun) -> Rules:
+    """Read preset, frequencies and exposed objects.
+
+    Raises
+    ------
+    ConfigError, InputError
+    """
+    preset = named_preset(config)
+    frequencies = yearly_frequencies(config, run.areas)
+    with collected_notices() as notices:
+        parts = [
+            read_objects(
+                o.file, run.grid, kind=o.kind, name=o.name, layer=o.layer, name_field=o.name_field,
+                fields=o.fields, defaults=o.defaults, segment_m=o.segment_m, radius_m=o.radius_m,
+            )
+            for o in config.objects
+        ]  # fmt: skip
+        placed = joined_objects(parts, config.file)
+        vulnerability = None
+        if len(placed):
+            if config.risk.vulnerability is None:
+                raise ConfigError(
+                    "missing key: objects need to know what a hit does to them",
+                    file=config.file,
+                    field="risk.vulnerability",
+                    expected="a CSV table: kind, intensity, vulnerability, lethality, source",
+                )
+            codes = [c.code for c in preset.intensities]
+            vulnerability = read_vulnerability(config.risk.vulnerability, codes)
+            vulnerability.check_covers(placed.objects)
+    z = config.zones
+    # Between two fall lines nothing was computed: the gap is not a place that is safe.
+    gap = max(2.0 * run.grid.cell_size, run.spacing_m)
+    settings = ZoneSettings(
+        min_area_m2=z.min_area_m2,
+        closing_m=gap if z.closing_m is None else z.closing_m,
+        min_width_m=z.min_width_m,
+        tolerance_m=z.tolerance_m,
+    )
+    width = ref_width(config, run.grid.cell_size)
+    return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
+
+
+def named_preset(config: Config) -> HazardPreset:
+    """The preset that the configuration names.
+
+    Raises
+    ------
+    InputError
+        There is none, or it cannot be used.
+    """
+    try:
+        return read_preset(config.hazard.preset)
+    except InputError as error:
+        if error.field != "preset":
+            raise
+        raise InputError(
+            error.problem,
+            file=error.file or config.file,
+            field="hazard.preset",
+            found=error.found,
+            expected=error.expected,
+        ) from None
+
+
+def check_rules(config: Config, grid: Grid | None = None) -> list[str]:
+    """Read what zoning needs, and say what it holds.
+
+    Parameters
+    ----------
+    config : Config
+    grid : Grid, optional
+        The DEM, if it has been read already.
+
+    Raises
+    ------
+    ConfigError, InputError
+        As for a zoning.
+    """
+    run = read_map_run(config, grid=grid)
+    rules = read_rules(config, run)
+    yearly = sum(rules.frequencies.values())
+    lines = [
+        f"zoning: preset {rules.preset.name} ({rules.preset.title})",
+        f"  onset: {yearly:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
+        f"  reference width: {rules.ref_width_m:.4g} m",
+    ]
+    if len(rules.placed):
+        lines.append(f"  exposed objects: {len(rules.placed)}")
+    notes = (*rules.notices, *rule_warnings(rules.preset, rules.frequencies))
+    return lines + [f"  note: {text}" for text in notes]
+
+
+def ref_width(config: Config, cell_size: float) -> float:
+    """Reference width of the hazard curves (m).
+
+    Raises
+    ------
+    ConfigError
+        It is below two cells, and so neither one cell nor a disk of cells.
+    """
+    width = config.hazard.ref_width_m
+    if width is None or width == cell_size:
+        return cell_size
+    if width < 2.0 * cell_size:
+        raise ConfigError(
+            "is too narrow for the cells of the terrain model",
+            file=config.file,
+            field="hazard.ref_width_m",
+            found=f"{width:g} m with cells of {cell_size:g} m",
+            expected=f"{2.0 * cell_size:g} m or more, or nothing for one cell",
+        )
+    return width

@@ -7,33 +7,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sassgis.engine.simulate import ObjectCells
-from sassgis.hazard.assess import (
-    curves_of,
-    share_undecided,
-)
+from sassgis.hazard.assess import Assessment, Rules, assess, curves_of, share_uncertain
+from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
+from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
-from sassgis.io.read.config import Config
-from sassgis.io.read.objects import (
-    object_cells,
-)
+from sassgis.io.read.objects import object_cells
 from sassgis.io.write.staging import staged_output
+from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.results import RasterLayer
-from sassgis.runs.assessment import Assessment, Rules, assess, read_rules
-from sassgis.runs.map import MapRun, Progress, bins_of
-from sassgis.runs.run import (
-    Job,
-    OnProgress,
-    RunResult,
-    Simulation,
-    configured,
-    read_job,
-    result_of,
-    simulate_config,
-    write_result,
-)
-from sassgis.runs.zone_outputs import zone_extras
+from sassgis.model.run_config import Config
+from sassgis.runs.inputs import read_rules
+from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
+from sassgis.runs.publish import publish_map, zone_extras
+from sassgis.runs.run import RunResult, result_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +48,7 @@ def prepared(job: Job, rules: Rules) -> Job:
 def without_barriers(job: Job) -> Job:
     """The job with its walls and nets as mere stations: they see rocks and hold none."""
     control_lines = tuple(
-        (replace(g, kind="station"), course) for g, course in job.run.control_lines
+        (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
     )
     return Job(replace(job.run, control_lines=control_lines), job.planned, ())
 
@@ -104,8 +91,8 @@ def zone(
         rules = read_rules(config, job.run)
         job = prepared(job, rules)
         began = time.perf_counter()
-        done, bare = simulations(config, work, job, rules, jobs, on_progress, tell)
-        found, layers, warnings = write_zones(work, rules, done, bare, areas, tell)
+        done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
+        found, layers, warnings = write_zones(work, rules, done, without, areas, tell)
         seconds = time.perf_counter() - began
     result = result_of(Path(out), done, layers)
     result = replace(result, warnings=(*warnings, *result.warnings))
@@ -116,7 +103,7 @@ def write_zones(
     work: Path,
     rules: Rules,
     done: Simulation,
-    bare: Simulation | None,
+    without: Simulation | None,
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
     first: Callable[[Assessment], None] | None = None,
@@ -126,9 +113,9 @@ def write_zones(
     Parameters
     ----------
     work, done, areas, tell
-        As for sassgis.runs.run.write_result.
+        As for sassgis.runs.publish.publish_map.
     rules : Rules
-    bare : Simulation or None
+    without : Simulation or None
         The same rocks without walls and nets.
     first : callable, optional
         Called with what was found before anything is written.
@@ -142,16 +129,34 @@ def write_zones(
         Of the zoning.
     """
     tell("Drawing the zones")
-    found = assess(done.config, rules, done, bare)
+    found = assessed(rules, done, without)
     if first is not None:
         first(found)
-    extras = zone_extras(done.config, rules, found, done, work / "figures")
-    return found, write_result(work, done, areas, tell, extras), extras.warnings
+    extras = zone_extras(rules, found, done, work / "figures")
+    return found, publish_map(work, done, areas, tell, extras), extras.warnings
 
 
-def most_rounds(config: Config) -> int:
-    """Rounds of rocks that a zoning may take."""
-    return 1 if config.hazard.undecided_share_max is None else config.hazard.rounds_max
+def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Assessment:
+    """What simulations with and without barriers say of hazard and risk."""
+    sampled = [
+        None if s is None else sampled_sources(s.run, s.progress, rules.frequencies)
+        for s in (done, without)
+    ]
+    assert sampled[0] is not None
+    return assess(
+        rules,
+        done.run.grid,
+        bins_of(done.run).threshold,
+        sampled[0],
+        sampled[1],
+        confidence=done.config.hazard.confidence,
+        by_source=done.config.hazard.by_source,
+    )
+
+
+def most_repetitions(config: Config) -> int:
+    """Repetitions that a zoning may take."""
+    return 1 if config.hazard.uncertain_share_max is None else config.hazard.repetitions_max
 
 
 def simulations(
@@ -164,7 +169,7 @@ def simulations(
     tell: Callable[[str], None],
 ) -> tuple[Simulation, Simulation | None]:
     """Simulate with the barriers and, if that is wanted, without them: the same rocks."""
-    limit = config.hazard.undecided_share_max
+    limit = config.hazard.uncertain_share_max
     confidence = config.hazard.confidence
 
     def enough(run: MapRun, progress: Progress) -> bool:
@@ -172,24 +177,25 @@ def simulations(
         sampled = sampled_sources(run, progress, rules.frequencies)
         curves = curves_of(sampled, bins_of(run).threshold)
         few = at_energies(curves, rules.preset.thresholds_kj)
-        share = share_undecided(few, rules.preset, confidence)
-        tell(f"{100 * share:.1f} % of the reached cells are undecided")
+        share = share_uncertain(few, rules.preset, confidence)
+        tell(f"{100 * share:.1f} % of the reached cells are statistically uncertain")
         return share <= limit
 
-    rounds_max = most_rounds(config)
+    repetitions_max = most_repetitions(config)
     schedule = ""
-    if rounds_max > 1:
-        schedule = repr((limit, rounds_max, confidence, rules.preset, rules.frequencies))
+    if repetitions_max > 1:
+        schedule = repr((limit, repetitions_max, confidence, rules.preset, rules.frequencies))
     done = simulate_config(
-        config, work, job, jobs=jobs, on_progress=on_progress, tell=tell, rounds_max=rounds_max,
-        enough=None if limit is None else enough, schedule=schedule,
+        config, work, job, jobs=jobs, on_progress=on_progress, tell=tell,
+        repetitions_max=repetitions_max, enough=None if limit is None else enough,
+        schedule=schedule,
     )  # fmt: skip
     barriers = any(g.kind != "station" for g, _ in job.run.control_lines)
     if not (barriers and config.hazard.compare_barriers):
         return done, None
     tell("Once more without walls and nets")
-    bare = simulate_config(
+    without = simulate_config(
         config, work, without_barriers(job), jobs=jobs, on_progress=on_progress, tell=tell,
-        rounds_max=done.run.rounds, schedule=schedule, part="without_barriers",
+        repetitions_max=done.run.repetitions, schedule=schedule, part="without_barriers",
     )  # fmt: skip
-    return done, bare
+    return done, without

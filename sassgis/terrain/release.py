@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from sassgis.model.errors import ConfigError, InputError
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ReleasePoints
 
 Placement = Literal["grid", "random"]
@@ -291,3 +291,18 @@ def _simple_parts(geometry: BaseGeometry) -> list[BaseGeometry]:
     if hasattr(geometry, "geoms"):
         return [part for member in geometry.geoms for part in _simple_parts(member)]
     return [geometry]
+
+
+def meeting(shapes: Sequence[BaseGeometry | FloatArray], grid: Grid) -> tuple[int, ...]:
+    """Which of some shapes meet the rectangle of a grid; lines may be given as coordinates."""
+    box = shapely.box(*grid.bounds)
+    return tuple(
+        i
+        for i, shape in enumerate(shapes)
+        if (shapely.LineString(shape) if isinstance(shape, np.ndarray) else shape).intersects(box)
+    )
+
+
+def wkb_hex(geometry: BaseGeometry) -> str:
+    """The geometry as text, the same on every machine."""
+    return str(shapely.to_wkb(geometry, hex=True, byte_order=1))

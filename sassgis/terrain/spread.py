@@ -9,44 +9,15 @@ Nat. Hazards Earth Syst. Sci. 4, 583-598).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from sassgis.model import rng
-from sassgis.model.effects import LateralDeflection
-from sassgis.model.errors import ConfigError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.profiles import ReleasePoints, TraceSet
-from sassgis.terrain.fall_lines import FallLineSettings, Kicks, trace
+from sassgis.model.release_areas import FallLineSettings, SpreadSettings
+from sassgis.model.settings import LateralDeflection
+from sassgis.terrain.fall_lines import Kicks, trace
 from sassgis.terrain.surface import Surface
-
-
-@dataclass(frozen=True, slots=True)
-class SpreadSettings:
-    """Sideways spread of the lines of a release point.
-
-    Attributes
-    ----------
-    lines_per_point : int
-        Lines in a bundle; 1 is the fall line alone.
-    width_percent : float
-        Full width of the spread, as a percentage of the plan length along the fall line.
-    """
-
-    lines_per_point: int = 1
-    width_percent: float = 0.0
-
-    def __post_init__(self) -> None:
-        limits = {"lines_per_point": (1, 1001), "width_percent": (0.0, 100.0)}
-        for field, (low, high) in limits.items():
-            if not low <= getattr(self, field) <= high:
-                raise ConfigError(
-                    "value out of range",
-                    field=f"spread.{field}",
-                    found=getattr(self, field),
-                    expected=f"{low:g} to {high:g}",
-                )
 
 
 def fans(settings: SpreadSettings) -> FloatArray:
@@ -71,7 +42,7 @@ def fans(settings: SpreadSettings) -> FloatArray:
     return deviations
 
 
-def trace_ways(
+def trace_random_paths(
     grid: Grid,
     surface: Surface,
     points: ReleasePoints,
@@ -79,9 +50,9 @@ def trace_ways(
     lateral: LateralDeflection,
     lines_per_point: int,
     seed: int,
-    round_: int = 0,
+    repetition: int = 0,
 ) -> TraceSet:
-    """Trace ways that leave the fall line at random; see core.effects.LateralDeflection.
+    """Trace paths that leave the fall line at random; see sassgis.model.effects.LateralDeflection.
 
     Parameters
     ----------
@@ -89,18 +60,19 @@ def trace_ways(
         As for sassgis.terrain.fall_lines.trace.
     lateral : LateralDeflection
     lines_per_point : int
-        Ways from each point.
-    seed, round_ : int
-        Other ways for each.
+        Paths from each point.
+    seed, repetition : int
+        Other paths for each.
 
     Returns
     -------
     TraceSet
-        Ordered by point. A way depends on seed, round, release point and its number there alone.
+        Ordered by point. A path depends on seed, repetition, release point and its number there
+        alone.
     """
     member = np.tile(np.arange(lines_per_point, dtype=np.int64), len(points))
     key = rng.combined(np.repeat(points.key, lines_per_point), member)
-    key = rng.combined(rng.combined(key, np.full(key.size, round_)), np.full(key.size, seed))
+    key = rng.combined(rng.combined(key, np.full(key.size, repetition)), np.full(key.size, seed))
     if lateral.form == "kicks":
         kicks = Kicks(key, np.zeros(key.size), float(np.radians(lateral.angle_deg)), lateral.hop_m)
     else:
@@ -119,7 +91,7 @@ def trace_bundles(
     """Trace a bundle of lines from each release point.
 
     A line of fan f heads, everywhere, atan f beside the local steepest descent: on a plane it
-    has left the fall line by f times the way down that line. In a gully the walls hold it near
+    has left the fall line by f times the distance down that line. In a gully the walls hold it near
     the axis, as they would a rock. All other rules, and the ends, are those of
     sassgis.terrain.fall_lines.trace.
 

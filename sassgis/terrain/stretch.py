@@ -9,7 +9,7 @@ from sassgis.model.grid import FloatArray
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.surface import Surface, evaluate
 
-#: Fall lines shorter than this are not followed (m).
+#: On fall lines shorter than this no block is simulated (m).
 SHORTEST_LINE_M = 1.0
 
 
@@ -63,7 +63,7 @@ def moved_uphill(
 
 
 def usable(traces: TraceSet, least_m: float) -> NDArray[np.bool_]:
-    """Which lines are long enough to follow a rock on, shape (n,)."""
+    """Which lines are long enough to simulate blocks on, shape (n,)."""
     last = traces.s[np.maximum(traces.offset[1:] - 1, 0)]
     counts = np.diff(traces.offset)
     return (counts >= 2) & (last >= least_m)

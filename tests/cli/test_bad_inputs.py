@@ -150,7 +150,7 @@ def test_a_flat_release_area_draws_a_warning_and_gives_an_honest_result(slope: S
     assert code == 0 and "WARNING" in out and "area a" in out and "0.0 degrees" in out
     code, _, err = call("run", slope.config, "-o", slope.folder / "result")
     assert code == 0
-    assert "degrees" in err and ("never started" in err or "not followed" in err)
+    assert "degrees" in err and ("never started" in err or "not simulated" in err)
 
 
 def test_no_map_is_made_where_no_rock_can_be_followed(slope: Slope, call) -> None:
@@ -159,7 +159,7 @@ def test_no_map_is_made_where_no_rock_can_be_followed(slope: Slope, call) -> Non
     assert code == 2
     line = err.splitlines()[-1]
     assert line.startswith("Error: ") and "release.gpkg" in line
-    assert "no rock could be followed" in line and "rocks, on fall lines" in line
+    assert "no rock could be simulated" in line and "rocks, on fall lines" in line
     assert not list(slope.folder.glob("result*"))
 
 

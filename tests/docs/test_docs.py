@@ -89,17 +89,27 @@ def test_configuration_page_is_up_to_date(repository):
     assert committed == made, "run: python docs/make_reference.py"
 
 
+def test_tables_of_the_maps_are_up_to_date(repository):
+    maker = load(repository / "docs" / "make_statistics.py")
+    for path, page in ((maker.MAPS, maker.maps_page), (maker.README, maker.readme_page)):
+        text = path.read_text(encoding="utf-8")
+        assert text == page(text), "run: python docs/make_statistics.py"
+
+
+def test_table_of_effects_is_up_to_date(repository):
+    committed = (repository / "docs" / "effects.md").read_text(encoding="utf-8")
+    made = load(repository / "docs" / "make_reference.py").effects_page(committed)
+    assert committed == made, "run: python docs/make_reference.py"
+
+
 def test_every_key_is_on_the_configuration_page(repository):
-    from sassgis.io.read.config import SECTIONS
-    from sassgis.io.read.effect_sections import EFFECT_SECTIONS
+    from sassgis.io.read.config import declared_sections
 
     text = (repository / "docs" / "configuration.md").read_text(encoding="utf-8")
-    families = {f"effects.{name}": model for name, model in EFFECT_SECTIONS.items()}
-    plain = {name: model for name, model in SECTIONS.items() if name != "effects"}
-    for section, model in (plain | families).items():
+    for section, keys in declared_sections().items():
         part = re.search(rf"^## `\[+{section}\]+`$(.*?)(?=^## |\Z)", text, re.S | re.M)
         assert part, section
-        for key in model.model_fields:
+        for key in keys:
             assert f"| `{key}` |" in part.group(1), f"{section}.{key}"
 
 

@@ -11,7 +11,7 @@ import click
 import pytest
 from helpers.installed import command_of
 
-from sassgis.cli import cli
+from sassgis.cli.entry import cli
 
 pytestmark = pytest.mark.e2e
 

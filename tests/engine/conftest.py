@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sassgis.engine.simulate import COURSE_COLUMNS, ControlLineCrossings, simulate
+from sassgis.engine.simulate import COURSE_COLUMNS, simulate
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.profiles import ProfileSet
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.settings import EngineSettings
 
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sassgis.engine.ellipse import inertia
-from sassgis.engine.simulate import default_bins
+from sassgis.model.statistics_table import SUMS, default_bins
 
 pytestmark = pytest.mark.kernels
 
@@ -112,7 +112,7 @@ def test_counts_agree_with_each_other(lab, kind):
     out = lab.run(profiles, lab.ROCK, blocks, n=n, start=[(10.0, 30.0)])
     s = out.sums
     assert (s["reach"] <= n).all()
-    for field in (s["energy"], s["height"], s["speed"]):
+    for field in (s["energy"], s["height"], s["speed"], s["arrival"]):
         assert (field.sum(axis=1) == s["reach"]).all()
     assert (s["reach_square"] == s["reach"] ** 2).all()  # one line
     assert (s["stops"] <= s["reach"]).all()
@@ -131,8 +131,8 @@ def test_counts_agree_with_each_other(lab, kind):
         assert s["reach"][j] <= ever
     # Sum and maximum of the energies fit the histogram.
     bins = default_bins()
-    low = (s["energy"] * bins.energy[:-1]).sum(axis=1) * 1e3
-    high = (s["energy"] * bins.energy[1:]).sum(axis=1) * 1e3
+    low = (s["energy"] * bins.edges["energy"][:-1]).sum(axis=1) * 1e3
+    high = (s["energy"] * bins.edges["energy"][1:]).sum(axis=1) * 1e3
     assert (s["energy_sum"] >= low - s["reach"]).all()
     assert (s["energy_sum"] <= high + s["reach"]).all()
     assert np.abs(s["energy_max"].max() - out.rocks["max_energy_kj"].max()) < 1e-6
@@ -148,10 +148,18 @@ def test_sums_of_chunks_add_up(lab):
     whole = lab.run(profiles, lab.ROCK, lab.MIXED, n=20, keys=keys, **args).sums
     first = lab.run(profiles, lab.ROCK, lab.MIXED, n=8, keys=keys, **args).sums
     second = lab.run(profiles, lab.ROCK, lab.MIXED, n=12, first_rock=8, keys=keys, **args).sums
-    for name in ("reach", "stops", "energy_sum", "energy", "height", "speed"):
+    for name in ("reach", "stops", "energy_sum", "energy", "height", "speed", "arrival"):
         assert np.array_equal(whole[name], first[name] + second[name])
     for name in ("energy_max", "height_max", "speed_max"):
         assert np.array_equal(whole[name], np.maximum(first[name], second[name]))
+    assert np.array_equal(
+        whole["arrival_min"], np.minimum(first["arrival_min"], second["arrival_min"])
+    )
+    # The square of the sum is that of a line's rocks together.
+    for kept in SUMS:
+        if kept.name != "reach_square":
+            joined = kept.join(first[kept.name], second[kept.name])
+            assert np.array_equal(whole[kept.name], joined), kept.name
 
 
 def test_lines_that_share_cells_add_up(lab):

@@ -18,7 +18,7 @@ import pytest
 import rasterio
 import shapely
 
-from sassgis.io.write.layers.run_vectors import LINE_END_TEXT
+from sassgis.model.labels import LINE_END_TEXT
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import StopReason
 from sassgis.runs.run import RunResult, run

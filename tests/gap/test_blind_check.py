@@ -17,9 +17,10 @@ from sassgis.gap.check import check_scores
 from sassgis.gap.check.blinded_cases import labels_text, seal_of
 from sassgis.gap.check.worker_pool import Task, WorkerPool
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
+from sassgis.io.read.gap_thresholds import read_thresholds
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs import gap_check
-from sassgis.runs.gap_check import check, read_thresholds
+from sassgis.runs.gap_check import check
 
 SEED = 5
 #: Few and small, as making worlds takes time; three of four have no effect to be brought to size.

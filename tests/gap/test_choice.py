@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import TABLE, observed
 
+from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap import distances as scores
 from sassgis.gap.case import Case
 from sassgis.gap.ladder.calibration import distances, folds_of, refine, run_refined, shrinkage_of
@@ -59,9 +60,9 @@ from sassgis.gap.which.verdict import (
     pair_of,
 )
 from sassgis.io.read.gap_thresholds import read_classifier, write_classifiers
-from sassgis.model.effects import EffectSettings, LateralDeflection
-from sassgis.model.effects import Trees as Forest
+from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
+from sassgis.model.settings import LateralDeflection
 
 ORDER = {name: i for i, name in enumerate(FAMILIES)}
 
@@ -178,7 +179,7 @@ def test_release_moves_the_start(problem: CalibrationProblem) -> None:
 def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) -> None:
     model = replace(
         plain(problem, stand=Stand(46.0, 79.0, 4000.0, 50.0)),
-        effects=EffectSettings(trees=Forest()),
+        effects=EffectSettings(Forest()),
     )
     with_trees = campaigns(problem.case, problem.ways, model, count=20, seed=2)
     without = campaigns(
@@ -281,7 +282,7 @@ def test_the_same_parameter_draws_make_the_same_draw(
 
 
 def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) -> None:
-    with_trees = replace(problem.case, effects=EffectSettings(trees=Forest()))
+    with_trees = replace(problem.case, effects=EffectSettings(Forest()))
     assert "trees" not in families_to_try(with_trees)
     assert len(families_to_try(problem.case)) == len(FAMILIES)
 
@@ -408,7 +409,7 @@ def test_too_little_is_no_idea(problem: CalibrationProblem) -> None:
 
 
 def test_deflection_that_is_configured_stays(problem: CalibrationProblem) -> None:
-    on = replace(problem.case, effects=EffectSettings(lateral_deflection=LateralDeflection()))
+    on = replace(problem.case, effects=EffectSettings(LateralDeflection()))
     base = draw(on, (), ParameterDraws(np.random.default_rng(1)))
     assert base.model.aside == Aside(angle_deg=10.0, hop_m=10.0)
     assert "lateral_deflection" not in families_to_try(on)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
 from sassgis.gap.ladder.fresh import measured_shrinkage
 from sassgis.gap.which.classifier import DESIGNS
@@ -73,8 +74,8 @@ def test_all_that_is_promised_is_there(answered: Path) -> None:
 
 def test_the_calibrated_configuration_can_be_run(answered: Path) -> None:
     settings = load_config(answered / "model" / "config.toml")
-    assert settings.effect_settings.fragmentation is not None
-    assert settings.effect_settings.names == ("fragmentation",)
+    assert settings.effects.get(Fragmentation) is not None
+    assert settings.effects.names == ("fragmentation",)
 
 
 def test_the_shrinkage_can_be_measured_on_other_rocks(everything: Path, answered: Path) -> None:

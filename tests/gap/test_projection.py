@@ -21,7 +21,8 @@ from sassgis.gap.observations.tables import Observations, Stations, Trajectories
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import TraceSet
-from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
+from sassgis.model.release_areas import FallLineSettings
+from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.release import point_keys

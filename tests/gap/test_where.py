@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import STATIONS, TABLE, observed
 
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
 from sassgis.gap.diagnosis import Finding
@@ -18,7 +21,7 @@ from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_conta
 from sassgis.gap.residuals.reaches import Model, free_run, observed_at_stations
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
 from sassgis.gap.where.findings import LEAST_ROCKS, leg_edges, locate, where
-from sassgis.model.effects import AirDrag, EffectSettings, SoftGround, Trees
+from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 
 
@@ -235,7 +238,7 @@ def test_softer_ground_shows_without_impacts():
 
 
 def test_drag_shows_in_flight():
-    drag = EffectSettings(air_drag=AirDrag(drag_coefficient=10.0, air_density_kgm3=2.0))
+    drag = EffectSettings(AirDrag(drag_coefficient=10.0, air_density_kgm3=2.0))
     f = found(observed(50, 13, effects=drag))
     for quantity, sign in (
         ("speed_change_mps", -1.0),
@@ -253,7 +256,7 @@ def test_drag_shows_in_flight():
 
 
 def test_stems_show_where_they_stand():
-    trees = EffectSettings(trees=Trees(efficiency=1.0, height_m=10.0))
+    trees = EffectSettings(Trees(efficiency=1.0, height_m=10.0))
     f = found(
         observed(
             40, 14, effects=trees, stand=(85.0, 115.0, 1500.0, 0.35),
@@ -285,7 +288,7 @@ def test_stops_alone_say_where_rocks_come_to_rest():
 
 
 def test_effects_in_impacts_are_not_compared_with_a_law_without_them():
-    soft = EffectSettings(soft_ground=SoftGround(classes=("talus",)))
+    soft = EffectSettings(SoftGround(classes=("talus",)))
     case = observed(20, 17, effects=soft, tables=("passages", "impacts"))
     f = found(case, effects=soft)
     steps = {x.quantity for x in f if x.phase == "impact" and x.test == "one step"}

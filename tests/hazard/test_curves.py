@@ -20,7 +20,7 @@ from sassgis.hazard.curves import (
     return_period,
     source_rate,
 )
-from sassgis.hazard.statistics import Sample, reach_probability
+from sassgis.hazard.map_sums import Sample, reach_probability
 from sassgis.model.hazard import Source, SourceCounts
 
 ENERGIES = np.array([0.0, 30.0, 300.0])

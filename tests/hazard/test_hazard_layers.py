@@ -133,20 +133,20 @@ def test_confidence(layers: dict[str, RasterLayer]) -> None:
     lowest, highest = level_interval(CURVES, PRESET)
     assert flat(found["lowest_level"]) == lowest[:4].tolist()
     assert flat(found["highest_level"]) == highest[:4].tolist()
-    undecided = (lowest != highest)[:4]
-    assert flat(found["undecided"]) == undecided.astype(float).tolist()
+    uncertain = (lowest != highest)[:4]
+    assert flat(found["uncertain"]) == uncertain.astype(float).tolist()
     # Both are among the four cells, or the test would say little.
-    assert set(flat(found["undecided"])) == {0.0, 1.0}
+    assert set(flat(found["uncertain"])) == {0.0, 1.0}
     np.testing.assert_allclose(
         flat(found["rocks_factor"]), rocks_factor(CURVES, PRESET)[:4], rtol=1e-6
     )
     assert [(c.value, c.label) for c in layers["confidence"].classes] == [
         (0, "decided"),
-        (1, "undecided"),
+        (1, "statistically uncertain"),
     ]
 
 
-def test_untold_errors_are_missing_and_the_cell_undecided() -> None:
+def test_untold_errors_are_missing_and_the_cell_uncertain() -> None:
     curves = curves_of([[0.02, 0.004, 0.0]], [[np.nan, np.nan, 0.0]], 1e-6)
     made = {
         layer.stem: bands(layer)
@@ -154,7 +154,7 @@ def test_untold_errors_are_missing_and_the_cell_undecided() -> None:
     }
     assert flat(made["frequency"]["rate_30"], [0]) == [pytest.approx(0.004)]
     assert np.isnan(flat(made["frequency"]["lower_30"], [0]))
-    assert flat(made["confidence"]["undecided"], [0]) == [1.0]
+    assert flat(made["confidence"]["uncertain"], [0]) == [1.0]
     assert np.isnan(flat(made["confidence"]["rocks_factor"], [0]))
 
 

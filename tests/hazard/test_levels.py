@@ -16,7 +16,7 @@ from sassgis.hazard.levels import (
     level_interval,
     levels_of_rates,
     rocks_factor,
-    undecided,
+    uncertain,
 )
 from sassgis.model.hazard import HazardCurves, Source
 
@@ -146,7 +146,7 @@ def test_many_rocks_decide_few_do_not() -> None:
     # With no rock of 30 kJ, up to 3.69 in 1000 years might have it: T = 271 years: blue.
     assert lowest.tolist() == [BLUE + 1, RESIDUAL + 1]
     assert highest.tolist() == [RED + 1, RED + 1]  # 300 kJ within 300 years would be red
-    assert undecided(curves, PRESET).tolist() == [True, True]
+    assert uncertain(curves, PRESET).tolist() == [True, True]
     # With ten times the rocks at the same rate, 3.69 in 10000 years is beyond 300 years; 40 rocks
     # have the interval 28.6 to 54.5: T = 184 to 350 years, slight or residual.
     more = counted([[400, 0, 0], [40, 0, 0]], w / 10)
@@ -154,7 +154,7 @@ def test_many_rocks_decide_few_do_not() -> None:
         [BLUE + 1, RESIDUAL + 1],
         [BLUE + 1, YELLOW + 1],
     ]
-    assert undecided(more, PRESET).tolist() == [False, True]
+    assert uncertain(more, PRESET).tolist() == [False, True]
 
 
 def test_reached_is_at_least_residual_and_that_is_not_a_doubt() -> None:
@@ -171,7 +171,7 @@ def test_an_unknown_variance_leaves_everything_open() -> None:
     assert np.isnan(rocks_factor(curves, PRESET)[0])
     # Unless the matrix says the same of any rate.
     red = curves_of([[1.0, 1.0, 1.0]], [[np.nan, 0.0, 0.0]], 1e-9)
-    assert not undecided(red, PRESET)[0]
+    assert not uncertain(red, PRESET)[0]
 
 
 @given(
@@ -201,9 +201,9 @@ def test_the_factor_of_rocks_is_the_least_that_decides(count: list[int], w: floa
         more = replace(
             curves, variance=curves.variance / times, rate_of_a_rock=curves.rate_of_a_rock / times
         )
-        return not undecided(more, PRESET)[0]
+        return not uncertain(more, PRESET)[0]
 
-    if not undecided(curves, PRESET)[0]:
+    if not uncertain(curves, PRESET)[0]:
         assert factor == 1.0
     elif np.isinf(factor):
         assert not with_rocks(1e5)

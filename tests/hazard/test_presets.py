@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from helpers.hazard_samples import swiss
 
-from sassgis.hazard.rules import energy_labels, period_labels
-from sassgis.io.read.presets import preset_names, preset_unverified, read_preset
+from sassgis.hazard.rules import energy_labels, period_labels, preset_unverified
+from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.model.errors import InputError
 
 LEVELS = ("residual_hazard", "slight", "mean", "substantial")

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.engine.simulate import COURSE_COLUMNS, Forest, Simulated, simulate
+from sassgis.engine.simulate import COURSE_COLUMNS, Simulated, simulate
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.settings import EngineSettings
 

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from helpers.observed_slope import LV95, NORTH, WEST, at
 
+from sassgis.engine.effects.trees import Trees
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import (
     Calibrated,
@@ -22,7 +23,7 @@ from sassgis.gap.diagnosis import (
     Verdict,
 )
 from sassgis.io.write.raster import write_raster
-from sassgis.model.effects import EffectSettings, Trees
+from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.results import Band, RasterLayer
@@ -218,7 +219,7 @@ def with_trees(case: Case) -> Diagnosis:
     )  # fmt: skip
     effect = Calibrated(
         table,
-        EffectSettings(trees=Trees("stems", 0.8)),
+        EffectSettings(Trees("stems", 0.8)),
         {"trees": {"form": "stems", "efficiency": np.float64(0.8), "height_m": 15.0}},
         (90.0, 160.0), 420.0, 31.5,
     )  # fmt: skip

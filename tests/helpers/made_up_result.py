@@ -14,11 +14,11 @@ from sassgis.hazard.zone_styles import (
     hazard_level_style,
     intensity_style,
     level_change_style,
-    undecided_style,
+    uncertain_style,
 )
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
-from sassgis.io.write.geopackage import FieldInfo, VectorLayer, write_geopackage
+from sassgis.io.write.geopackage import VectorLayer, write_geopackage
 from sassgis.io.write.raster import write_raster
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
@@ -30,6 +30,7 @@ from sassgis.model.styles import (
     RELEASE_AREA_STYLE,
     RELEASE_POINT_STYLE,
     STOP_STYLE,
+    FieldInfo,
     Symbol,
     VectorStyle,
     categorised_style,
@@ -175,7 +176,7 @@ def zone_layers(crs: str | None = "EPSG:2056") -> dict[str, VectorLayer]:
     return {
         layer.name: layer
         for layer in (
-            layer("undecided", "Level not settled", undecided_style(), [boxes[1].buffer(-60)]),
+            layer("uncertain", "Level not settled", uncertain_style(), [boxes[1].buffer(-60)]),
             layer(
                 "zones",
                 "Hazard level",
@@ -319,7 +320,7 @@ LAYOUTS = (
         (
             "vector_barriers",
             "vector_release_areas",
-            "vector_undecided",
+            "vector_uncertain",
             "vector_zones",
             "raster_terrain",
         ),
@@ -366,7 +367,7 @@ def make(folder: Path, *, local: bool = False) -> Made:
                 (
                     *(
                         LayerEntry(zones[name], "result.gpkg", visible=False)
-                        for name in ("undecided", "zones", "change")
+                        for name in ("uncertain", "zones", "change")
                     ),
                     LayerGroup(
                         "Intensity maps",

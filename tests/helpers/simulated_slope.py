@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.engine.simulate import ControlLineCrossings, Forest, simulate
+from sassgis.engine.simulate import simulate
 from sassgis.gap.case import Case
 from sassgis.gap.observations.projection import project_observations, station_chainages
 from sassgis.gap.observations.tables import (
@@ -26,10 +26,12 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.profiles import ReleasePoints
+from sassgis.model.map_run import Forest
+from sassgis.model.profiles import ControlLineCrossings, ReleasePoints
+from sassgis.model.release_areas import FallLineSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
-from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
+from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.release import point_keys
 from sassgis.terrain.stretch import with_lead_in

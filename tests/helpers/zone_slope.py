@@ -14,11 +14,13 @@ import rasterio
 import shapely
 from rasterio.transform import from_origin
 
-from sassgis.io.read.config import Config, load_config
+from sassgis.hazard.assess import Assessment, Rules
+from sassgis.io.read.config import load_config
 from sassgis.model.hazard import HazardCurves
-from sassgis.runs.assessment import Assessment, Rules, assess, read_rules
-from sassgis.runs.run import Job, OnProgress, Simulation, configured, read_job
-from sassgis.runs.zone import prepared, simulations
+from sassgis.model.run_config import Config
+from sassgis.runs.inputs import read_rules
+from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job
+from sassgis.runs.zone import assessed, prepared, simulations
 
 WEST, NORTH, CELL = 2_700_000.0, 1_150_000.0, 2.0
 CRS = "EPSG:2056"
@@ -168,7 +170,7 @@ class Zoned:
     job: Job
     rules: Rules
     done: Simulation
-    bare: Simulation | None
+    without: Simulation | None
     found: Assessment
 
     @property
@@ -198,5 +200,5 @@ def zoned(
     rules = read_rules(config, job.run)
     job = prepared(job, rules)
     work.mkdir(parents=True, exist_ok=True)
-    done, bare = simulations(config, work, job, rules, jobs, on_progress, say)
-    return Zoned(job, rules, done, bare, assess(config, rules, done, bare))
+    done, without = simulations(config, work, job, rules, jobs, on_progress, say)
+    return Zoned(job, rules, done, without, assessed(rules, done, without))

@@ -17,10 +17,11 @@ from rasterio.features import geometry_mask
 
 from sassgis.io.read.config import load_config
 from sassgis.model.results import Outcome
-from sassgis.runs.assessment import read_rules
-from sassgis.runs.map import plan, simulate_map
-from sassgis.runs.run import read_job
+from sassgis.runs.inputs import read_rules
+from sassgis.runs.job import read_job
+from sassgis.runs.map import simulate_map
 from sassgis.runs.zone import prepared
+from sassgis.terrain.plan import plan
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_dem"

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import LineEnd, TraceSet
-from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
+from sassgis.model.release_areas import FallLineSettings, SpreadSettings
+from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.release import take
-from sassgis.terrain.spread import SpreadSettings, fans, trace_bundles
+from sassgis.terrain.spread import fans, trace_bundles
 from sassgis.terrain.surface import surface
 
 pytestmark = pytest.mark.kernels

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface, trace
+from sassgis.model.release_areas import FallLineSettings
+from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import (
     chainage_to_xy,
     crossings,

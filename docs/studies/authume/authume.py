@@ -29,10 +29,11 @@ from numpy.typing import NDArray
 import sassgis
 from sassgis.model.errors import InputError, SassgisError
 from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.model.release_areas import SpreadSettings
 from sassgis.report import figures
 from sassgis.runs.run import RunResult, run
 from sassgis.terrain.flatten import xy_to_chainage
-from sassgis.terrain.spread import SpreadSettings, trace_bundles
+from sassgis.terrain.spread import trace_bundles
 
 FloatArray = NDArray[np.float64]
 

@@ -3,9 +3,40 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
+from annotated_types import Interval
+
+from sassgis.model.effects import EffectSection
 from sassgis.model.jit import kernel
+
+
+@dataclass(frozen=True, slots=True)
+class AirDrag(EffectSection):
+    """Drag of the air in flight: ½ ρ C_d A v² against the motion.
+
+    0.4 to 0.5 is C_d of a sphere, about 1 that of a tumbling block. The law of the sphericity is
+    that of Ganser (1993, Powder Technology 77) for fast flow; not checked against the source.
+    """
+
+    name: ClassVar[str] = "air_drag"
+
+    form: Annotated[
+        Literal["constant", "sphericity"],
+        '"constant": C_d is drag_coefficient. "sphericity": C_d follows from how far the rock is '
+        "from a sphere, 0.43 · 10^(1.8148 (−log ψ)^0.5743), times drag_coefficient over 0.43",
+    ] = "constant"
+    drag_coefficient: Annotated[
+        float,
+        Interval(ge=0.0, le=300.0),
+        "C_d: 0.4 to 0.5 for a sphere, about 1 for a tumbling block. What is far above 2 is no "
+        "property of air: such a value can come out of a fit to what else brakes rocks in flight",
+    ] = 0.43
+    air_density_kgm3: Annotated[
+        float, Interval(ge=0.0, le=2.0), "1.2 at 300 m, 1.0 at 2,000 m above the sea (kg/m3)"
+    ] = 1.1
+
 
 OFF, CONSTANT, SPHERICITY = 0, 1, 2
 #: C_d of a sphere in fast flow, on which the sphericity works.
@@ -13,7 +44,7 @@ SPHERE = 0.43
 
 
 class Drag(NamedTuple):
-    """core.effects.AirDrag as the kernel reads it."""
+    """AirDrag as the kernel reads it."""
 
     form: int
     coefficient: float

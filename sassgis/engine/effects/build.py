@@ -16,6 +16,7 @@ from sassgis.engine.effects import (
     soft_ground,
     trees,
 )
+from sassgis.engine.effects.registry import in_motion
 from sassgis.engine.effects.state import BIRTH_COLUMNS, Effects, Spawned
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
@@ -58,13 +59,15 @@ def effects_of(
     stems, diameter : float64, shape (n_cells,)
         Stems per square metre and their diameter at breast height (m) on the cells of the chunk.
     """
-    if not settings.on_the_way:
+    if not in_motion(settings):
         return None
     off = np.zeros(len(table.names), np.bool_)
     none = np.zeros(0)
-    drag, wood, soft = settings.air_drag, settings.trees, settings.soft_ground
-    rough, shape = settings.roughness, settings.rock_shape
-    breaking, loose = settings.fragmentation, settings.entrainment
+    drag, wood = settings.get(air_drag.AirDrag), settings.get(trees.Trees)
+    soft = settings.get(soft_ground.SoftGround)
+    rough, shape = settings.get(roughness.Roughness), settings.get(rock_shape.RockShape)
+    breaking = settings.get(fragmentation.Fragmentation)
+    loose = settings.get(entrainment.Entrainment)
     return Effects(
         air_drag.Drag(air_drag.OFF, 0.0, 0.0, np.inf)
         if drag is None or drag.drag_coefficient == 0.0 or drag.air_density_kgm3 == 0.0
@@ -145,7 +148,8 @@ def effects_of(
 
 def room_for_spawned(most: int, settings: EffectSettings) -> Spawned:
     """Working space for the pieces and blocks set in motion in the course of one rock."""
-    rows = most if settings.fragmentation or settings.entrainment else 1
+    spawning = (fragmentation.Fragmentation, entrainment.Entrainment)
+    rows = most if any(settings.get(kind) for kind in spawning) else 1
     return Spawned(
         np.zeros((rows, BIRTH_COLUMNS)), np.zeros(1, np.int64), np.zeros(32), np.zeros(32)
     )

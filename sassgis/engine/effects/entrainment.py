@@ -3,13 +3,48 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from sassgis.model import rng
+from sassgis.model.effects import EffectSection
 from sassgis.model.jit import kernel
+
+
+@dataclass(frozen=True, slots=True)
+class Entrainment(EffectSection):
+    """Blocks of the ground that an impact sets in motion; these entrain no others."""
+
+    name: ClassVar[str] = "entrainment"
+
+    form: Annotated[
+        Literal["poisson", "energy"],
+        '"poisson": each impact sets in motion a Poisson number of blocks with the mean number. '
+        '"energy": the mean is number times the energy lost over energy_kj',
+    ] = "poisson"
+    number: Annotated[float, Interval(ge=0.0, le=10.0), "blocks per impact"] = 0.05
+    energy_kj: Annotated[
+        float, Interval(ge=1e-3, le=1e6), 'energy of "energy" that sets number in motion (kJ)'
+    ] = 10.0
+    size_ratio: Annotated[
+        float,
+        Interval(ge=0.01, le=1.0),
+        "axes of an entrained block over those of the block that hit",
+    ] = 0.4
+    share: Annotated[
+        float,
+        Interval(ge=0.0, le=1.0),
+        "of the energy that the impact took: what each of them gets, all together at most 1",
+    ] = 0.1
+    classes: Annotated[tuple[str, ...], "ground classes with loose blocks; empty: all"] = (
+        "debris",
+        "talus",
+    )
+
 
 OFF, POISSON, ENERGY = 0, 1, 2
 _MOST = 20
@@ -17,7 +52,7 @@ _STEEPEST = 0.25 * math.pi
 
 
 class SetOff(NamedTuple):
-    """core.effects.Entrainment as the kernel reads it."""
+    """Entrainment as the kernel reads it."""
 
     form: int
     number: float

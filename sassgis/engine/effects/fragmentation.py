@@ -3,19 +3,66 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 
 from sassgis.model import rng
+from sassgis.model.effects import EffectSection
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
+
+
+@dataclass(frozen=True, slots=True)
+class Fragmentation(EffectSection):
+    """Breaking of blocks at impacts.
+
+    "fractal" after Perfect (1997) and Ruiz-Carulla et al. (2017); "threshold" as in many lumped
+    models (Matas et al. 2017 have a threshold as well).
+    """
+
+    name: ClassVar[str] = "fragmentation"
+
+    form: Annotated[
+        Literal["fractal", "threshold"],
+        '"fractal": a block breaks with the probability 1 − exp(−(e/e_ref)^shape), e the energy '
+        "lost in the impact per unit mass; the largest fragment keeps survival of the volume, the "
+        'next that share of the rest, and so on. "threshold": it breaks if e is above e_ref, into '
+        "equal parts",
+    ] = "fractal"
+    energy_jkg: Annotated[float, Interval(ge=0.0, le=1e6), "e_ref (J/kg)"] = 300.0
+    shape: Annotated[float, Interval(ge=0.1, le=20.0), 'exponent of "fractal" (Weibull)'] = 2.0
+    survival: Annotated[
+        float,
+        Interval(ge=0.01, le=0.999),
+        'of "fractal": share of the volume that the largest fragment keeps',
+    ] = 0.5
+    pieces: Annotated[int, Interval(ge=2, le=20), "most fragments of one break"] = 5
+    loss: Annotated[
+        float,
+        Interval(ge=0.0, le=0.99),
+        "share of the energy left after the impact that breaking takes",
+    ] = 0.1
+    cone_deg: Annotated[
+        float,
+        Interval(ge=0.0, le=89.0),
+        "fragments leave within this angle of the direction of the whole (degrees), in the "
+        "vertical plane",
+    ] = 20.0
+    smallest_m3: Annotated[
+        float,
+        Interval(ge=0.0, le=10.0),
+        "no smaller fragment is made: fewer fragments, or the block stays whole (m3)",
+    ] = 0.02
+
 
 OFF, FRACTAL, THRESHOLD = 0, 1, 2
 
 
 class Breaking(NamedTuple):
-    """core.effects.Fragmentation as the kernel reads it."""
+    """Fragmentation as the kernel reads it."""
 
     form: int
     energy: float  # J/kg

@@ -2,18 +2,45 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 
 from sassgis.model import rng
+from sassgis.model.effects import EffectSection
 from sassgis.model.jit import kernel
+
+
+@dataclass(frozen=True, slots=True)
+class RockShape(EffectSection):
+    """What the plane ellipse does not know of the third axis.
+
+    "flat_landing" is how platy blocks leave the wheel-like motion (Caviezel et al. 2021, Nature
+    Communications 12); "mean_inertia" is as for spheres of equal inertia in lumped models
+    (Jaboyedoff et al. 2005).
+    """
+
+    name: ClassVar[str] = "rock_shape"
+
+    form: Annotated[
+        Literal["flat_landing", "mean_inertia"],
+        '"flat_landing": at each impact a block may fall on its flat side, the more likely the '
+        "flatter it is (probability strength · (1 − c/b)); the contact then stops its spin. "
+        '"mean_inertia": the block tumbles about all axes: its moment of inertia is the mean of '
+        "the three",
+    ] = "flat_landing"
+    strength: Annotated[
+        float, Interval(ge=0.0, le=10.0), 'factor on the probability of "flat_landing"'
+    ] = 1.0
+
 
 OFF, FLAT_LANDING, MEAN_INERTIA = 0, 1, 2
 
 
 class Shape(NamedTuple):
-    """core.effects.RockShape as the kernel reads it."""
+    """RockShape as the kernel reads it."""
 
     form: int
     strength: float

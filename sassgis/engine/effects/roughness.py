@@ -3,19 +3,47 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from sassgis.model import rng
+from sassgis.model.effects import EffectSection
 from sassgis.model.jit import kernel
+
+
+@dataclass(frozen=True, slots=True)
+class Roughness(EffectSection):
+    """Ground rougher than its segments: each impact meets a surface that is tilted at random.
+
+    "uniform" after Pfeiffer and Bowen (1989); "wave" after the amplitude and frequency of Spang's
+    ROCKFALL.
+    """
+
+    name: ClassVar[str] = "roughness"
+
+    form: Annotated[
+        Literal["uniform", "wave"],
+        '"uniform": the tilt is uniform within atan(obstacle height / radius of the block) to both '
+        'sides. "wave": the surface is a wave of amplitude half the obstacle height and length '
+        "wavelength_m that is met at a random phase; a block bridges waves shorter than its "
+        "diameter",
+    ] = "uniform"
+    obstacle_m: Annotated[float, Interval(ge=0.0, le=10.0), "height of obstacles (m)"] = 0.1
+    wavelength_m: Annotated[
+        float, Interval(ge=0.01, le=100.0), 'length of the wave of "wave" (m)'
+    ] = 2.0
+    classes: Annotated[tuple[str, ...], "ground classes that are rough; empty: all"] = ()
+
 
 OFF, UNIFORM, WAVE = 0, 1, 2
 
 
 class Rough(NamedTuple):
-    """core.effects.Roughness as the kernel reads it."""
+    """Roughness as the kernel reads it."""
 
     form: int
     obstacle: float  # m

@@ -3,18 +3,59 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
+from sassgis.model.effects import EffectSection
 from sassgis.model.jit import kernel
+
+
+@dataclass(frozen=True, slots=True)
+class SoftGround(EffectSection):
+    """Impacts on ground that yields.
+
+    Velocity scaling after Pfeiffer and Bowen (1989), with v_ref = 9.144 m/s; the depth of the scar
+    after Lu et al. (2019, Landslides 16).
+    """
+
+    name: ClassVar[str] = "soft_ground"
+
+    form: Annotated[
+        Literal["velocity_scaled", "scar", "slip"],
+        '"velocity_scaled": the normal rebound is multiplied with 1 / (1 + (v_n / v_ref)²). '
+        '"scar": a scar of depth d = depth_factor · m^¼ M_E^−0.4 v_n^0.8 and a drag ½ C ρ A v² '
+        'along it, A the section of the block below the surface; "slip": the contact slips with '
+        "the friction where the impulse would need more",
+    ] = "velocity_scaled"
+    classes: Annotated[tuple[str, ...], "ground classes that are soft; empty: all"] = (
+        "soft_meadow",
+        "forest_soil",
+    )
+    reference_speed_mps: Annotated[
+        float, Interval(ge=0.1, le=1e6), 'v_ref of "velocity_scaled" (m/s)'
+    ] = 9.144
+    modulus_mpa: Annotated[float, Interval(ge=0.1, le=1e4), 'M_E of "scar" (MPa)'] = 10.0
+    depth_factor: Annotated[
+        float,
+        Interval(ge=0.0, le=1.0),
+        'of "scar": depth in m for m in kg, M_E in MPa and v_n in m/s',
+    ] = 0.02
+    drag_coefficient: Annotated[float, Interval(ge=0.0, le=100.0), 'C of "scar"'] = 1.0
+    soil_density_kgm3: Annotated[float, Interval(ge=100.0, le=4000.0), 'ρ of "scar" (kg/m3)'] = (
+        1800.0
+    )
+    friction: Annotated[float, Interval(ge=0.0, le=100.0), 'friction of "slip"'] = 0.5
+
 
 OFF, VELOCITY_SCALED, SCAR, SLIP = 0, 1, 2, 3
 
 
 class Soft(NamedTuple):
-    """core.effects.SoftGround as the kernel reads it."""
+    """SoftGround as the kernel reads it."""
 
     form: int
     reference: float  # m/s

@@ -29,10 +29,11 @@ class Effects(NamedTuple):
 
 
 # Columns of a birth: a block that comes into being on the way of another, in flight.
-BIRTH_COLUMNS = 10
-(BORN_X, BORN_Z, BORN_VX, BORN_VZ, BORN_THETA, BORN_OMEGA, BORN_A, BORN_B, BORN_C, BORN_MASS) = (
-    range(BIRTH_COLUMNS)
-)
+BIRTH_COLUMNS = 11
+(
+    BORN_X, BORN_Z, BORN_VX, BORN_VZ, BORN_THETA, BORN_OMEGA, BORN_A, BORN_B, BORN_C, BORN_MASS,
+    BORN_T,
+) = range(BIRTH_COLUMNS)  # fmt: skip
 
 
 class Spawned(NamedTuple):

@@ -3,13 +3,53 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Interval
 from numpy.typing import NDArray
 
 from sassgis.model import rng
+from sassgis.model.effects import EffectSection
 from sassgis.model.jit import kernel
+
+
+@dataclass(frozen=True, slots=True)
+class Trees(EffectSection):
+    """Loss of energy on the stems of a forest.
+
+    The energy that a stem takes is that of Dorren and Berger (2006, Tree Physiology 26: 63-71);
+    the viscous force is as in RAMMS::ROCKFALL.
+    """
+
+    name: ClassVar[str] = "trees"
+
+    form: Annotated[
+        Literal["stems", "full_stems", "viscous"],
+        '"stems": the block meets stems at random along its path; each takes at most '
+        "38.7 DBH^2.31 J (DBH in cm), the less the farther from its middle it is hit. "
+        '"full_stems": each takes efficiency of that wherever it is hit. "viscous": a force −k v '
+        "while the block is below the crowns; drag_kgps is k",
+    ] = "stems"
+    efficiency: Annotated[
+        float,
+        Interval(ge=0.0, le=10.0),
+        "share of the energy of a stem that counts, for both forms with stems",
+    ] = 1.0
+    drag_kgps: Annotated[float, Interval(ge=0.0, le=1e5), 'k of "viscous" (kg/s)'] = 300.0
+    height_m: Annotated[
+        float,
+        Interval(ge=0.0, le=100.0),
+        "stems take energy up to this height above the ground (m)",
+    ] = 15.0
+
+    @property
+    def takes_anything(self) -> bool:
+        """Whether a stand with these settings takes any energy."""
+        strength = self.drag_kgps if self.form == "viscous" else self.efficiency
+        return strength > 0.0 and self.height_m > 0.0
+
 
 OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
 # Share of the speed that the viscous force takes in a step, and the shortest such step.
@@ -20,7 +60,7 @@ _SHORTEST_CUT_S = 1e-6
 
 
 class Stand(NamedTuple):
-    """core.effects.Trees as the kernel reads it, and the forest on the cells of the chunk."""
+    """Trees as the kernel reads it, and the forest on the cells of the chunk."""
 
     form: int
     efficiency: float

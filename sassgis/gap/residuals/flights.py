@@ -13,16 +13,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.engine.simulate import ControlLineCrossings, simulate
+from sassgis.engine.effects.registry import EFFECTS
+from sassgis.engine.effects.trees import Trees
+from sassgis.engine.simulate import simulate
 from sassgis.gap.case import Case
 from sassgis.gap.residuals.reaches import Model, repeated
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws
 from sassgis.gap.sample import errors_of
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
 #: Effects that act between impacts; the flights that are compared here have none of them.
-FLIGHT_EFFECTS = ("air_drag", "trees")
+FLIGHT_EFFECTS = tuple(row.name for row in EFFECTS.values() if row.phase == "flight")
 #: Height above the resting position from which a rock counts as flying (m).
 CLEAR_M = 0.3
 #: Points that a flight, and a stretch along the ground, must have.
@@ -83,7 +86,7 @@ def path_residuals(
     found = []
     if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
         found += _by_leg(case, edges, flights, "flight")
-    if not model.effects.trees:
+    if not model.effects.get(Trees):
         found += _by_leg(case, edges, _rolled(case, model, rolling, round_m), "rolling")
     return found
 

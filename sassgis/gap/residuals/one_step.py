@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.impact import COULOMB, SCALE
 from sassgis.gap.case import Case
 from sassgis.gap.observations.tables import Impacts
@@ -29,6 +30,7 @@ from sassgis.gap.sample import errors_of
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
+from sassgis.model.settings import LateralDeflection
 
 #: An impact counts as one after a flight if the normal speed is that of a fall from this height
 #: (m), or from twice what the semi-axes differ by. A rock that rolls into a hollow strikes in any
@@ -41,7 +43,9 @@ _REBOUND_MPS = 0.01
 #: Speed along the ground below which a ratio to it says nothing (m/s).
 _ALONG_MPS = 1.0
 #: Effects that act in impacts; the law that is compared here has none of them.
-IMPACT_EFFECTS = ("soft_ground", "roughness", "rock_shape")
+IMPACT_EFFECTS = tuple(
+    row.name for row in EFFECTS.values() if {"on_contact", "after_impact"} & set(row.hooks)
+)
 
 
 def impact_residuals(
@@ -91,7 +95,7 @@ def impact_residuals(
     found: list[Residual] = []
     if use.any() and not any(name in effects.names for name in IMPACT_EFFECTS):
         found += _rebounds(case, table, axes_m, edges, np.flatnonzero(use), draws, rng)
-    if turned.any() and effects.lateral_deflection is None:
+    if turned.any() and effects.get(LateralDeflection) is None:
         rows = np.flatnonzero(turned)
         found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], n)
     return found

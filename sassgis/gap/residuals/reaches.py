@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
+from sassgis.engine.effects.trees import Trees
+from sassgis.engine.simulate import Simulated, simulate
 from sassgis.gap.case import Case
 from sassgis.gap.distances import t_statistics
 from sassgis.gap.replicas import Ways, dips_at, ways_of
@@ -25,8 +26,10 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.profiles import ProfileSet
+from sassgis.model.map_run import Forest
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.results import ControlLine, StopReason
+from sassgis.model.settings import LateralDeflection
 
 BoolArray = NDArray[np.bool_]
 
@@ -116,7 +119,7 @@ class Model:
         """The model of a case; what is not given is as its configuration has it."""
         ways = ways_of(case if forest is None else replace(case, forest=forest))
         used = case.effects if effects is None else effects
-        return cls(table, used, ways.wood if used.trees else None, ways, seed)
+        return cls(table, used, ways.wood if used.get(Trees) else None, ways, seed)
 
     @property
     def profiles(self) -> ProfileSet:
@@ -288,7 +291,7 @@ def free_run_residuals(
     for k, name in enumerate(case.station_names):
         where = (mean_s[k], mean_s[k])
         found += _at_station(case, seen, run, run.at, k, name, "free run", where)
-    sides = model.effects.lateral_deflection is None
+    sides = model.effects.get(LateralDeflection) is None
     error = errors_of(case)
     # The fall line starts where the rock was seen to start, and is known to half a cell.
     side_error = math.hypot(math.sqrt(2.0) * error.position_m, 0.5 * case.grid.cell_size)

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sassgis.engine.simulate import Forest
 from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Finding, Range
 from sassgis.gap.distances import benjamini_hochberg, mean_gap_tests
@@ -31,6 +30,7 @@ from sassgis.gap.residuals.residuals import Residual
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import Forest
 from sassgis.terrain.flatten import chainage_to_xy
 
 #: Findings that rest on fewer rocks are left out.

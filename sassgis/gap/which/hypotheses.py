@@ -14,19 +14,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtri
 
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.registry import EFFECTS, Range
+from sassgis.engine.effects.rock_shape import RockShape
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.engine.effects.trees import Trees
 from sassgis.gap.case import Case
 from sassgis.gap.replicas import Aside, Measurement, Model, Release, Stand
-from sassgis.gap.which.families import FAMILIES
-from sassgis.model.effects import (
-    AirDrag,
-    Entrainment,
-    Fragmentation,
-    RockShape,
-    Roughness,
-    SoftGround,
-    Trees,
-)
+from sassgis.gap.which.families import FAMILIES, calibration_of
+from sassgis.model.effects import EffectSection
 from sassgis.model.ground import GroundTable
+from sassgis.model.settings import LateralDeflection
 
 
 class ParameterDraws:
@@ -63,6 +64,11 @@ class ParameterDraws:
     def normal(self, name: str, sd: float) -> float:
         """A number from a normal distribution about zero."""
         return sd * float(ndtri(min(max(self.share(name), 1e-6), 1.0 - 1e-6)))
+
+    def within(self, name: str, limits: Range) -> float:
+        """A number from a range of the registry."""
+        draw = self.log if limits.scale == "log" else self.uniform
+        return draw(name, limits.low, limits.high)
 
     def one_of(self, name: str, choices: Sequence[str], shares: Sequence[float]) -> str:
         """One of some words."""
@@ -148,14 +154,14 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         "calibrated ground",
         Model(
             table,
-            replace(case.effects, lateral_deflection=None),
+            case.effects.without(LateralDeflection),
             aside=_configured_aside(case) or _little_aside(parameter_draws),
             turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
         ),
         parameters,
     )
     for family in sorted(families):
-        part = _FAMILIES[family](case, parameter_draws)
+        part = (_FAMILIES.get(family) or _from_row(family))(case, parameter_draws)
         first = made.effect == NONE
         made = replace(
             made,
@@ -208,7 +214,7 @@ def _little_aside(parameter_draws: ParameterDraws) -> Aside:
 
 def _configured_aside(case: Case) -> Aside | None:
     """Deflection that the configuration has already, as a walk beside the line."""
-    sideways = case.effects.lateral_deflection
+    sideways = case.effects.get(LateralDeflection)
     if sideways is None:
         return None
     if sideways.form == "constant":
@@ -259,20 +265,48 @@ def _loose_classes(case: Case, parameter_draws: ParameterDraws) -> tuple[str, ..
     return tuple(loose)
 
 
-def _with_effect(model: Model, **effects: object) -> Model:
-    return replace(model, effects=replace(model.effects, **effects))  # type: ignore[arg-type]
+def _with_effect(model: Model, effect: EffectSection) -> Model:
+    return replace(model, effects=model.effects.having(effect))
+
+
+def _fitted(
+    family: str, parameter_draws: ParameterDraws, form_draw: str, draws: Mapping[str, str]
+) -> tuple[str, dict[str, float]]:
+    """Form and parameters of an effect from the ranges of its row.
+
+    ``draws`` names the draw of each parameter.
+    """
+    fit = calibration_of(family)
+    form = ""
+    if fit.forms:
+        form = parameter_draws.one_of(form_draw, tuple(fit.forms), tuple(fit.forms.values()))
+    return form, {
+        key: parameter_draws.within(draws[key], fit.ranges[key]) for key in fit.drawn(form)
+    }
+
+
+def _from_row(family: str) -> Callable[[Case, ParameterDraws], _Part]:
+    """An effect that needs nothing but the ranges of its row."""
+
+    def part(case: Case, parameter_draws: ParameterDraws) -> _Part:
+        draws = {key: f"{family}.{key}" for key in calibration_of(family).ranges}
+        form, values = _fitted(family, parameter_draws, f"{family}.form", draws)
+        section: dict[str, object] = {**({"form": form} if form else {}), **values}
+        effect = EFFECTS[family].settings(**section)
+        return _Part(form or family, lambda m: _with_effect(m, effect), values, section)
+
+    return part
 
 
 def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
-    if parameter_draws.share("lateral.form") < 0.65:
-        angle, hop = (
-            parameter_draws.log("lateral.angle", 1.0, 35.0),
-            parameter_draws.log("lateral.hop", 4.0, 15.0),
-        )
+    fit = calibration_of("lateral_deflection")
+    if parameter_draws.share("lateral.form") < fit.forms["kicks"]:
+        angle = parameter_draws.within("lateral.angle", fit.ranges["angle_deg"])
+        hop = parameter_draws.within("lateral.hop", fit.ranges["hop_m"])
         aside = Aside(angle_deg=angle, hop_m=hop)
         form, values = "kicks", {"angle_deg": angle, "hop_m": hop}
     else:
-        width = parameter_draws.log("lateral.width", 3.0, 60.0)
+        width = parameter_draws.within("lateral.width", fit.ranges["width_percent"])
         aside = Aside(width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0))
         form, values = "constant", {"width_percent": width}
     # Ground that throws rocks aside is not even along their way either.
@@ -283,23 +317,24 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
 
     def change(model: Model) -> Model:
         changed = replace(model, aside=aside)
-        if model.effects.roughness is None and parameter_draws.share("lateral.uneven") < 0.6:
-            changed = _with_effect(changed, roughness=bumps)
+        if model.effects.get(Roughness) is None and parameter_draws.share("lateral.uneven") < 0.6:
+            changed = _with_effect(changed, bumps)
         return changed
 
     return _Part(form, change, values, {"form": form, **values})
 
 
 def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
-    threshold = parameter_draws.share("break.form") < 0.35
+    fit = calibration_of("fragmentation")
+    threshold = parameter_draws.share("break.form") < fit.forms["threshold"]
     values: dict[str, float] = {
-        "energy_jkg": parameter_draws.log("break.energy", 12.0, 800.0),
-        "loss": parameter_draws.uniform("break.loss", 0.0, 0.5),
+        "energy_jkg": parameter_draws.within("break.energy", fit.ranges["energy_jkg"]),
+        "loss": parameter_draws.within("break.loss", fit.ranges["loss"]),
     }
-    values["pieces"] = 2 + int(parameter_draws.share("break.pieces") * 7)
+    values["pieces"] = int(parameter_draws.within("break.pieces", fit.ranges["pieces"]))
     if not threshold:
-        values["shape"] = parameter_draws.uniform("break.shape", 0.7, 3.5)
-        values["survival"] = parameter_draws.uniform("break.survival", 0.25, 0.85)
+        values["shape"] = parameter_draws.within("break.shape", fit.ranges["shape"])
+        values["survival"] = parameter_draws.within("break.survival", fit.ranges["survival"])
     form = "threshold" if threshold else "fractal"
     # Smaller pieces are not looked for in the field, and there would be very many of them.
     smallest = 0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3
@@ -307,41 +342,30 @@ def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
     effect = Fragmentation(**section)  # type: ignore[arg-type]
     # The more blocks break, the more of what is seen are pieces that flew apart.
     aside = _aside_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
-    return _Part(
-        form, lambda m: replace(_with_effect(m, fragmentation=effect), aside=aside), values, section
-    )
+    return _Part(form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section)
 
 
 def _soft_ground(case: Case, parameter_draws: ParameterDraws) -> _Part:
-    form = parameter_draws.one_of("soft.form", ("velocity_scaled", "scar", "slip"), (1, 1, 1))
-    values: dict[str, float]
-    if form == "velocity_scaled":
-        values = {"reference_speed_mps": parameter_draws.log("soft.reference", 0.4, 12.0)}
-    elif form == "scar":
-        values = {
-            "depth_factor": parameter_draws.log("soft.depth", 0.01, 0.8),
-            "drag_coefficient": parameter_draws.log("soft.drag", 0.5, 6.0),
-        }
-    else:
-        values = {"friction": parameter_draws.uniform("soft.friction", 0.05, 0.6)}
-    section: dict[str, object] = {
-        "form": form,
-        "classes": _soft_classes(case, parameter_draws),
-        **values,
+    names = {
+        "reference_speed_mps": "soft.reference",
+        "depth_factor": "soft.depth",
+        "drag_coefficient": "soft.drag",
+        "friction": "soft.friction",
     }
+    form, values = _fitted("soft_ground", parameter_draws, "soft.form", names)
+    section = {"form": form, "classes": _soft_classes(case, parameter_draws), **values}
     effect = SoftGround(**section)  # type: ignore[arg-type]
-    return _Part(form, lambda m: _with_effect(m, soft_ground=effect), values, section)
+    return _Part(form, lambda m: _with_effect(m, effect), values, section)
 
 
 def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
-    form = parameter_draws.one_of("set_off.form", ("poisson", "energy"), (1, 1))
-    values = {
-        "number": parameter_draws.log("set_off.number", 0.003, 0.8),
-        "size_ratio": parameter_draws.uniform("set_off.size", 0.2, 0.9),
-        "share": parameter_draws.log("set_off.share", 0.03, 0.6),
+    names = {
+        "number": "set_off.number",
+        "size_ratio": "set_off.size",
+        "share": "set_off.share",
+        "energy_kj": "set_off.energy",
     }
-    if form == "energy":
-        values["energy_kj"] = parameter_draws.log("set_off.energy", 2.0, 60.0)
+    form, values = _fitted("entrainment", parameter_draws, "set_off.form", names)
     section: dict[str, object] = {
         "form": form,
         "classes": _loose_classes(case, parameter_draws),
@@ -349,34 +373,31 @@ def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
     }
     effect = Entrainment(**section)  # type: ignore[arg-type]
     aside = _little_aside(parameter_draws)
-    return _Part(
-        form, lambda m: replace(_with_effect(m, entrainment=effect), aside=aside), values, section
-    )
+    return _Part(form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section)
 
 
 def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    fit = calibration_of("trees")
     length = _length(case)
     low = parameter_draws.uniform("stand.from", 0.0, 0.75 * length)
     stand = Stand(
         low,
         low + parameter_draws.uniform("stand.length", 0.15, 1.0) * length,
-        parameter_draws.log("stand.stems", 60.0, 2500.0),
-        parameter_draws.uniform("stand.dbh", 10.0, 55.0),
+        parameter_draws.within("stand.stems", fit.ranges["stems_per_ha"]),
+        parameter_draws.within("stand.dbh", fit.ranges["dbh_cm"]),
     )
-    form = parameter_draws.one_of(
-        "stand.form", ("stems", "full_stems", "viscous"), (0.45, 0.4, 0.15)
-    )
+    form = parameter_draws.one_of("stand.form", tuple(fit.forms), tuple(fit.forms.values()))
     values = {"stand_from_m": stand.s0, "stand_to_m": stand.s1}
     section: dict[str, object] = {"form": form}
     if form == "viscous":
         masses = case.mass_kg[np.isfinite(case.mass_kg)]
         middle = float(np.median(masses)) if masses.size else 1000.0
-        section["drag_kgps"] = values["drag_kgps"] = middle * parameter_draws.log(
-            "stand.drag", 0.03, 0.8
+        section["drag_kgps"] = values["drag_kgps"] = middle * parameter_draws.within(
+            "stand.drag", fit.ranges["drag_kgps"]
         )
     else:
-        section["efficiency"] = values["efficiency"] = parameter_draws.log(
-            "stand.efficiency", 0.05, 3.0
+        section["efficiency"] = values["efficiency"] = parameter_draws.within(
+            "stand.efficiency", fit.ranges["efficiency"]
         )
         values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}
     effect = Trees(**section)  # type: ignore[arg-type]
@@ -385,28 +406,25 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     aside = _aside_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, trees=effect), stand=stand, aside=aside),
+        lambda m: replace(_with_effect(m, effect), stand=stand, aside=aside),
         values,
         section,
     )
 
 
 def _air_drag(case: Case, parameter_draws: ParameterDraws) -> _Part:
-    form = parameter_draws.one_of("air.form", ("constant", "sphericity"), (1, 1))
-    values = {
-        "drag_coefficient": parameter_draws.log("air.coefficient", 2.0, 150.0),
-        "air_density_kgm3": 1.1,
-    }
+    form, values = _fitted(
+        "air_drag", parameter_draws, "air.form", {"drag_coefficient": "air.coefficient"}
+    )
+    values["air_density_kgm3"] = AirDrag().air_density_kgm3
     section: dict[str, object] = {"form": form, **values}
     effect = AirDrag(**section)  # type: ignore[arg-type]
-    return _Part(form, lambda m: _with_effect(m, air_drag=effect), values, section)
+    return _Part(form, lambda m: _with_effect(m, effect), values, section)
 
 
 def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
-    form = parameter_draws.one_of("rough.form", ("uniform", "wave"), (1, 1))
-    values = {"obstacle_m": parameter_draws.log("rough.obstacle", 0.05, 1.5)}
-    if form == "wave":
-        values["wavelength_m"] = parameter_draws.log("rough.wavelength", 0.8, 6.0)
+    names = {"obstacle_m": "rough.obstacle", "wavelength_m": "rough.wavelength"}
+    form, values = _fitted("roughness", parameter_draws, "rough.form", names)
     section: dict[str, object] = {"form": form, **values}
     if parameter_draws.share("rough.classes") < 0.6:
         section["classes"] = _loose_classes(case, parameter_draws)
@@ -414,24 +432,17 @@ def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
     # Bumps lean sideways as well, if less often than against the way of the rock.
     tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
     aside = _aside_too(parameter_draws, 0.6 * tilt)
-    return _Part(
-        form, lambda m: replace(_with_effect(m, roughness=effect), aside=aside), values, section
-    )
+    return _Part(form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section)
 
 
 def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
-    form = parameter_draws.one_of("shape.form", ("flat_landing", "mean_inertia"), (0.85, 0.15))
-    values = (
-        {"strength": parameter_draws.log("shape.strength", 0.08, 3.0)}
-        if form == "flat_landing"
-        else {}
+    form, values = _fitted(
+        "rock_shape", parameter_draws, "shape.form", {"strength": "shape.strength"}
     )
     section: dict[str, object] = {"form": form, **values}
     effect = RockShape(**section)  # type: ignore[arg-type]
     aside = _aside_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
-    return _Part(
-        form, lambda m: replace(_with_effect(m, rock_shape=effect), aside=aside), values, section
-    )
+    return _Part(form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section)
 
 
 def _release_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -476,7 +487,8 @@ def _measurement_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
     )
 
 
-_FAMILIES: dict[str, Callable[[Case, ParameterDraws], _Part]] = {
+#: Families that set more of a model than the ranges of their row say.
+_FAMILIES: Mapping[str, Callable[[Case, ParameterDraws], _Part]] = {
     "lateral_deflection": _lateral_deflection,
     "fragmentation": _fragmentation,
     "soft_ground": _soft_ground,

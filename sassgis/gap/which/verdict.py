@@ -174,7 +174,7 @@ def _classes_of(family: str, fitted: Sequence[Draw]) -> tuple[str, ...]:
     """Ground classes that most of the fitted draws have the effect on."""
     counts: dict[str, int] = {}
     for draw in fitted:
-        for name in getattr(getattr(draw.model.effects, family), "classes", ()):
+        for name in getattr(draw.model.effects.named(family), "classes", ()):
             counts[name] = counts.get(name, 0) + 1
     return tuple(name for name, n in counts.items() if 2 * n > len(fitted))
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from sassgis.io.read.config import Config, profile_control_lines
+from sassgis.hazard.warnings import ground_warnings, spread_warnings
+from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.dem import crs_name
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.ground_map import (
@@ -22,12 +23,14 @@ from sassgis.io.read.ground_map import (
     read_ground_table,
 )
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
-from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.tiles import read_terrain
-from sassgis.io.read.vectors import ReleaseArea, read_control_lines, read_release
+from sassgis.io.read.vectors import read_control_lines, read_release
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
+from sassgis.model.settings import LateralDeflection, ReleaseSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,6 +216,8 @@ def check_inputs(config: Config) -> InputReport:
         for i, c in enumerate(table.classes)
         if i in shares
     )
+    own_paths = config.effects.get(LateralDeflection) is not None
+    lines = config.release.rocks_per_point if own_paths else config.spread.lines_per_point
     notices = [r.getMessage() for r in records if r.levelno < logging.WARNING]
     warnings = [r.getMessage() for r in records if r.levelno >= logging.WARNING]
     return InputReport(
@@ -224,7 +229,12 @@ def check_inputs(config: Config) -> InputReport:
         control_lines=control_lines,
         blocks=config.block_names,
         notices=tuple(notices),
-        warnings=tuple(warnings + _doubts(table, shares)),
+        warnings=(
+            *config.notes,
+            *warnings,
+            *ground_warnings([table.classes[i] for i in sorted(shares)], built_in_table().classes),
+            *(spread_warnings(lines) if areas else ()),
+        ),
         terrain=grid,
     )
 
@@ -285,22 +295,6 @@ def _shares(
     known = ground[np.isfinite(grid.values)]
     indices, counts = np.unique(known, return_counts=True)
     return {int(i): float(n) / known.size for i, n in zip(indices, counts, strict=True)}
-
-
-def _doubts(table: GroundTable, shares: dict[int, float]) -> list[str]:
-    """Values that results hang on and that nobody has checked for this slope."""
-    doubts = []
-    built_in = built_in_table().classes
-    for index in sorted(shares):
-        c = table.classes[index]
-        if not c.verified:
-            doubts.append(f"ground class {c.name}: its values are unverified, see its source")
-        elif c in built_in and c.d_star_m > 0.0:
-            doubts.append(
-                f"ground class {c.name}: the diameter of the blocks on the ground (d_star_m "
-                f"{c.d_star_m:g}) stands in for a measurement on the site"
-            )
-    return doubts
 
 
 @contextmanager

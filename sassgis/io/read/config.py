@@ -9,197 +9,115 @@ import dataclasses
 import difflib
 import hashlib
 import json
-import textwrap
 import tomllib
 from collections.abc import Iterable, Mapping
-from importlib import resources
+from functools import cache
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired
 
-from pydantic import (
-    BaseModel,
-    Field,
-    ValidationError,
-)
+from pydantic import TypeAdapter, ValidationError
 
-from sassgis.io.read.effect_sections import (
-    EFFECT_SECTIONS,
-    EffectsSection,
-    ForestPlace,
-    effect_settings,
-    model_of,
-)
-from sassgis.io.read.sections import (
-    OBJECT_NUMBERS,
+from sassgis.engine.effects.registry import EFFECTS, Effect
+from sassgis.io.read.checked import Messages, Place, section_type, table_of, table_type
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.declared import Declared, Section, declared, is_file
+from sassgis.model.effects import EffectSection, EffectSettings
+from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.hazard import Onset
+from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
+from sassgis.model.settings import (
+    AXES,
     BarrierSettings,
     BlockSettings,
+    BundleSettings,
+    EngineSettings,
     GroundSettings,
     HazardSettings,
-    ObjectSection,
+    LateralDeflection,
     ObjectSettings,
-    OnsetUnit,
     OutputSettings,
     ProfileSettings,
     ProjectSettings,
     ReleaseSettings,
     RiskSettings,
     RunSettings,
-    Section,
-    SpreadSettings,
     StationSettings,
     TerrainSettings,
-    ZoneSettings,
+    ZoningSettings,
 )
-from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import EffectSettings
-from sassgis.model.errors import ConfigError, InputError
-from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings
 
-_EngineSection = model_of(EngineSettings, "EngineSection")
-
-
-class _Document(Section):
-    """The whole file, before blocks and engine become types of the core."""
-
-    project: ProjectSettings = Field(default_factory=ProjectSettings)
-    terrain: TerrainSettings = Field(default_factory=TerrainSettings)
-    release: ReleaseSettings = Field(default_factory=ReleaseSettings)
-    spread: SpreadSettings = Field(default_factory=SpreadSettings)
-    ground: GroundSettings = Field(default_factory=GroundSettings)
-    blocks: tuple[BlockSettings, ...] = ()
-    stations: tuple[StationSettings, ...] = ()
-    barriers: tuple[BarrierSettings, ...] = ()
-    engine: Any = None
-    effects: EffectsSection = Field(default_factory=EffectsSection)  # type: ignore[valid-type]
-    profile: ProfileSettings | None = None
-    hazard: HazardSettings = Field(default_factory=HazardSettings)
-    zones: ZoneSettings = Field(default_factory=ZoneSettings)
-    risk: RiskSettings = Field(default_factory=RiskSettings)
-    objects: tuple[ObjectSettings, ...] = ()  # type: ignore[valid-type]
-    run: RunSettings = Field(default_factory=RunSettings)
-    output: OutputSettings = Field(default_factory=OutputSettings)
-
-
-#: The model of each section, for documentation and for the messages about unknown keys.
-SECTIONS: dict[str, type[BaseModel]] = {
+#: The type of each section; that of ``[effects]`` holds a section for each effect that is on.
+SECTIONS: Mapping[str, type[Section] | type[EffectSettings]] = {
     "project": ProjectSettings,
     "terrain": TerrainSettings,
     "release": ReleaseSettings,
-    "spread": SpreadSettings,
+    "spread": BundleSettings,
     "ground": GroundSettings,
     "blocks": BlockSettings,
     "stations": StationSettings,
     "barriers": BarrierSettings,
-    "engine": _EngineSection,
-    "effects": EffectsSection,
+    "engine": EngineSettings,
+    "effects": EffectSettings,
     "profile": ProfileSettings,
     "hazard": HazardSettings,
-    "zones": ZoneSettings,
+    "zones": ZoningSettings,
     "risk": RiskSettings,
     "objects": ObjectSettings,
     "run": RunSettings,
     "output": OutputSettings,
 }
-_LISTS = ("blocks", "stations", "barriers", "objects")
+#: Sections that are written with double brackets, as often as needed.
+LISTS = ("blocks", "stations", "barriers", "objects")
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Onset:
-    """How often a block scenario is released.
-
-    Attributes
-    ----------
-    frequency : float or None
-        In ``unit``; None if nothing is said.
-    unit : {"per_year", "per_year_ha", "per_year_m"}
-        Per release area, per hectare or per metre of it.
-    share : float
-        Of that frequency which falls between the limits of the scenario's volumes.
-    """
-
-    frequency: float | None
-    unit: OnsetUnit = "per_year"
-    share: float = 1.0
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Config:
-    """What the user asked for, checked in itself but not yet against the files it names.
-
-    Attributes
-    ----------
-    file : Path
-        The configuration file (absolute).
-    project, terrain, release, spread, ground, hazard, zones, risk, run, output
-        The sections; paths in them are absolute.
-    blocks : tuple of BlockPopulation
-        At least one; names are unique.
-    stations, barriers
-        As configured; names are unique over both.
-    engine : EngineSettings
-    profile : ProfileSettings or None
-        None if the file has no ``[profile]``.
-    objects
-        Layers of exposed objects.
-    onsets : dict of str to Onset
-        By the name of the block scenario.
-    """
-
-    file: Path
-    project: ProjectSettings
-    terrain: TerrainSettings
-    release: ReleaseSettings
-    spread: SpreadSettings
-    ground: GroundSettings
-    blocks: tuple[BlockPopulation, ...]
-    stations: tuple[StationSettings, ...]
-    barriers: tuple[BarrierSettings, ...]
-    engine: EngineSettings
-    effects: Section
-    profile: ProfileSettings | None
-    hazard: HazardSettings
-    zones: ZoneSettings
-    risk: RiskSettings
-    objects: tuple[ObjectSection, ...]
-    run: RunSettings
-    output: OutputSettings
-    onsets: dict[str, Onset]
-
-    @property
-    def effect_settings(self) -> EffectSettings:
-        """The effects that are on."""
-        return effect_settings(self.effects)
-
-    @property
-    def trees(self) -> ForestPlace | None:
-        """Section ``[effects.trees]``, with where the forest stands."""
-        section: ForestPlace | None = getattr(self.effects, "trees", None)
-        return section
-
-    @property
-    def dem_path(self) -> Path:
-        """Path of the DEM; ConfigError if the file names none (it may, for profile runs)."""
-        if self.terrain.dem is None:
-            raise _missing(self.file, "terrain", "dem")
-        return self.terrain.dem
-
-    @property
-    def release_path(self) -> Path:
-        """Path of the release areas; ConfigError if the file names none."""
-        if self.release.file is None:
-            raise _missing(self.file, "release", "file")
-        return self.release.file
-
-    @property
-    def block_names(self) -> tuple[str, ...]:
-        """Names of the block scenarios, in the order of the file."""
-        return tuple(block.name for block in self.blocks)
+def declared_sections() -> dict[str, Mapping[str, Declared]]:
+    """The settings of each section by key; those of an effect under ``effects.<name>``."""
+    found: dict[str, Mapping[str, Declared]] = {}
+    for name, cls in SECTIONS.items():
+        if name == "effects":
+            found |= {f"effects.{row.name}": row.keys for row in EFFECTS.values()}
+        else:
+            found[name] = declared(cls)
+    return found
 
 
 # ---------------------------------------------------------------------------------------------
 # Reading
+
+EffectTable = tuple[EffectSection, Section | None]
+
+
+def _effect_type(row: Effect) -> Any:
+    """``[effects.<name>]``: the settings of the effect and, for some, where it acts."""
+
+    def made(values: dict[str, Any]) -> EffectTable:
+        def part(cls: type[Section]) -> Any:
+            return cls(**{key: value for key, value in values.items() if key in declared(cls)})
+
+        return part(row.settings), None if row.place is None else part(row.place)
+
+    return table_type(f"effects.{row.name}", row.keys, made)
+
+
+def _effects_of(values: dict[str, Any]) -> dict[str, EffectTable]:
+    """The effects that are on, in the order of the registry."""
+    return {name: values[name] for name in EFFECTS if name in values}
+
+
+@cache
+def _document() -> TypeAdapter[dict[str, Any]]:
+    """The whole file, section by section."""
+    kinds: dict[str, Any] = {}
+    for name, cls in SECTIONS.items():
+        if name == "effects":
+            rows = {row.name: NotRequired[_effect_type(row)] for row in EFFECTS.values()}
+            own: Any = table_of("effects", rows, _effects_of)
+        else:
+            own = section_type(cls)
+        kinds[name] = NotRequired[tuple[own, ...] if name in LISTS else own]
+    return TypeAdapter(table_of("document", kinds, lambda values: values))
 
 
 def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | None = None) -> Config:
@@ -228,96 +146,78 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         target[key] = value
 
     file = file.resolve()
-    problems: list[ConfigError] = []
-    engine_table = document.pop("engine", {})
-    context = {"base": file.parent, "file": file}
-    parsed: _Document | None = None
-    engine: EngineSettings | None = None
+    notes = _with_new_names(document, file)
     try:
-        parsed = _Document.model_validate(document, context=context)
+        sections = _document().validate_python(
+            document, context={"base": file.parent, "file": file}
+        )
     except ValidationError as error:
-        problems += _translate(error, file, document)
-    try:
-        section_model = _EngineSection.model_validate(engine_table)
-        engine = EngineSettings(**section_model.model_dump())
-    except ValidationError as error:
-        problems += _translate(error, file, document, prefix=("engine",))
-    except ConfigError as error:
-        problems.append(_relocated(error, file, error.field or "engine"))
-    blocks: tuple[BlockPopulation, ...] = ()
-    if parsed is not None:
-        problems += _effect_problems(parsed, file)
-        problems += _cross_checks(parsed, file)
-        made = [_population(block, file) for block in parsed.blocks]
-        problems += [m for m in made if isinstance(m, ConfigError)]
-        blocks = tuple(m for m in made if isinstance(m, BlockPopulation))
-    if problems or parsed is None or engine is None:
+        messages = Messages(file, document, LISTS, _keys_at, _nearest)
+        raise _first_of(messages.of(error)) from None
+    problems = _cross_checks(sections, file)
+    made = [_population(block, file) for block in sections.get("blocks", ())]
+    problems += [m for m in made if isinstance(m, ConfigError)]
+    if problems:
         raise _first_of(problems)
+    return _config(sections, tuple(m for m in made if isinstance(m, BlockPopulation)), file, notes)
+
+
+def _config(
+    sections: Mapping[str, Any], blocks: tuple[BlockPopulation, ...], file: Path, notes: list[str]
+) -> Config:
+    """The configuration from its sections; those that the file has not keep their defaults."""
+    effects: dict[str, EffectTable] = sections.get("effects", {})
+    special = ("blocks", "effects", "profile")
+    plain = {
+        name: sections.get(name, () if name in LISTS else None) for name in SECTIONS
+        if name not in special
+    }  # fmt: skip
+    for name, value in plain.items():
+        if value is None:
+            given = {"config_file": file} if name in ("release", "ground") else {}
+            plain[name] = SECTIONS[name](**given)
+    trees: Any = effects["trees"][1] if "trees" in effects else None
     return Config(
         file=file,
-        project=parsed.project,
-        terrain=parsed.terrain,
-        release=parsed.release,
-        spread=parsed.spread,
-        ground=parsed.ground,
         blocks=blocks,
-        stations=parsed.stations,
-        barriers=parsed.barriers,
-        engine=engine,
-        effects=parsed.effects,
-        profile=parsed.profile,
-        hazard=parsed.hazard,
-        zones=parsed.zones,
-        risk=parsed.risk,
-        objects=parsed.objects,
-        run=parsed.run,
-        output=parsed.output,
-        onsets={b.name: _onset(b) for b in parsed.blocks},
+        effects=EffectSettings(*(settings for settings, _ in effects.values())),
+        trees=trees,
+        profile=sections.get("profile"),
+        onsets={b.name: _onset(b) for b in sections["blocks"]},
+        notes=tuple(notes),
+        **plain,
     )
 
 
-def config_template() -> str:
-    """A commented configuration with every key; it loads once its paths are filled in."""
-    text = (resources.files("sassgis") / "data" / "config_template.toml").read_text("utf-8")
-    return (
-        text.replace("#@ engine\n", _engine_lines())
-        .replace("#@ objects\n", _object_lines())
-        .replace("#@ effects\n", _effect_lines())
-    )
+def _with_new_names(document: dict[str, Any], file: Path) -> list[str]:
+    """Put the present key in place of a former one; what was found, for the user.
 
-
-def _effect_lines() -> str:
-    """Every ``[effects.<family>]`` in comments, with defaults and meaning."""
-    lines: list[str] = []
-    for name, model in EFFECT_SECTIONS.items():
-        lines.append(f"# [effects.{name}]")
-        for key, field in model.model_fields.items():
-            shown = "..." if field.default is None else json.dumps(field.default)
-            lines.append(f"# {key} = {shown}")
-            lines += textwrap.wrap(
-                field.description or "", 95, initial_indent="#     ", subsequent_indent="#     "
-            )
-        lines.append("")
-    return "\n".join(lines) + "\n"
-
-
-def _object_lines() -> str:
-    """Keys of ``[[objects]]`` for the numbers of an object."""
-    return "".join(
-        f'# {name} = 1.0\n#     {text}\n# {name}_field = "{name}"\n'
-        for name, text in OBJECT_NUMBERS.items()
-    )
-
-
-def _engine_lines() -> str:
-    """Keys of ``[engine]`` with defaults and meaning, from the type that the engine reads."""
-    lines: list[str] = []
-    for key, field in _EngineSection.model_fields.items():
-        lines.append(f"# {key} = {json.dumps(field.default)}")
-        lines += textwrap.wrap(
-            field.description or "", 95, initial_indent="#     ", subsequent_indent="#     "
-        )
-    return "\n".join(lines) + "\n"
+    Raises
+    ------
+    ConfigError
+        If a setting is given under both.
+    """
+    notes: dict[str, None] = {}
+    for section, keys in declared_sections().items():
+        found: Any = document
+        for part in section.split("."):
+            found = found.get(part, {}) if isinstance(found, dict) else {}
+        tables = [t for t in (found if isinstance(found, list) else [found]) if isinstance(t, dict)]
+        for key, own in keys.items():
+            for table in (t for t in tables if own.old_name in t):
+                if key in table:
+                    raise ConfigError(
+                        f"is given twice: {own.old_name} is its former name",
+                        file=file,
+                        field=f"{section}.{key}",
+                        expected=f"{key} alone",
+                    )
+                table[key] = table.pop(own.old_name)
+                notes[
+                    f"{file}: {section}.{own.old_name} is now called {key}; the next version will "
+                    "not know the former name"
+                ] = None
+    return list(notes)
 
 
 def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
@@ -353,11 +253,32 @@ def resolved(config: Config) -> dict[str, Any]:
     plain: dict[str, Any] = {}
     for section in SECTIONS:
         value = getattr(config, section)
-        if section in _LISTS:
+        if section == "effects":
+            plain[section] = {row.name: _plain_effect(row, config) for row in EFFECTS.values()}
+        elif section in LISTS:
             plain[section] = [_plain(item) for item in value]
         else:
             plain[section] = None if value is None else _plain(value)
     plain["onsets"] = {name: _plain(onset) for name, onset in config.onsets.items()}
+    return plain
+
+
+def _plain_effect(row: Effect, config: Config) -> dict[str, Any] | None:
+    """Settings of an effect, and of where it acts; None if it is off."""
+    settings = config.effects.named(row.name)
+    if settings is None:
+        return None
+    place = {} if row.place is None or config.trees is None else _plain(config.trees)
+    return {**place, **_plain(settings)}
+
+
+def _plain(item: Any) -> dict[str, Any]:
+    """Values as JSON has them."""
+    keys = declared(type(item)) if isinstance(item, Section) else dataclasses.fields(item)
+    names = [own.name for own in (keys.values() if isinstance(keys, Mapping) else keys)]
+    plain: dict[str, Any] = json.loads(
+        json.dumps({name: getattr(item, name) for name in names}, default=str)
+    )
     return plain
 
 
@@ -417,7 +338,9 @@ def settings_hash(
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-_PATH_KEYS = ("dem", "file", "classes", "stems_raster", "dbh_raster")
+_PATH_KEYS = frozenset(
+    key for keys in declared_sections().values() for key, own in keys.items() if is_file(own.kind)
+)
 _SIDECARS = (
     *(".shx", ".dbf", ".prj", ".cpg", ".qpj", ".aux", ".hdr"),
     *(".tfw", ".tifw", ".wld", ".aux.xml", ".flt", ".bil"),
@@ -452,7 +375,7 @@ def file_digest(path: str | PathLike[str]) -> str:
 
 
 # ---------------------------------------------------------------------------------------------
-# From what pydantic finds to one line
+# What is wrong
 
 
 def _parse(file: Path) -> dict[str, Any]:
@@ -474,11 +397,6 @@ def _parse(file: Path) -> dict[str, Any]:
         raise ConfigError("is not valid TOML", file=file, found=str(error), expected=hint) from None
 
 
-def _missing(file: Path, section: str, key: str) -> ConfigError:
-    text = SECTIONS[section].model_fields[key].description
-    return ConfigError("missing key", file=file, field=f"{section}.{key}", expected=text)
-
-
 def _first_of(problems: list[ConfigError]) -> ConfigError:
     # A misspelt key shows up twice, as unknown and as missing: the first tells more.
     first = min(problems, key=lambda p: p.problem != "unknown key")
@@ -493,67 +411,60 @@ def _relocated(error: InputError, file: Path, field: str) -> ConfigError:
     )
 
 
-def _cross_checks(document: _Document, file: Path) -> list[ConfigError]:
+def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
     """What no section can see by itself."""
     problems: list[ConfigError] = []
-    if document.profile is None:
-        if document.terrain.dem is None:
-            problems.append(_missing(file, "terrain", "dem"))
-        if document.release.file is None:
-            problems.append(_missing(file, "release", "file"))
-    if not document.blocks:
+    if "profile" not in sections:
+        for section, key in (("terrain", "dem"), ("release", "file")):
+            if getattr(sections.get(section), key, None) is None:
+                text = declared(SECTIONS[section])[key].description
+                problems.append(
+                    ConfigError("missing key", file=file, field=f"{section}.{key}", expected=text)
+                )
+    if not sections.get("blocks"):
         problems.append(
             ConfigError(
                 "missing section", file=file, field="blocks", expected="at least one [[blocks]]"
             )
         )
     groups = {
-        "blocks": [b.name for b in document.blocks],
-        "stations, barriers": [g.name for g in (*document.stations, *document.barriers)],
-        "objects": [o.name for o in document.objects],  # type: ignore[attr-defined]
+        "blocks.name": ("blocks",),
+        "stations/barriers.name": ("stations", "barriers"),
+        "objects.name": ("objects",),
     }
-    for field, names in groups.items():
+    for field, members in groups.items():
+        names = [item.name for member in members for item in sections.get(member, ())]
         for name in dict.fromkeys(n for n in names if names.count(n) > 1):
             problems.append(
                 ConfigError(
                     "name is used twice",
                     file=file,
-                    field=f"{field}.name" if "," not in field else "stations/barriers.name",
+                    field=field,
                     found=repr(name),
                     expected="names that differ",
                 )
             )
+    lines = sections.get("spread", BundleSettings()).lines_per_point
+    if LateralDeflection.name in sections.get("effects", {}) and lines > 1:
+        problems.append(
+            ConfigError(
+                "does not go with a bundle of lines",
+                file=file,
+                field=f"effects.{LateralDeflection.name}",
+                found=f"spread.lines_per_point = {lines}",
+                expected="one of both",
+            )
+        )
     return problems
 
 
 def _population(block: BlockSettings, file: Path) -> BlockPopulation | ConfigError:
+    names = {field.name for field in dataclasses.fields(BlockPopulation)} - set(AXES)
+    plain: dict[str, Any] = {name: getattr(block, name) for name in names} | block.axes
     try:
-        plain = block.model_dump(exclude={*block.axes, "shape", *_ONSET_KEYS})
-        return BlockPopulation(**(plain | block.axes))
+        return BlockPopulation(**plain)
     except InputError as error:
         return _relocated(error, file, f"blocks[{block.name}].{error.field}")
-
-
-def _effect_problems(document: _Document, file: Path) -> list[ConfigError]:
-    """What is wrong with single effects, and what does not go together."""
-    try:
-        effects = effect_settings(document.effects)
-    except ConfigError as error:
-        return [_relocated(error, file, f"effects.{error.field}")]
-    if effects.lateral_deflection is not None and document.spread.lines_per_point > 1:
-        return [
-            ConfigError(
-                "does not go with a bundle of lines",
-                file=file,
-                field="effects.lateral_deflection",
-                found=f"spread.lines_per_point = {document.spread.lines_per_point}",
-                expected="one of both",
-            )
-        ]
-    return []
-
-
-_ONSET_KEYS = ("onset_frequency", "onset_unit", "onset_above_m3")
 
 
 def _onset(block: BlockSettings) -> Onset:
@@ -566,113 +477,24 @@ def _onset(block: BlockSettings) -> Onset:
     return Onset(block.onset_frequency, block.onset_unit, share)
 
 
-def _plain(item: Any) -> Any:
-    if isinstance(item, BaseModel):
-        return item.model_dump(mode="json")
-    return json.loads(json.dumps(dataclasses.asdict(item)))
+def _keys_at(loc: Place) -> Mapping[str, Declared]:
+    """Keys that are known where a key is."""
+    name = str(loc[0])
+    if name != "effects":
+        return declared(SECTIONS[name]) if len(loc) > 1 else {}
+    return EFFECTS[str(loc[1])].keys if len(loc) > 2 else {}
 
 
-def _dotted(loc: tuple[int | str, ...], document: Mapping[str, Any]) -> str:
-    """Key as the user would look for it: ``blocks[large].axis_1_m``."""
-    head, rest = str(loc[0]), list(loc[1:])
-    text = head
-    if head in _LISTS and rest and isinstance(rest[0], int):
-        number = int(rest.pop(0))
-        try:
-            name = document[head][number]["name"]
-        except (KeyError, IndexError, TypeError):
-            name = None
-        text += f"[{name}]" if isinstance(name, str) and name.strip() else f"[no. {number + 1}]"
-    for part in rest:
-        # The place inside a pair or a list is told by the value that was found there.
-        if isinstance(part, str) and part != "[key]":
-            text += f".{part}"
-    return text
-
-
-_EXPECTED = {
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
-    "string_type": "a text in quotes",
-    "bool_type": "true or false",
-    "finite_number": "a finite number",
-    "path_type": "a path in quotes",
-    "tuple_type": "a list in [ ]",
-    "string_too_short": "a text that is not empty",
-}
-
-
-def _translate(
-    error: ValidationError,
-    file: Path,
-    document: Mapping[str, Any],
-    prefix: tuple[str, ...] = (),
-) -> list[ConfigError]:
-    return [_one_line({**e, "loc": (*prefix, *e["loc"])}, file, document) for e in error.errors()]
-
-
-def _one_line(e: dict[str, Any], file: Path, document: Mapping[str, Any]) -> ConfigError:
-    loc, kind, context = e["loc"], e["type"], e.get("ctx", {})
-    field = _dotted(loc, document)
-    if kind == "extra_forbidden":
-        return ConfigError("unknown key", file=file, field=field, expected=_nearest(loc))
-    if kind == "missing":
-        info = _model_at(loc).model_fields.get(str(loc[-1]))
-        text = info.description if info is not None else None
-        if len(loc) > 1 and info is None:
-            text = "two numbers [x, y]"
-        return ConfigError(
-            "missing key" if info else "is too short", file=file, field=field, expected=text
-        )
-    found: object = context["found"] if "found" in context else _shown(e["input"])
-    if kind == "sassgis":
-        if context["key"]:
-            field = f"{field}.{context['key']}"
-        if context["key"] and "found" not in context:
-            found = None
-        return ConfigError(
-            context["problem"], file=file, field=field, found=found, expected=context["expected"]
-        )
-    if kind in ("model_type", "model_attributes_type", "dataclass_type"):
-        section = str(loc[0])
-        expected = f"[[{section}]]" if section in _LISTS else f"a section [{section}]"
-    elif kind == "tuple_type" and len(loc) == 1:
-        expected = f"one or more sections [[{loc[0]}]], with double brackets"
-    elif kind == "literal_error":
-        expected = f"one of {context['expected']}"
-    elif kind == "too_short":
-        expected = f"a list of at least {context['min_length']}"
-    elif kind == "too_long":
-        expected = f"{context['max_length']} numbers"
-    else:
-        expected = _EXPECTED.get(kind, e["msg"])
-    return ConfigError("cannot be used", file=file, field=field, found=found, expected=expected)
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
-
-
-def _model_at(loc: tuple[int | str, ...]) -> type[BaseModel]:
-    """The model in which a key is."""
-    if loc[0] == "effects" and len(loc) > 2:
-        return EFFECT_SECTIONS[str(loc[1])]
-    return SECTIONS[str(loc[0])]
-
-
-def _nearest(loc: tuple[int | str, ...]) -> str:
+def _nearest(loc: Place) -> str:
     """The known key that an unknown one was probably meant to be."""
     key = str(loc[-1])
-    if len(loc) == 1:
-        known: Iterable[str] = SECTIONS
-    else:
-        known = _model_at(loc).model_fields
+    known: list[str] = list(SECTIONS if len(loc) == 1 else _keys_at(loc))
+    if len(loc) == 2 and loc[0] == "effects":
+        known = list(EFFECTS)
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
     if close:
         return f"{close[0]!r}, the nearest known key"
-    homes = [name for name, model in SECTIONS.items() if key in model.model_fields]
+    homes = [n for n, keys in declared_sections().items() if key in keys and "." not in n]
     if homes:
         return f"this key in {' or '.join(f'[{h}]' for h in homes)}"
     # Whole names help where letters do not: "spacing" for "spacing_m".

@@ -12,10 +12,10 @@ from rasterio.features import rasterize
 from rasterio.warp import Resampling, reproject
 
 from sassgis.io.read.csv_table import number
-from sassgis.io.read.effect_sections import ForestPlace
 from sassgis.io.read.vectors import read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.settings import ForestPlace
 
 _HECTARE_M2 = 1e4
 #: Stands for local coordinates, which have no system: the warper will not work without one, and as

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast, get_args
 
-from sassgis.io.read.config import Onset
 from sassgis.io.read.csv_table import csv_rows, number, read_text
-from sassgis.io.read.sections import OnsetUnit
 from sassgis.io.read.vectors import nearest
 from sassgis.model.errors import InputError
+from sassgis.model.hazard import Onset, OnsetUnit
 
 _COLUMNS = ("area", "scenario", "frequency", "unit")
 

@@ -20,11 +20,11 @@ from rasterio.features import rasterize
 
 from sassgis.io.read.csv_table import check_columns, csv_rows, number, read_text
 from sassgis.io.read.dem import open_raster, resample, same_crs
-from sassgis.io.read.sections import GroundSettings
 from sassgis.io.read.vectors import nearest, read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.settings import GroundSettings
 
 log = logging.getLogger(__name__)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from sassgis.model.exposure import (
     VULNERABILITY_KINDS,
     ExposedObject,
     ObjectKind,
+    PlacedObjects,
     Traffic,
     Vulnerability,
     VulnerabilityRow,
@@ -43,25 +43,6 @@ _TRAFFIC = ("traffic_per_day", "speed_kmh", "vehicle_length_m", "persons_per_veh
 _LEAST_CELLS = 3.0
 #: Sharing no more than this much of a cell's side is touching its border, not the cell.
 _BORDER = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class PlacedObjects:
-    """Exposed objects with their places.
-
-    Attributes
-    ----------
-    objects : tuple of ExposedObject
-    geometries : tuple of shapely geometry
-        Polygons, line strings or points in the coordinates of the DEM (m), one per object: the
-        ground on which a rock meets the object.
-    """
-
-    objects: tuple[ExposedObject, ...]
-    geometries: tuple[Any, ...]
-
-    def __len__(self) -> int:
-        return len(self.objects)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.io.read.config import Config, profile_control_lines
+from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.csv_table import csv_rows, number, read_text
 from sassgis.io.read.vectors import nearest
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
+from sassgis.model.run_config import Config
 
 log = logging.getLogger(__name__)
 

@@ -22,12 +22,13 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj.exceptions import ProjError
 from rasterio.features import rasterize
 
-from sassgis.io.read.config import Config
 from sassgis.io.read.dem import crs_name, same_crs
-from sassgis.io.read.sections import BarrierSettings, ReleaseSettings, StationSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
+from sassgis.model.settings import BarrierSettings, ReleaseSettings, StationSettings
 
 log = logging.getLogger(__name__)
 
@@ -73,25 +74,6 @@ class Feature:
         """How messages speak of the feature."""
         name = self.text(name_field) if name_field else None
         return f"feature {self.number}" + (f" ({name})" if name else "")
-
-
-@dataclass(frozen=True, slots=True)
-class ReleaseArea:
-    """A place from which rocks start.
-
-    Attributes
-    ----------
-    name : str
-        Unique in the run; random draws hang on it.
-    geometry : shapely geometry
-        Polygons, lines or points in the coordinates of the DEM (m).
-    scenarios : tuple of str
-        Names of the block scenarios that start here.
-    """
-
-    name: str
-    geometry: Any
-    scenarios: tuple[str, ...]
 
 
 # ---------------------------------------------------------------------------------------------

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from sassgis.hazard.along_profile import ProfileResult
 from sassgis.io.write.staging import writing
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import IntArray
+from sassgis.model.map_run import MapRun, Rows
 from sassgis.model.results import Outcome, StopReason
-from sassgis.runs.checkpoint import read_rows
-from sassgis.runs.map import MapRun, Plan, Rows
+from sassgis.terrain.plan import Plan
 
 
 def require_parquet() -> None:
@@ -58,6 +59,26 @@ def passage_frame(rows: Rows, run: MapRun, planned: Plan) -> pd.DataFrame:
     return frame
 
 
+def profile_rock_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
+    """A row per block of a profile, fragments and entrained blocks included."""
+    ended = np.concatenate([result.rocks, result.pieces])
+    scenario = np.concatenate([result.scenario, result.piece_scenario])
+    frame = pd.DataFrame({n: ended[n] for n in ended.dtype.names or () if n != "line"})
+    frame["reason"] = [StopReason(int(r)).name.lower() for r in frame["reason"]]
+    frame.insert(0, "scenario", np.array(scenarios)[scenario])
+    return frame
+
+
+def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
+    """A row per block and station or barrier of a profile."""
+    rows = result.passages
+    frame = pd.DataFrame({n: rows[n] for n in rows.dtype.names or () if n != "line"})
+    names = np.array([line.name for line, _ in result.profile.control_lines], dtype=object)
+    frame["control_line"] = names[rows["control_line"]] if names.size else []
+    frame["outcome"] = [Outcome(int(o)).name.lower() for o in frame["outcome"]]
+    return frame
+
+
 def area_control_line_table(
     rocks: pd.DataFrame, passages: pd.DataFrame, areas: Sequence[str], control_lines: Sequence[str]
 ) -> pd.DataFrame:
@@ -67,13 +88,13 @@ def area_control_line_table(
     ----------
     rocks, passages : DataFrame
         As of rock_frame and passage_frame.
-    areas, gates : sequence of str
+    areas, control_lines : sequence of str
         Names; each pair has a row, also if nothing comes.
 
     Returns
     -------
     DataFrame
-        ``rocks`` released in the area and followed, ``arrive`` at the gate, ``share``, and exact
+        ``rocks`` simulated from the area, ``arrive`` at the control line, ``share``, and exact
         95 % quantiles (linear between ranks) and maxima of energy, speed and passing height.
     """
     released = rocks.groupby("area").size()
@@ -166,9 +187,3 @@ def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
             if writer is not None:
                 writer.close()
     return path
-
-
-def rows_of(parts: Iterable[Path]) -> Iterator[Rows]:
-    """Rows of the saved parts, one part in memory at a time."""
-    for part in parts:
-        yield read_rows(part)

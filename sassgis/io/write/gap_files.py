@@ -16,6 +16,7 @@ from typing import Any
 import geopandas as gpd
 import numpy as np
 import shapely
+import tomli_w
 
 import sassgis
 from sassgis.gap.case import Case
@@ -28,13 +29,15 @@ from sassgis.gap.words import (
     significance,
     tested_by,
 )
-from sassgis.io.read.config import load_config
+from sassgis.io.read.checked import is_preset_file
+from sassgis.io.read.config import declared_sections, load_config
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.write.geopackage import VectorLayer, write_geopackage
 from sassgis.io.write.manifest import plain
 from sassgis.io.write.staging import writing
-from sassgis.model.errors import ConfigError
+from sassgis.model.declared import declared, is_file
 from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.settings import ForestPlace
 from sassgis.model.styles import (
     FALL_LINE_STYLE,
     STATION_STYLE,
@@ -538,22 +541,10 @@ def _stand(case: Case, calibrated: Calibrated) -> VectorLayer | None:
 # --- the calibrated model --------------------------------------------------------------------
 
 #: Keys that name files, by section; the keys of ``[[...]]`` are those of each entry.
-_FILE_KEYS: Mapping[str, tuple[str, ...]] = {
-    "terrain": ("dem",),
-    "release": ("file",),
-    "ground": ("file", "classes"),
-    "stations": ("file",),
-    "barriers": ("file",),
-    "profile": ("file",),
-    "hazard": ("frequencies",),
-    "risk": ("vulnerability",),
-    "objects": ("file",),
+FILE_KEYS: Mapping[str, tuple[str, ...]] = {
+    name: tuple(key for key, own in keys.items() if is_file(own.kind))
+    for name, keys in declared_sections().items()
 }
-_TREE_FILE_KEYS = ("file", "stems_raster", "dbh_raster")
-_FOREST_PLACE_KEYS = (
-    "file", "layer", "stems_field", "dbh_field", "stems_raster", "dbh_raster", "stems_per_ha",
-    "dbh_cm",
-)  # fmt: skip
 
 
 def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case: Case) -> Path:
@@ -594,14 +585,15 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     for family, section in calibrated.sections.items():
         own = {k: _toml_ready(v) for k, v in section.items() if v is not None}
         if family == "trees":
-            stands = {k: v for k, v in effects.get(family, {}).items() if k in _FOREST_PLACE_KEYS}
+            given, known = effects.get(family, {}), declared(ForestPlace)
+            stands = {k: v for k, v in given.items() if k in known}
             own = {**stands, **own}
         effects[family] = own
     stand = _stand(case, calibrated)
     if stand is not None:
         write_geopackage(path.parent / FOREST_NAME, [stand])
         trees = effects.setdefault("trees", {})
-        for key in _FOREST_PLACE_KEYS:
+        for key in declared(ForestPlace):
             trees.pop(key, None)
         trees |= {
             "file": FOREST_NAME,
@@ -619,7 +611,8 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
         del document["spread"]
     _write_text(path.parent / CLASSES_NAME, _classes_csv(calibrated.table, case.table, diagnosis))
     _write_text(
-        path, _comments(diagnosis, config_file, stand is not None, bundled) + toml_text(document)
+        path,
+        _comments(diagnosis, config_file, stand is not None, bundled) + tomli_w.dumps(document),
     )
     # What cannot be run again is told now, not in the next run.
     config = load_config(path)
@@ -694,12 +687,12 @@ def _move_paths(document: dict[str, Any], base: Path, place: Path) -> None:
                 if isinstance(entry, dict) and isinstance(entry.get(key), str):
                     entry[key] = moved(entry[key])
 
-    for name, keys in _FILE_KEYS.items():
-        change(document.get(name), keys)
-    change(document.get("effects", {}).get("trees"), _TREE_FILE_KEYS)
+    for name, keys in FILE_KEYS.items():
+        section, _, effect = name.partition(".")
+        table = document.get(section)
+        change(table.get(effect) if effect and isinstance(table, dict) else table, keys)
     preset = document.get("hazard", {}).get("preset")
-    # As the configuration tells a file from the name of a built-in preset.
-    if isinstance(preset, str) and (preset.endswith(".toml") or "/" in preset):
+    if isinstance(preset, str) and is_preset_file(preset):
         document["hazard"]["preset"] = moved(preset)
 
 
@@ -730,84 +723,6 @@ def _changes(old: GroundClass | None, new: GroundClass) -> str:
         return ""
     pairs = [(c, getattr(old, c), getattr(new, c)) for c in _CLASS_COLUMNS[1:]]
     return ", ".join(f"{c} {a:g}" for c, a, b in pairs if a != b)
-
-
-# --- TOML ------------------------------------------------------------------------------------
-
-
-def toml_text(document: Mapping[str, Any]) -> str:
-    """A document as TOML: keys, tables and lists of tables, read back as it was.
-
-    Parameters
-    ----------
-    document : mapping
-        Text, numbers, truth values, lists and mappings of them.
-
-    Returns
-    -------
-    str
-    """
-    lines: list[str] = []
-    _add_table(lines, (), document)
-    return "\n".join(lines).strip("\n") + "\n"
-
-
-def _add_table(lines: list[str], path: tuple[str, ...], table: Mapping[str, Any]) -> None:
-    inner = {
-        k: v
-        for k, v in table.items()
-        if (isinstance(v, Mapping) and len(path) < 1) or _is_tables(v) or _is_section(path, v)
-    }
-    for key, value in table.items():
-        if key not in inner:
-            lines.append(f"{_key(key)} = {_value(value)}")
-    for key, value in inner.items():
-        entries = value if isinstance(value, list | tuple) else [value]
-        for entry in entries:
-            name = ".".join(_key(p) for p in (*path, key))
-            # A table that holds nothing but tables needs no head of its own.
-            if isinstance(value, Mapping):
-                if not entry or any(not _is_section((*path, key), v) for v in entry.values()):
-                    lines += ["", f"[{name}]"]
-            else:
-                lines += ["", f"[[{name}]]"]
-            _add_table(lines, (*path, key), entry)
-
-
-def _is_tables(value: Any) -> bool:
-    return (
-        isinstance(value, list | tuple)
-        and bool(value)
-        and all(isinstance(v, Mapping) for v in value)
-    )
-
-
-def _is_section(path: tuple[str, ...], value: Any) -> bool:
-    """Whether a mapping within a section gets a head: ``[effects.trees]``, not raster classes."""
-    return isinstance(value, Mapping) and path == ("effects",)
-
-
-def _key(key: str) -> str:
-    bare = key and all(c.isascii() and (c.isalnum() or c in "_-") for c in key)
-    return key if bare else json.dumps(key, ensure_ascii=False)
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        # JSON leaves one control character as it is that TOML does not take.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        text = repr(value)
-        return text if any(c in text for c in ".en") else f"{text}.0"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(v) for v in value) + "]"
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + " }"
-    raise ConfigError("has no form in TOML", found=type(value).__name__)
 
 
 def _toml_ready(value: Any) -> Any:

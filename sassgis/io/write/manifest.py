@@ -52,7 +52,7 @@ def write_manifest(
     crs: str,
     vertical_datum: str,
     seed: int,
-    ref_width_m: float | None,
+    ref_widths_m: Mapping[str, float],
     preset: str,
     settings: object,
     counts: Mapping[str, int],
@@ -74,8 +74,8 @@ def write_manifest(
     crs, vertical_datum : str
         Horizontal system as well-known text and the name of the heights.
     seed : int
-    ref_width_m : float or None
-        Width to which reach probabilities refer (m); None if the result has none.
+    ref_widths_m : mapping of str to float
+        Reference width of the "reach_probability" and of the "hazard" (m), where there are any.
     preset : str
         Name of the hazard preset; empty for none.
     settings
@@ -108,7 +108,7 @@ def write_manifest(
         "crs": crs,
         "vertical_datum": vertical_datum,
         "seed": int(seed),
-        "ref_width_m": ref_width_m,
+        "ref_widths_m": plain(ref_widths_m),
         "preset": preset,
         "settings": plain(settings),
         "settings_sha256": settings_digest(settings),

@@ -21,7 +21,8 @@ from helpers.effects_lab import (
 from scipy.integrate import solve_ivp
 
 from sassgis.engine.effects import air_drag, build
-from sassgis.model.effects import AirDrag, EffectSettings
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.model.effects import EffectSettings
 from sassgis.model.settings import EngineSettings
 
 pytestmark = pytest.mark.kernels
@@ -30,7 +31,7 @@ FLAT = slope((400.0, 0.0))
 
 
 def drag_of(**settings):
-    return EffectSettings(air_drag=AirDrag(**settings))
+    return EffectSettings(AirDrag(**settings))
 
 
 def factor(radius, coefficient, density=1.1, rock=2700.0):

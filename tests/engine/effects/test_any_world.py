@@ -18,19 +18,16 @@ from helpers.effects_lab import (
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from sassgis.engine.effects.rock_shape import tumbling_inertia
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.rock_shape import RockShape, tumbling_inertia
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import inertia
 from sassgis.model.blocks import BlockPopulation
-from sassgis.model.effects import (
-    AirDrag,
-    EffectSettings,
-    Entrainment,
-    Fragmentation,
-    RockShape,
-    Roughness,
-    SoftGround,
-    Trees,
-)
+from sassgis.model.effects import EffectSettings
 from sassgis.model.settings import EngineSettings
 
 # Not shrunk: a course of thousands of events takes its time.
@@ -118,7 +115,8 @@ def test_energy_never_grows_beyond_what_gravity_gives(line, blocks, effects, eta
         settings=EngineSettings(rolling=rolling),
     )  # fmt: skip
     assert (out.rocks["reason"] != STEP_LIMIT).all()
-    mean = effects.rock_shape is not None and effects.rock_shape.form == "mean_inertia"
+    shape = effects.get(RockShape)
+    mean = shape is not None and shape.form == "mean_inertia"
     for rock, course in zip(out.rocks, out.courses, strict=True):
         assert course[-1, 0] == END
         if len(course) < 2:
@@ -149,7 +147,7 @@ def test_pieces_keep_mass_stay_on_the_slope_and_come_to_an_end(line, blocks, eff
     assert (rows["runout_z_m"][inside] > np.interp(rows["runout_m"][inside], *line)).all()
     assert out.sums["reach"].max() <= 8
     assert out.sums["stops"].sum() == np.isin(rows["reason"][inside], (0, 1)).sum()
-    if effects.fragmentation is not None and effects.entrainment.number == 0.0:
+    if effects.get(Fragmentation) is not None and effects.get(Entrainment).number == 0.0:
         whole = rows["reason"] != BROKEN
         mass = np.bincount(rows["rock"][whole], rows["mass_kg"][whole], minlength=8)
         assert mass == pytest.approx(out.rocks["mass_kg"], rel=1e-12)

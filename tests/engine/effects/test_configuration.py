@@ -9,13 +9,13 @@ import rasterio
 from affine import Affine
 from shapely import box
 
+from sassgis.engine.effects.registry import EFFECTS
 from sassgis.io.read.check_inputs import check_inputs
 from sassgis.io.read.config import load_config
-from sassgis.io.read.effect_sections import EFFECT_SECTIONS
 from sassgis.model.errors import SassgisError
 from sassgis.runs.inputs import read_map_run
 
-FAMILIES = [f for f in EFFECT_SECTIONS if f != "trees"]
+FAMILIES = [f for f in EFFECTS if f != "trees"]
 TREES = "stems_per_ha = 300\ndbh_cm = 30\n"
 
 
@@ -36,8 +36,8 @@ def valley(make_valley):
 
 def wrong_lines():
     """Every key of every family with a value of the wrong kind, and numbers beyond the limits."""
-    for family, section in EFFECT_SECTIONS.items():
-        for key, field in section.model_fields.items():
+    for family, row in EFFECTS.items():
+        for key, field in row.keys.items():
             if key == "form":
                 yield family, key, '"magic"'
             elif key == "classes":
@@ -63,7 +63,7 @@ def test_a_wrong_key_or_value_is_told_in_one_line(valley, family, key, value):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_an_empty_section_turns_the_family_on_with_its_defaults(valley, family):
-    effects = valley(f"[effects.{family}]\n", whole=False).effect_settings
+    effects = valley(f"[effects.{family}]\n", whole=False).effects
     assert effects.names == (family,)
 
 
@@ -71,7 +71,8 @@ def test_an_unknown_family_and_an_unknown_class_are_told(valley):
     with pytest.raises(SassgisError, match="effects"):
         valley("[effects.wind]\n", whole=False)
     with pytest.raises(SassgisError) as caught:
-        from sassgis.runs.map import plan, simulate_map
+        from sassgis.runs.map import simulate_map
+        from sassgis.terrain.plan import plan
 
         run = valley('[effects.soft_ground]\nclasses = ["marsh"]\n')
         simulate_map(run, plan(run))

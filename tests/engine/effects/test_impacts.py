@@ -24,8 +24,12 @@ from helpers.effects_lab import (
 from scipy import stats
 
 from sassgis.engine.effects import rock_shape, roughness
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.rock_shape import RockShape
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import contact_frame
-from sassgis.model.effects import EffectSettings, Entrainment, RockShape, Roughness, SoftGround
+from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings
@@ -50,7 +54,7 @@ def first_impact(effects, blocks=TILTED, table=None, settings=None, line=FLAT, *
 
 def soft(*args, **settings):
     settings.setdefault("classes", ())
-    return EffectSettings(soft_ground=SoftGround(*args, **settings))
+    return EffectSettings(SoftGround(*args, **settings))
 
 
 # --- soft ground ---
@@ -145,7 +149,7 @@ def test_only_soft_classes_are_soft():
 def test_a_class_that_is_none_is_refused(family):
     kind = {"soft_ground": SoftGround, "roughness": Roughness, "entrainment": Entrainment}[family]
     with pytest.raises(ConfigError) as caught:
-        first_impact(EffectSettings(**{family: kind(classes=("rock", "marsh"))}))
+        first_impact(EffectSettings(kind(classes=("rock", "marsh"))))
     error = caught.value
     assert error.field == f"effects.{family}.classes"
     assert "marsh" in str(error) and "rock" in str(error.expected)
@@ -191,7 +195,7 @@ def test_a_sphere_leaves_rough_ground_at_the_angle_of_its_tilt():
     blocks = sphere(radius, drop_m=(1.0, 1.0), speed_mps=(10.0, 10.0))
     out = run(
         FLAT, plain(eta_max=1.0), blocks,
-        EffectSettings(roughness=Roughness(obstacle_m=obstacle)), n=3000, course_events=8,
+        EffectSettings(Roughness(obstacle_m=obstacle)), n=3000, course_events=8,
     )  # fmt: skip
     angles, forward = [], 0
     for course in out.courses:
@@ -208,7 +212,7 @@ def test_a_sphere_leaves_rough_ground_at_the_angle_of_its_tilt():
 
 def test_roughness_only_on_rough_classes():
     table = GroundTable((plain("rock"), plain("talus")))
-    rough = EffectSettings(roughness=Roughness(obstacle_m=0.3, classes=("talus",)))
+    rough = EffectSettings(Roughness(obstacle_m=0.3, classes=("talus",)))
     for kind in (0, 1):
         flat = profile(FLAT, classes=kind)
         one = run(flat, table, MIXED, n=20)
@@ -230,7 +234,7 @@ def test_flat_landings_stop_the_spin_as_often_as_the_block_is_flat():
             0.6, 0.4, c, drop_m=(5.0, 5.0), speed_mps=(4.0, 4.0), orientation_rad=(1.9, 2.8)
         )
         out = run(
-            FLAT, plain(), blocks, EffectSettings(rock_shape=RockShape(strength=strength)),
+            FLAT, plain(), blocks, EffectSettings(RockShape(strength=strength)),
             n=2000, course_events=6,
         )  # fmt: skip
         spins = []
@@ -245,7 +249,7 @@ def test_flat_landings_stop_the_spin_as_often_as_the_block_is_flat():
 
 def test_flat_blocks_stop_early_and_round_ones_where_they_did():
     line = rough_slope(4)
-    on = EffectSettings(rock_shape=RockShape())
+    on = EffectSettings(RockShape())
     ends = [
         run(line, ground(), ellipsoid(0.5, 0.45, 0.1), e, n=400, start=(3.0, 20.0)).rocks
         for e in (None, on)
@@ -256,7 +260,7 @@ def test_flat_blocks_stop_early_and_round_ones_where_they_did():
 
 
 def test_it_does_not_depend_on_the_mass():
-    line, on = rough_slope(4), EffectSettings(rock_shape=RockShape())
+    line, on = rough_slope(4), EffectSettings(RockShape())
     light, heavy = (
         run(line, ground(), ellipsoid(0.5, 0.4, 0.2, density_kgm3=(d, d)), on, n=50).rocks
         for d in (1000.0, 4000.0)
@@ -273,7 +277,7 @@ def test_mean_inertia_is_the_mean_of_the_three():
     moments = [(p**2).sum(axis=1).mean() - (p[:, i] ** 2).mean() for i in range(3)]
     assert rock_shape.tumbling_inertia(a, b, c) == pytest.approx(np.mean(moments), rel=3e-3)
     # At an impact: ω' = (I ω + y v_x − x v_y) / (I + x² + y²), with that I.
-    form = EffectSettings(rock_shape=RockShape("mean_inertia"))
+    form = EffectSettings(RockShape("mean_inertia"))
     met, leaves, rock = first_impact(form, table=plain(eta_max=1.0))
     x, y, _ = contact_frame(rock["a_m"], rock["b_m"], met[COL["theta_rad"]])
     inertia = rock_shape.tumbling_inertia(rock["a_m"], rock["b_m"], rock["c_m"])

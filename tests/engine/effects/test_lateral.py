@@ -9,15 +9,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sassgis.hazard.statistics import reach_probability
+from sassgis.hazard.map_sums import reach_probability
+from sassgis.hazard.progress import sample_of
 from sassgis.io.read.config import load_config
-from sassgis.model.effects import EffectSettings, LateralDeflection
+from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import ReleasePoints
+from sassgis.model.release_areas import FallLineSettings
+from sassgis.model.settings import LateralDeflection
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import chunks_of, plan, sample_of, simulate_map
-from sassgis.terrain.fall_lines import FallLineSettings, fall_line_surface
-from sassgis.terrain.spread import trace_ways
+from sassgis.runs.map import chunks_of, simulate_map
+from sassgis.terrain.fall_lines import fall_line_surface
+from sassgis.terrain.plan import plan
+from sassgis.terrain.spread import trace_random_paths
 
 SETTINGS = FallLineSettings(smoothing_m=0.0)
 
@@ -31,14 +35,14 @@ def terrain(cell=2.0, bend=0.0, slope=35.0, length=400.0, width=400.0):
     return Grid(z, 1000.0, 2000.0, cell)
 
 
-def ways(grid, lateral, n=600, seed=1, round_=0, x=None):
+def paths(grid, lateral, n=600, seed=1, repetition=0, x=None):
     west, _, east, north = grid.bounds
     point = ReleasePoints(
         np.array([0.5 * (west + east) if x is None else x]), np.array([north - 20.0]),
         np.zeros(1, np.int64), np.array([7], np.uint64), ("a",),
     )  # fmt: skip
-    return trace_ways(
-        grid, fall_line_surface(grid, SETTINGS), point, SETTINGS, lateral, n, seed, round_
+    return trace_random_paths(
+        grid, fall_line_surface(grid, SETTINGS), point, SETTINGS, lateral, n, seed, repetition
     )
 
 
@@ -59,7 +63,7 @@ def test_kicks_spread_as_a_random_walk(cell, hop):
     # slope by that over E[cos θ].
     grid = terrain(cell)
     sigma, down, n = 12.0, 250.0, 1500
-    traces = ways(grid, LateralDeflection("kicks", sigma, hop), n)
+    traces = paths(grid, LateralDeflection("kicks", sigma, hop), n)
     across = sideways(grid, traces, down)
     variance = (math.radians(sigma)) ** 2
     sine2 = 0.5 * (1.0 - math.exp(-2.0 * variance))
@@ -73,7 +77,7 @@ def test_kicks_spread_as_a_random_walk(cell, hop):
 def test_constant_deviations_are_uniform_within_the_width():
     grid = terrain()
     down, percent = 250.0, 20.0
-    traces = ways(grid, LateralDeflection("constant", width_percent=percent), 800)
+    traces = paths(grid, LateralDeflection("constant", width_percent=percent), 800)
     across = sideways(grid, traces, down)
     half = 0.5 * percent / 100.0 * down
     assert stats.kstest(across, "uniform", (-half, 2.0 * half)).pvalue > 1e-3
@@ -86,18 +90,18 @@ def test_without_angle_or_width_all_ways_are_the_fall_line():
     for lateral in (
         LateralDeflection("kicks", angle_deg=0.0), LateralDeflection("constant", width_percent=0.0)
     ):  # fmt: skip
-        traces = ways(grid, lateral, 5)
+        traces = paths(grid, lateral, 5)
         assert np.abs(sideways(grid, traces, 250.0)).max() < 1e-6
 
 
 def test_ways_depend_on_seed_round_and_number_alone():
     grid = terrain()
     lateral = LateralDeflection()
-    one, again, fewer = (ways(grid, lateral, n) for n in (20, 20, 5))
+    one, again, fewer = (paths(grid, lateral, n) for n in (20, 20, 5))
     assert one.x.tobytes() == again.x.tobytes()
     assert fewer.x.tobytes() == one.x[: fewer.x.size].tobytes()
     base = sideways(grid, one, 250.0)
-    for other in (ways(grid, lateral, 20, seed=2), ways(grid, lateral, 20, round_=1)):
+    for other in (paths(grid, lateral, 20, seed=2), paths(grid, lateral, 20, repetition=1)):
         assert (sideways(grid, other, 250.0) != base).all()
     assert np.unique(np.round(base, 6)).size == 20
 
@@ -105,7 +109,7 @@ def test_ways_depend_on_seed_round_and_number_alone():
 def test_a_gully_holds_them():
     plane, gully = terrain(), terrain(bend=0.01)
     lateral = LateralDeflection("kicks", 15.0, 10.0)
-    free, held = (sideways(g, ways(g, lateral, 300), 250.0) for g in (plane, gully))
+    free, held = (sideways(g, paths(g, lateral, 300), 250.0) for g in (plane, gully))
     assert held.std() < 0.35 * free.std()
 
 
@@ -128,7 +132,7 @@ def job(make_valley):
     return replace(
         run, grid=grid, ground=np.ascontiguousarray(run.ground[window]), control_lines=(),
         areas=run.areas[:1], spacing_m=15.0, rocks_per_point=8,
-        effects=EffectSettings(lateral_deflection=LateralDeflection(angle_deg=15.0)),
+        effects=EffectSettings(LateralDeflection(angle_deg=15.0)),
     )  # fmt: skip
 
 
@@ -150,9 +154,9 @@ def test_sums_do_not_hang_on_jobs_and_chunks(job):
     assert len(chunks_of(planned, 3)) > 1
 
 
-def test_further_rounds_take_other_ways(job):
+def test_further_repetitions_take_other_paths(job):
     planned = plan(job)
-    one, two = (simulate_map(replace(job, rounds=n), planned) for n in (1, 2))
+    one, two = (simulate_map(replace(job, repetitions=n), planned) for n in (1, 2))
     assert two.reasons.sum() == 2 * one.reasons.sum()
     assert two.sums.cells.size > 1.1 * one.sums.cells.size
 
@@ -161,7 +165,7 @@ def test_further_rounds_take_other_ways(job):
 def test_the_standard_error_is_the_scatter_over_seeds(job, form):
     """Scatter of 60 small runs against the error that each of them states, all cells together."""
     lateral = LateralDeflection(form, angle_deg=15.0)
-    tiny = replace(job, effects=EffectSettings(lateral_deflection=lateral))
+    tiny = replace(job, effects=EffectSettings(lateral))
     size = tiny.grid.values.size
     total, square, stated = np.zeros(size), np.zeros(size), np.zeros(size)
     n = 60

@@ -25,6 +25,8 @@ from scipy import stats
 
 from sassgis.engine.effects import fragmentation
 from sassgis.engine.effects.build import effects_of, room_for_spawned
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.state import (
     BORN_A,
     BORN_B,
@@ -36,11 +38,11 @@ from sassgis.engine.effects.state import (
 )
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.rock import _bear_pieces
-from sassgis.engine.simulate import ControlLineCrossings
 from sassgis.engine.state import Block
-from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation
+from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
+from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
 FLAT = slope((100.0, 0.0))
@@ -49,13 +51,13 @@ TALUS = GroundTable((ground("talus"),))
 
 
 def breaking(*args, **settings):
-    return EffectSettings(fragmentation=Fragmentation(*args, **settings))
+    return EffectSettings(Fragmentation(*args, **settings))
 
 
 def as_read(settings):
     """Fragmentation as the kernel reads it."""
     none = np.zeros(0)
-    effects = effects_of(EffectSettings(fragmentation=settings), TALUS, none, none)
+    effects = effects_of(EffectSettings(settings), TALUS, none, none)
     assert effects is not None
     return effects
 
@@ -79,7 +81,7 @@ BREAKABLE = [
 
 @pytest.mark.parametrize("settings", BREAKABLE)
 def test_pieces_have_the_mass_and_volume_of_their_rock(settings):
-    out = run(ROUGH, ground(), MIXED, EffectSettings(fragmentation=settings), n=200, start=(3, 20))
+    out = run(ROUGH, ground(), MIXED, EffectSettings(settings), n=200, start=(3, 20))
     assert (out.rocks["reason"] == BROKEN).sum() > 20
     rows = ended(out)
     mass = np.bincount(rows["rock"], rows["mass_kg"], minlength=200)
@@ -97,7 +99,7 @@ def test_pieces_have_the_mass_and_volume_of_their_rock(settings):
 
 @pytest.mark.parametrize("settings", BREAKABLE)
 def test_no_piece_is_smaller_than_the_smallest(settings):
-    out = run(ROUGH, ground(), MIXED, EffectSettings(fragmentation=settings), n=200, start=(3, 20))
+    out = run(ROUGH, ground(), MIXED, EffectSettings(settings), n=200, start=(3, 20))
     volume = out.pieces["mass_kg"] / out.pieces["density_kgm3"]
     assert volume.min() >= settings.smallest_m3 * (1 - 1e-12)
 
@@ -124,7 +126,7 @@ def test_a_break_makes_neither_energy_nor_momentum(form, loss):
     turning = 0.5 * block.mass * inertia(block.a, block.b) * omega**2
     sideways = []
     for number in range(40):
-        spawned = room_for_spawned(50, EffectSettings(fragmentation=settings))
+        spawned = room_for_spawned(50, EffectSettings(settings))
         assert _bear_pieces(effects, spawned, block, number, 5.0, 80.0, vx, vz, theta, omega)
         rows = spawned.rows[: spawned.born[0]]
         assert len(rows) == 6
@@ -149,7 +151,7 @@ def inertia_of(rows):
 
 def test_without_a_cone_pieces_go_on_as_the_whole():
     settings = Fragmentation(cone_deg=0.0, loss=0.0, smallest_m3=0.0)
-    spawned = room_for_spawned(50, EffectSettings(fragmentation=settings))
+    spawned = room_for_spawned(50, EffectSettings(settings))
     block = Block(0.7, 0.5, 0.4, 1500.0, np.uint64(3))
     assert _bear_pieces(as_read(settings), spawned, block, 1, 5.0, 80.0, 9.0, -2.0, 0.4, 11.0)
     rows = spawned.rows[: spawned.born[0]]
@@ -204,10 +206,8 @@ def test_endless_breaking_is_told_and_not_cut_off():
     "effects",
     [
         breaking(energy_jkg=20.0, smallest_m3=0.005),
-        EffectSettings(entrainment=Entrainment(number=0.5, size_ratio=0.9, share=1.0)),
-        EffectSettings(
-            fragmentation=Fragmentation(energy_jkg=30.0), entrainment=Entrainment(number=0.3)
-        ),
+        EffectSettings(Entrainment(number=0.5, size_ratio=0.9, share=1.0)),
+        EffectSettings(Fragmentation(energy_jkg=30.0), Entrainment(number=0.3)),
     ],
 )
 def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
@@ -253,7 +253,7 @@ def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
     # More only where it is reached between two stations: before an impact, or going back.
     assert len(ratios) > 20
     assert np.mean(np.array(ratios) < 1.02) > 0.8
-    if effects.fragmentation:
+    if effects.get(Fragmentation):
         assert by_piece > 5
 
 
@@ -279,8 +279,8 @@ def test_passages_of_pieces_carry_their_mass():
 
 def test_new_blocks_do_not_depend_on_how_the_work_is_cut():
     both = EffectSettings(
-        fragmentation=Fragmentation(energy_jkg=30.0),
-        entrainment=Entrainment(number=0.5, classes=("talus",)),
+        Fragmentation(energy_jkg=30.0),
+        Entrainment(number=0.5, classes=("talus",)),
     )
     whole = run(ROUGH, TALUS, MIXED, both, n=30, start=(3, 20))
     parts = [run(ROUGH, TALUS, MIXED, both, n=10, first_rock=k, start=(3, 20)) for k in (0, 10, 20)]
@@ -295,7 +295,7 @@ def test_new_blocks_do_not_depend_on_how_the_work_is_cut():
 
 def loose(*args, **settings):
     settings.setdefault("classes", ())
-    return EffectSettings(entrainment=Entrainment(*args, **settings))
+    return EffectSettings(Entrainment(*args, **settings))
 
 
 def set_off(effects, drop=3.0, n=3000, radius=0.5):

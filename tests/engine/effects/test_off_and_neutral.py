@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 from helpers.effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
 
-from sassgis.engine.simulate import ControlLineCrossings
-from sassgis.model.effects import (
-    AirDrag,
-    EffectSettings,
-    Entrainment,
-    Fragmentation,
-    LateralDeflection,
-    RockShape,
-    Roughness,
-    SoftGround,
-    Trees,
-)
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.rock_shape import RockShape
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.engine.effects.trees import Trees
+from sassgis.model.effects import EffectSettings
+from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
+from sassgis.model.settings import LateralDeflection
 
 FLAT = profile(rough_slope(3))
 CONTROL_LINES = ControlLineCrossings.same_for_all(
@@ -41,24 +39,24 @@ def base():
 def test_nothing_on_is_the_base_to_the_last_bit(base):
     assert base.rocks.size == 120
     assert base.passages.size > 50
-    for off in (EffectSettings(), EffectSettings(lateral_deflection=LateralDeflection())):
+    for off in (EffectSettings(), EffectSettings(LateralDeflection())):
         assert same(play(off), base)
 
 
 NEUTRAL = {
-    "no drag": EffectSettings(air_drag=AirDrag(drag_coefficient=0.0)),
-    "no air": EffectSettings(air_drag=AirDrag(air_density_kgm3=0.0)),
-    "stems that take nothing": EffectSettings(trees=Trees(efficiency=0.0)),
-    "forest without drag": EffectSettings(trees=Trees("viscous", drag_kgps=0.0)),
-    "forest without height": EffectSettings(trees=Trees(height_m=0.0)),
-    "no obstacles": EffectSettings(roughness=Roughness(obstacle_m=0.0)),
-    "no waves": EffectSettings(roughness=Roughness("wave", obstacle_m=0.0)),
-    "never flat": EffectSettings(rock_shape=RockShape(strength=0.0)),
-    "unbreakable": EffectSettings(fragmentation=Fragmentation(energy_jkg=1e6, shape=20.0)),
-    "below the threshold": EffectSettings(fragmentation=Fragmentation("threshold", 1e6)),
-    "too small to break": EffectSettings(fragmentation=Fragmentation(smallest_m3=10.0)),
-    "nothing loose": EffectSettings(entrainment=Entrainment(number=0.0, classes=())),
-    "no energy, nothing loose": EffectSettings(entrainment=Entrainment("energy", 0.0, classes=())),
+    "no drag": EffectSettings(AirDrag(drag_coefficient=0.0)),
+    "no air": EffectSettings(AirDrag(air_density_kgm3=0.0)),
+    "stems that take nothing": EffectSettings(Trees(efficiency=0.0)),
+    "forest without drag": EffectSettings(Trees("viscous", drag_kgps=0.0)),
+    "forest without height": EffectSettings(Trees(height_m=0.0)),
+    "no obstacles": EffectSettings(Roughness(obstacle_m=0.0)),
+    "no waves": EffectSettings(Roughness("wave", obstacle_m=0.0)),
+    "never flat": EffectSettings(RockShape(strength=0.0)),
+    "unbreakable": EffectSettings(Fragmentation(energy_jkg=1e6, shape=20.0)),
+    "below the threshold": EffectSettings(Fragmentation("threshold", 1e6)),
+    "too small to break": EffectSettings(Fragmentation(smallest_m3=10.0)),
+    "nothing loose": EffectSettings(Entrainment(number=0.0, classes=())),
+    "no energy, nothing loose": EffectSettings(Entrainment("energy", 0.0, classes=())),
 }
 
 
@@ -68,7 +66,7 @@ def test_effects_without_strength_are_the_base_to_the_last_bit(base, name):
 
 
 def test_trees_without_a_forest_are_the_base_to_the_last_bit(base):
-    assert same(play(EffectSettings(trees=Trees())), base)
+    assert same(play(EffectSettings(Trees())), base)
 
 
 # Here numbers are multiplied with what is 1 but for rounding, and paths magnify that: close over
@@ -85,7 +83,7 @@ ALMOST = {
 def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
     # The rule "slip" cannot hold a contact in which the impulse is nearly along the ground.
     events = {"course_events": 12}
-    hard, soft = play(**events), play(EffectSettings(soft_ground=ALMOST[name]), **events)
+    hard, soft = play(**events), play(EffectSettings(ALMOST[name]), **events)
     close = 0
     for one, other in zip(hard.courses, soft.courses, strict=True):
         k = min(6, len(one), len(other))
@@ -97,7 +95,7 @@ def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
         "no drag in the scar": SoftGround("scar", drag_coefficient=10.0, classes=()),
         "no slip": SoftGround("slip", friction=0.1, classes=()),
     }[name]
-    assert not same(play(EffectSettings(soft_ground=strong)), base)
+    assert not same(play(EffectSettings(strong)), base)
 
 
 def test_mean_inertia_of_a_sphere_is_its_own(base):
@@ -105,7 +103,7 @@ def test_mean_inertia_of_a_sphere_is_its_own(base):
 
     one = run(FLAT, ground(), sphere(0.5), n=40, course_events=8)
     other = run(
-        FLAT, ground(), sphere(0.5), EffectSettings(rock_shape=RockShape("mean_inertia")), n=40,
+        FLAT, ground(), sphere(0.5), EffectSettings(RockShape("mean_inertia")), n=40,
         course_events=8,
     )  # fmt: skip
     for a, b in zip(one.courses, other.courses, strict=True):
@@ -118,7 +116,7 @@ def test_an_effect_leaves_the_draws_of_others_alone():
     drag = AirDrag(air_density_kgm3=1e-9)
     one, both = (
         play(
-            EffectSettings(trees=Trees(), roughness=Roughness(), air_drag=air),
+            EffectSettings(Trees(), Roughness(), air),
             stems=0.05, course_events=400,
         )
         for air in (None, drag)

@@ -7,18 +7,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.hazard.progress import joined_rows
 from sassgis.io.read.config import load_config
-from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation, LateralDeflection
+from sassgis.model.effects import EffectSettings
+from sassgis.model.settings import LateralDeflection
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import joined_rows, plan, simulate_map
+from sassgis.runs.map import simulate_map
+from sassgis.terrain.plan import plan
 
 
 @pytest.fixture(scope="module")
 def job(make_valley):
     effects = EffectSettings(
-        fragmentation=Fragmentation(energy_jkg=60.0),
-        entrainment=Entrainment(),
-        lateral_deflection=LateralDeflection(),
+        Fragmentation(energy_jkg=60.0),
+        Entrainment(),
+        LateralDeflection(),
     )
     run = read_map_run(load_config(make_valley(spacing_m=25.0)))
     return replace(run, effects=effects, stop_points_max=10**6)

@@ -23,8 +23,9 @@ from helpers.effects_lab import (
 from scipy import stats
 
 from sassgis.engine.effects import trees
-from sassgis.engine.simulate import ControlLineCrossings
-from sassgis.model.effects import EffectSettings, Trees
+from sassgis.engine.effects.trees import Trees
+from sassgis.model.effects import EffectSettings
+from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
 
 ANGLE = 30.0
@@ -66,7 +67,7 @@ def stems_met(effects, flat, stems, n=1500, chainages=(205.0,)):
 
 
 FEW = 1e-4 * ROLLING_ENERGY
-WEAK = EffectSettings(trees=Trees("full_stems", efficiency=FEW / ONE_STEM))
+WEAK = EffectSettings(Trees("full_stems", efficiency=FEW / ONE_STEM))
 
 
 @pytest.mark.parametrize("cell", [0.5, 2.0, 50.0])
@@ -136,7 +137,7 @@ def test_stems_are_met_below_their_height_only(cell):
     flat = profile(slope((200.0, 0.0)), cell)
     height, density, speed = 15.0, 0.05, 20.0
     take = 0.05 * MASS
-    effects = EffectSettings(trees=Trees("full_stems", efficiency=take / ONE_STEM, height_m=height))
+    effects = EffectSettings(Trees("full_stems", efficiency=take / ONE_STEM, height_m=height))
     n = 800
     met = landing(effects, flat, density, n, speed)
     full = 0.5 * MASS * (speed**2 + 2.0 * G * 40.0)
@@ -148,7 +149,7 @@ def test_stems_are_met_below_their_height_only(cell):
     assert counts.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(mean / n))
     assert counts.var() == pytest.approx(mean, rel=0.2)
     tall = landing(
-        EffectSettings(trees=Trees("full_stems", efficiency=take / ONE_STEM, height_m=60.0)),
+        EffectSettings(Trees("full_stems", efficiency=take / ONE_STEM, height_m=60.0)),
         flat, density, n, speed,
     )  # fmt: skip
     whole = density * (2.0 * RADIUS + 0.3) * speed * falls[1]
@@ -161,7 +162,7 @@ def test_the_loss_in_a_forest_does_not_depend_on_the_cells(cell):
     # A rough run through a real forest: the mean run-out agrees with that on cells of 2 m.
     from helpers.effects_lab import MIXED, ground, rough_slope
 
-    effects = EffectSettings(trees=Trees())
+    effects = EffectSettings(Trees())
     runs = []
     for size in (2.0, cell):
         flat = profile(rough_slope(5), size)
@@ -175,7 +176,7 @@ def test_the_loss_in_a_forest_does_not_depend_on_the_cells(cell):
 
 def test_a_viscous_forest_slows_a_flight_exponentially():
     k, drop, speed = 600.0, 60.0, 15.0
-    effects = EffectSettings(trees=Trees("viscous", drag_kgps=k, height_m=100.0))
+    effects = EffectSettings(Trees("viscous", drag_kgps=k, height_m=100.0))
     for cell in (0.5, 2.0, 100.0):
         flat = profile(slope((200.0, 0.0)), cell)
         (met,) = landing(effects, flat, 0.01, speed=speed, drop=drop)
@@ -201,7 +202,7 @@ def test_a_viscous_forest_slows_a_flight_exponentially():
 def test_a_viscous_forest_stops_a_rolling_rock(cell):
     # At constant speed but for the forest: dv/dx = -k/m, so that it ends at m v/k.
     k = 60.0
-    effects = EffectSettings(trees=Trees("viscous", drag_kgps=k))
+    effects = EffectSettings(Trees("viscous", drag_kgps=k))
     flat = profile(LINE, cell)
     out = run(
         flat,
@@ -227,7 +228,7 @@ def test_a_strong_stem_stops_a_rock_where_it_is_met():
     # has been stopped stays.
     ground = plain(mu_0=(1.0 + 1e-9) * math.tan(math.radians(ANGLE)))
     flat = profile(slope((2000.0, ANGLE)))
-    effects = EffectSettings(trees=Trees("full_stems"))
+    effects = EffectSettings(Trees("full_stems"))
     out = run(flat, ground, ROLLING, effects, n=800, forest=forest(flat, 0.02))
     assert ONE_STEM > ROLLING_ENERGY
     assert (out.rocks["reason"] == REST).all()

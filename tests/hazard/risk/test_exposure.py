@@ -16,7 +16,6 @@ from shapely import LineString, MultiLineString, MultiPoint, Point, box
 from shapely.affinity import rotate, translate
 
 from sassgis.io.read.objects import (
-    PlacedObjects,
     chainage,
     joined_objects,
     object_cells,
@@ -24,7 +23,7 @@ from sassgis.io.read.objects import (
     read_vulnerability,
 )
 from sassgis.model.errors import InputError
-from sassgis.model.exposure import Traffic, Vulnerability
+from sassgis.model.exposure import PlacedObjects, Traffic, Vulnerability
 from sassgis.model.grid import Grid
 
 TRAFFIC = {

@@ -13,10 +13,9 @@ from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, count
 from shapely import LineString, Point, box
 
 from sassgis.hazard.risk import ADDITIVE, assess_risk, object_rows, source_rows, total_rows
-from sassgis.io.read.objects import PlacedObjects
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.risk_objects import risk_frames, risk_vectors
-from sassgis.model.exposure import ExposedObject
+from sassgis.model.exposure import ExposedObject, PlacedObjects
 from sassgis.model.hazard import SourceCounts
 
 PLAYGROUND = ExposedObject("playground", "people", persons=10.0, presence=0.1)

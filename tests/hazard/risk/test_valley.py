@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sassgis.engine.simulate import ObjectCells
+from sassgis.hazard.bins import bins_of
 from sassgis.hazard.risk import assess_risk, risk_totals
 from sassgis.io.read.config import load_config
 from sassgis.io.read.objects import joined_objects, object_cells, read_objects, read_vulnerability
 from sassgis.model.hazard import Source, SourceCounts
+from sassgis.model.map_run import ObjectCells
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import bins_of, plan, simulate_map
+from sassgis.runs.map import simulate_map
+from sassgis.terrain.plan import plan
 
 CODES, LIMITS = ("low", "mean", "high"), (0.0, 30.0, 300.0)
 

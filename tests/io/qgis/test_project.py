@@ -199,8 +199,8 @@ def test_classes_have_their_names_and_colours(seen: dict[str, Any]) -> None:
     assert labels == ["high (300 kJ and more)", "mean (30 to 300 kJ)", "low (below 30 kJ)"]
     change = layer(seen, "Change of level by the barriers")["renderer"]["classes"]
     assert [c["value"] for c in change] == ["higher", "same", "lower"]
-    undecided = layer(seen, "Level not settled")["renderer"]
-    assert undecided["symbol_layers"] == ["LinePatternFill", "SimpleFill"]
+    uncertain = layer(seen, "Level not settled")["renderer"]
+    assert uncertain["symbol_layers"] == ["LinePatternFill", "SimpleFill"]
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import re
 import tomllib
@@ -13,17 +14,17 @@ from hypothesis import strategies as st
 
 from sassgis.io.read.config import (
     SECTIONS,
-    Config,
-    config_template,
+    declared_sections,
     file_digest,
     load_config,
     profile_control_lines,
     resolved,
     settings_hash,
 )
-from sassgis.io.read.effect_sections import EFFECT_SECTIONS
+from sassgis.io.write.config_template import config_template
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import ConfigError
+from sassgis.model.run_config import Config
 from sassgis.model.settings import EngineSettings
 
 MINIMAL = """
@@ -73,7 +74,7 @@ def test_settings_are_frozen(load):
     config = load()
     with pytest.raises(dataclasses.FrozenInstanceError):
         config.file = Path()  # type: ignore[misc]
-    with pytest.raises(ValueError, match="frozen"):
+    with pytest.raises(dataclasses.FrozenInstanceError):
         config.terrain.smoothing_m = 1.0  # type: ignore[misc]
 
 
@@ -92,9 +93,9 @@ def test_template_loads_with_the_defaults_it_shows(tmp_path):
     path.write_text(config_template())
     config = load_config(path)
     plain = resolved(config)
-    defaults = {n: m.model_construct() for n, m in SECTIONS.items() if n not in ("blocks",)}
     for section in ("spread", "engine", "run", "output"):
-        assert plain[section] == defaults[section].model_dump(mode="json")
+        defaults = dataclasses.asdict(SECTIONS[section]())
+        assert plain[section] == json.loads(json.dumps(defaults))
 
 
 def _template_keys() -> dict[str, set[str]]:
@@ -112,15 +113,13 @@ def _template_keys() -> dict[str, set[str]]:
 
 
 #: Every section that has keys of its own.
-ALL_SECTIONS = {n: m for n, m in SECTIONS.items() if n != "effects"} | {
-    f"effects.{n}": m for n, m in EFFECT_SECTIONS.items()
-}
+ALL_SECTIONS = declared_sections()
 
 
 @pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
 def test_template_shows_every_key_and_no_other(section):
     shown = _template_keys()[section]
-    fields = set(ALL_SECTIONS[section].model_fields)
+    fields = set(ALL_SECTIONS[section])
     if section == "barriers":  # placed as stations are: those keys are explained there
         shown |= {"file", "layer", "name_field", "chainage_m"}
     assert shown == fields
@@ -135,7 +134,7 @@ def test_defaults_in_comments_of_the_template_are_the_true_ones():
         key = re.match(r"# (\w+) = ([^#]+)", line)
         if key is None or section in ("stations", "barriers", "objects"):
             continue
-        field = ALL_SECTIONS[section].model_fields[key.group(1)]
+        field = ALL_SECTIONS[section][key.group(1)]
         if field.default is None:
             continue
         shown = tomllib.loads(f"v = {key.group(2)}")["v"]
@@ -149,11 +148,9 @@ def test_defaults_in_comments_of_the_template_are_the_true_ones():
 
 @pytest.mark.parametrize("section", sorted(ALL_SECTIONS))
 def test_every_key_is_described(section):
-    for key, field in ALL_SECTIONS[section].model_fields.items():
+    for key, field in ALL_SECTIONS[section].items():
         assert field.description, f"{section}.{key}"
-    assert set(SECTIONS["engine"].model_fields) == {
-        f.name for f in dataclasses.fields(EngineSettings)
-    }
+    assert set(ALL_SECTIONS["engine"]) == {f.name for f in dataclasses.fields(EngineSettings)}
 
 
 # --- errors ---------------------------------------------------------------------------------
@@ -340,8 +337,6 @@ def test_spacing_is_either_usable_or_refused_in_one_line(load, value):
 
 
 def test_resolved_is_plain_and_complete(load):
-    import json
-
     plain = resolved(load())
     assert json.loads(json.dumps(plain, allow_nan=False)) == plain
     assert set(plain) == {*SECTIONS, "onsets"}
@@ -418,3 +413,50 @@ def test_lines_on_the_map_have_no_chainage(load, one_line):
     with pytest.raises(ConfigError) as error:
         profile_control_lines(config)
     one_line(error, "run.toml", "stations[road]", "found line", "expected chainage_m")
+
+
+# --- former names ---------------------------------------------------------------------------
+
+BARRIER = '[[barriers]]\nname = "n"\nkind = "net"\nheight_m = 3\nchainage_m = 1\n'
+
+
+def test_former_keys_are_read_and_noted_once(load):
+    old = load(
+        MINIMAL
+        + (BARRIER + "lets_go = true\n")
+        + (BARRIER.replace('"n"', '"m"') + "lets_go = false\n")
+        + "[hazard]\nundecided_share_max = 0.1\nrounds_max = 3\n"
+    )
+    assert [b.restarts_from_rest for b in old.barriers] == [True, False]
+    assert (old.hazard.uncertain_share_max, old.hazard.repetitions_max) == (0.1, 3)
+    assert len(old.notes) == 3
+    for note, words in zip(
+        old.notes,
+        (
+            ("barriers.lets_go", "restarts_from_rest"),
+            ("hazard.undecided_share_max", "uncertain_share_max"),
+            ("hazard.rounds_max", "repetitions_max"),
+        ),
+        strict=True,
+    ):
+        assert "run.toml" in note and all(word in note for word in words)
+    new = load(
+        MINIMAL
+        + (BARRIER + "restarts_from_rest = true\n")
+        + (BARRIER.replace('"n"', '"m"') + "restarts_from_rest = false\n")
+        + "[hazard]\nuncertain_share_max = 0.1\nrepetitions_max = 3\n"
+    )
+    assert new.notes == ()
+    assert resolved(new) == resolved(old)
+
+
+def test_a_setting_under_both_names_is_refused(load, one_line):
+    with pytest.raises(ConfigError) as error:
+        load(MINIMAL + "[hazard]\nrounds_max = 3\nrepetitions_max = 3\n")
+    one_line(error, "run.toml", "hazard.repetitions_max", "rounds_max")
+
+
+def test_a_wrong_value_under_a_former_name_is_refused(load, one_line):
+    with pytest.raises(ConfigError) as error:
+        load(MINIMAL + "[hazard]\nrounds_max = 0\n")
+    one_line(error, "run.toml", "hazard.repetitions_max", "found 0")

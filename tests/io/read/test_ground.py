@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import Point, box
 
+from sassgis.io.read.checked import section_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table, ground_raster, read_ground_table
-from sassgis.io.read.sections import GroundSettings
 from sassgis.model.errors import InputError
 from sassgis.model.ground import GroundClass
+from sassgis.model.settings import GroundSettings
 
 WEST, NORTH = 2_700_000.0, 1_150_000.0
 HEADER = "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,source,verified\n"
@@ -22,9 +23,8 @@ GOOD = "scree,0.5,0.1,0.4,0.8,0.5,0.2,0.4,measured 2020,true\n"
 
 
 def settings(path=None, **keys):
-    return GroundSettings.model_validate(
-        {**({} if path is None else {"file": path}), **keys}, context={"base": Path()}
-    )
+    table = {**({} if path is None else {"file": path}), **keys}
+    return section_of(GroundSettings, table, Path("config.toml"))
 
 
 # --- built-in table -------------------------------------------------------------------------

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from shapely import LineString, MultiLineString, MultiPoint, MultiPolygon, Point, Polygon, box
 
+from sassgis.io.read.checked import section_of
 from sassgis.io.read.config import load_config
-from sassgis.io.read.sections import ReleaseSettings
 from sassgis.io.read.vectors import (
     START_SLOPE_DEG,
     cells_under,
@@ -22,6 +22,7 @@ from sassgis.io.read.vectors import (
 )
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
+from sassgis.model.settings import ReleaseSettings
 
 WEST, NORTH = 2_700_000.0, 1_150_000.0
 BLOCKS = ("large", "small")
@@ -33,7 +34,7 @@ def at(x0, y0, x1, y1):
 
 
 def settings(path, **keys):
-    return ReleaseSettings.model_validate({"file": path, **keys}, context={"base": Path()})
+    return section_of(ReleaseSettings, {"file": path, **keys}, Path("config.toml"))
 
 
 AREA = at(52, 31, 97, 58)

@@ -15,13 +15,14 @@ import pytest
 from helpers import made_up_result as made_up
 from shapely.geometry import LineString, MultiPolygon, Point, box
 
-from sassgis.io.write.geopackage import FieldInfo, VectorLayer, write_geopackage
+from sassgis.io.write.geopackage import VectorLayer, write_geopackage
 from sassgis.model.errors import OutputError
 from sassgis.model.styles import (
     FALL_LINE_STYLE,
     FOOTPRINT_STYLE,
     RELEASE_AREA_STYLE,
     RELEASE_POINT_STYLE,
+    FieldInfo,
 )
 
 

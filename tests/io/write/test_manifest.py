@@ -28,7 +28,7 @@ def write(folder: Path, inputs: dict[str, Path], **changes: Any) -> dict[str, An
         "crs": "EPSG:2056",
         "vertical_datum": "LN02",
         "seed": 42,
-        "ref_width_m": 3.0,
+        "ref_widths_m": {"reach_probability": 3.0},
         "preset": "",
         "settings": {"engine": EngineSettings()},
         "counts": {"rocks": np.int64(500)},
@@ -72,7 +72,7 @@ def test_content(place: Path) -> None:
     assert {"python", "platform", "numba", "geopandas", "gdal (rasterio)"} <= set(
         content["versions"]
     )
-    assert (content["seed"], content["ref_width_m"]) == (42, 3.0)
+    assert (content["seed"], content["ref_widths_m"]) == (42, {"reach_probability": 3.0})
     assert (content["crs"], content["vertical_datum"]) == ("EPSG:2056", "LN02")
     assert content["counts"] == {"rocks": 500}
     assert content["warnings"] == ["two points lie outside the DEM"]

@@ -17,7 +17,8 @@ from helpers.cut_valley import GOOD, Stopped, Valley, write_vrt
 from sassgis.cli import main
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import ConfigError, InputError, OutputError
-from sassgis.runs.batch import batch, find_areas
+from sassgis.runs.batch import batch
+from sassgis.runs.batch_areas import find_areas
 from sassgis.runs.zone import zone
 
 # Maps hold everything that is counted; these hold what is made of it.
@@ -89,7 +90,7 @@ def test_the_mosaic_is_one_run_of_all_areas_to_the_last_bit(done: Stopped, joint
 
 
 def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path) -> None:
-    """Ways that leave the fall line, rounds, pieces, and a forest that one area never meets."""
+    """Random paths, repetitions, fragments, and a forest that one area never meets."""
     inputs = tmp_path / "inputs"
     shutil.copytree(valley.config.parent, inputs)
     good = gpd.read_file(valley.releases).set_index("name").loc[["Mitte", "Nord"]].reset_index()
@@ -98,8 +99,8 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path) -> Non
     stand = shapely.box(east, south + 30.0, east + 150.0, north)
     gpd.GeoDataFrame(geometry=[stand], crs=good.crs).to_file(inputs / "stand.gpkg", driver="GPKG")
     config = inputs / valley.config.name
-    rounds = "[hazard]\nundecided_share_max = 0.0001\nrounds_max = 2\n"
-    config.write_text(config.read_text().replace("[hazard]\n", rounds))
+    more = "[hazard]\nuncertain_share_max = 0.0001\nrepetitions_max = 2\n"
+    config.write_text(config.read_text().replace("[hazard]\n", more))
     with config.open("a") as text:
         text.write("[effects.lateral_deflection]\nangle_deg = 8.0\n[effects.fragmentation]\n")
         text.write('[effects.trees]\nfile = "stand.gpkg"\nstems_per_ha = 300.0\ndbh_cm = 30.0\n')
@@ -108,12 +109,12 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path) -> Non
     whole = zone(together, tmp_path / "joint")
     assert whole.run.progress.pieces > 100
     own = json.loads((tmp_path / "out" / "areas" / "mitte" / "area.json").read_text())
-    assert own["rounds"] == 2 and own["north"] < south + 30.0
+    assert own["repetitions"] == 2 and own["north"] < south + 30.0
     assert_same_result(tmp_path / "out" / "mosaic", tmp_path / "joint")
     told = [
         json.loads((tmp_path / f / "manifest.json").read_text()) for f in ("out/mosaic", "joint")
     ]
-    assert told[0]["counts"]["pieces"] == told[1]["counts"]["pieces"]
+    assert told[0]["counts"]["fragments"] == told[1]["counts"]["fragments"]
     assert all("trees file" in str(t["inputs"]) for t in told)
 
 

@@ -11,9 +11,10 @@ import pytest
 import rasterio
 
 from sassgis.io.read.config import load_config
+from sassgis.model.map_run import MapRun
 from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import MapRun, Plan, plan
 from sassgis.runs.run import RunResult, run
+from sassgis.terrain.plan import Plan, plan
 
 TABLES = {"output.rock_table": "csv", "output.passage_table": "csv"}
 

@@ -17,7 +17,10 @@ from sassgis.io.write.manifest import file_digest
 from sassgis.model.results import StopReason
 from sassgis.runs.run import run
 
-MAPS = ("reach_probability", "passages", "energy", "passing_height", "speed", "stops", "terrain")
+MAPS = (
+    "reach_probability", "passages", "energy", "passing_height", "speed", "arrival_time", "stops",
+    "terrain",
+)  # fmt: skip
 
 
 def test_every_file_is_there_and_in_the_manifest(small) -> None:
@@ -45,7 +48,7 @@ def test_counts_add_up(small) -> None:
     counts = json.loads((small.folder / "manifest.json").read_text())["counts"]
     assert counts["rocks"] == small.result.rocks > 200
     assert sum(counts[f"rocks_{r.name.lower()}"] for r in StopReason) == counts["rocks"]
-    assert counts["rocks"] + counts["rocks_not_followed"] == counts["release_points"] * 6
+    assert counts["rocks"] + counts["rocks_not_simulated"] == counts["release_points"] * 6
     assert counts["fall_lines"] == counts["release_points"]
 
 
@@ -74,6 +77,18 @@ def test_quantiles_rise_to_the_largest(small, stem: str) -> None:
         assert np.array_equal(np.isfinite(low), known)
         assert (low[known] <= high[known] * (1 + 1e-6)).all()
     assert bands[-1][known].max() > bands[0][known].max() > 0.0
+
+
+def test_times_of_arrival_rise_from_the_smallest(small) -> None:
+    bands = [small.band("arrival_time", n) for n in ("min", "q5", "q50")]
+    known = np.isfinite(small.band("passages", "passages"))
+    for low, high in itertools.pairwise(bands):
+        assert np.array_equal(np.isfinite(low), known)
+        assert (low[known] <= high[known] * (1 + 1e-6)).all()
+    rocks = pd.read_csv(small.folder / "tables" / "rocks.csv")
+    assert bands[0][known].min() == 0.0
+    assert bands[0][known].max() <= rocks["time_s"].max() * (1 + 1e-6)
+    assert bands[-1][known].max() > 10.0
 
 
 def test_the_largest_values_on_the_map_are_those_of_the_rocks(small) -> None:

@@ -15,12 +15,14 @@ import pytest
 from sassgis.io.read.config import load_config
 from sassgis.io.write.staging import partial_folder
 from sassgis.model.errors import Interrupted, OutputError
+from sassgis.runs import job as job_module
 from sassgis.runs import map as map_run
-from sassgis.runs import run as run_module
+from sassgis.runs import publish
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.interrupts import held_back
-from sassgis.runs.map import plan, simulate_map
+from sassgis.runs.map import simulate_map
 from sassgis.runs.run import run
+from sassgis.terrain.plan import plan
 
 TABLES = {"output.rock_table": "csv", "output.passage_table": "csv"}
 
@@ -30,7 +32,7 @@ def few_points_a_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
     def simulate(*args, **kwargs):
         return simulate_map(*args, **kwargs, chunk_points=6)
 
-    monkeypatch.setattr(run_module, "simulate_map", simulate)
+    monkeypatch.setattr(job_module, "simulate_map", simulate)
 
 
 @pytest.fixture
@@ -51,7 +53,7 @@ def interrupted(small, tmp_path: Path, few_points_a_chunk: None) -> Path:
 
 
 def firsts(config, out: Path, **options) -> list[int]:
-    """Chunks as they are reported by a run that is let go to its end."""
+    """Chunks as they are reported by a run that is left to its end."""
     seen: list[int] = []
     run(config, out, on_progress=lambda done, _n, _r: seen.append(done), **options)
     return seen
@@ -81,11 +83,11 @@ def test_it_goes_on_and_gives_the_same_bytes(small, interrupted: Path) -> None:
 def test_a_state_of_other_settings_is_ignored(small, interrupted: Path, change) -> None:
     checkpoint = partial_folder(interrupted) / "checkpoint"
     config = load_config(small.config, {**TABLES, **change})
-    job = run_module.read_map_run(config)
-    fingerprint = run_module._state_fingerprint(config, job)
+    job = job_module.read_map_run(config)
+    fingerprint = job_module._state_fingerprint(config, job)
     assert Checkpoint(checkpoint.parent, fingerprint).restore(job) is None
     same = load_config(small.config, TABLES)
-    own = Checkpoint(checkpoint.parent, run_module._state_fingerprint(same, small.result.run))
+    own = Checkpoint(checkpoint.parent, job_module._state_fingerprint(same, small.result.run))
     assert own.restore(small.result.run) is not None
 
 
@@ -104,7 +106,7 @@ def test_a_damaged_state_is_ignored(small, interrupted: Path, harm: str) -> None
     else:
         (folder / "rows_000000.npz").unlink()
     config = load_config(small.config, TABLES)
-    fingerprint = run_module._state_fingerprint(config, small.result.run)
+    fingerprint = job_module._state_fingerprint(config, small.result.run)
     assert Checkpoint(folder.parent, fingerprint).restore(small.result.run) is None
 
 
@@ -116,7 +118,7 @@ def test_results_that_cannot_be_written_leave_the_state(
 
     config = load_config(small.config, TABLES)
     with monkeypatch.context() as patched:
-        patched.setattr(run_module, "write_geopackage", full)
+        patched.setattr(publish, "write_geopackage", full)
         with pytest.raises(OutputError, match="the disk is full"):
             run(config, tmp_path / "out", jobs=1)
     left = {p.name for p in partial_folder(tmp_path / "out").iterdir()}
@@ -133,7 +135,7 @@ def test_results_that_cannot_be_written_leave_the_state(
 
 def test_ctrl_c_waits_until_a_chunk_is_added(job, planned, monkeypatch) -> None:
     """Asked for in the middle of adding, it comes after: sums, stops and count go together."""
-    add = map_run._add
+    add = map_run.add_chunk
 
     def interrupted_add(progress, *rest) -> None:
         if progress.chunks == 1:
@@ -142,7 +144,7 @@ def test_ctrl_c_waits_until_a_chunk_is_added(job, planned, monkeypatch) -> None:
 
     held = map_run.Progress.fresh(job)
     with monkeypatch.context() as patched:
-        patched.setattr(map_run, "_add", interrupted_add)
+        patched.setattr(map_run, "add_chunk", interrupted_add)
         with pytest.raises(KeyboardInterrupt):
             simulate_map(job, planned, resume=held, chunk_points=9)
     assert held.chunks == 2

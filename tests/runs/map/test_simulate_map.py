@@ -9,21 +9,16 @@ import numpy as np
 import pytest
 import shapely
 
-from sassgis.hazard.statistics import MapSums, reach_probability
+from sassgis.hazard.bins import bins_of
+from sassgis.hazard.map_sums import MapSums, reach_probability
+from sassgis.hazard.progress import Progress, joined_rows, line_ends, sample_of
 from sassgis.io.write.layers.maps import map_layers
+from sassgis.model.map_run import MapRun
+from sassgis.model.profiles import LineEnd
+from sassgis.model.release_areas import SpreadSettings
 from sassgis.model.results import StopReason
-from sassgis.runs import map as map_run
-from sassgis.runs.map import (
-    MapRun,
-    Progress,
-    bins_of,
-    chunks_of,
-    joined_rows,
-    plan,
-    sample_of,
-    simulate_map,
-)
-from sassgis.terrain.spread import SpreadSettings
+from sassgis.runs.map import chunks_of, simulate_map
+from sassgis.terrain.plan import plan
 
 
 def state(progress: Progress) -> dict[str, np.ndarray]:
@@ -128,7 +123,8 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
     """One rock per line and one line per chunk: what is added is then the values of one rock."""
     one = replace(job, rocks_per_point=1, spacing_m=5.0)
     planned = plan(one)
-    seen: dict[str, list[tuple[int, float]]] = {"energy": [], "height": [], "speed": []}
+    extreme = {"energy": "max", "height": "max", "speed": "max", "arrival": "min"}
+    seen: dict[str, list[tuple[int, float]]] = {name: [] for name in extreme}
     stopped: list[int] = []
     add = MapSums.add
 
@@ -137,13 +133,14 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
         came = columns["reach"] > 0
         assert columns["reach"].max() <= 1
         for name, values in seen.items():
-            values += zip(cells[came].tolist(), columns[f"{name}_max"][came].tolist(), strict=True)
+            own = columns[f"{name}_{extreme[name]}"][came]
+            values += zip(cells[came].tolist(), own.tolist(), strict=True)
         stopped.extend(cells[columns["stops"] > 0].tolist())
         add(self, cells, sums)
 
     monkeypatch.setattr(MapSums, "add", listen)
     progress = simulate_map(one, planned, chunk_points=1)
-    bins = bins_of(one)._asdict()
+    bins = bins_of(one).edges
     layers = map_layers(
         progress.sums, one.grid.shape, sample_of(one, planned, progress), bins, one.grid.cell_size
     )
@@ -154,15 +151,22 @@ def test_maps_agree_with_each_rock_looked_at_alone(job, monkeypatch: pytest.Monk
         np.nan_to_num(band["stops", "stops"]), np.bincount(stopped, minlength=counts.size)
     )
     assert counts.max() >= 8
-    for name, stem in (("energy", "energy"), ("height", "passing_height"), ("speed", "speed")):
+    above = ((0.5, "q50"), (0.9, "q90"), (0.95, "q95"), (0.99, "q99"))
+    for name, stem, bands in (
+        ("energy", "energy", above),
+        ("height", "passing_height", above),
+        ("speed", "speed", above),
+        ("arrival", "arrival_time", ((0.05, "q5"), (0.5, "q50"))),
+    ):
         values: dict[int, list[float]] = {}
         for cell, value in seen[name]:
             values.setdefault(cell, []).append(value)
         edges = bins[name]
         for cell, own in values.items():
             own.sort()
-            assert band[stem, "max"][cell] == np.float32(own[-1])
-            for p, q in ((0.5, "q50"), (0.9, "q90"), (0.95, "q95"), (0.99, "q99")):
+            end = extreme[name]
+            assert band[stem, end][cell] == np.float32(own[-1 if end == "max" else 0])
+            for p, q in bands:
                 # The smallest value that p of the rocks do not exceed: in the same bin.
                 exact = own[int(np.ceil(p * len(own) - 1e-9)) - 1]
                 i = min(int(np.searchsorted(edges, exact, side="right")) - 1, edges.size - 2)
@@ -294,9 +298,9 @@ def test_rocks_leave_a_terrain_model_that_ends_too_early(job) -> None:
     )  # fmt: skip
     progress = simulate_map(short, plan(short))
     assert progress.reasons[StopReason.LEFT_PROFILE] > 0
-    ends = map_run.line_ends(progress)
+    ends = line_ends(progress)
     assert sum(ends.values()) == len(plan(short).points)
-    assert ends[map_run.LineEnd.LEFT_DEM] > 0
+    assert ends[LineEnd.LEFT_DEM] > 0
 
 
 def test_a_release_file_of_points_gives_rocks(make_valley, read_job) -> None:

@@ -192,7 +192,7 @@ BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
         hazard(ref_width_m=3.0), "config.toml", ["hazard.ref_width_m", "3 m", "2 m", "4 m"]
     ),
     "share of all": (
-        hazard(undecided_share_max=1.0), "config.toml", ["hazard.undecided_share_max", "below 1"]
+        hazard(uncertain_share_max=1.0), "config.toml", ["hazard.uncertain_share_max", "below 1"]
     ),
     "unknown key": (
         hazard(ref_widht_m=10.0), "config.toml", ["ref_widht_m", "ref_width_m"]
@@ -261,7 +261,9 @@ def test_what_is_not_bad_goes_through(tmp_path: Path, call) -> None:
     case.write()
     code, printed, err = call("zone", case.config, "-o", tmp_path / "result", "--jobs", "1")
     assert code == 0, err
-    assert re.search(r"^\d+ rocks, \d+ zones, [\d.]+ % of the reached cells undecided", printed)
+    assert re.search(
+        r"^\d+ rocks, \d+ zones, [\d.]+ % of the reached cells statistically uncertain", printed
+    )
     assert (tmp_path / "result" / "hazard.gpkg").is_file()
 
 

@@ -1,8 +1,8 @@
 """Hazard curves against rocks that are simulated and counted one at a time, in plain Python.
 
-Each rock is let go alone, so that what it leaves in the cells of its line is its own largest energy
-there. Nothing of what adds up in the program takes part: not the counting at thresholds, not the
-joining of chunks, not the windows or the objects.
+Each rock is released alone, so that what it leaves in the cells of its line is its own largest
+energy there. Nothing of what adds up in the program takes part: not the counting at thresholds, not
+the joining of chunks, not the windows or the objects.
 """
 
 from __future__ import annotations
@@ -18,26 +18,25 @@ import shapely
 from helpers.zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
 
 from sassgis.engine.simulate import simulate
-from sassgis.runs.map import LEAD_IN_M, bins_of, control_line_crossings, line_draw_keys
-from sassgis.terrain.flatten import profiles
+from sassgis.hazard.bins import bins_of
+from sassgis.terrain.prepare import line_draw_keys, prepare_lines
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import trace_bundles
-from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, take_profiles, usable, with_lead_in
+from sassgis.terrain.stretch import take_lines
 
-#: Area, scenario, line, round: cells with the largest energy of a rock there (kJ).
+#: Area, scenario, line, repetition: cells with the largest energy of a rock there (kJ).
 Rock = tuple[str, str, int, int, dict[int, float]]
 
 
 def rocks_one_by_one(zoned: Zoned) -> list[Rock]:
-    """Follow every rock of a run by itself."""
+    """Simulate every rock of a run by itself."""
     run, planned = zoned.done.run, zoned.done.planned
     out: list[Rock] = []
     m, n = run.spread.lines_per_point, run.rocks_per_line
     for point in range(len(planned.points)):
         starts = take(planned.starts, np.array([point]))
         traces = trace_bundles(run.grid, planned.surface, starts, run.fall_lines, run.spread)
-        flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
-        good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
+        good = prepare_lines(run, traces).good
         area = int(starts.area[0])
         moved = planned.moved[point]
         for scenario in planned.scenarios[area]:
@@ -45,26 +44,25 @@ def rocks_one_by_one(zoned: Zoned) -> list[Rock]:
             keys = line_draw_keys(traces, starts.key, m, blocks.name)
             for member in np.flatnonzero(good):
                 this = np.arange(len(traces)) == member
-                line = take_lines(traces, this)
-                ahead = with_lead_in(take_profiles(flat, this), LEAD_IN_M)
-                for number in range(run.rounds * n):
+                prepared = prepare_lines(run, take_lines(traces, this))
+                for number in range(run.repetitions * n):
                     alone = simulate(
-                        ahead,
+                        prepared.profiles,
                         run.table,
                         blocks,
                         run.engine,
                         seed=run.seed,
                         rocks_per_line=1,
                         line_keys=keys[this],
-                        starts=np.array([[0.0, min(2 * moved, ahead.s[-1])]]),
-                        control_lines=control_line_crossings(run, line),
+                        starts=prepared.starts(np.array([moved])),
+                        control_lines=prepared.crossings,
                         first_rock=number,
                         bins=bins_of(run),
                     )
                     came = alone.sums["reach"] == 1
                     cells = alone.cells[came].tolist()
                     energy = alone.sums["energy_max"][came].tolist()
-                    stratum = (point * m + int(member)) * run.rounds + number // n
+                    stratum = (point * m + int(member)) * run.repetitions + number // n
                     out.append(
                         (run.areas[area].name, blocks.name, stratum, number,
                          dict(zip(cells, energy, strict=True)))
@@ -143,7 +141,7 @@ def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
     case.set("risk.vulnerability", "vulnerability.csv")
     case.sections["release"] |= {"spacing_m": 5.0, "rocks_per_point": 6}
     # A second round of rocks, which is never enough.
-    case.sections["hazard"] |= {"undecided_share_max": 0.0001, "rounds_max": 2}
+    case.sections["hazard"] |= {"uncertain_share_max": 0.0001, "repetitions_max": 2}
     case.write()
     return case, zoned(case.config, folder / "work")
 
@@ -166,7 +164,7 @@ def test_there_is_something_to_count(both) -> None:
     zoned, rocks, _ = both
     assert len({r[:2] for r in rocks}) == 4
     assert len(rocks) == sum(s.source.rocks for s in zoned.found.hazard.sampled) > 300
-    assert (zoned.done.run.rocks_per_line, zoned.done.run.rounds) == (3, 2)
+    assert (zoned.done.run.rocks_per_line, zoned.done.run.repetitions) == (3, 2)
     assert max(max(r[4].values()) for r in rocks if r[4]) > 300.0
     # Rocks of both areas meet in the gully.
     north, south = ({c for r in rocks if r[0] == name for c in r[4]} for name in ("north", "south"))

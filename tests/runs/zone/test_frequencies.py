@@ -16,8 +16,9 @@ from sassgis.hazard.sources import onset_frequencies
 from sassgis.io.read.config import load_config
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
-from sassgis.runs.map import Rows, simulate_map
-from sassgis.runs.run import read_job
+from sassgis.model.map_run import Rows
+from sassgis.runs.job import read_job
+from sassgis.runs.map import simulate_map
 
 #: North: 8 x 9 cells of 4 m2; south: 7 x 9.
 NORTH_M2, SOUTH_M2 = 288.0, 252.0

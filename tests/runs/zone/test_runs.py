@@ -1,4 +1,4 @@
-"""What must not depend on how a zoning is run: areas, rounds, interruptions, threads, barriers."""
+"""What must not depend on how a zoning is run: areas, repetitions, stops, threads, barriers."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from helpers.zone_slope import Case, Zoned, place, two_areas, zoned
 
-from sassgis.hazard.assess import share_undecided
+from sassgis.hazard.assess import share_uncertain
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import Interrupted
 from sassgis.model.hazard import HazardCurves
-from sassgis.runs.map import Rows, simulate_map
+from sassgis.model.map_run import Rows
+from sassgis.runs.map import simulate_map
 from sassgis.runs.zone import zone
 
 
@@ -61,50 +62,50 @@ def adaptive(folder: Path, share: float, rounds_max: int = 64) -> Case:
     # Frequencies between the limits of the matrix, so that rocks can decide the level.
     case.blocks[0]["onset_frequency"], case.blocks[1]["onset_frequency"] = 0.2, 0.02
     case.sections["release"]["rocks_per_point"] = 8
-    case.sections["hazard"] |= {"undecided_share_max": share, "rounds_max": rounds_max}
+    case.sections["hazard"] |= {"uncertain_share_max": share, "repetitions_max": rounds_max}
     case.write()
     return case
 
 
-def test_rounds_go_on_until_few_cells_are_undecided(tmp_path: Path) -> None:
+def test_repetitions_go_on_until_few_cells_are_uncertain(tmp_path: Path) -> None:
     case = adaptive(tmp_path, 0.3)
     said: list[str] = []
     found = zoned(case.config, tmp_path / "work", say=said.append)
-    assert found.done.run.rounds in (2, 4, 8, 16, 32)
-    assert found.found.hazard.undecided_share <= 0.3
+    assert found.done.run.repetitions in (2, 4, 8, 16, 32)
+    assert found.found.hazard.uncertain_share <= 0.3
     # What was said of each try is what made it go on.
-    shares = [float(s.split()[0]) for s in said if "undecided" in s]
-    assert len(shares) == np.log2(found.done.run.rounds) + 1
+    shares = [float(s.split()[0]) for s in said if "uncertain" in s]
+    assert len(shares) == np.log2(found.done.run.repetitions) + 1
     assert all(s > 30.0 for s in shares[:-1]) and shares[-1] <= 30.0
-    assert shares[-1] == round(100.0 * found.found.hazard.undecided_share, 1)
+    assert shares[-1] == round(100.0 * found.found.hazard.uncertain_share, 1)
     # It is the share of all reached cells.
     rules = found.rules
-    assert share_undecided(found.curves, rules.preset, 0.95) == found.found.hazard.undecided_share
-    # The number of rocks of each source is that of its rounds.
+    assert share_uncertain(found.curves, rules.preset, 0.95) == found.found.hazard.uncertain_share
+    # The number of rocks of each source is that of its repetitions.
     for s in found.found.hazard.sampled:
-        assert s.source.rocks % (8 * found.done.run.rounds) == 0
+        assert s.source.rocks % (8 * found.done.run.repetitions) == 0
 
 
-def test_too_few_rounds_are_told(tmp_path: Path) -> None:
+def test_too_few_repetitions_are_told(tmp_path: Path) -> None:
     case = adaptive(tmp_path, 0.01, rounds_max=3)
     result = zone(case.config, tmp_path / "out", jobs=1)
-    assert result.run.run.rounds == 3
-    share = result.found.hazard.undecided_share
+    assert result.run.run.repetitions == 3
+    share = result.found.hazard.uncertain_share
     assert share > 0.01
-    told = [w for w in result.run.warnings if "still undecided" in w]
+    told = [w for w in result.run.warnings if "still statistically uncertain" in w]
     assert len(told) == 1
     assert told[0].startswith(f"{100 * share:.1f} % of the reached cells")
-    assert "3 rounds" in told[0] and "undecided_share_max: 1 %" in told[0]
+    assert "3 repetitions" in told[0] and "uncertain_share_max: 1 %" in told[0]
     assert told[0] in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
-def test_rocks_of_the_first_rounds_stay_as_they_are(tmp_path: Path) -> None:
+def test_rocks_of_the_first_repetitions_stay_as_they_are(tmp_path: Path) -> None:
     case = two_areas(tmp_path)
     job = zoned(case.config, tmp_path / "work").job
 
-    def rocks(rounds: int) -> list[Rows]:
+    def rocks(repetitions: int) -> list[Rows]:
         rows: list[Rows] = []
-        run = replace(job.run, rounds=rounds)
+        run = replace(job.run, repetitions=repetitions)
         simulate_map(run, job.planned, on_chunk=lambda _p, _n, own: rows.append(own))
         return rows
 
@@ -112,7 +113,7 @@ def test_rocks_of_the_first_rounds_stay_as_they_are(tmp_path: Path) -> None:
     assert len(three) == 3 * len(one)
     for before, after in zip(one, three, strict=False):
         assert np.array_equal(before.rocks, after.rocks)
-    # Later rounds are other rocks: none is run twice.
+    # Later repetitions are other rocks: none is run twice.
     drawn = np.concatenate([r.rocks["mass_kg"] for r in three])
     assert np.unique(drawn).size == drawn.size
 
@@ -137,8 +138,8 @@ def test_barriers_are_compared_with_the_same_rocks(tmp_path: Path) -> None:
     case.write()
     without = zoned(case.config, tmp_path / "without")
     before = with_them.found.without
-    assert before is not None and with_them.bare is not None
-    assert with_them.bare.run.rounds == with_them.done.run.rounds == 2
+    assert before is not None and with_them.without is not None
+    assert with_them.without.run.repetitions == with_them.done.run.repetitions == 2
     assert same_curves(before.curves, without.curves)
     assert not same_curves(with_them.curves, without.curves)
     # Above the first barrier nothing changes, below it never more comes than without.
@@ -167,7 +168,7 @@ def stop_at(call: int) -> Callable[[int, int, int], None]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Path]:
-    """An adaptive run with barriers: two chunks a round, four rounds, once more without them."""
+    """An adaptive run with barriers: two chunks, four repetitions, once more without barriers."""
     folder = tmp_path_factory.mktemp("whole")
     case = with_barriers(adaptive(folder, 0.01, rounds_max=4))
     result = zone(case.config, folder / "out", jobs=1)
@@ -192,24 +193,24 @@ def test_interrupted_and_resumed_is_uninterrupted(
 @pytest.mark.parametrize(
     "change",
     [
-        {"hazard.undecided_share_max": None},
-        {"hazard.rounds_max": 1},
-        {"hazard.undecided_share_max": 1.0},
+        {"hazard.uncertain_share_max": None},
+        {"hazard.repetitions_max": 1},
+        {"hazard.uncertain_share_max": 0.9999},
     ],
-    ids=["no rounds", "one round", "sooner enough"],
+    ids=["no repetitions", "one repetition", "sooner enough"],
 )
-def test_other_rounds_than_those_of_an_interrupted_run(
+def test_other_repetitions_than_those_of_an_interrupted_run(
     whole: tuple[Case, Path], tmp_path: Path, change: dict[str, object]
 ) -> None:
-    """What was computed for more rounds does not get into a result of fewer."""
+    """What was computed for more repetitions does not get into a result of fewer."""
     config = load_config(whole[0].config)
     with pytest.raises(Interrupted):
         zoned(config, tmp_path / "work", on_progress=stop_at(7))
     hazard = {key.split(".")[1]: value for key, value in change.items()}
-    other = replace(config, hazard=config.hazard.model_copy(update=hazard))
+    other = replace(config, hazard=replace(config.hazard, **hazard))
     resumed = zoned(other, tmp_path / "work")
     fresh = zoned(other, tmp_path / "fresh")
-    assert fresh.done.run.rounds == 1 == resumed.done.run.rounds
+    assert fresh.done.run.repetitions == 1 == resumed.done.run.repetitions
     assert same_curves(resumed.curves, fresh.curves)
     assert resumed.found.without is not None and fresh.found.without is not None
     assert same_curves(resumed.found.without.curves, fresh.found.without.curves)

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 from helpers.zone_slope import VULNERABILITY, box, two_areas
 
-from sassgis.hazard.assess import curves_of
+from sassgis.hazard.assess import curves_of, risk_of
+from sassgis.hazard.bins import bins_of
 from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.config import load_config
-from sassgis.runs.assessment import read_rules, risk_of
-from sassgis.runs.map import bins_of, plan, simulate_map
-from sassgis.runs.run import read_job
+from sassgis.runs.inputs import read_rules
+from sassgis.runs.job import read_job
+from sassgis.runs.map import simulate_map
 from sassgis.runs.zone import prepared
+from sassgis.terrain.plan import plan
 
 SEEDS = 100
 ENERGIES = (0.0, 30.0, 300.0)

@@ -19,8 +19,8 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.results import Band, RasterClass, RasterLayer
 
-#: Colours of "decided" and "undecided".
-_DECIDED, _UNDECIDED = "#b8c4c2", "#d6721f"
+#: Colours of "decided" and "statistically uncertain".
+_DECIDED, _UNCERTAIN = "#b8c4c2", "#d6721f"
 
 
 def hazard_layers(
@@ -220,7 +220,7 @@ class _Maker:
             f"sample cannot tell its error. {self._frequencies} {self._rules}",
             (
                 self._band(
-                    "undecided",
+                    "uncertain",
                     "Whether another sample of rocks might give another level",
                     "class",
                     np.where(self._came, open_, np.nan),
@@ -236,7 +236,10 @@ class _Maker:
             ),
             (),
             "",
-            (RasterClass(0, "decided", _DECIDED), RasterClass(1, "undecided", _UNDECIDED)),
+            (
+                RasterClass(0, "decided", _DECIDED),
+                RasterClass(1, "statistically uncertain", _UNCERTAIN),
+            ),
         )
 
     def _level_classes(self) -> tuple[RasterClass, ...]:

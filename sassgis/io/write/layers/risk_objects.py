@@ -18,8 +18,8 @@ from sassgis.hazard.risk import (
     source_rows,
     total_rows,
 )
-from sassgis.io.read.objects import PlacedObjects
 from sassgis.io.write.geopackage import VectorLayer
+from sassgis.model.exposure import PlacedObjects
 from sassgis.model.styles import FieldInfo, StyleClass, Symbol, VectorStyle, class_colours
 
 _RAMP = "YlOrRd"

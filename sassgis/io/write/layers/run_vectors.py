@@ -8,9 +8,12 @@ import geopandas as gpd
 import numpy as np
 import shapely
 
-from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.control_lines import control_line_rows
+from sassgis.hazard.progress import Progress, joined_lines, kept_stops
 from sassgis.io.write.geopackage import VectorLayer
 from sassgis.io.write.layers.footprint import footprints
+from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT
+from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import Outcome, RasterLayer, StopReason
 from sassgis.model.styles import (
@@ -24,24 +27,8 @@ from sassgis.model.styles import (
     FieldInfo,
     categorised_style,
 )
-from sassgis.runs.checkpoint import joined_lines
-from sassgis.runs.map import MapRun, Plan, Progress, kept_stops
+from sassgis.terrain.plan import Plan
 
-LINE_END_TEXT = {
-    LineEnd.LEFT_DEM: "edge of the terrain model",
-    LineEnd.NODATA: "nodata",
-    LineEnd.ENERGY_LINE: "energy line",
-    LineEnd.MAX_LENGTH: "greatest length",
-    LineEnd.CLOSED_LOOP: "closed loop",
-}
-STOP_TEXT = {
-    StopReason.REST: "rest",
-    StopReason.BARRIER: "barrier",
-    StopReason.LEFT_PROFILE: "left the profile",
-    StopReason.STEP_LIMIT: "step limit",
-    StopReason.NEVER_STARTED: "never started",
-    StopReason.BROKEN: "broke into pieces",
-}
 _STOP_COLOUR = {
     StopReason.REST: "#1f4e79",
     StopReason.BARRIER: "#e07b00",
@@ -194,17 +181,17 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         {
             "area": FieldInfo("release area"),
             "scenario": FieldInfo("block scenario"),
-            "end": FieldInfo("why it ends"),
+            "end": FieldInfo("stopping reason"),
             "runout_m": FieldInfo("run-out chainage", "m"),
             "mass_kg": FieldInfo("mass", "kg"),
-            "max_energy_kj": FieldInfo("largest energy on the way", "kJ"),
-            "max_speed_mps": FieldInfo("largest speed on the way", "m/s"),
-            "max_height_m": FieldInfo("largest passing height on the way", "m"),
+            "max_energy_kj": FieldInfo("largest energy", "kJ"),
+            "max_speed_mps": FieldInfo("largest speed", "m/s"),
+            "max_height_m": FieldInfo("largest passing height", "m"),
             "impacts": FieldInfo("impacts"),
             "piece": FieldInfo(
                 "piece",
                 "",
-                "0: the rock itself; else a piece of it, or a block that it set in motion",
+                "0: the released rock; else a fragment of it, or an entrained block",
             ),
         },
         style=categorised_style(
@@ -228,34 +215,6 @@ _OUTCOME_TEXT = {
     Outcome.OVERTOPPED: "rocks over the top",
     Outcome.BROKE_THROUGH: "rocks that break through",
 }
-
-
-def control_line_rows(control_lines: ControlLineSums) -> list[dict[str, object]]:
-    """A row of statistics for each station and barrier."""
-    rows = []
-    for i, control_line in enumerate(control_lines.control_lines):
-        row: dict[str, object] = {"name": control_line.name, "kind": control_line.kind}
-        outcomes = control_lines.outcomes(i)
-        row["rocks"] = control_lines.arrivals(i)
-        if control_line.kind != "station":
-            row["height_m"] = control_line.height_m
-            row["capacity_kj"] = (
-                control_line.capacity_kj if np.isfinite(control_line.capacity_kj) else None
-            )
-            row["hits"] = control_lines.arrivals(i) - outcomes[Outcome.OVERTOPPED]
-            for outcome in _OUTCOME_TEXT:
-                row[outcome.name.lower()] = outcomes[outcome]
-        for quantity in _STATISTICS:
-            d = control_lines.distribution(i, quantity)
-            values = dict(
-                zip(("q50", "q95", "q99"), d.quantile(0.5, 0.95, 0.99), strict=True),
-                mean=d.mean,
-                max=d.largest,
-            )
-            for name, value in values.items():
-                row[f"{quantity}_{name}"] = float(f"{value:.5g}") if np.isfinite(value) else None
-        rows.append(row)
-    return rows
 
 
 def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
@@ -283,7 +242,7 @@ def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> Vect
     fields = {
         "name": FieldInfo("name"),
         "kind": FieldInfo("kind"),
-        "rocks": FieldInfo("rocks that come"),
+        "rocks": FieldInfo("arriving rocks"),
     }
     if barriers:
         fields["height_m"] = FieldInfo("height above the ground", "m")
@@ -357,3 +316,18 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
             },
         ),
     )
+
+
+def all_layers(
+    run: MapRun, planned: Plan, progress: Progress, layers: Sequence[RasterLayer]
+) -> list[VectorLayer]:
+    """The layers of ``result.gpkg``; ``layers`` are the maps of the blocks."""
+    return [
+        release_areas(run, planned),
+        release_points(run, planned),
+        fall_lines(run, planned, progress),
+        stops(run, planned, progress),
+        stations(run, progress),
+        barriers(run, progress),
+        footprint(run, layers),
+    ]

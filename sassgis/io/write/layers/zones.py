@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import geopandas as gpd
 import numpy as np
@@ -13,13 +12,14 @@ import shapely
 
 from sassgis.hazard.assess import Hazard, IntensityMap, raster
 from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
-from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, undecided_style
+from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, uncertain_style
 from sassgis.hazard.zoning.generalise import Coverage, ZoneSettings, coverage
-from sassgis.io.read.config import Config
-from sassgis.io.write.geopackage import FieldInfo, VectorLayer
+from sassgis.io.write.geopackage import VectorLayer
 from sassgis.io.write.layers import federal
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.run_config import Config
+from sassgis.model.styles import FieldInfo
 
 #: Sources that are named in the table of a zone.
 _NAMED_SOURCES = 5
@@ -44,7 +44,7 @@ def federal_layers(
         ZoneSettings(min_area_m2=0.0, tolerance_m=0.0),
     )
     method = (
-        "SASS (Bozzolo and Pamini, 1986): rocks followed along fall lines; "
+        "SASS (Bozzolo and Pamini, 1986): rocks simulated along fall lines; "
         f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."
     )
     sources = [
@@ -149,7 +149,7 @@ def hazard_zones(
             "share_by_area": _largest(*shares_by_area(facts.shares, sources)),
             "share_by_scenario": _largest(*shares_by_scenario(facts.shares, sources)),
             "cells": facts.cells,
-            "undecided_share": np.round(facts.undecided, 4),
+            "uncertain_share": np.round(facts.uncertain, 4),
             "ref_width_m": ref_width_m,
         },
         geometry=list(hazard.levels.polygons),
@@ -170,8 +170,8 @@ def hazard_zones(
             "share_by_area": FieldInfo("shares of release areas"),
             "share_by_scenario": FieldInfo("shares of block scenarios"),
             "cells": FieldInfo("cells that rocks reach"),
-            "undecided_share": FieldInfo(
-                "undecided cells",
+            "uncertain_share": FieldInfo(
+                "statistically uncertain cells",
                 "1",
                 f"share of cells whose level changes within the {100 * confidence:g} % interval",
             ),
@@ -181,21 +181,21 @@ def hazard_zones(
     )
 
 
-def undecided_zones(undecided_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
+def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
     """Cells whose level another sample of rocks might change."""
-    shown = coverage(raster(grid, undecided_cells, np.ones(undecided_cells.size)), grid)
+    shown = coverage(raster(grid, uncertain_cells, np.ones(uncertain_cells.size)), grid)
     frame = gpd.GeoDataFrame(
         {"area_m2": [round(p.area, 1) for p in shown.polygons]},
         geometry=list(shown.polygons),
         crs=grid.crs or None,
     )
     return VectorLayer(
-        "undecided",
-        "Level undecided",
+        "uncertain",
+        "Level statistically uncertain",
         f"The level changes within the {100 * confidence:g} % sampling interval of its frequency.",
         frame,
         {"area_m2": FieldInfo("area", "m²")},
-        style=undecided_style(),
+        style=uncertain_style(),
     )
 
 
@@ -258,8 +258,3 @@ def change_table(both: gpd.GeoDataFrame, preset: HazardPreset) -> pd.DataFrame:
 def without_barriers(layer: VectorLayer) -> VectorLayer:
     """The zones of a run without walls and nets, under a name of their own."""
     return replace(layer, name="hazard_zones_without", title="Hazard zones without walls and nets")
-
-
-def rounded(value: Any, digits: int = 3) -> Any:
-    """A number for a table, to so many digits; None for none."""
-    return float(f"{value:.{digits}g}") if np.isfinite(value) else None

@@ -1,8 +1,9 @@
-"""Sums per cell of the map, and what is read from them.
+"""Sums per cell of the map, and what is read from them; the table of statistics says which.
 
 Every rock enters a cell's statistics once, with the largest energy, passing height and speed that
-it had there. All sums are whole numbers, so that the result does not depend on the order of adding,
-and memory grows with the cells that are reached, not with the number of rocks.
+it had there and the time at which it first entered. All sums are whole numbers and extremes, so
+that the result does not depend on the order of adding, and memory grows with the cells that are
+reached, not with the number of rocks.
 """
 
 from __future__ import annotations
@@ -15,10 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, IntArray
-
-#: Sums that are added, and maxima that are raised, when two sets of sums are joined.
-_ADDED = ("reach", "reach_square", "stops", "energy_sum", "energy", "height", "speed")
-_RAISED = ("energy_max", "height_max", "speed_max")
+from sassgis.model.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, probability_of
 
 
 class MapSums:
@@ -52,15 +50,14 @@ class MapSums:
         ----------
         cells : int64, shape (n,)
         sums : mapping
-            Arrays with one row per cell, by name as in the kernel's CellSums.
+            Arrays with one row per cell, by name as in the table.
         """
         came = (np.asarray(sums["reach"], np.int64) + np.asarray(sums["stops"], np.int64)) > 0
         cells = cells[came]
         rows = self._rows_of(cells, sums)
-        for name in _ADDED:
-            self._sums[name][rows] += sums[name][came]
-        for name in _RAISED:
-            self._sums[name][rows] = np.maximum(self._sums[name][rows], sums[name][came])
+        for kept in SUMS:
+            own = self._sums[kept.name]
+            own[rows] = kept.join(own[rows], sums[kept.name][came])
 
     def _rows_of(self, cells: IntArray, like: Mapping[str, NDArray[Any]]) -> IntArray:
         """Rows of the cells, made where there were none."""
@@ -68,12 +65,10 @@ class MapSums:
         end = self._used + fresh.size
         if end > self._cells.size or not self._sums:
             room = max(end, int(1.5 * self._cells.size), 1024)
-            self._cells = _enlarged(self._cells, room)
-            for name in (*_ADDED, *_RAISED):
-                old = self._sums.get(name)
-                if old is None:
-                    old = np.zeros((0, *like[name].shape[1:]), like[name].dtype)
-                self._sums[name] = _enlarged(old, room)
+            self._cells = np.concatenate([self._cells, np.zeros(room - self._cells.size, np.int64)])
+            for kept in SUMS:
+                own = self._sums.get(kept.name, np.empty((0, *like[kept.name].shape[1:])))
+                self._sums[kept.name] = _enlarged(own, room, kept)
         self._cells[self._used : end] = fresh
         self._row[fresh] = np.arange(self._used, end, dtype=np.int32)
         self._used = end
@@ -91,13 +86,13 @@ class MapSums:
         if len(state) > 1:
             sums.add(
                 np.asarray(state["cells"], np.int64),
-                {n: state[n] for n in (*_ADDED, *_RAISED)},
+                {n: state[n] for n in SUM_NAMES},
             )
         return sums
 
 
-def _enlarged(array: NDArray[Any], room: int) -> NDArray[Any]:
-    out = np.zeros((room, *array.shape[1:]), array.dtype)
+def _enlarged(array: NDArray[Any], room: int, kept: CellSum) -> NDArray[Any]:
+    out = np.full((room, *array.shape[1:]), kept.empty, kept.dtype)
     out[: array.shape[0]] = array
     return out
 
@@ -106,19 +101,21 @@ def quantiles(
     counts: NDArray[np.integer],
     edges: FloatArray,
     probabilities: tuple[float, ...],
-    largest: FloatArray,
+    largest: FloatArray | None = None,
+    smallest: FloatArray | None = None,
 ) -> FloatArray:
     """Quantiles of values that were counted in bins.
 
-    Within a bin the values are taken as spread evenly; no quantile exceeds the largest value seen.
+    Within a bin the values are taken as spread evenly; no quantile exceeds the largest value seen
+    or falls below the smallest.
 
     Parameters
     ----------
     counts : integer, shape (n, n_bins)
     edges : float64, shape (n_bins + 1,)
     probabilities : tuple of float
-    largest : float64, shape (n,)
-        Largest value counted in each row.
+    largest, smallest : float64, shape (n,), optional
+        Largest and smallest value counted in each row.
 
     Returns
     -------
@@ -137,25 +134,12 @@ def quantiles(
         before = below[rows, bin_] - inside
         share = np.where(inside > 0, (wanted - before) / np.maximum(inside, 1.0), 0.0)
         value = edges[bin_] + np.clip(share, 0.0, 1.0) * (edges[bin_ + 1] - edges[bin_])
-        out[i, rows] = np.minimum(value, largest[rows])
+        if largest is not None:
+            value = np.minimum(value, largest[rows])
+        if smallest is not None:
+            value = np.maximum(value, smallest[rows])
+        out[i, rows] = value
     return out
-
-
-def exceedance(
-    counts: NDArray[np.integer], edges: FloatArray, threshold: float
-) -> NDArray[np.int64]:
-    """Number counted at or above a threshold that is one of the edges, shape (n,).
-
-    Raises
-    ------
-    ValueError
-        The threshold is not an edge, so that the count would not be exact.
-    """
-    at = int(np.argmin(np.abs(edges - threshold)))
-    if abs(edges[at] - threshold) > 1e-9 * max(abs(threshold), 1.0):
-        raise ValueError(f"{threshold} is not an edge of the histogram")
-    total: NDArray[np.int64] = counts[:, at:].sum(axis=1, dtype=np.int64)
-    return total
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,3 +226,50 @@ def reach_probability(
         reach, reach_square, sample.rocks_per_line, sample.lines, sample.random_points
     )
     return reach.astype(np.float64) / sample.rocks, np.sqrt(variance) / sample.rocks
+
+
+def band_values(
+    row: Statistic, sums: MapSums, sample: Sample, edges: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Values of the bands of a map, in its order.
+
+    Parameters
+    ----------
+    row : Statistic
+    sums : MapSums
+    sample : Sample
+    edges : mapping
+        Edges of the histograms by quantity.
+
+    Returns
+    -------
+    dict of str to float64, shape (n,)
+        Rows as ``sums.cells``; NaN where no rock came, or none stopped.
+    """
+    reach = sums.column("reach").astype(np.int64)
+    shares = {b: p for b in row.bands if (p := probability_of(b)) is not None}
+    extremes = {
+        b: sums.column(f"{row.quantity}_{b}").astype(np.float64)
+        for b in row.bands
+        if b in ("min", "max")
+    }
+    out: dict[str, FloatArray] = dict(extremes)
+    if shares:
+        counts = sums.column(row.quantity).astype(np.int64)
+        found = quantiles(
+            counts, edges[row.quantity], tuple(shares.values()),
+            extremes.get("max"), extremes.get("min"),
+        )  # fmt: skip
+        out |= dict(zip(shares, found, strict=True))
+    if "mean" in row.bands:
+        total = sums.column(f"{row.quantity}_sum").astype(np.float64) * 1e-3
+        out["mean"] = total / np.maximum(reach, 1)
+    if "reach" in row.bands:
+        square = sums.column("reach_square").astype(np.int64)
+        out["reach"], out["standard_error"] = reach_probability(reach, square, sample)
+    if "passages" in row.bands:
+        out["passages"] = reach.astype(np.float64)
+    if "stops" in row.bands:
+        stops = sums.column("stops").astype(np.float64)
+        return {"stops": np.where(stops > 0, stops, np.nan)}
+    return {b: np.where(reach > 0, out[b], np.nan) for b in row.bands}

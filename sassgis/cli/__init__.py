@@ -1,0 +1,8 @@
+"""The command line: thin, one file for each command.
+
+It is quick to answer, as everything heavy is imported when it is used.
+"""
+
+from sassgis.cli.entry import main
+
+__all__ = ["main"]

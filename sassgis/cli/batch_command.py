@@ -1,0 +1,62 @@
+"""``sassgis batch``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sassgis.cli.options import JOBS, OUT, SEED
+from sassgis.cli.progress import Progress, conclude
+
+
+@click.command()
+@click.argument("releases", type=click.Path(path_type=Path))
+@OUT
+@click.option(
+    "-c",
+    "--config",
+    type=click.Path(path_type=Path),
+    help="Everything but the release areas; default: the only TOML file beside them.",
+)
+@click.option(
+    "--dem",
+    type=click.Path(path_type=Path),
+    help="In place of terrain.dem: a raster, a VRT, or a folder of tiles.",
+)
+@SEED
+@JOBS
+@click.option(
+    "--overwrite", is_flag=True, help="Replace areas that were made from other settings or inputs."
+)
+def batch(
+    releases: Path,
+    out: Path,
+    config: Path | None,
+    dem: Path | None,
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
+    """Zone each release area of RELEASES alone, and all of them on one map.
+
+    RELEASES is a vector file, a folder of vector files, or a configuration. The same command goes
+    on after an interruption, and runs nothing again that is there.
+    """
+    from sassgis.runs.batch import batch as run_batch
+
+    with Progress() as progress:
+        result = run_batch(
+            releases,
+            out,
+            config=config,
+            dem=dem,
+            seed=seed,
+            jobs=jobs,
+            overwrite=overwrite,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    done = int((result.summary["status"] == "done").sum())
+    summary = f"{done} of {len(result.summary)} areas done: {out / 'summary.csv'}"
+    conclude(result.warnings, summary, out / "mosaic")

@@ -1,0 +1,85 @@
+"""The commands together, and errors as one line."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import traceback
+from typing import Any
+
+import click
+
+from sassgis import __version__
+from sassgis.cli.batch_command import batch
+from sassgis.cli.demo_command import demo
+from sassgis.cli.export_command import export
+from sassgis.cli.gap_check_command import check_diagnosis
+from sassgis.cli.gap_diagnose_command import diagnose
+from sassgis.cli.gap_template_command import template
+from sassgis.cli.gap_validate_command import validate_observations
+from sassgis.cli.init_command import init
+from sassgis.cli.profile_command import profile
+from sassgis.cli.run_command import run
+from sassgis.cli.validate_command import validate
+from sassgis.cli.zone_command import zone
+from sassgis.model.errors import Interrupted, SassgisError
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="sassgis")
+@click.option("--debug", is_flag=True, help="Show the full traceback of an error.")
+def cli(debug: bool) -> None:
+    """Rockfall hazard zoning with the SASS model of Bozzolo and Pamini (1986)."""
+
+
+@cli.group()
+def gap() -> None:
+    """Observations in the field, to be compared with the simulation."""
+
+
+for _command in (init, validate, run, zone, batch, profile, export, demo):
+    cli.add_command(_command)
+for _command in (template, diagnose, validate_observations, check_diagnosis):
+    gap.add_command(_command)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line; errors print as one line and set the exit code."""
+    given = sys.argv[1:] if arguments is None else arguments
+    debug = "--debug" in given
+    logging.basicConfig(level=logging.DEBUG if debug else logging.ERROR, format="%(message)s")
+    for chatty in ("numba", "matplotlib", "rasterio", "fiona"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
+    try:
+        code: Any = cli.main(
+            args=[a for a in given if a != "--debug"], prog_name="sassgis", standalone_mode=False
+        )
+    except SassgisError as error:
+        _fail(str(error), error.exit_code, debug)
+    except click.exceptions.Abort:
+        _fail("stopped by the user", Interrupted.exit_code, debug)
+    except KeyboardInterrupt:
+        _fail("stopped by the user", Interrupted.exit_code, debug)
+    except click.ClickException as error:
+        _fail(error.format_message(), error.exit_code, debug)
+    except MemoryError:
+        _fail("not enough memory; fewer release points or larger cells need less", 1, debug)
+    except Exception as error:
+        # Compiled code that Ctrl-C strikes turns it into a SystemError.
+        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
+            _fail("stopped by the user", Interrupted.exit_code, debug)
+        _fail(
+            f"unexpected {type(error).__name__}: {' '.join(str(error).split())} "
+            "(a fault of sassgis; run again with --debug and report what it says)",
+            70,
+            debug,
+        )
+    else:
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(text: str, code: int, debug: bool) -> None:
+    if debug:
+        traceback.print_exc()
+    click.echo(f"Error: {text}", err=True)
+    sys.exit(code)

@@ -1,0 +1,57 @@
+"""``sassgis gap check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sassgis.cli.options import JOBS, OUT
+from sassgis.cli.progress import Progress
+
+
+@click.command("check")
+@OUT
+@click.option("--worlds", type=click.IntRange(1), default=150, show_default=True)
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    default=2026,
+    show_default=True,
+    help="Of the battery.",
+)
+@JOBS
+@click.option("--quick", is_flag=True, help="Six small sites, to see whether everything runs.")
+@click.option(
+    "--development", is_flag=True, help="Allow a battery on which the thresholds were chosen."
+)
+def check_diagnosis(
+    out: Path, worlds: int, seed: int, jobs: int | None, quick: bool, development: bool
+) -> None:
+    """Let the diagnosis answer on synthetic sites with blinded labels, and score it.
+
+    The same command goes on after an interruption.
+    """
+    from sassgis.gap.check.check_scores import acceptance
+    from sassgis.runs.gap_check import check
+
+    with Progress() as progress:
+        result = check(
+            out,
+            worlds=worlds,
+            seed=seed,
+            jobs=jobs,
+            quick=quick,
+            development=development,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    for warning in result.warnings:
+        click.echo(f"Note: {warning}", err=True)
+    for row in acceptance(result.scores):
+        share = f"{100 * row['reached']:.0f} %" if row["worlds"] else "-"
+        click.echo(
+            f"{row['measure']}: {share} ({row['hits']} of {row['worlds']}; "
+            f"asked for: {row['asked_is']} {100 * row['asked']:.0f} %)"
+        )
+    click.echo(f"Open {out / 'report.html'} in a browser.")

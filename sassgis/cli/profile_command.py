@@ -1,0 +1,45 @@
+"""``sassgis profile``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sassgis.cli.options import CONFIG, OUT, OVERWRITE, SEED
+
+
+@click.command()
+@CONFIG
+@OUT
+@click.option(
+    "--csv", "csv_file", type=click.Path(path_type=Path), help="Profile: s_m, z_m, ground."
+)
+@click.option(
+    "--point",
+    type=(float, float),
+    metavar="X Y",
+    help="Cut the profile from the terrain, from here.",
+)
+@click.option("--rocks", type=click.IntRange(1), help="Rocks per block scenario.")
+@SEED
+@OVERWRITE
+def profile(
+    config: Path,
+    out: Path,
+    csv_file: Path | None,
+    point: tuple[float, float] | None,
+    rocks: int | None,
+    seed: int | None,
+    overwrite: bool,
+) -> None:
+    """Simulate one profile: trajectories, stations, run-out, energy along the slope."""
+    from sassgis.model.errors import ConfigError
+    from sassgis.runs.profile import run_profile
+
+    if csv_file is not None and point is not None:
+        raise ConfigError("--csv and --point exclude each other", expected="one of them")
+    result = run_profile(
+        config, out, csv_file=csv_file, point=point, rocks=rocks, seed=seed, overwrite=overwrite
+    )
+    click.echo(f"{result.rocks.size} rocks. Open {out / 'report.html'} in a browser.")

@@ -1,0 +1,83 @@
+"""What the user sees while a run goes on, and when it ends."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+
+
+class Progress:
+    """A bar with the time left on a terminal; a line now and then in a log.
+
+    A context manager: the line of the bar ends with it, however it is left.
+    """
+
+    def __init__(self) -> None:
+        self._terminal = sys.stderr.isatty()
+        self._began: tuple[float, int] | None = None
+        self._shown = time.monotonic()
+        self._open = False
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def say(self, text: str) -> None:
+        """Say what is done next."""
+        self.close()
+        click.echo(f"{text} ...", err=True)
+
+    def step(self, done: int, total: int, rocks: int) -> None:
+        """Show how far a run has come."""
+        now = time.monotonic()
+        # The first chunk gives no pace: it waits for the program to be compiled, and in a run that
+        # goes on from a saved state all before it was done another time.
+        if self._began is None or done < self._began[1]:
+            self._began = (now, done)
+        since, first = self._began
+        pace = (now - since) / (done - first) if done > first else None
+        left = "" if pace is None else f", about {clock(pace * (total - done))} left"
+        if self._terminal:
+            if now - self._shown < 0.1 and done < total:
+                return
+            width = 28
+            filled = width * done // total
+            bar = "#" * filled + "-" * (width - filled)
+            click.echo(
+                f"\r  [{bar}] {100 * done // total:3d} %, {rocks} rocks{left}  ",
+                nl=False,
+                err=True,
+            )
+            self._open = True
+        elif now - self._shown >= 30.0:
+            click.echo(f"  {100 * done // total} %, {rocks} rocks{left}", err=True)
+        else:
+            return
+        self._shown = now
+
+    def close(self) -> None:
+        """End the line of the bar."""
+        if self._open:
+            click.echo("", err=True)
+            self._open = False
+
+
+def conclude(warnings: Sequence[str], summary: str, folder: Path) -> None:
+    """Say how a simulation came out and where to look at it."""
+    for warning in warnings:
+        click.echo(f"Note: {warning}", err=True)
+    click.echo(summary)
+    click.echo(f"Open {folder / 'project.qgz'} in QGIS, {folder / 'report.html'} in a browser.")
+
+
+def clock(seconds: float) -> str:
+    """Time as hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

@@ -1,0 +1,42 @@
+"""``sassgis run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sassgis.cli.options import AREAS, CONFIG, JOBS, OUT, OVERWRITE, SEED
+from sassgis.cli.progress import Progress, conclude
+
+
+@click.command()
+@CONFIG
+@OUT
+@AREAS
+@SEED
+@JOBS
+@OVERWRITE
+def run(
+    config: Path,
+    out: Path,
+    areas: tuple[str, ...],
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
+    """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
+    from sassgis.runs.run import run as run_map
+
+    with Progress() as progress:
+        result = run_map(
+            config,
+            out,
+            areas=areas or None,
+            seed=seed,
+            jobs=jobs,
+            overwrite=overwrite,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    conclude(result.warnings, f"{result.rocks} rocks in {result.seconds:.1f} s.", out)

@@ -1,0 +1,27 @@
+"""``sassgis validate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sassgis.cli.options import CONFIG
+
+
+@click.command()
+@CONFIG
+def validate(config: Path) -> None:
+    """Read CONFIG and every file that it names, and say what they hold."""
+    from sassgis.io.read.check_inputs import check_inputs
+    from sassgis.io.read.config import load_config
+
+    settings = load_config(config)
+    report = check_inputs(settings)
+    for line in report.lines():
+        click.echo(line)
+    if any(o.frequency is not None for o in settings.onsets.values()) or settings.objects:
+        from sassgis.runs.inputs import check_rules
+
+        for line in check_rules(settings, report.terrain):
+            click.echo(line)

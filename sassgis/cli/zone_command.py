@@ -1,0 +1,59 @@
+"""``sassgis zone``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sassgis.cli.options import AREAS, CONFIG, JOBS, OUT, OVERWRITE, SEED
+from sassgis.cli.progress import Progress, conclude
+
+
+@click.command()
+@CONFIG
+@OUT
+@AREAS
+@SEED
+@JOBS
+@OVERWRITE
+def zone(
+    config: Path,
+    out: Path,
+    areas: tuple[str, ...],
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
+    """Simulate CONFIG and make hazard zones: all that run writes, levels, intensities, risk."""
+    zoned(config, out, areas, seed, jobs, overwrite)
+
+
+def zoned(
+    config: Path,
+    out: Path,
+    areas: tuple[str, ...],
+    seed: int | None,
+    jobs: int | None,
+    overwrite: bool,
+) -> None:
+    """Make hazard zones and say how it came out."""
+    from sassgis.runs.zone import zone as make_zones
+
+    with Progress() as progress:
+        result = make_zones(
+            config,
+            out,
+            areas=areas or None,
+            seed=seed,
+            jobs=jobs,
+            overwrite=overwrite,
+            on_progress=progress.step,
+            say=progress.say,
+        )
+    hazard = result.found.hazard
+    summary = (
+        f"{result.run.rocks} rocks, {hazard.levels.polygons.size} zones, "
+        f"{100 * hazard.uncertain_share:.1f} % of the reached cells statistically uncertain."
+    )
+    conclude(result.run.warnings, summary, out)

@@ -1,0 +1,150 @@
+"""What is simulated along one profile: paths, passages, and quantiles stretch by stretch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import Forest
+from sassgis.model.results import ControlLine, Histogram
+
+#: Width of the stretches for which energy, speed and height along the profile are given (m).
+STRETCH_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileInput:
+    """A profile to be run.
+
+    Attributes
+    ----------
+    name : str
+    s, z : float64, shape (n,)
+        Chainage and height of the vertices (m).
+    ground : int32, shape (n,)
+        Ground class of the segment that starts at each vertex.
+    table : GroundTable
+    control_lines : tuple of (ControlLine, chainage)
+    start : (low, high)
+        Chainages between which rocks start (m).
+    forest : Forest or None
+        Stems on the stretches of the profile.
+    """
+
+    name: str
+    s: FloatArray
+    z: FloatArray
+    ground: NDArray[np.int32]
+    table: GroundTable
+    control_lines: tuple[tuple[ControlLine, float], ...]
+    start: tuple[float, float]
+    forest: Forest | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileResult:
+    """What the rocks of a profile left.
+
+    Attributes
+    ----------
+    profile : ProfileInput
+    rocks : ROCK_DTYPE, shape (n_scenarios * n_rocks,)
+    scenario : int64, same shape
+        Position in the configuration's blocks.
+    pieces : ROCK_DTYPE
+        Fragments and entrained blocks.
+    piece_scenario : int64, same shape
+    passages : PASSAGE_DTYPE
+    control_lines : ControlLineSums
+    paths : tuple of (s, z)
+        Trajectories of the first rocks of each block scenario (m).
+    drawn : int
+        How many of each scenario.
+    stretches : float64, shape (n + 1,)
+        Borders of the stretches of the profile (m).
+    along : dict of str to dict of float to float64, shape (n,)
+        Quantiles of "energy" (kJ), "speed" (m/s) and "height" (m) in each stretch.
+    """
+
+    profile: ProfileInput
+    rocks: NDArray[np.void]
+    scenario: NDArray[np.int64]
+    pieces: NDArray[np.void]
+    piece_scenario: NDArray[np.int64]
+    passages: NDArray[np.void]
+    control_lines: ControlLineSums
+    paths: tuple[tuple[FloatArray, FloatArray], ...]
+    drawn: int
+    stretches: FloatArray
+    along: dict[str, dict[float, FloatArray]]
+
+
+@dataclass(frozen=True, slots=True)
+class LinePaths:
+    """Paths of blocks on one line of a run on the map, for a figure.
+
+    Attributes
+    ----------
+    area, scenario : str
+    s, z : float64, shape (n,)
+        Chainage and height of the profile (m).
+    ground : int64, shape (n,)
+        Ground class of the segment that starts at each vertex.
+    ground_names : sequence of str
+    control_lines : tuple of (ControlLine, chainage)
+    paths : tuple of (s, z)
+        Centres of the blocks (m).
+    stops : float64, shape (n_blocks,)
+        Run-out of each (m).
+    """
+
+    area: str
+    scenario: str
+    s: FloatArray
+    z: FloatArray
+    ground: IntArray
+    ground_names: Sequence[str]
+    control_lines: tuple[tuple[ControlLine, float], ...]
+    paths: tuple[tuple[FloatArray, FloatArray], ...]
+    stops: FloatArray
+
+
+def passage_histogram(
+    result: ProfileResult, control_line: str, quantity: str, edges: Sequence[float], unit: str
+) -> Histogram:
+    """Histogram of one quantity of the passages at a station or barrier, by its name."""
+    names = [g.name for g, _ in result.profile.control_lines]
+    rows = result.passages[result.passages["control_line"] == names.index(control_line)]
+    counts, _ = np.histogram(np.clip(rows[quantity], edges[0], edges[-1]), edges)
+    return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
+
+
+def share_within(
+    result: ProfileResult, control_line: str, quantity: str, low: float, high: float
+) -> tuple[int, float]:
+    """Passages at a station or barrier, and the share of them between two limits (inclusive)."""
+    names = [g.name for g, _ in result.profile.control_lines]
+    values = result.passages[result.passages["control_line"] == names.index(control_line)][quantity]
+    share = float(((values >= low) & (values <= high)).mean()) if values.size else float("nan")
+    return int(values.size), share
+
+
+def arrivals(result: ProfileResult, control_line: str) -> int:
+    """Rocks that came to a station or barrier, by its name."""
+    names = [g.name for g, _ in result.profile.control_lines]
+    return result.control_lines.arrivals(names.index(control_line))
+
+
+def stretches_of(s: FloatArray) -> FloatArray:
+    """Borders of the stretches of STRETCH_M in place of the cells of a map."""
+    n = max(math.ceil((s[-1] - s[0]) / STRETCH_M), 1)
+    border: FloatArray = s[0] + STRETCH_M * np.arange(n + 1)
+    border[-1] = s[-1]
+    return border

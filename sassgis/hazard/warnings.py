@@ -1,0 +1,158 @@
+"""What a user must know before trusting a result: one list for every command.
+
+``validate`` gives what the inputs show, ``run`` what the simulation adds to it, ``zone`` and
+``batch`` what the rules of the zoning add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sassgis.hazard.along_profile import ProfileResult
+from sassgis.hazard.progress import Progress, line_ends
+from sassgis.hazard.rules import preset_unverified
+from sassgis.model.effects import EffectSettings
+from sassgis.model.ground import GroundClass
+from sassgis.model.hazard import HazardPreset
+from sassgis.model.labels import STOP_TEXT
+from sassgis.model.map_run import MapRun
+from sassgis.model.profiles import LineEnd
+from sassgis.model.results import StopReason
+from sassgis.model.settings import LateralDeflection
+
+_LINE_ENDS = (
+    (LineEnd.LEFT_DEM, "reach the edge of the terrain model"),
+    (LineEnd.NODATA, "run into nodata"),
+    (LineEnd.MAX_LENGTH, "are cut at terrain.max_line_length_m"),
+    (LineEnd.CLOSED_LOOP, "close upon themselves"),
+)
+_STOPS = (
+    (
+        StopReason.LEFT_PROFILE,
+        "still moved at the end of their fall line and are lost from the map",
+    ),
+    (StopReason.STEP_LIMIT, "were given up at engine.max_events contacts"),
+    (
+        StopReason.NEVER_STARTED,
+        "never started: the slope at their release point is below the friction there "
+        "(give blocks an initial speed if they should)",
+    ),
+)
+
+
+def ground_warnings(used: Sequence[GroundClass], built_in: Sequence[GroundClass]) -> list[str]:
+    """Values of the ground that nobody has checked for this slope.
+
+    Parameters
+    ----------
+    used : sequence of GroundClass
+        Those that occur.
+    built_in : sequence of GroundClass
+        Those that come with sassgis: their diameters of blocks are placeholders.
+    """
+    out = []
+    names = [c.name for c in used if not c.verified]
+    if names:
+        out.append(
+            "Ground classes with values that are not from the paper (unverified): "
+            + ", ".join(names)
+            + "."
+        )
+    assumed = [c for c in used if c.verified and c in built_in and c.d_star_m > 0.0]
+    if assumed:
+        out.append(
+            "Ground classes whose diameter of the blocks on the ground is a placeholder for a "
+            "measurement on the site: "
+            + ", ".join(f"{c.name} (d_star_m {c.d_star_m:g})" for c in assumed)
+            + "."
+        )
+    return out
+
+
+def spread_warnings(lines_per_point: int) -> list[str]:
+    """What the lateral spread leaves out."""
+    if lines_per_point > 1:
+        return []
+    return [
+        "All rocks of a release point keep to one fall line: maps and zones are too narrow where "
+        "rocks spread sideways. [spread] or [effects.lateral_deflection] gives them a width."
+    ]
+
+
+def simulation_warnings(
+    run: MapRun, progress: Progress, built_in: Sequence[GroundClass]
+) -> list[str]:
+    """What happened to blocks and lines, and what the inputs leave open."""
+    total = max(int(progress.reasons.sum()), 1)
+    out = []
+    ends = line_ends(progress)
+    for end, what in _LINE_ENDS:
+        if ends[end]:
+            out.append(f"{ends[end]} of {sum(ends.values())} fall lines {what}.")
+    for reason, what in _STOPS:
+        n = int(progress.reasons[reason])
+        if n:
+            out.append(f"{n} of {total} rocks ({100 * n / total:.2g} %) {what}.")
+    if progress.lost:
+        out.append(
+            f"{progress.lost} rocks were not simulated: their fall lines end where they begin "
+            "(release points on nodata or at the edge of the terrain model). They are not part of "
+            "the denominator of the reach probability."
+        )
+    asked = run.rocks_per_point
+    given = run.rocks_per_line * run.lines_per_point
+    if given != asked:
+        out.append(
+            f"Each release point releases {given} rocks instead of {asked}: "
+            f"release.rocks_per_point is shared among {run.lines_per_point} lines and rounded up."
+        )
+    idle = [
+        line.name
+        for i, (line, _) in enumerate(run.control_lines)
+        if progress.control_lines.arrivals(i) == 0
+    ]
+    if idle:
+        out.append("No rock comes to: " + ", ".join(idle) + ".")
+    used = np.unique(run.ground[np.isfinite(run.grid.values)])
+    classes = [run.table.classes[i] for i in used]
+    return [*out, *ground_warnings(classes, built_in), *spread_warnings(run.lines_per_point)]
+
+
+def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], float]) -> list[str]:
+    """What the rules of a zoning leave open.
+
+    Parameters
+    ----------
+    preset : HazardPreset
+    frequencies : mapping of (area, scenario) to float
+        Blocks per year.
+    """
+    out = [f"{text[:1].upper()}{text[1:]}" for text in preset_unverified(preset)]
+    idle = [f"{area} / {scenario}" for (area, scenario), n in frequencies.items() if n == 0.0]
+    if idle:
+        out.append("Onset frequency 0, so without any hazard: " + ", ".join(idle) + ".")
+    return out
+
+
+def zone_warnings(uncertain_share: float, limit: float | None, repetitions_max: int) -> list[str]:
+    """What a zoning has not settled; ``limit`` is the largest share that is wanted."""
+    if limit is None or uncertain_share <= limit:
+        return []
+    return [
+        f"{100 * uncertain_share:.1f} % of the reached cells are still statistically uncertain "
+        f"after {repetitions_max} repetitions (hazard.uncertain_share_max: {100 * limit:g} %)."
+    ]
+
+
+def profile_warnings(result: ProfileResult, effects: EffectSettings) -> list[str]:
+    """What happened to the blocks of a profile."""
+    out = []
+    if effects.get(LateralDeflection) is not None:
+        out.append("A profile has no width: [effects.lateral_deflection] does nothing here.")
+    for reason, _ in _STOPS:
+        n = int((result.rocks["reason"] == reason).sum())
+        if n:
+            out.append(f"{n} of {result.rocks.size} rocks: {STOP_TEXT[reason]}.")
+    return out

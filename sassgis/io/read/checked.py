@@ -1,0 +1,334 @@
+"""From declared settings to checked ones: pydantic reads a table, and says what is wrong in it."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NotRequired,
+    Required,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+)
+
+from annotated_types import MinLen
+from pydantic import (
+    AfterValidator,
+    AllowInfNan,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+)
+from pydantic_core import PydanticCustomError
+from typing_extensions import TypedDict
+
+from sassgis.model.declared import (
+    Codes,
+    Declared,
+    Fault,
+    Limits,
+    PlainName,
+    PresetName,
+    declared,
+    fault,
+)
+from sassgis.model.errors import ConfigError
+
+# The keys are known at run time only, which type checkers do not follow.
+new_table: Any = TypedDict
+
+# ---------------------------------------------------------------------------------------------
+# Tables
+
+
+def table_type(
+    name: str, keys: Mapping[str, Declared], made: Callable[[dict[str, Any]], Any]
+) -> Any:
+    """A type for pydantic: a table with declared keys and no others, made into something.
+
+    Parameters
+    ----------
+    name : str
+        For pydantic's own messages.
+    keys : mapping of str to Declared
+    made : callable
+        From the values, without keys that were not given and with ``config_file``; what it raises
+        as ConfigError is told at the place of the table.
+    """
+    fields = {
+        key: Required[_field(own)] if own.is_required else NotRequired[_field(own)]
+        for key, own in keys.items()
+    }
+    return table_of(name, fields, made)
+
+
+def table_of(name: str, fields: Mapping[str, Any], made: Callable[[dict[str, Any]], Any]) -> Any:
+    """A table with fields of any type; the rest as for ``table_type``."""
+    table: Any = new_table(name, dict(fields))
+    table.__pydantic_config__ = ConfigDict(extra="forbid")
+
+    def make(values: dict[str, Any], info: ValidationInfo) -> Any:
+        try:
+            return made({**values, "config_file": (info.context or {}).get("file")})
+        except ConfigError as error:
+            raise _refused(error.problem, error.expected, error.field, error.found) from None
+
+    return Annotated[table, AfterValidator(make)]
+
+
+def section_type(cls: Any) -> Any:
+    """The type of a section that is one dataclass of declared settings."""
+    names = {field.name for field in dataclasses.fields(cls)}
+    return table_type(
+        cls.__name__,
+        declared(cls),
+        lambda values: cls(**{key: value for key, value in values.items() if key in names}),
+    )
+
+
+Kind = TypeVar("Kind")
+
+
+def section_of(cls: type[Kind], table: Mapping[str, Any], file: Path) -> Kind:
+    """A section from its table, as if it stood in ``file``.
+
+    Raises
+    ------
+    pydantic.ValidationError
+    """
+    context = {"base": file.parent, "file": file}
+    made: Kind = TypeAdapter(section_type(cls)).validate_python(dict(table), context=context)
+    return made
+
+
+# ---------------------------------------------------------------------------------------------
+# Values
+
+
+def _refused(problem: str, expected: str | None, key: str | None, found: object) -> Exception:
+    """An error that pydantic carries to the place where it is told in one line."""
+    context: dict[str, Any] = {"problem": problem, "expected": expected, "key": key or ""}
+    if found is not None:
+        context["found"] = str(found)
+    return PydanticCustomError("sassgis", "{problem}", context)
+
+
+def _field(own: Declared) -> Any:
+    return _keeping_limits(_accepted(own.kind), own.kind)
+
+
+def _keeping_limits(accepted: Any, kind: Any) -> Any:
+    """A type whose values are held against the limits of their declaration."""
+
+    def keep(value: Any) -> Any:
+        wrong: Fault | None = fault(kind, value)
+        if wrong is not None:
+            # What was found is told as the user wrote it, unless it is one of several.
+            one = list(wrong.found) if isinstance(wrong.found, tuple) else wrong.found
+            found = None if wrong.found is value else repr(one)
+            raise _refused(wrong.problem, wrong.expected, None, found)
+        return value
+
+    return Annotated[accepted, AfterValidator(keep)]
+
+
+_PLAIN: dict[Any, Any] = {
+    float: Annotated[float, Strict(), AllowInfNan(False)],
+    int: Annotated[int, Strict()],
+    bool: Annotated[bool, Strict()],
+    str: str,
+}
+
+
+def _accepted(kind: Any) -> Any:
+    """The pydantic type of an annotation: what the user may write for it."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        return _accepted(next(p for p in parts if p is not type(None))) | None
+    if origin is Literal:
+        return kind
+    if origin is tuple:
+        return tuple[tuple(p if p is Ellipsis else _accepted(p) for p in parts)]  # type: ignore[misc]
+    if origin is not None and origin is not Annotated:
+        return dict[int, _keeping_limits(_accepted(parts[1]), parts[1])]  # type: ignore[misc]
+    if kind is Path:
+        return Annotated[Path, AfterValidator(_anchored)]
+    if origin is not Annotated:
+        return _PLAIN[kind]
+    accepted = _accepted(parts[0])
+    for note in parts[1:]:
+        if isinstance(note, Limits):
+            accepted = Annotated[accepted, BeforeValidator(_pair)]
+        elif isinstance(note, PlainName):
+            accepted = Annotated[accepted, AfterValidator(str.strip)]
+        elif isinstance(note, PresetName):
+            accepted = Annotated[accepted, BeforeValidator(_preset)]
+        elif isinstance(note, Codes):
+            accepted = Annotated[accepted, BeforeValidator(_codes)]
+        elif isinstance(note, MinLen):
+            accepted = Annotated[accepted, Field(min_length=note.min_length)]
+    return accepted
+
+
+def _pair(value: object) -> object:
+    """A single number stands for two equal limits."""
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        return (value, value)
+    if value is not None and (not isinstance(value, (list, tuple)) or len(value) != 2):
+        raise _refused("is not a range", "a number, or two numbers [low, high]", None, None)
+    return value
+
+
+def _anchored(value: Path, info: ValidationInfo) -> Path:
+    """Paths are relative to the configuration file."""
+    if str(value) in ("", "."):
+        raise _refused("is empty", "the path of a file", None, "''")
+    base = (info.context or {}).get("base", Path())
+    return Path(base, value.expanduser())
+
+
+def _preset(value: object, info: ValidationInfo) -> object:
+    """A name of a built-in preset stays as it is; a file is relative to the configuration."""
+    if isinstance(value, str) and is_preset_file(value):
+        return str(_anchored(Path(value), info))
+    return value
+
+
+def is_preset_file(preset: str) -> bool:
+    """Whether a preset is a file of the user, and not the name of a built-in one."""
+    return preset.endswith(".toml") or "/" in preset
+
+
+def _codes(value: object) -> object:
+    """TOML keys are text; raster codes are whole numbers."""
+    expected = 'codes and class names, as in {1 = "rock"}'
+    if not isinstance(value, Mapping):
+        raise _refused("is not a table of codes", expected, None, None)
+    try:
+        return {int(str(code)): name for code, name in value.items()}
+    except ValueError:
+        raise _refused("has a code that is no whole number", expected, None, None) from None
+
+
+# ---------------------------------------------------------------------------------------------
+# From what pydantic finds to one line
+
+Place = tuple[int | str, ...]
+
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "a text in quotes",
+    "bool_type": "true or false",
+    "finite_number": "a finite number",
+    "path_type": "a path in quotes",
+    "tuple_type": "a list in [ ]",
+    "string_too_short": "a text that is not empty",
+}
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Messages:
+    """Turns what pydantic finds in a file into errors of one line each.
+
+    Attributes
+    ----------
+    file : Path
+    document : mapping
+        The file as it was read, for the names of blocks and stations.
+    lists : tuple of str
+        Sections that are written with double brackets.
+    keys_at : callable
+        From a place to the keys that are known there.
+    nearest : callable
+        From the place of an unknown key to what was probably meant.
+    """
+
+    file: Path
+    document: Mapping[str, Any]
+    lists: tuple[str, ...]
+    keys_at: Callable[[Place], Mapping[str, Declared]]
+    nearest: Callable[[Place], str]
+
+    def of(self, error: ValidationError) -> list[ConfigError]:
+        """All that is wrong."""
+        return [self._one_line(dict(e)) for e in error.errors()]
+
+    def _one_line(self, e: dict[str, Any]) -> ConfigError:
+        loc, kind, context = e["loc"], e["type"], e.get("ctx", {})
+        field = self._dotted(loc)
+        if kind == "extra_forbidden":
+            return ConfigError(
+                "unknown key", file=self.file, field=field, expected=self.nearest(loc)
+            )
+        if kind == "missing":
+            own = self.keys_at(loc).get(str(loc[-1]))
+            text = "two numbers [x, y]" if own is None else own.description
+            problem = "is too short" if own is None else "missing key"
+            return ConfigError(problem, file=self.file, field=field, expected=text)
+        found: object = context["found"] if "found" in context else _shown(e["input"])
+        if kind == "sassgis":
+            if context["key"]:
+                field = f"{field}.{context['key']}"
+                found = context.get("found")
+            return ConfigError(
+                context["problem"],
+                file=self.file,
+                field=field,
+                found=found,
+                expected=context["expected"],
+            )
+        expected = self._expected(loc, kind, context, e["msg"])
+        return ConfigError(
+            "cannot be used", file=self.file, field=field, found=found, expected=expected
+        )
+
+    def _expected(self, loc: Place, kind: str, context: Mapping[str, Any], message: str) -> str:
+        section = str(loc[0])
+        if kind == "dict_type":
+            if section in self.lists:
+                return f"[[{section}]]"
+            return f"a section [{'.'.join(map(str, loc))}]"
+        if kind == "tuple_type" and len(loc) == 1:
+            return f"one or more sections [[{section}]], with double brackets"
+        if kind == "literal_error":
+            return f"one of {context['expected']}"
+        if kind == "too_short":
+            return f"a list of at least {context['min_length']}"
+        if kind == "too_long":
+            return f"{context['max_length']} numbers"
+        return _EXPECTED.get(kind, message)
+
+    def _dotted(self, loc: Place) -> str:
+        """Key as the user would look for it: ``blocks[large].axis_1_m``."""
+        head, rest = str(loc[0]), list(loc[1:])
+        text = head
+        if head in self.lists and rest and isinstance(rest[0], int):
+            number = int(rest.pop(0))
+            try:
+                name = self.document[head][number]["name"]
+            except (KeyError, IndexError, TypeError):
+                name = None
+            text += f"[{name}]" if isinstance(name, str) and name.strip() else f"[no. {number + 1}]"
+        for part in rest:
+            # The place inside a pair or a list is told by the value that was found there.
+            if isinstance(part, str) and part != "[key]":
+                text += f".{part}"
+        return text
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

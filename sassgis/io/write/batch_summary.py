@@ -1,0 +1,101 @@
+"""The table of the areas of a batch, ``summary.csv``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from sassgis.io.write.staging import writing
+
+_NOT_RUN, _SKIPPED = "not run", "skipped: "
+
+
+class BatchSummary:
+    """The table of all areas, written anew whenever one is done.
+
+    Parameters
+    ----------
+    path : Path
+    areas : mapping of str to (name, file)
+        By the name of their folder, which stands below that of ``path``.
+    levels : sequence of str
+        Codes of the hazard levels.
+    """
+
+    def __init__(
+        self, path: Path, areas: Mapping[str, tuple[str, str]], levels: Sequence[str]
+    ) -> None:
+        self._path = path
+        self._levels = list(levels)
+        self._before = self._seconds_before()
+        self._rows: dict[str, dict[str, object]] = {
+            folder: {"area": name, "file": file, "status": _NOT_RUN}
+            for folder, (name, file) in areas.items()
+        }
+
+    def _seconds_before(self) -> dict[str, float]:
+        """Times of areas that an earlier call has run."""
+        try:
+            frame = pd.read_csv(self._path, dtype={"folder": str}).dropna(
+                subset=["folder", "seconds"]
+            )
+            return dict(zip(frame["folder"], frame["seconds"].astype(float), strict=True))
+        except (OSError, ValueError, KeyError):
+            return {}
+
+    def done(
+        self,
+        folder: str,
+        facts: Mapping[str, object],
+        zones_m2: Mapping[str, float],
+        seconds: float | None,
+    ) -> None:
+        """Note an area that was run, or that was there already (``seconds`` None).
+
+        Parameters
+        ----------
+        folder : str
+        facts : mapping
+            "points", "rocks" and "furthest_m".
+        zones_m2 : mapping of str to float
+            By the code of the hazard level.
+        seconds : float or None
+        """
+        self._rows[folder] |= {
+            "status": "done",
+            "folder": folder,
+            **facts,
+            **{f"{code}_m2": zones_m2.get(code) for code in self._levels},
+            "seconds": self._before.get(folder) if seconds is None else round(seconds, 1),
+        }
+
+    def skipped(self, folder: str, reason: str) -> None:
+        """Note an area that could not be run."""
+        self._rows[folder]["status"] = _SKIPPED + reason
+
+    def reasons(self) -> dict[str, str]:
+        """Why areas were skipped, by their name."""
+        return {
+            str(row["area"]): str(row["status"]).removeprefix(_SKIPPED)
+            for row in self._rows.values()
+            if str(row["status"]).startswith(_SKIPPED)
+        }
+
+    def frame(self) -> pd.DataFrame:
+        """The table."""
+        columns = ["area", "file", "folder", "status", "points", "rocks", "furthest_m"]
+        columns += [*(f"{code}_m2" for code in self._levels), "seconds"]
+        frame = pd.DataFrame(list(self._rows.values()), columns=columns)
+        return frame.astype({"points": "Int64", "rocks": "Int64"})
+
+    def write(self) -> None:
+        """Write the table; whole or not at all."""
+        with writing(self._path):
+            fresh = self._path.with_suffix(".csv.new")
+            try:
+                self.frame().to_csv(fresh, index=False)
+                fresh.replace(self._path)
+            finally:
+                fresh.unlink(missing_ok=True)

@@ -1,0 +1,62 @@
+"""Tables of a zoning: sources, and what stations and barriers must take."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pandas as pd
+
+from sassgis.hazard.design import arrivals, quantile, rocks_beyond, value_at_rate
+from sassgis.hazard.sources import Sampled
+from sassgis.io.write.geopackage import VectorLayer
+from sassgis.model.labels import rounded
+from sassgis.model.results import ControlLine
+
+
+def source_table(sampled: Sequence[Sampled]) -> pd.DataFrame:
+    """Release area, scenario, onset frequency and the rocks behind it."""
+    return pd.DataFrame(
+        {
+            "area": [s.source.area for s in sampled],
+            "scenario": [s.source.scenario for s in sampled],
+            "onset_per_year": [rounded(s.source.frequency, 6) for s in sampled],
+            "rocks": [s.source.rocks for s in sampled],
+            "per_year_of_one_rock": [rounded(s.source.rate_per_rock, 6) for s in sampled],
+        }
+    )
+
+
+def design_table(
+    control_lines: Sequence[ControlLine],
+    without_barriers: Sequence[Sampled],
+    return_periods_years: Sequence[float],
+) -> pd.DataFrame:
+    """What comes to each station and barrier line if no barrier holds it, by residual frequency.
+
+    A value is empty where rocks come less often than its return period asks for.
+    """
+    sources = [s.source for s in without_barriers]
+    sums = [s.control_lines for s in without_barriers]
+    rows = []
+    for i, control_line in enumerate(control_lines):
+        energy, height = (arrivals(sources, sums, i, q) for q in ("energy_kj", "height_m"))
+        row: dict[str, object] = {
+            "line": control_line.name,
+            "kind": control_line.kind,
+            "rocks": int(energy.rocks[0]),
+            "arrivals_per_year": rounded(energy.rate[0], 4),
+        }
+        for name, curve in (("energy", energy), ("height", height)):
+            unit = "kj" if name == "energy" else "m"
+            for p in (0.95, 0.99):
+                row[f"{name}_q{100 * p:.0f}_{unit}"] = rounded(quantile(curve, p), 4)
+            for years in return_periods_years:
+                row[f"{name}_{years:g}y_{unit}"] = rounded(value_at_rate(curve, 1.0 / years), 4)
+                row[f"{name}_{years:g}y_rocks_beyond"] = rocks_beyond(curve, 1.0 / years)
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def layer_table(layer: VectorLayer) -> pd.DataFrame:
+    """The attributes of a layer."""
+    return pd.DataFrame(layer.frame.drop(columns="geometry"))

@@ -1,0 +1,240 @@
+"""How settings are declared: kind, limits and meaning stand in the annotation of a field, once.
+
+``smoothing_m: Annotated[float, Interval(ge=0, le=200), "scale of the terrain (m)"] = 5.0`` is all
+that checks, messages, the template and the documentation need.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from annotated_types import Interval, MaxLen, MinLen
+
+from sassgis.model.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Marks a pair of numbers as a range [low, high]; the user may give a single number."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlainName:
+    """Marks a text that names a thing: no comma, semicolon or line break."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """Marks a text that follows a regular expression."""
+
+    regex: str
+
+
+@dataclass(frozen=True, slots=True)
+class PresetName:
+    """Marks the name of a built-in preset, or a TOML file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Codes:
+    """Marks a table whose keys are whole numbers, which TOML writes as text."""
+
+
+@dataclass(frozen=True, slots=True)
+class Renamed:
+    """The key that a setting had before; it is still read, with a note."""
+
+    old: str
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """What the template shows for a setting; ``needed`` if it stands there without a comment."""
+
+    value: object
+    needed: bool = False
+
+
+Span = Annotated[tuple[float, float], Limits()]
+Name = Annotated[str, PlainName()]
+Text = Annotated[str, MinLen(1)]
+
+
+class Declared(NamedTuple):
+    """One setting as it is declared.
+
+    Attributes
+    ----------
+    name : str
+        The key.
+    kind : Any
+        Its annotation.
+    default : Any
+        ``dataclasses.MISSING`` if it must be given.
+    description : str
+        Meaning, with the unit.
+    old_name : str or None
+        The key that it had before.
+    example : Example or None
+    """
+
+    name: str
+    kind: Any
+    default: Any
+    description: str
+    old_name: str | None
+    example: Example | None
+
+    @property
+    def is_required(self) -> bool:
+        """Whether the user must give it."""
+        return self.default is dataclasses.MISSING
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """What all settings share: they are checked when they are made, and do not change."""
+
+    def __post_init__(self) -> None:
+        for setting in declared(type(self)).values():
+            value = getattr(self, setting.name)
+            wrong = fault(setting.kind, value)
+            if wrong is not None:
+                raise ConfigError(
+                    wrong.problem,
+                    field=setting.name,
+                    found=repr(wrong.found),
+                    expected=wrong.expected,
+                )
+        self._fits_together()
+
+    def _fits_together(self) -> None:
+        """Raise ConfigError where single values are right, but not all of them together."""
+
+
+def declared(cls: type) -> Mapping[str, Declared]:
+    """Settings of a section by key, in order; fields without a description are none."""
+    return _declared(cast(Any, cls))
+
+
+@cache
+def _declared(cls: Any) -> Mapping[str, Declared]:
+    hints = get_type_hints(cls, include_extras=True)
+    found: dict[str, Declared] = {}
+    for field in dataclasses.fields(cls):
+        hint = hints[field.name]
+        notes = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
+        text = next((n for n in notes if isinstance(n, str)), None)
+        if text is not None:
+            found[field.name] = Declared(
+                field.name,
+                hint,
+                field.default,
+                text,
+                next((n.old for n in notes if isinstance(n, Renamed)), None),
+                next((n for n in notes if isinstance(n, Example)), None),
+            )
+    return types.MappingProxyType(found)
+
+
+class Fault(NamedTuple):
+    """What is wrong with a value, and what would have been accepted."""
+
+    problem: str
+    found: object
+    expected: str
+
+
+def fault(kind: Any, value: Any) -> Fault | None:
+    """What is wrong with a value of the right type; None if it keeps its limits.
+
+    Parameters
+    ----------
+    kind
+        The annotation of the setting.
+    value
+        Its value; a list is a tuple.
+    """
+    origin = get_origin(kind)
+    if origin in (Union, types.UnionType):
+        if value is None:
+            return None
+        return fault(next(k for k in get_args(kind) if k is not type(None)), value)
+    if origin is Annotated:
+        inner, *notes = get_args(kind)
+        wrong = fault(inner, value)
+        for note in notes:
+            wrong = wrong or (None if value is None else _against(note, value))
+        return wrong
+    if origin is Literal and value not in get_args(kind):
+        return Fault("unknown choice", value, "one of " + ", ".join(map(repr, get_args(kind))))
+    if origin is tuple and isinstance(value, tuple):
+        parts = get_args(kind)
+        kinds = parts[:1] * len(value) if parts[-1] is Ellipsis else parts
+        wrongs = (fault(k, v) for k, v in zip(kinds, value, strict=False))
+        return next((w for w in wrongs if w is not None), None)
+    if kind is float and not math.isfinite(value):
+        return Fault("cannot be used", value, "a finite number")
+    return None
+
+
+def _against(note: Any, value: Any) -> Fault | None:
+    """Whether a value goes against one of the marks of its annotation."""
+    if isinstance(note, Limits) and value[0] > value[1]:
+        return Fault("limits are reversed", value, "[low, high] with the lower number first")
+    if isinstance(note, Interval):
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(_within(note, number) for number in numbers):
+            kind = "numbers" if isinstance(value, tuple) else "a number"
+            return Fault("is out of range", value, f"{kind} {limits_text(note)}")
+    if isinstance(note, MinLen) and len(value) < note.min_length:
+        what = "text that is not empty" if value == "" else f"list of at least {note.min_length}"
+        return Fault("cannot be used", value, f"a {what}")
+    if isinstance(note, MaxLen) and len(value) > note.max_length:
+        return Fault("cannot be used", value, f"at most {note.max_length} characters")
+    if isinstance(note, Pattern) and not re.match(note.regex, value):
+        return Fault("cannot be used", value, f"String should match pattern '{note.regex}'")
+    if isinstance(note, PlainName) and (not value or re.search(r"[,;\r\n\t]", value)):
+        expected = "a text without comma, semicolon or line break"
+        return Fault("cannot be used as a name", value, expected)
+    return None
+
+
+def _within(limits: Interval, number: Any) -> bool:
+    return not (
+        (limits.ge is not None and number < limits.ge)
+        or (limits.gt is not None and number <= limits.gt)
+        or (limits.le is not None and number > limits.le)
+        or (limits.lt is not None and number >= limits.lt)
+    )
+
+
+def limits_text(limits: Interval) -> str:
+    """Limits in words, as in ``above 0 and at most 10``."""
+    text = f"above {limits.gt:g}" if limits.gt is not None else f"{limits.ge:g} or more"
+    if limits.le is not None:
+        text = f"{text} and at most {limits.le:g}"
+    return f"{text} and below {limits.lt:g}" if limits.lt is not None else text
+
+
+def is_file(kind: Any) -> bool:
+    """Whether a setting names a file."""
+    return kind is Path or any(is_file(k) for k in get_args(kind) if not isinstance(k, str))

@@ -1,0 +1,255 @@
+"""What a run on the map is given, and what it keeps of single rocks and lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
+from sassgis.model.results import ControlLine
+from sassgis.model.settings import EngineSettings, LateralDeflection
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectCells:
+    """The cells of exposed objects.
+
+    Attributes
+    ----------
+    n_objects : int
+    cell : int64, shape (n,)
+        Flat indices of cells, ascending.
+    number : int64, shape (n,)
+        The object that covers the cell; a cell may belong to several.
+    """
+
+    n_objects: int
+    cell: IntArray
+    number: IntArray
+
+    @classmethod
+    def none(cls) -> ObjectCells:
+        """No object."""
+        return cls(0, np.empty(0, np.int64), np.empty(0, np.int64))
+
+    def under(self, cells: IntArray) -> tuple[IntArray, IntArray]:
+        """The objects on each of some cells (flat indices, ascending)."""
+        first = np.searchsorted(self.cell, cells, side="left")
+        size = np.searchsorted(self.cell, cells, side="right") - first
+        offset = np.concatenate([[0], np.cumsum(size)]).astype(np.int64)
+        take = np.repeat(first - offset[:-1], size) + np.arange(offset[-1])
+        return offset, np.asarray(self.number, np.int64)[take]
+
+
+@dataclass(frozen=True, slots=True)
+class Forest:
+    """Stems on the cells of the grid.
+
+    Attributes
+    ----------
+    stems_per_m2 : float64, shape (n_rows * n_cols,)
+    diameter_m : float64, shape (n_rows * n_cols,)
+        At breast height.
+    """
+
+    stems_per_m2: FloatArray
+    diameter_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A disk of cells around each cell, in which a rock counts once.
+
+    Attributes
+    ----------
+    n_rows, n_cols : int
+        Of the grid.
+    radius : float
+        In cells, from centre to centre; below 1 the window is the cell itself.
+    """
+
+    n_rows: int
+    n_cols: int
+    radius: float
+
+    def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+        """Windows that hold any of some cells (flat indices).
+
+        Returns
+        -------
+        centres : int64, shape (n_windows,)
+            Flat indices of the cells in the middle of the windows, ascending.
+        windows : Objects
+            The windows of each of ``cells``, by their position in ``centres``.
+        """
+        reach = int(self.radius)
+        step = np.arange(-reach, reach + 1)
+        near = step[:, None] ** 2 + step[None, :] ** 2 <= self.radius**2 + 1e-9
+        drow, dcol = (step[i] for i in np.nonzero(near))
+        row, col = np.divmod(cells, self.n_cols)
+        rows = row[:, None] + drow
+        cols = col[:, None] + dcol
+        inside = (rows >= 0) & (rows < self.n_rows) & (cols >= 0) & (cols < self.n_cols)
+        flat = (rows * self.n_cols + cols)[inside]
+        centres, number = np.unique(flat, return_inverse=True)
+        offset = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int64)
+        return centres.astype(np.int64), offset, number.astype(np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class MapRun:
+    """Everything that a run on the map needs.
+
+    Attributes
+    ----------
+    grid : Grid
+    ground : int32, shape of the grid
+        Ground class of each cell.
+    table : GroundTable
+    areas : tuple of ReleaseArea
+    blocks : tuple of BlockPopulation
+        Names are those of the scenarios.
+    control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
+        Stations and barriers with their trace on the map.
+    engine : EngineSettings
+    fall_lines : FallLineSettings
+    spread : SpreadSettings
+    segment_tolerance_m, spacing_m : float
+    placement : {"grid", "random"}
+    rocks_per_point, seed : int
+    stop_points_max : int
+        Most stop points to keep one by one.
+    repetitions : int
+        How often ``rocks_per_point`` rocks are released; those of the first repetitions stay the
+        same when there are more.
+    thresholds_kj : tuple of float
+        Energies that hazard curves must have a value for.
+    objects : ObjectCells
+        Exposed objects at which rocks are counted.
+    ref_width_m : float
+        Reference width of the hazard curves (m); 0: one cell.
+    effects : EffectSettings
+        What the model of 1986 leaves out.
+    forest : Forest or None
+        For the effect of trees.
+    """
+
+    grid: Grid
+    ground: NDArray[np.int32]
+    table: GroundTable
+    areas: tuple[ReleaseArea, ...]
+    blocks: tuple[BlockPopulation, ...]
+    control_lines: tuple[tuple[ControlLine, FloatArray], ...]
+    engine: EngineSettings
+    fall_lines: FallLineSettings
+    spread: SpreadSettings
+    segment_tolerance_m: float
+    spacing_m: float
+    placement: str
+    rocks_per_point: int
+    seed: int
+    stop_points_max: int = 100_000
+    repetitions: int = 1
+    thresholds_kj: tuple[float, ...] = ()
+    objects: ObjectCells = field(default_factory=ObjectCells.none)
+    ref_width_m: float = 0.0
+    effects: EffectSettings = field(default_factory=EffectSettings)
+    forest: Forest | None = None
+
+    @property
+    def rocks_per_line(self) -> int:
+        """Rocks on each line of a bundle: those of the point, shared out and rounded up."""
+        return -(-self.rocks_per_point // self.lines_per_point)
+
+    @property
+    def lines_per_point(self) -> int:
+        """Lines traced from each release point in each repetition."""
+        # Rocks that share a path arrive or not together: their errors would be understated.
+        if self.effects.get(LateralDeflection) is not None:
+            return self.rocks_per_point
+        return self.spread.lines_per_point
+
+    @property
+    def lateral_spread(self) -> str:
+        """In words: how rocks leave the fall line."""
+        lateral = self.effects.get(LateralDeflection)
+        if lateral is not None:
+            how = (
+                f"{lateral.angle_deg:g}° off the descent, anew every {lateral.hop_m:g} m or so"
+                if lateral.form == "kicks"
+                else f"a deviation of its own within {lateral.width_percent:g} % of the length"
+            )
+            return f"{self.lines_per_point} random paths per release point: {how}"
+        if self.lines_per_point == 1:
+            return "none: fall lines only; between lines that diverge the map has gaps"
+        return (
+            f"{self.lines_per_point} lines per release point, heading evenly over a width of "
+            f"{self.spread.width_percent:g} % of their length; gullies hold them together"
+        )
+
+    @property
+    def rocks_per_stratum(self) -> int:
+        """Rocks of one stratum of the sample: of a line, or of a point where paths are random."""
+        if self.effects.get(LateralDeflection) is None:
+            return self.rocks_per_line
+        return self.rocks_per_line * self.lines_per_point
+
+    @property
+    def window(self) -> Window | None:
+        """The cells in which a rock counts for the hazard at the one in their middle."""
+        radius = 0.5 * self.ref_width_m / self.grid.cell_size
+        return Window(*self.grid.shape, radius) if radius >= 1.0 else None
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rocks and passages one by one, with their place on the map.
+
+    Attributes
+    ----------
+    rocks, passages : structured arrays
+        ROCK_DTYPE and PASSAGE_DTYPE. ``line`` counts the lines of the run: release point times
+        lines per point, plus the place in the bundle.
+    rock_scenario, passage_scenario : int64
+        Position in ``blocks``.
+    x, y : float64
+        Where each rock ends (m).
+    """
+
+    rocks: NDArray[np.void]
+    rock_scenario: IntArray
+    x: FloatArray
+    y: FloatArray
+    passages: NDArray[np.void]
+    passage_scenario: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class FallLines:
+    """Fall lines for the map: ragged coordinates, thinned, and a row each.
+
+    Attributes
+    ----------
+    offset, x, y
+        Line ``i`` owns ``[offset[i], offset[i + 1])``.
+    point : int64
+        Release point.
+    fan, length_m, drop_m : float64
+    end : uint8
+        A LineEnd.
+    """
+
+    offset: IntArray
+    x: FloatArray
+    y: FloatArray
+    point: IntArray
+    fan: FloatArray
+    length_m: FloatArray
+    drop_m: FloatArray
+    end: NDArray[np.uint8]

@@ -1,0 +1,107 @@
+"""All settings of a run together, as they go from stage to stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.declared import declared
+from sassgis.model.effects import EffectSettings
+from sassgis.model.errors import ConfigError
+from sassgis.model.hazard import Onset
+from sassgis.model.settings import (
+    BarrierSettings,
+    BundleSettings,
+    EngineSettings,
+    ForestPlace,
+    GroundSettings,
+    HazardSettings,
+    ObjectSettings,
+    OutputSettings,
+    ProfileSettings,
+    ProjectSettings,
+    ReleaseSettings,
+    RiskSettings,
+    RunSettings,
+    StationSettings,
+    TerrainSettings,
+    ZoningSettings,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """What the user asked for, checked in itself but not yet against the files it names.
+
+    Attributes
+    ----------
+    file : Path
+        The configuration file (absolute).
+    project, terrain, release, spread, ground, hazard, zones, risk, run, output
+        The sections; paths in them are absolute.
+    blocks : tuple of BlockPopulation
+        At least one; names are unique.
+    stations, barriers
+        As configured; names are unique over both.
+    engine : EngineSettings
+    effects : EffectSettings
+        The effects that are on.
+    trees : ForestPlace or None
+        Where the forest of ``[effects.trees]`` stands.
+    profile : ProfileSettings or None
+        None if the file has no ``[profile]``.
+    objects
+        Layers of exposed objects.
+    onsets : dict of str to Onset
+        By the name of the block scenario.
+    notes : tuple of str
+        What the user should know of the file, as keys that have a new name.
+    """
+
+    file: Path
+    project: ProjectSettings
+    terrain: TerrainSettings
+    release: ReleaseSettings
+    spread: BundleSettings
+    ground: GroundSettings
+    blocks: tuple[BlockPopulation, ...]
+    stations: tuple[StationSettings, ...]
+    barriers: tuple[BarrierSettings, ...]
+    engine: EngineSettings
+    effects: EffectSettings
+    trees: ForestPlace | None
+    profile: ProfileSettings | None
+    hazard: HazardSettings
+    zones: ZoningSettings
+    risk: RiskSettings
+    objects: tuple[ObjectSettings, ...]
+    run: RunSettings
+    output: OutputSettings
+    onsets: dict[str, Onset]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def dem_path(self) -> Path:
+        """Path of the DEM; ConfigError if the file names none (it may, for profile runs)."""
+        if self.terrain.dem is None:
+            raise _missing(self.file, "terrain", TerrainSettings, "dem")
+        return self.terrain.dem
+
+    @property
+    def release_path(self) -> Path:
+        """Path of the release areas; ConfigError if the file names none."""
+        if self.release.file is None:
+            raise _missing(self.file, "release", ReleaseSettings, "file")
+        return self.release.file
+
+    @property
+    def block_names(self) -> tuple[str, ...]:
+        """Names of the block scenarios, in the order of the file."""
+        return tuple(block.name for block in self.blocks)
+
+
+def _missing(file: Path, section: str, cls: type, key: str) -> ConfigError:
+    return ConfigError(
+        "missing key", file=file, field=f"{section}.{key}", expected=declared(cls)[key].description
+    )

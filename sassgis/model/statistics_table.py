@@ -1,0 +1,347 @@
+"""The table of the statistics per cell: one row for each map of the rocks.
+
+All that is kept for the maps follows from the rows: the sums in the kernel, how those of chunks,
+release areas and saved states are joined, the bands of each raster, and the tables in docs/maps.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.model.grid import FloatArray
+
+#: What the kernel records of each rock in each cell that it enters, in the order of its columns:
+#: largest kinetic energy (kJ), passing height (m) and speed (m/s) there, and the time since the
+#: release at which it first enters (s). A rock and its fragments are one entry.
+QUANTITIES = ("energy", "height", "speed", "arrival")
+
+#: Probabilities of the quantiles that are mapped, but for times.
+PROBABILITIES = (0.50, 0.90, 0.95, 0.99)
+
+Reducer = Literal["count", "sum", "max", "min", "histogram"]
+
+_JOIN: dict[Reducer, np.ufunc] = {
+    "count": np.add, "sum": np.add, "max": np.maximum, "min": np.minimum, "histogram": np.add,
+}  # fmt: skip
+_DTYPE: dict[Reducer, type[np.generic]] = {
+    "count": np.int64, "sum": np.int64, "max": np.float64, "min": np.float64,
+    "histogram": np.uint32,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class CellSum:
+    """What is kept of one quantity in each cell.
+
+    Whole numbers and extremes only, so that the order of adding does not matter.
+
+    Attributes
+    ----------
+    name : str
+    reducer : Reducer
+        "sum" is in thousandths of the quantity's unit, rounded for each rock.
+    quantity : str
+        One of QUANTITIES; empty for counts.
+    """
+
+    name: str
+    reducer: Reducer
+    quantity: str = ""
+
+    @property
+    def join(self) -> np.ufunc:
+        """What makes one of the sums of two parts."""
+        return _JOIN[self.reducer]
+
+    @property
+    def dtype(self) -> type[np.generic]:
+        """Type of its array."""
+        return _DTYPE[self.reducer]
+
+    @property
+    def empty(self) -> float:
+        """Value where nothing came."""
+        return np.inf if self.reducer == "min" else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LargestValues:
+    """What no rock exceeds on a terrain: kinetic energy (kJ), passing height (m), speed (m/s)."""
+
+    energy_kj: float = 1e6
+    height_m: float = 100.0
+    speed_mps: float = 80.0
+
+
+@dataclass(frozen=True, slots=True)
+class Statistic:
+    """A row of the table: one map.
+
+    Attributes
+    ----------
+    stem : str
+        File name without suffix.
+    title : str
+        Name in the legend: quantity, what the first band is, unit.
+    unit, label : str
+        Of the bands; the quantity in words.
+    bands : tuple of str
+        The first is the one shown. With a quantity: "q95" (any per cent), "mean", "max", "min";
+        without: "reach", "standard_error", "passages", "stops".
+    note : str
+        What the numbers mean. ``{rocks}``, ``{width}``, ``{once}`` and ``{error}`` are filled in.
+    meaning : str
+        What one number means, for the table of maps in docs/maps.md.
+    breaks : tuple of float
+        Class limits for the legend. They start at 0, as nothing that is mapped is negative: no
+        class without cells, and not the palest colour of a ramp, which would be lost on the relief.
+    ramp : str
+        Name of a matplotlib colour map.
+    quantity : str
+        One of QUANTITIES; empty for counts of rocks.
+    edges : callable
+        Edges of the histogram on a terrain. Those of a larger terrain begin with those of a smaller
+        one.
+    bins, resolution : str
+        The same for the table of resolutions in docs/maps.md.
+    """
+
+    stem: str
+    title: str
+    unit: str
+    label: str
+    bands: tuple[str, ...]
+    note: str
+    meaning: str
+    breaks: tuple[float, ...]
+    ramp: str
+    quantity: str = ""
+    edges: Callable[[LargestValues], FloatArray] | None = None
+    bins: str = ""
+    resolution: str = ""
+
+    def description(self, band: str) -> str:
+        """A band in words."""
+        short = self.title.split(",")[0]
+        if probability_of(band) is not None:
+            return f"{self.label}, {band[1:]} % quantile of the rocks that reach the cell"
+        return {
+            "mean": f"{short}, mean of the rocks",
+            "max": f"{short}, largest",
+            "min": f"{short}, smallest",
+            "standard_error": f"Sampling standard error of the {self.label.lower()}",
+        }.get(band, self.label)
+
+    def sums(self) -> tuple[CellSum, ...]:
+        """What its bands are made from."""
+        return tuple(s for band in self.bands for s in self._sums_of(band))
+
+    def _sums_of(self, band: str) -> tuple[CellSum, ...]:
+        if probability_of(band) is not None:
+            return (CellSum(self.quantity, "histogram", self.quantity),)
+        if band == "mean":
+            return (CellSum(f"{self.quantity}_sum", "sum", self.quantity),)
+        if band == "max":
+            return (CellSum(f"{self.quantity}_max", "max", self.quantity),)
+        if band == "min":
+            return (CellSum(f"{self.quantity}_min", "min", self.quantity),)
+        names = {"standard_error": ("reach", "reach_square"), "stops": ("stops",)}
+        return tuple(CellSum(name, "count") for name in names.get(band, ("reach",)))
+
+
+def probability_of(band: str) -> float | None:
+    """Probability of a quantile's band, as 0.95 for "q95"; None for any other band."""
+    return int(band[1:]) / 100 if band[0] == "q" and band[1:].isdigit() else None
+
+
+def _energy_steps(largest: LargestValues) -> int:
+    return max(int(np.ceil(20.0 * np.log10(max(largest.energy_kj, 1.0) / 30.0))), 20)
+
+
+def _energy_edges(largest: LargestValues) -> FloatArray:
+    """Edges (kJ)."""
+    steps = np.arange(-60, _energy_steps(largest) + 1)
+    return np.concatenate([[0.0], 30.0 * 10.0 ** (steps / 20.0)])
+
+
+def _height_edges(largest: LargestValues) -> FloatArray:
+    """Edges (m)."""
+    steps = max(int(np.ceil(np.log(max(largest.height_m, 4.0) / 2.0) / np.log(1.06))), 1)
+    return np.concatenate([np.arange(0.0, 2.0, 0.1), 2.0 * 1.06 ** np.arange(steps + 1)])
+
+
+def _speed_edges(largest: LargestValues) -> FloatArray:
+    """Edges (m/s)."""
+    fast = np.arange(20.0, max(largest.speed_mps, 22.0) + 1.0, 1.0)
+    return np.concatenate([np.arange(0.0, 20.0, 0.5), fast])
+
+
+def _arrival_edges(_: LargestValues) -> FloatArray:
+    """Edges up to half an hour (s)."""
+    steps = int(np.ceil(np.log(180.0) / np.log(1.05)))
+    return np.concatenate([np.arange(0.0, 10.0, 0.5), 10.0 * 1.05 ** np.arange(steps + 1)])
+
+
+STATISTICS = (
+    Statistic(
+        stem="reach_probability",
+        title="Reach probability",
+        unit="1",
+        label="Reach probability",
+        bands=("reach", "standard_error"),
+        note="Share of all {rocks} rocks released that come into the cell. {width} {error}",
+        meaning="share of all simulated rocks that come into the cell",
+        breaks=(0.0, 0.0001, 0.001, 0.01, 0.03, 0.1, 0.3),
+        ramp="plasma_r",
+    ),
+    Statistic(
+        stem="passages",
+        title="Rocks passing",
+        unit="rocks",
+        label="Rocks that come into the cell",
+        bands=("passages",),
+        note="Number of rocks that come into the cell. {width}",
+        meaning="number of rocks that come into the cell",
+        breaks=(0, 10, 100, 1000, 10000),
+        ramp="BuPu",
+    ),
+    Statistic(
+        stem="energy",
+        title="Kinetic energy, 95 % quantile (kJ)",
+        quantity="energy",
+        unit="kJ",
+        label="Kinetic energy (translation + rotation)",
+        bands=("q95", "q50", "q90", "q99", "mean", "max"),
+        note="Translation and rotation. {once} {width} Quantiles from a histogram of 20 bins a "
+        "decade (12 % of the value), 30 and 300 kJ among the edges; mean and maximum exact.",
+        meaning="kinetic energy (translation and rotation, kJ) of the rocks "
+        "*that come into the cell*",
+        breaks=(0.0, 30.0, 300.0),
+        ramp="YlOrRd",
+        edges=_energy_edges,
+        bins="20 a decade from 0.03 kJ; 30 and 300 kJ are edges",
+        resolution="12 % of the value",
+    ),
+    Statistic(
+        stem="passing_height",
+        title="Passing height, 95 % quantile (m)",
+        quantity="height",
+        unit="m",
+        label="Passing height above the resting position",
+        bands=("q95", "q50", "q90", "q99", "max"),
+        note="Vertical distance from the ground to the centre, less the resting height. "
+        "{once} Quantiles from a histogram of 0.1 m bins up to 2 m, 6 % beyond.",
+        meaning="height of the centre above ground, vertical, less the resting height (m)",
+        breaks=(0.0, 0.5, 1.0, 2.0, 4.0, 8.0),
+        ramp="YlGnBu",
+        edges=_height_edges,
+        bins="0.1 m up to 2 m, then steps of 6 %",
+        resolution="0.1 m, 6 %",
+    ),
+    Statistic(
+        stem="speed",
+        title="Speed, 95 % quantile (m/s)",
+        quantity="speed",
+        unit="m/s",
+        label="Speed of the centre",
+        bands=("q95", "q50", "q90", "q99", "max"),
+        note="Speed of the centre. {once} Quantiles from a histogram of 0.5 m/s bins up to "
+        "20 m/s, 1 m/s beyond.",
+        meaning="speed of the centre (m/s)",
+        breaks=(0.0, 5.0, 10.0, 15.0, 20.0, 30.0),
+        ramp="RdPu",
+        edges=_speed_edges,
+        bins="0.5 m/s up to 20 m/s, then 1 m/s",
+        resolution="0.5 m/s, 1 m/s",
+    ),
+    Statistic(
+        stem="arrival_time",
+        title="Time of arrival, 5 % quantile (s)",
+        quantity="arrival",
+        unit="s",
+        label="Time from the release to the first entry into the cell",
+        bands=("q5", "q50", "min"),
+        note="Time from the release of a rock to its first entry into the cell, for warning times. "
+        "Denominator: the rocks that reach the cell. A rock and its fragments count once, with the "
+        "earliest time. {width} Quantiles from a histogram of 0.5 s bins up to 10 s, 5 % beyond; "
+        "the smallest time is exact.",
+        meaning="time from the release to the first entry into the cell (s), of the rocks "
+        "*that come into the cell*; a rock and its fragments count once, with the earliest",
+        breaks=(0.0, 5.0, 10.0, 20.0, 40.0, 80.0),
+        ramp="viridis",
+        edges=_arrival_edges,
+        bins="0.5 s up to 10 s, then steps of 5 % up to half an hour",
+        resolution="0.5 s, 5 %",
+    ),
+    Statistic(
+        stem="stops",
+        title="Rocks that stop",
+        unit="rocks",
+        label="Rocks that end in the cell",
+        bands=("stops",),
+        note="Number of rocks that come to rest in the cell or are stopped by a barrier there. "
+        "Rocks that never started are not among them.",
+        meaning="number of rocks that end in the cell, at rest or at a barrier; not those that "
+        "never started",
+        breaks=(0, 3, 10, 30, 100),
+        ramp="Blues",
+    ),
+)
+
+#: All that is kept per cell, each once.
+SUMS = tuple(dict.fromkeys(s for row in STATISTICS for s in row.sums()))
+SUM_NAMES = tuple(s.name for s in SUMS)
+
+
+def sums_by(reducer: Reducer) -> tuple[CellSum, ...]:
+    """The sums of one kind, in the order of the kernel's columns."""
+    return tuple(s for s in SUMS if s.reducer == reducer)
+
+
+def wider(name: str, counts: NDArray[Any], bins: Bins) -> NDArray[Any]:
+    """A sum per cell with as many bins as the histograms of a larger terrain have."""
+    if name not in bins.edges:
+        return counts
+    out = np.zeros((counts.shape[0], bins.edges[name].size - 1), counts.dtype)
+    out[:, : counts.shape[1]] = counts
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Bins:
+    """Edges of the histograms; what lies beyond goes into the first or last bin.
+
+    Attributes
+    ----------
+    edges : mapping of str to float64, shape (n_bins + 1,)
+        By the name of the histogram.
+    threshold : float64, shape (n,)
+        Energies whose exceedance is counted for the hazard curves, ascending from 0 (kJ).
+    """
+
+    edges: Mapping[str, FloatArray]
+    threshold: FloatArray
+
+
+def default_bins(
+    largest_energy_kj: float = 1e6,
+    largest_height_m: float = 100.0,
+    largest_speed_mps: float = 80.0,
+    thresholds_kj: Sequence[float] = (),
+) -> Bins:
+    """Edges of the histograms that the map's quantiles come from, and energies of hazard curves.
+
+    Hazard curves: 0, four energies a decade from 0.95 kJ with 30 and 300 kJ among them, and the
+    thresholds given.
+    """
+    largest = LargestValues(largest_energy_kj, largest_height_m, largest_speed_mps)
+    edges = {row.quantity: row.edges(largest) for row in STATISTICS if row.edges is not None}
+    regular = 30.0 * 10.0 ** (np.arange(-6, _energy_steps(largest) // 5 + 1) / 4.0)
+    regular[[6, 10]] = 30.0, 300.0
+    given = np.array([t for t in thresholds_kj if not np.isclose(t, regular, rtol=1e-9).any()])
+    return Bins(edges, np.unique(np.concatenate([[0.0], regular, given])))

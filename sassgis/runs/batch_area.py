@@ -1,0 +1,345 @@
+"""One release area of a batch: zoned on the part of the terrain that its fall lines need."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import sassgis
+from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.progress import Progress
+from sassgis.io.read.config import SECTIONS, file_digest, settings_hash
+from sassgis.io.read.ground_map import ground_raster, read_ground_table
+from sassgis.io.read.tiles import Part, Terrain, open_terrain
+from sassgis.io.read.vectors import (
+    Feature,
+    read_control_lines,
+    read_release_feature,
+    release_area,
+)
+from sassgis.io.write.staging import staged_output
+from sassgis.model.errors import ConfigError, InputError, OutputError
+from sassgis.model.exposure import PlacedObjects
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import MapRun
+from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.results import ControlLine
+from sassgis.model.run_config import Config
+from sassgis.model.statistics_table import SUM_NAMES
+from sassgis.runs.batch_areas import Candidate
+from sassgis.runs.batch_state import (
+    BARE_NAME,
+    SIMULATION_NAME,
+    Record,
+    read_record,
+    write_record,
+    write_state,
+)
+from sassgis.runs.batch_window import cut_sides, windowed
+from sassgis.runs.inputs import (
+    collected_notices,
+    forest_of,
+    map_run_of,
+    read_rules,
+    yearly_frequencies,
+)
+from sassgis.runs.job import Job, OnProgress
+from sassgis.runs.zone import most_repetitions, prepared, simulations, write_zones
+from sassgis.terrain.release import meeting, wkb_hex
+
+AREAS_NAME = "areas"
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What all areas of a batch share.
+
+    Attributes
+    ----------
+    config : Config
+    terrain : Terrain
+    outline : Grid
+        Of the whole terrain model, without heights.
+    table : GroundTable
+    control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
+    rules : Rules
+        With all exposed objects, and no frequencies.
+    names : tuple of str
+        Of all areas.
+    digest : str
+        Of the settings and of all files but terrain and release areas.
+    first_margin_m : float
+        Margin around an area with which the search for its part of the terrain begins.
+    """
+
+    config: Config
+    terrain: Terrain
+    outline: Grid
+    table: GroundTable
+    control_lines: tuple[tuple[ControlLine, FloatArray], ...]
+    rules: Rules
+    names: tuple[str, ...]
+    digest: str
+    first_margin_m: float
+
+
+def read_setting(
+    config: Config, candidates: Sequence[Candidate], first_margin_m: float
+) -> tuple[Setting, tuple[str, ...]]:
+    """Read and check what all areas share.
+
+    Raises
+    ------
+    ConfigError, InputError
+    """
+    if not config.blocks:
+        raise ConfigError(
+            "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
+        )
+    names = tuple(dict.fromkeys(c.name for c in candidates))
+    with collected_notices() as notices:
+        terrain = open_terrain(config.dem_path, config.terrain.crs, config.terrain.vertical_datum)
+        outline = terrain.outline()
+        table = read_ground_table(config.ground.classes)
+        control_lines = tuple(read_control_lines(config, outline))
+        empty = map_run_of(config, outline, _no_ground(outline), table, (), control_lines, None)
+        # The table of frequencies is read by area, with the names of all.
+        hazard = replace(config.hazard, frequencies=None)
+        rules = read_rules(replace(config, hazard=hazard), empty)
+        yearly_frequencies(config, (), names)
+    setting = Setting(
+        config, terrain, outline, table, control_lines, replace(rules, notices=()), names,
+        _shared_digest(config), first_margin_m,
+    )  # fmt: skip
+    return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
+
+
+def _shared_digest(config: Config) -> str:
+    """Fingerprint of the settings and of the files that all areas share."""
+    own = replace(
+        config,
+        terrain=replace(config.terrain, dem=None),
+        release=replace(config.release, file=None),
+        hazard=replace(config.hazard, frequencies=None, preset=Path(config.hazard.preset).name),
+        risk=replace(config.risk, vulnerability=None),
+    )
+    sections = [s for s in SECTIONS if s != "profile"]
+    parts: list[object] = [sassgis.__version__, settings_hash(own, sections=sections), SUM_NAMES]
+    if config.risk.vulnerability is not None:
+        parts.append(file_digest(config.risk.vulnerability))
+    if config.hazard.preset.endswith(".toml"):
+        parts.append(file_digest(config.hazard.preset))
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+
+def area_feature(setting: Setting, candidate: Candidate) -> Feature:
+    """The feature of an area, checked against the terrain model.
+
+    Raises
+    ------
+    InputError
+        It cannot be used.
+    """
+    if candidate.problem:
+        raise InputError(candidate.problem)
+    return read_release_feature(candidate.release, candidate.number, setting.outline)
+
+
+def _area_on(
+    setting: Setting, candidate: Candidate, feature: Feature, part: Part
+) -> tuple[Grid, ReleaseArea]:
+    """The terrain of a part, and the area checked against it."""
+    grid = setting.terrain.read(part)
+    names = setting.config.block_names
+    return grid, release_area(feature, candidate.name, candidate.release, grid, names)
+
+
+def _control_lines_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
+    """Stations and barriers that meet a part of the terrain."""
+    return meeting([trace for _, trace in setting.control_lines], grid)
+
+
+def _objects_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
+    """Exposed objects that meet a part of the terrain."""
+    return meeting(setting.rules.placed.geometries, grid)
+
+
+def _area_run(setting: Setting, grid: Grid, area: ReleaseArea) -> MapRun:
+    """The run of an area on a part of the terrain, but for the ground and the forest."""
+    control_lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
+    ground = _no_ground(grid)
+    return map_run_of(setting.config, grid, ground, setting.table, (area,), control_lines, None)
+
+
+def _fingerprint(
+    setting: Setting,
+    part: Part,
+    grid: Grid,
+    area: ReleaseArea,
+    frequencies: dict[tuple[str, str], float],
+) -> str:
+    """Of all that the result of an area hangs on."""
+    head = [
+        setting.digest,
+        area.name,
+        area.scenarios,
+        sorted((*key, value) for key, value in frequencies.items()),
+        wkb_hex(area.geometry),
+        cut_sides(part, setting.terrain),
+        [grid.west, grid.north, grid.cell_size, grid.crs, grid.vertical_datum, *grid.shape],
+    ]
+    digest = hashlib.sha256(json.dumps(head).encode())
+    digest.update(grid.values.astype("<f8").tobytes())
+    return digest.hexdigest()
+
+
+def kept_areas(
+    setting: Setting,
+    candidates: Sequence[Candidate],
+    folder: Path,
+    overwrite: bool,
+    tell: Callable[[str], None],
+) -> dict[str, Record]:
+    """Areas that are complete and were made from the same settings and inputs.
+
+    Raises
+    ------
+    OutputError
+        If a result is in the way.
+    """
+    kept = {}
+    for candidate in candidates:
+        own = folder / AREAS_NAME / candidate.stem
+        if not own.is_dir() or not any(own.iterdir()):
+            continue
+        record = read_record(own)
+        same = False
+        if record is not None:
+            # An area that cannot be used any more is told of when it is its turn.
+            with suppress(InputError), collected_notices():
+                part = record.part(setting.terrain)
+                feature = area_feature(setting, candidate)
+                grid, area = _area_on(setting, candidate, feature, part)
+                run = _area_run(setting, grid, area)
+                frequencies = yearly_frequencies(setting.config, run.areas, setting.names)
+                same = record.fingerprint == _fingerprint(setting, part, grid, area, frequencies)
+        if same and record is not None:
+            kept[candidate.stem] = record
+        elif not overwrite:
+            raise OutputError(
+                f"{own}: exists and was made from other settings or inputs; choose another folder, "
+                "or --overwrite"
+            )
+    if kept:
+        tell(f"{len(kept)} of {len(candidates)} areas are there already")
+    return kept
+
+
+def run_area(
+    setting: Setting,
+    candidate: Candidate,
+    folder: Path,
+    jobs: int | None,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+) -> Record:
+    """Zone one area into its folder."""
+    config = replace(
+        setting.config,
+        release=candidate.release,
+        project=replace(
+            setting.config.project, name=f"{setting.config.project.name}: {candidate.name}"
+        ),
+    )
+    with collected_notices() as notices:
+        feature = area_feature(setting, candidate)
+
+        def make(part: Part) -> MapRun:
+            grid, area = _area_on(setting, candidate, feature, part)
+            # Ground and forest are of no account for fall lines.
+            return _area_run(setting, grid, area)
+
+        cut = windowed(
+            setting.terrain,
+            feature.geometry.bounds,
+            setting.rules.ref_width_m,
+            make,
+            most_repetitions(config),
+            setting.first_margin_m,
+        )
+        run = replace(
+            cut.run,
+            ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline),
+            forest=forest_of(config, cut.run.grid, setting.outline),
+        )
+    frequencies = yearly_frequencies(config, run.areas, setting.names)
+    objects = _objects_in(setting, run.grid)
+    rules = replace(
+        setting.rules,
+        frequencies=frequencies,
+        placed=_some_objects(setting.rules.placed, objects),
+    )
+    if not objects:
+        rules = replace(rules, vulnerability=None)
+    job = prepared(Job(run, cut.planned, tuple(notices)), rules)
+    with staged_output(folder, overwrite=True) as work:
+        done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
+        write_state(work / SIMULATION_NAME, done.progress, done.run)
+        if without is not None:
+            write_state(work / BARE_NAME, without.progress, without.run)
+        record = Record(
+            fingerprint=_fingerprint(setting, cut.part, run.grid, run.areas[0], frequencies),
+            area=candidate.name,
+            west=run.grid.west,
+            north=run.grid.north,
+            n_rows=cut.part.n_rows,
+            n_cols=cut.part.n_cols,
+            repetitions=done.run.repetitions,
+            points=len(cut.planned.points),
+            rocks=int(done.progress.reasons.sum()),
+            furthest_m=_furthest(done.progress),
+            zones_m2={},
+            control_lines=_control_lines_in(setting, run.grid),
+            objects=objects,
+            notices=tuple(notices),
+        )
+
+        def keep(found: Assessment) -> None:
+            nonlocal record
+            record = replace(record, zones_m2=_zones_m2(found, rules))
+            write_record(work, record)
+
+        write_zones(work, rules, done, without, [candidate.name], tell, keep)
+    return record
+
+
+def _some_objects(placed: PlacedObjects, which: Sequence[int]) -> PlacedObjects:
+    return PlacedObjects(
+        tuple(placed.objects[i] for i in which), tuple(placed.geometries[i] for i in which)
+    )
+
+
+def _furthest(progress: Progress) -> float | None:
+    return None if progress.furthest is None else round(progress.furthest[0], 2)
+
+
+def _zones_m2(found: Assessment, rules: Rules) -> dict[str, float]:
+    """Area of the zones by the code of the hazard level."""
+    levels = found.hazard.levels
+    return {
+        level.code: round(float(sum(p.area for p in levels.polygons[levels.classes == k])), 1)
+        for k, level in enumerate(rules.preset.levels, start=1)
+    }
+
+
+def _no_ground(grid: Grid) -> NDArray[np.int32]:
+    """Ground of no account, which takes no memory."""
+    return np.broadcast_to(np.zeros(1, np.int32), grid.shape)

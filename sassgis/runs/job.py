@@ -1,0 +1,225 @@
+"""A run as a job: inputs that are read, a simulation that is saved and goes on after a stop."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import sassgis
+from sassgis.hazard.progress import Progress
+from sassgis.hazard.warnings import simulation_warnings
+from sassgis.io.read.config import load_config, settings_hash
+from sassgis.io.read.ground_map import built_in_table
+from sassgis.io.write.frames import require_parquet
+from sassgis.model.errors import InputError, Interrupted
+from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.run_config import Config
+from sassgis.model.statistics_table import SUM_NAMES
+from sassgis.runs.checkpoint import Checkpoint
+from sassgis.runs.inputs import collected_notices, read_map_run
+from sassgis.runs.interrupts import held_back
+from sassgis.runs.map import chunks_of, simulate_map
+from sassgis.terrain.plan import Plan, plan
+
+#: Seconds between two savings of the state of a run.
+SAVE_EVERY_S = 60.0
+
+#: Called with (chunks done, chunks in all, rocks done).
+OnProgress = Callable[[int, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A run that is ready to be simulated: inputs, plan, and what the readers had to say."""
+
+    run: MapRun
+    planned: Plan
+    notices: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """A run that has been simulated.
+
+    Attributes
+    ----------
+    config, run, planned, progress
+    checkpoint : Checkpoint
+        Holds the rows for tables.
+    warnings : tuple of str
+    seconds : float
+    """
+
+    config: Config
+    run: MapRun
+    planned: Plan
+    progress: Progress
+    checkpoint: Checkpoint
+    warnings: tuple[str, ...]
+    seconds: float
+
+
+def configured(config: Config | str | Path, seed: int | None) -> Config:
+    """The configuration, read if need be, with another seed if one is given."""
+    if not isinstance(config, Config):
+        return load_config(config, {} if seed is None else {"run.seed": seed})
+    if seed is None:
+        return config
+    return replace(config, run=replace(config.run, seed=seed))
+
+
+def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], None]) -> Job:
+    """Read the inputs of a run and place its release points."""
+    if "parquet" in (config.output.rock_table, config.output.passage_table):
+        require_parquet()
+    tell("Reading the inputs")
+    with collected_notices() as notices:
+        run = read_map_run(config, areas)
+    tell("Placing the release points")
+    return Job(run, plan(run), (*config.notes, *notices))
+
+
+def simulate_config(
+    config: Config,
+    work: Path,
+    job: Job,
+    *,
+    jobs: int | None,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+    repetitions_max: int = 1,
+    enough: Callable[[MapRun, Progress], bool] | None = None,
+    schedule: str = "",
+    part: str = "",
+) -> Simulation:
+    """Simulate a job; what is computed is kept in ``work`` whatever happens.
+
+    Parameters
+    ----------
+    config : Config
+    work : Path
+        Working folder of the result.
+    job : Job
+    jobs, on_progress, tell
+        As for run.
+    repetitions_max : int
+        Most repetitions of all releases.
+    enough : callable, optional
+        Asked after one, two, four, ... repetitions whether they are enough; without it
+        ``repetitions_max`` are run.
+    schedule : str
+        What the number of repetitions depends on: a saved state of another schedule is not used,
+        as it may hold more of them than this one needs.
+    part : str
+        Name of the simulation among several for one result.
+    """
+    run, planned = job.run, job.planned
+    fingerprint = _state_fingerprint(config, run, schedule)
+    checkpoint = Checkpoint(work, fingerprint, part)
+    began = time.perf_counter()
+    resumed = checkpoint.restore(run)
+    progress = resumed if resumed is not None else Progress.fresh(run)
+    if resumed is not None:
+        tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
+    repetitions = repetitions_max if enough is None else 1
+    done = -(-progress.chunks // max(len(chunks_of(planned)), 1))
+    while repetitions < min(done, repetitions_max):
+        repetitions *= 2
+    while True:
+        repetitions = min(repetitions, repetitions_max)
+        run = replace(run, repetitions=repetitions)
+        _simulate(config, run, planned, progress, checkpoint, jobs, on_progress, tell)
+        if enough is None or repetitions >= repetitions_max or enough(run, progress):
+            break
+        repetitions *= 2
+        tell(f"Going on to {min(repetitions, repetitions_max)} repetitions")
+    seconds = time.perf_counter() - began
+    warnings = (*job.notices, *simulation_warnings(run, progress, built_in_table().classes))
+    return Simulation(config, run, planned, progress, checkpoint, warnings, seconds)
+
+
+def _state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
+    """Of all that a saved state hangs on, down to the version and to what is kept for tables."""
+    parts = [
+        sassgis.__version__,
+        settings_hash(config),
+        [a.name for a in job.areas],
+        job.stop_points_max,
+        _keeps_rows(config),
+        [g.name for g, _ in job.control_lines],
+        job.thresholds_kj,
+        job.ref_width_m,
+        schedule,
+        SUM_NAMES,
+    ]
+    digest = hashlib.sha256(json.dumps(parts).encode())
+    for array in (job.objects.cell, job.objects.number):
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _keeps_rows(config: Config) -> bool:
+    return config.output.rock_table != "none" or config.output.passage_table != "none"
+
+
+def job_count(config: Config, jobs: int | None) -> int:
+    """Threads to use: as asked, or all cores that this process may use."""
+    wanted = config.run.jobs if jobs is None else jobs
+    if wanted > 0:
+        return wanted
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+def _simulate(
+    config: Config,
+    job: MapRun,
+    planned: Plan,
+    progress: Progress,
+    checkpoint: Checkpoint,
+    jobs: int | None,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+) -> None:
+    """Simulate, saving the state now and then and when the user stops the run."""
+    keep = _keeps_rows(config)
+    saved = time.monotonic()
+
+    def on_chunk(now: Progress, chunks: int, rows: Rows) -> None:
+        nonlocal saved
+        if keep:
+            checkpoint.hand_on(rows)
+        if time.monotonic() - saved > SAVE_EVERY_S:
+            checkpoint.save(now)
+            saved = time.monotonic()
+        if on_progress is not None:
+            on_progress(now.chunks, chunks, int(now.reasons.sum()))
+
+    tell("Simulating")
+    try:
+        simulate_map(job, planned, jobs=job_count(config, jobs), resume=progress, on_chunk=on_chunk)
+    except KeyboardInterrupt:
+        with held_back():
+            checkpoint.save(progress)
+        raise Interrupted(
+            f"stopped by the user after {int(progress.reasons.sum())} rocks; what was computed is "
+            f"kept in {checkpoint.folder}: the same command goes on from there"
+        ) from None
+    if not progress.reasons.sum():
+        # An empty map would read as "no hazard".
+        raise InputError(
+            "no rock could be simulated",
+            file=config.release.file,
+            field="release.file",
+            found=f"{progress.lost} rocks, on fall lines that all end where they begin",
+            expected="release areas on slopes, on known terrain and not at its edge",
+        )
+    # Whatever happens while the result is written, the simulation is not lost.
+    checkpoint.save(progress)

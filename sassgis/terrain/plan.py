@@ -1,0 +1,78 @@
+"""Release points, and the surface on which their fall lines are traced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.map_run import MapRun
+from sassgis.model.profiles import ReleasePoints
+from sassgis.terrain.fall_lines import fall_line_surface
+from sassgis.terrain.release import release_points
+from sassgis.terrain.stretch import moved_uphill
+from sassgis.terrain.surface import Surface
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What will be simulated, before anything is.
+
+    Attributes
+    ----------
+    points : ReleasePoints
+        As placed in the release areas.
+    starts : ReleasePoints
+        Where their fall lines begin.
+    moved : float64, shape (n,)
+        How far up the slope from the points (m).
+    surface : Surface
+    scenarios : tuple of int tuples
+        Positions in ``blocks`` of the scenarios of each area.
+    repetitions : tuple of int
+        Of each area, where they are not those of the run for all; else empty.
+    """
+
+    points: ReleasePoints
+    starts: ReleasePoints
+    moved: FloatArray
+    surface: Surface
+    scenarios: tuple[tuple[int, ...], ...]
+    repetitions: tuple[int, ...] = ()
+
+    def rocks_of_point(self, run: MapRun) -> IntArray:
+        """Rocks that are released at each point, shape (n,)."""
+        each = run.rocks_per_line * run.lines_per_point
+        given = self.repetitions or (run.repetitions,) * len(self.scenarios)
+        counts = np.array(given, np.int64) * np.array([len(s) for s in self.scenarios], np.int64)
+        rocks: IntArray = counts[self.points.area] * each
+        return rocks
+
+
+def plan(run: MapRun) -> Plan:
+    """Place the release points and prepare the surface.
+
+    Raises
+    ------
+    InputError, ConfigError
+        As sassgis.terrain.release.release_points.
+    """
+    points = release_points(
+        [(a.name, a.geometry) for a in run.areas],
+        run.spacing_m,
+        run.placement,  # type: ignore[arg-type]
+        run.seed,
+    )
+    surface = fall_line_surface(run.grid, run.fall_lines)
+    polygonal = np.array([a.geometry.area > 0.0 for a in run.areas], bool)
+    distance = 0.5 * run.spacing_m if run.placement == "grid" else 0.0
+    starts, moved = moved_uphill(points, surface, distance, polygonal[points.area])
+    names = {b.name: i for i, b in enumerate(run.blocks)}
+    return Plan(
+        points,
+        starts,
+        moved,
+        surface,
+        tuple(tuple(names[s] for s in a.scenarios) for a in run.areas),
+    )

@@ -1,0 +1,202 @@
+"""From release points to the profiles on which blocks are simulated: traced, flattened, usable.
+
+Every run goes through here: maps, single profiles from the terrain, and diagnoses.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from sassgis.model import rng
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.map_run import FallLines, MapRun
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints, TraceSet
+from sassgis.model.results import ControlLine
+from sassgis.model.settings import LateralDeflection
+from sassgis.terrain.flatten import crossings, profiles
+from sassgis.terrain.spread import trace_bundles, trace_random_paths
+from sassgis.terrain.stretch import (
+    SHORTEST_LINE_M,
+    take_lines,
+    take_profiles,
+    usable,
+    with_lead_in,
+)
+from sassgis.terrain.surface import Surface
+
+#: Plan length of the ground behind the start (m).
+LEAD_IN_M = 20.0
+_SIMPLIFIED = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedLines:
+    """Lines on which blocks can be simulated.
+
+    Attributes
+    ----------
+    good : bool, shape (n_traced,)
+        Which of the traced lines are long enough; all else refers to these alone.
+    lines : TraceSet
+    flat : ProfileSet
+        Their profiles.
+    profiles : ProfileSet
+        The same with LEAD_IN_M of ground behind the start.
+    crossings : ControlLineCrossings
+        Where they cross stations and barriers.
+    """
+
+    good: NDArray[np.bool_]
+    lines: TraceSet
+    flat: ProfileSet
+    profiles: ProfileSet
+    crossings: ControlLineCrossings
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    @property
+    def length_m(self) -> FloatArray:
+        """Chainage of the last vertex of each profile (m)."""
+        last: FloatArray = self.profiles.s[self.profiles.offset[1:] - 1]
+        return last
+
+    def starts(self, moved_m: FloatArray) -> FloatArray:
+        """Chainages between which blocks start, shape (n, 2); ``moved_m`` as in Plan, by line."""
+        return np.column_stack([np.zeros(len(self)), np.minimum(2.0 * moved_m, self.length_m)])
+
+
+def trace_lines(
+    run: MapRun, surface: Surface, starts: ReleasePoints, repetition: int = 0
+) -> TraceSet:
+    """The lines of some release points in one repetition."""
+    lateral = run.effects.get(LateralDeflection)
+    if lateral is None:
+        return trace_bundles(run.grid, surface, starts, run.fall_lines, run.spread)
+    return trace_random_paths(
+        run.grid, surface, starts, run.fall_lines, lateral, run.lines_per_point, run.seed,
+        repetition,
+    )  # fmt: skip
+
+
+def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
+    """Flatten traced lines, keep those that are usable, and find what they cross.
+
+    Parameters
+    ----------
+    run : MapRun
+    traces : TraceSet
+        As of trace_lines.
+    """
+    flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
+    good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
+    lines, kept = take_lines(traces, good), take_profiles(flat, good)
+    return PreparedLines(
+        good,
+        lines,
+        kept,
+        with_lead_in(kept, LEAD_IN_M),
+        control_line_crossings(run.control_lines, lines),
+    )
+
+
+def control_line_crossings(
+    control_lines: Sequence[tuple[ControlLine, FloatArray]], traces: TraceSet
+) -> ControlLineCrossings:
+    """Where lines cross stations and barriers, by rising chainage."""
+    found = [crossings(traces, trace) for _, trace in control_lines]
+    line = np.concatenate([np.empty(0, np.int64), *(f[0] for f in found)])
+    chainage = np.concatenate([np.empty(0), *(f[1] for f in found)])
+    control_line = np.repeat(np.arange(len(found), dtype=np.int64), [f[0].size for f in found])
+    order = np.lexsort((control_line, chainage, line))
+    counts = np.bincount(line, minlength=len(traces)).astype(np.int64)
+    return ControlLineCrossings(
+        tuple(g for g, _ in control_lines),
+        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        chainage[order],
+        control_line[order],
+    )
+
+
+def line_draw_keys(
+    traces: TraceSet, point_keys: NDArray[np.uint64], lines_per_point: int, scenario: str
+) -> NDArray[np.uint64]:
+    """Identity of lines for the random draws: release point, place in the bundle, scenario."""
+    member = np.arange(len(traces), dtype=np.int64) % lines_per_point
+    out: NDArray[np.uint64] = rng.combined(
+        rng.combined(point_keys[traces.point], member), scenario_word(scenario)
+    )
+    return out
+
+
+def scenario_word(name: str) -> np.uint64:
+    """A number that stands for a scenario's name in the random draws."""
+    return np.uint64(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little"))
+
+
+def thinned(traces: TraceSet, grid: Grid) -> FallLines:
+    """Coordinates for drawing, within a tenth of a cell of the traced ones."""
+    counts = np.diff(traces.offset)
+    some = counts >= 2
+    index = np.repeat(np.arange(len(traces)), counts)
+    kept = some[index]
+    lines = shapely.simplify(
+        shapely.linestrings(
+            traces.x[kept], traces.y[kept], indices=np.cumsum(some)[index[kept]] - 1
+        ),
+        _SIMPLIFIED * grid.cell_size,
+        preserve_topology=False,
+    )
+    xy, owner = shapely.get_coordinates(lines, return_index=True)
+    owner = np.flatnonzero(some)[owner]
+    # Lines of one point stay as they are.
+    single = ~kept
+    xy = np.concatenate([xy, np.column_stack([traces.x[single], traces.y[single]])])
+    owner = np.concatenate([owner, index[single]])
+    order = np.argsort(owner, kind="stable")
+    xy, owner = xy[order], owner[order]
+    offset = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=len(traces)))])
+    first, final = traces.offset[:-1], np.maximum(traces.offset[1:] - 1, 0)
+    heights = grid.values.ravel()
+    cells = [grid.cell_of(traces.x[k], traces.y[k]) for k in (first, final)]
+    known = (cells[0] >= 0) & (cells[1] >= 0)
+    drop = np.where(known, heights[cells[0]] - heights[cells[1]], 0.0)
+    return FallLines(
+        offset.astype(np.int64),
+        np.ascontiguousarray(xy[:, 0]),
+        np.ascontiguousarray(xy[:, 1]),
+        traces.point,
+        traces.fan,
+        np.where(counts >= 1, traces.s[final], 0.0),
+        np.nan_to_num(drop),
+        traces.end,
+    )
+
+
+def drawn_lines(run: MapRun, traces: TraceSet, points: IntArray) -> FallLines:
+    """Lines of some release points (their numbers in the plan) for the map.
+
+    Where paths are random, the first of each point stands for all.
+    """
+    lines = thinned(traces, run.grid)
+    if run.effects.get(LateralDeflection) is not None:
+        lines = _first_of_each(lines, run.lines_per_point)
+    return replace(lines, point=points[lines.point])
+
+
+def _first_of_each(lines: FallLines, per_point: int) -> FallLines:
+    """The first of the lines of each release point."""
+    keep = np.arange(lines.point.size) % per_point == 0
+    sizes = np.diff(lines.offset)
+    kept = np.repeat(keep, sizes)
+    return FallLines(
+        np.concatenate([[0], np.cumsum(sizes[keep])]).astype(np.int64),
+        lines.x[kept], lines.y[kept],
+        *(getattr(lines, f)[keep] for f in ("point", "fan", "length_m", "drop_m", "end")),
+    )  # fmt: skip
