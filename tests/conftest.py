@@ -2,15 +2,35 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from sassgis.cli import main
 from sassgis.runs.samples import copy_sample
 
 ROOT = Path(__file__).resolve().parents[1]
+
+# What a test writes need not outlive a power cut; waiting for the disk is half of some tests' time.
+os.environ.setdefault("OGR_SQLITE_SYNCHRONOUS", "OFF")
+os.fsync = lambda _descriptor: None
+
+#: A file runs on one worker, so that its fixtures are made once. The long ones come first: no
+#: worker is left alone with one of them at the end.
+LONG_FILES = (
+    "test_diagnose.py", "test_worlds.py", "test_blind_check.py", "test_outputs.py",
+    "test_where.py", "test_project.py", "test_products.py", "test_batch.py", "test_interlis.py",
+    "test_any_world.py", "test_convergence.py", "test_pipelines.py", "test_command_line.py",
+    "test_staging.py", "test_docs.py", "test_layout.py", "test_zones.py", "test_contact.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {name: i for i, name in enumerate(LONG_FILES)}
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))
 
 
 @pytest.fixture(scope="session")
@@ -45,3 +65,18 @@ def make_valley(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]
         return with_settings(config, **{"spacing_m": 12.0, "rocks_per_point": 6, **values})
 
     return make
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Call the command line; gives exit code, stdout and stderr."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stopped:
+            main([str(a) for a in arguments])
+        out, err = capsys.readouterr()
+        assert isinstance(stopped.value.code, int)
+        return stopped.value.code, out, err
+
+    return run

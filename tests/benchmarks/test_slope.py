@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -19,21 +18,15 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 @pytest.fixture(scope="module")
 def slope() -> ModuleType:
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        import slope
-    finally:
-        sys.path.remove(str(BENCHMARKS))
+    import slope
+
     return slope
 
 
 @pytest.fixture(scope="module")
 def saga() -> ModuleType:
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        import saga
-    finally:
-        sys.path.remove(str(BENCHMARKS))
+    import saga
+
     return saga
 
 

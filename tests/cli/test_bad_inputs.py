@@ -10,8 +10,8 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import shapely
+from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights, release_box
 from rasterio.transform import from_origin
-from small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights, release_box
 
 OWN = "own,{},0.1,0.2,0.5,0.4,1,0.1,me,false"
 CLASSES = "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,source,verified\n"

@@ -10,6 +10,7 @@ import subprocess
 import sys
 
 import pytest
+from helpers.scripts import run_script
 
 import sassgis
 from sassgis.model.settings import EngineSettings
@@ -218,7 +219,7 @@ def test_tables_of_the_studies_are_those_of_their_files(repository):
 
 def test_fig9_study(repository, tmp_path):
     script = repository / "docs" / "studies" / "fig9.py"
-    subprocess.run([sys.executable, script, "-o", tmp_path], check=True, capture_output=True)
+    assert run_script(script, "-o", tmp_path).code == 0
     facts = json.loads((tmp_path / "fig9.json").read_text(encoding="utf-8"))
     # The closed form is given to two decimals.
     assert facts["largest_difference_percent"] <= 0.005
@@ -258,11 +259,9 @@ def test_slope_of_a_table_keeps_its_heights(repository):
 
 
 @pytest.mark.parametrize("name", ["profile", "engine", "zones"])
-def test_examples_run(repository, tmp_path, name):
-    code = examples(repository)[name]
-    out = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
-    assert out.returncode == 0, out.stderr
-    share = re.search(r"(\d+) of (\d+) rocks", out.stdout)
+def test_examples_run(repository, tmp_path, monkeypatch, name):
+    example = tmp_path / f"{name}.py"
+    example.write_text(examples(repository)[name], encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    share = re.search(r"(\d+) of (\d+) rocks", run_script(example).out)
     assert share and 0 < int(share[1]) <= int(share[2])

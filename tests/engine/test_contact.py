@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from helpers.contact_reference import first_contact, overlap, tangents
 from shapely import affinity
-
-sys.path.insert(0, str(Path(__file__).parent))
-from reference import first_contact, overlap, tangents
 
 from sassgis.engine.contact import next_contact, resting_height
 

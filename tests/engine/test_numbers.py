@@ -11,6 +11,8 @@ import pytest
 from sassgis.engine.ellipse import contact_frame, inertia, mean_radius
 from sassgis.engine.impact import COULOMB, SCALE, energy_kept, impact, turn_about_contact
 
+pytestmark = pytest.mark.kernels
+
 G = 9.81
 
 # Bozzolo and Pamini (1986), Fig. 9: share of energy kept (%) at ω_0 = 0, by γ (angle between OP and

@@ -12,6 +12,8 @@ import pytest
 from sassgis.engine.ellipse import inertia
 from sassgis.model.statistics_table import SUMS, default_bins
 
+pytestmark = pytest.mark.kernels
+
 G = 9.81
 
 

@@ -40,7 +40,7 @@ def done(
     return report, folder
 
 
-@pytest.mark.slow
+@pytest.mark.battery
 def test_every_rock_is_accounted_for(done: tuple[dict[str, Any], Path]) -> None:
     report, folder = done
     assert report["observed_rocks"] == 41
@@ -49,7 +49,7 @@ def test_every_rock_is_accounted_for(done: tuple[dict[str, Any], Path]) -> None:
     assert json.loads((folder / "out" / "results.json").read_text(encoding="utf-8")) == report
 
 
-@pytest.mark.slow
+@pytest.mark.battery
 def test_observed_and_predicted_are_measured_alike(done: tuple[dict[str, Any], Path]) -> None:
     report, _ = done
     for key in ("plan_m", "chainage_m"):
@@ -66,7 +66,7 @@ def test_observed_and_predicted_are_measured_alike(done: tuple[dict[str, Any], P
     assert 0.0 < low < high < 12.0
 
 
-@pytest.mark.slow
+@pytest.mark.battery
 def test_what_may_be_shown_holds_no_coordinates(
     authume: ModuleType, shared_data: Path, done: tuple[dict[str, Any], Path]
 ) -> None:

@@ -23,7 +23,7 @@ from sassgis.model.profiles import LineEnd
 from sassgis.model.results import StopReason
 from sassgis.runs.run import RunResult, run
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.battery
 
 #: Terrain model, release polygons, distance between release points (m).
 PLACES = {

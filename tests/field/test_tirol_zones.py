@@ -18,7 +18,7 @@ import pytest
 import rasterio
 import shapely
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.battery
 
 #: Terrain model, release polygons, distance between release points (m).
 PLACES = {

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
+from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
 
 from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid

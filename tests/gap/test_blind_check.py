@@ -52,8 +52,8 @@ def run(out: Path, thresholds: Path, **changes: Any) -> gap_check.CheckResult:
         "seed": SEED,
         "jobs": 2,
         "thresholds": thresholds,
-        "diagnoser": "check_stubs:all_none",
-        "measurer": "check_stubs:measured",
+        "diagnoser": "helpers.check_stubs:all_none",
+        "measurer": "helpers.check_stubs:measured",
     }
     return check(out, **{**options, **changes})
 
@@ -63,14 +63,14 @@ def done(tmp_path_factory: pytest.TempPathFactory, thresholds: Path) -> Path:
     """A check whose diagnoser fell over once, and that was gone on with."""
     out = tmp_path_factory.mktemp("check") / "out"
     with pytest.raises(OutputError, match=r"world 004 ended unexpectedly \(exit code 3\)"):
-        run(out, thresholds, jobs=1, diagnoser="check_stubs:stops_at_four")
+        run(out, thresholds, jobs=1, diagnoser="helpers.check_stubs:stops_at_four")
     assert (out / "labels.sha256").exists()
     assert [p.name for p in (out / "sealed").iterdir()] == ["salt.txt"]
     assert not (out / "answers.sha256").exists()
     there = {p: p.stat().st_mtime_ns for p in (out / "answers").glob("*/diagnosis.json")}
     assert [p.parent.name for p in sorted(there)] == ["001", "002", "003"]
     cases = {p: p.stat().st_mtime_ns for p in (out / "cases").rglob("*")}
-    run(out, thresholds, diagnoser="check_stubs:stops_at_four")
+    run(out, thresholds, diagnoser="helpers.check_stubs:stops_at_four")
     assert all(p.stat().st_mtime_ns == t for p, t in {**there, **cases}.items())
     return out
 
@@ -188,7 +188,7 @@ def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
         "004": {"effect": "none", "confidence": 0.3},
     }
     (copy.parent / "told.json").write_text(json.dumps(said))
-    result = run(without_answers(copy), thresholds, diagnoser="check_stubs:told")
+    result = run(without_answers(copy), thresholds, diagnoser="helpers.check_stubs:told")
     measures = result.scores.measures
     found = {key: (share.hits, share.trials) for key, share in measures.items()}
     assert found["top1_single"] == (1, 1)
@@ -217,7 +217,9 @@ def task(root: Path, stub: str) -> Task:
         (root / name).write_text("{}")
     (root / "answers").mkdir()
     case, out = root / "cases" / "001", root / "answers" / "001"
-    return Task("001", f"check_stubs:{stub}", (str(case), str(case), str(out)), {}, (case, out))
+    return Task(
+        "001", f"helpers.check_stubs:{stub}", (str(case), str(case), str(out)), {}, (case, out)
+    )
 
 
 def test_the_diagnosing_process_cannot_load_the_worlds(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_slope import TABLE, observed
+from helpers.simulated_slope import TABLE, observed
 
 from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap import distances as scores

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -14,11 +12,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.scripts import run_script
 
 from sassgis.gap.observations.tables import what_can_be_told
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs.gap_case import read_case
+
+pytestmark = pytest.mark.battery
 
 ROWS = {"tschamut2014": 62, "chant_sura_2020": 11, "authume_quarry_p1": 41}
 PIPELINES = {
@@ -28,25 +29,15 @@ PIPELINES = {
 }
 
 
-@pytest.fixture(scope="module", autouse=True)
-def importable(repository: Path) -> Any:
-    """Scripts import what lies beside them; so do these tests."""
-    sys.path.insert(0, str(repository / "pipelines"))
-    yield
-    sys.path.remove(str(repository / "pipelines"))
-
-
 @pytest.fixture(scope="module")
-def tables(importable: None) -> ModuleType:
+def tables() -> ModuleType:
     import field_cases.tables
 
     return field_cases.tables
 
 
 @pytest.fixture(scope="module")
-def written(
-    importable: None, shared_data: Path, tmp_path_factory: pytest.TempPathFactory
-) -> Callable[[str], Any]:
+def written(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Any]:
     made: dict[str, Any] = {}
 
     def write(folder: str) -> Any:
@@ -161,14 +152,11 @@ def test_data_that_are_not_there_are_told_in_one_line(
     repository: Path, tmp_path: Path, tables: ModuleType
 ) -> None:
     for script in PIPELINES.values():
-        done = subprocess.run(
-            [sys.executable, repository / "pipelines" / f"{script}.py", tmp_path, "-o",
-             tmp_path / "out"],
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
-        assert done.returncode != 0
-        assert len(done.stderr.strip().splitlines()) == 1
-        assert "the field data are not here" in done.stderr
+        file = repository / "pipelines" / f"{script}.py"
+        done = run_script(file, tmp_path, "-o", tmp_path / "out")
+        assert done.code != 0
+        assert len(done.err.strip().splitlines()) == 1
+        assert "the field data are not here" in done.err
     with pytest.raises(InputError):
         tables.field_file(tmp_path, "tschamut2014", "terrain.asc")
     (tmp_path / "full").mkdir()
@@ -179,7 +167,7 @@ def test_data_that_are_not_there_are_told_in_one_line(
     assert (tmp_path / "full" / "file").is_file()
 
 
-def test_a_plane_keeps_its_normal(importable: None, tmp_path: Path) -> None:
+def test_a_plane_keeps_its_normal(tmp_path: Path) -> None:
     from field_cases.contacts import Ground
 
     rows, cols = np.indices((60, 60))
@@ -194,7 +182,7 @@ def test_a_plane_keeps_its_normal(importable: None, tmp_path: Path) -> None:
     assert height == pytest.approx(100.0 + 0.5 * 1.5 + 0.25 * 1.5, abs=1e-6)
 
 
-def test_the_base_law_is_that_of_the_engine_and_soft_ground_takes_energy(importable: None) -> None:
+def test_the_base_law_is_that_of_the_engine_and_soft_ground_takes_energy() -> None:
     from field_cases.impact_law import State, defaults, ground_class, predict
 
     from sassgis.engine.impact import SCALE
@@ -222,7 +210,7 @@ def test_the_base_law_is_that_of_the_engine_and_soft_ground_takes_energy(importa
     assert made["velocity_scaled"][:, 1].mean() < base[:, 1].mean()
 
 
-def test_a_gap_that_is_put_in_is_found(importable: None) -> None:
+def test_a_gap_that_is_put_in_is_found() -> None:
     from field_cases.study import compare
 
     rng = np.random.default_rng(1)
@@ -237,9 +225,7 @@ def test_a_gap_that_is_put_in_is_found(importable: None) -> None:
     assert report["all"]["rocks"] == 40
 
 
-def test_what_is_left_out_is_not_calibrated_on(
-    importable: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_left_out_is_not_calibrated_on(monkeypatch: pytest.MonkeyPatch) -> None:
     import field_cases.impact_law
     from field_cases.impact_law import FORMS, State, left_out_scores
 
@@ -325,7 +311,7 @@ def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
     assert seen == set(module.TABLES)
 
 
-def test_a_calibrated_model_keeps_its_ways_aside(importable: None) -> None:
+def test_a_calibrated_model_keeps_its_ways_aside() -> None:
     from field_cases.study import model_of
 
     from sassgis.gap.diagnosis import Calibrated

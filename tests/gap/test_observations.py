@@ -11,7 +11,7 @@ import pandas as pd
 import pyogrio
 import pytest
 import shapely
-from observed_slope import LV95, NORTH, TABLES, TOP, at, setting
+from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
 from sassgis.gap.observations.tables import (
     METADATA_KEYS,

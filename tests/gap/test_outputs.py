@@ -17,7 +17,7 @@ import pytest
 import rasterio
 import shapely
 import tomli_w
-from made_diagnosis import (
+from helpers.made_diagnosis import (
     CONFIG,
     FINDINGS,
     calibrated,
@@ -27,7 +27,7 @@ from made_diagnosis import (
     with_trees,
     write_slope,
 )
-from observed_slope import NORTH
+from helpers.observed_slope import NORTH
 
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.case import Case
@@ -725,7 +725,6 @@ def test_difference_counts_unreached_cells_as_zero() -> None:
     assert np.allclose(difference(before, after), [-0.1, 0.3, -0.5, np.nan], equal_nan=True)
 
 
-@pytest.mark.slow
 def test_change_of_the_map(made: Made, written: Path, tmp_path: Path) -> None:
     config, _ = made
     change = map_change(config, written / "model" / "config.toml", tmp_path / "map", 1)

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from observed_slope import NORTH, WEST, at, ground
+from helpers.observed_slope import NORTH, WEST, at, ground
 
 from sassgis.gap.observations.projection import (
     lines_of_rocks,

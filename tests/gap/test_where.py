@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulated_slope import STATIONS, TABLE, observed
+from helpers.simulated_slope import STATIONS, TABLE, observed
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.soft_ground import SoftGround
@@ -306,7 +306,7 @@ def test_the_same_seed_gives_the_same_findings():
     assert found(case) == found(case)
 
 
-@pytest.mark.slow
+@pytest.mark.battery
 def test_nothing_is_found_where_nothing_is():
     """False findings among all of them in about one case of twenty."""
     false = 0

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hazard_samples import curves_of, drawn_counts
+from helpers.hazard_samples import curves_of, drawn_counts
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats

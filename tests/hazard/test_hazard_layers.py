@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hazard_samples import curves_of, swiss
+from helpers.hazard_samples import curves_of, swiss
 
 from sassgis.hazard.curves import energy_at, rate_interval
 from sassgis.hazard.levels import hazard_level, intensity_class, level_interval, rocks_factor

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts, swiss
+from helpers.hazard_samples import BLUE, RED, RESIDUAL, YELLOW, curves_of, drawn_counts, swiss
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hazard_samples import swiss
+from helpers.hazard_samples import swiss
 
 from sassgis.hazard.rules import energy_labels, period_labels, preset_unverified
 from sassgis.io.read.presets import preset_names, read_preset

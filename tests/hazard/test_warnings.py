@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hazard_samples import swiss
+from helpers.hazard_samples import swiss
 
 from sassgis.hazard.warnings import (
     ground_warnings,

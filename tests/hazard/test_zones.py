@@ -26,6 +26,8 @@ from sassgis.hazard.zoning.outlines import components
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 
+pytestmark = pytest.mark.kernels
+
 WEST, NORTH = 2_700_000.0, 1_120_000.0
 KINDS = (
     "smooth",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -41,11 +40,8 @@ TEXTS = (
 
 @pytest.fixture(scope="module")
 def generate() -> ModuleType:
-    sys.path.insert(0, str(SAMPLES))
-    try:
-        import generate
-    finally:
-        sys.path.remove(str(SAMPLES))
+    import generate
+
     return generate
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from terrains import grid_of, rough
+from helpers.terrains import grid_of, rough
 
 from sassgis.model.grid import Grid
 

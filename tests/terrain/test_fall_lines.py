@@ -4,10 +4,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from helpers.terrains import grid_of, middle, points_at
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from terrains import grid_of, middle, points_at
 
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import Grid
@@ -17,6 +17,8 @@ from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.release import take
 from sassgis.terrain.spread import fans, trace_bundles
 from sassgis.terrain.surface import surface
+
+pytestmark = pytest.mark.kernels
 
 FloatArray = NDArray[np.float64]
 SHARP = FallLineSettings(smoothing_m=0.0)

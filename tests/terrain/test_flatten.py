@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from helpers.terrains import grid_of, middle, points_at, rough
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from terrains import grid_of, middle, points_at, rough
 
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
@@ -21,6 +21,8 @@ from sassgis.terrain.flatten import (
     xy_to_chainage,
 )
 from sassgis.terrain.release import take
+
+pytestmark = pytest.mark.kernels
 
 FloatArray = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from terrains import grid_of, middle, points_at
+from helpers.terrains import grid_of, middle, points_at
 
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.blocks import BlockPopulation
@@ -21,6 +21,8 @@ from sassgis.terrain.prepare import (
     prepare_lines,
     trace_lines,
 )
+
+pytestmark = pytest.mark.kernels
 
 SLOPE = 0.8
 

@@ -7,6 +7,8 @@ import shapely
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.terrain.release import point_keys, release_points, take
 
+pytestmark = pytest.mark.kernels
+
 SQUARE = shapely.box(1001.0, 2001.0, 1019.0, 2011.0)
 LEFT = shapely.Polygon([(0, 0), (31, 3), (17, 29), (2, 22)])
 

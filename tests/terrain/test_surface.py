@@ -2,13 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.terrains import grid_of, rough
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from terrains import grid_of, rough
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.terrain.surface import evaluate, smoothed, surface
+
+pytestmark = pytest.mark.kernels
 
 
 def holed(grid: Grid) -> Grid:

@@ -6,13 +6,26 @@ import math
 
 import numpy as np
 import pytest
-from effects_lab import COL, IMPACT, G, ellipsoid, first, plain, run, slope, sphere, sphere_mass
+from helpers.effects_lab import (
+    COL,
+    IMPACT,
+    G,
+    ellipsoid,
+    first,
+    plain,
+    run,
+    slope,
+    sphere,
+    sphere_mass,
+)
 from scipy.integrate import solve_ivp
 
 from sassgis.engine.effects import air_drag, build
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.model.effects import EffectSettings
 from sassgis.model.settings import EngineSettings
+
+pytestmark = pytest.mark.kernels
 
 FLAT = slope((400.0, 0.0))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effects_lab import (
+from helpers.effects_lab import (
     BROKEN,
     COL,
     END,

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from effects_lab import (
+from helpers.effects_lab import (
     COL,
     FLIGHT,
     IMPACT,
@@ -33,6 +33,8 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings
+
+pytestmark = pytest.mark.kernels
 
 FLAT = slope((200.0, 0.0))
 VX, VZ, OMEGA = COL["vx_mps"], COL["vz_mps"], COL["omega_radps"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
+from helpers.effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.entrainment import Entrainment
@@ -99,7 +99,7 @@ def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
 
 
 def test_mean_inertia_of_a_sphere_is_its_own(base):
-    from effects_lab import sphere
+    from helpers.effects_lab import sphere
 
     one = run(FLAT, ground(), sphere(0.5), n=40, course_events=8)
     other = run(

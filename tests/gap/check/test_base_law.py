@@ -11,6 +11,8 @@ from sassgis.gap.check.worlds import motion as m
 from sassgis.gap.check.worlds.forces import Forces, Local
 from sassgis.gap.check.worlds.law import kinetic, lever, rebound
 
+pytestmark = pytest.mark.kernels
+
 
 def test_worked_impact() -> None:
     a, b = 0.5, 0.38

@@ -69,6 +69,7 @@ def test_stops_do_not_move_with_the_time_step(null_world: World) -> None:
     assert inhomogeneity(s[0] / spread, s[2] / spread) < 0.1
 
 
+@pytest.mark.battery
 def test_strengths_are_in_order_and_in_their_bands() -> None:
     found = []
     for strength in ("weak", "medium", "strong"):

@@ -10,7 +10,7 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import shapely
-from worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, vulnerability
+from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, vulnerability
 
 from sassgis.hazard.risk import RiskTable, assess_risk
 from sassgis.model.crs import parse_crs

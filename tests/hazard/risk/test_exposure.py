@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from helpers.worked_example import HOUSE, ROAD, vulnerability
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, MultiLineString, MultiPoint, Point, box
 from shapely.affinity import rotate, translate
-from worked_example import HOUSE, ROAD, vulnerability
 
 from sassgis.io.read.objects import (
     chainage,

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 
 from sassgis.hazard.risk import (
     ADDITIVE,

@@ -9,8 +9,8 @@ from dataclasses import replace
 import geopandas as gpd
 import numpy as np
 import pytest
+from helpers.worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 from shapely import LineString, Point, box
-from worked_example import COUNTS, ENERGIES, HOUSE, ROAD, SOURCES, counts, vulnerability
 
 from sassgis.hazard.risk import ADDITIVE, assess_risk, object_rows, source_rows, total_rows
 from sassgis.io.write.geopackage import write_geopackage

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import made_zones
 import pytest
+from helpers import made_zones
 
 from sassgis.io.write.geopackage import write_geopackage
 

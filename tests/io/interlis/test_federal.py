@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import made_zones as made
 import numpy as np
 import pyogrio
 import pyproj
 import pytest
 import shapely
+from helpers import made_zones as made
 from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiPolygon, Polygon, box

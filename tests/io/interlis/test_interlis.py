@@ -13,10 +13,10 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import geopandas as gpd
-import made_zones as made
 import pyogrio
 import pytest
 import shapely
+from helpers import made_zones as made
 from shapely.geometry import box
 
 from sassgis.io.interlis.ili_parser import read_models

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import made_zones as made
 import pytest
+from helpers import made_zones as made
 
 from sassgis.io.interlis.ili_models import IliLibrary, normalised
 from sassgis.io.interlis.ili_parser import read_ili, read_models

@@ -10,10 +10,10 @@ from itertools import combinations, pairwise
 from pathlib import Path
 from typing import Any
 
-import made_up
 import matplotlib.image
 import numpy as np
 import pytest
+from helpers import made_up_result as made_up
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-import made_up
 import numpy as np
 import pytest
+from helpers import made_up_result as made_up
 
 from sassgis.hazard.zone_styles import ZONE_OPACITY
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project

@@ -20,7 +20,7 @@ from sassgis.runs.run import RunResult, run
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")
 PROBE = Path(__file__).with_name("probe.py")
-pytestmark = [pytest.mark.qgis, pytest.mark.slow]
+pytestmark = pytest.mark.qgis
 
 
 def ask(project: Path, picture: Path, *more: str) -> dict[str, Any]:

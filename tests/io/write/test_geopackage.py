@@ -9,10 +9,10 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import geopandas as gpd
-import made_up
 import numpy as np
 import pyogrio
 import pytest
+from helpers import made_up_result as made_up
 from shapely.geometry import LineString, MultiPolygon, Point, box
 
 from sassgis.io.write.geopackage import VectorLayer, write_geopackage

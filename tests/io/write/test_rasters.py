@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import made_up
 import numpy as np
 import pytest
 import rasterio
+from helpers import made_up_result as made_up
 
 from sassgis.io.write.raster import NODATA, write_raster
 from sassgis.model.errors import OutputError

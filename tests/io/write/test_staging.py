@@ -232,13 +232,10 @@ WRITE = textwrap.dedent(
     """
     import sys
     from pathlib import Path
-    import geopandas as gpd, numpy as np, shapely
+    import numpy as np
     from sassgis.model.errors import OutputError
     from sassgis.model.grid import Grid
     from sassgis.model.results import Band, RasterLayer
-    from sassgis.io.write.geopackage import VectorLayer, write_geopackage
-    from sassgis.model.styles import RELEASE_POINT_STYLE
-    from sassgis.io.write.raster import write_raster
     from sassgis.io.write.staging import staged_output
 
     target, what = Path(sys.argv[1]), sys.argv[2]
@@ -246,8 +243,15 @@ WRITE = textwrap.dedent(
     grid = Grid(values, 0.0, 800.0, 2.0)
     band = Band("a", "a", "kJ", values.astype(np.float32))
     layer = RasterLayer("noise", "Noise", "", (band,), (), "viridis")
-    points = shapely.points(np.random.default_rng(1).random((20000, 2)))
-    frame = gpd.GeoDataFrame({"n": np.arange(20000)}, geometry=points)
+    if what == "raster":
+        from sassgis.io.write.raster import write_raster
+    elif what == "geopackage":
+        import geopandas as gpd, shapely
+        from sassgis.io.write.geopackage import VectorLayer, write_geopackage
+        from sassgis.model.styles import RELEASE_POINT_STYLE
+
+        points = shapely.points(np.random.default_rng(1).random((20000, 2)))
+        frame = gpd.GeoDataFrame({"n": np.arange(20000)}, geometry=points)
     try:
         with staged_output(target, False) as work:
             (work / "checkpoint").write_text("computed")

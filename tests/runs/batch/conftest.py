@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from cut_valley import CUTS, Stopped, Valley, areas_of, cut_tile
+from helpers.cut_valley import CUTS, Stopped, Valley, areas_of, cut_tile
 from rasterio.windows import Window
 
 from sassgis.runs.batch import batch

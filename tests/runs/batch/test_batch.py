@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
-from cut_valley import GOOD, Stopped, Valley, write_vrt
+from helpers.cut_valley import GOOD, Stopped, Valley, write_vrt
 
 from sassgis.cli import main
 from sassgis.io.read.config import load_config

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from cut_valley import Valley
+from helpers.cut_valley import Valley
 
 from sassgis.io.read.config import load_config
 from sassgis.io.read.tiles import Part, open_terrain

@@ -1,4 +1,4 @@
-"""Runs that several tests of zones look at."""
+"""Folders for runs of zones."""
 
 from __future__ import annotations
 
@@ -6,23 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-from sassgis.cli import main
-
-
-@pytest.fixture
-def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    """Call the command line; gives exit code, stdout and stderr."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        assert isinstance(stopped.value.code, int)
-        return stopped.value.code, out, err
-
-    return run
 
 
 @pytest.fixture

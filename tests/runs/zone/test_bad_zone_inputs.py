@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from zone_slope import VULNERABILITY, Case, box, gully, place, two_areas
+from helpers.zone_slope import VULNERABILITY, Case, box, gully, place, two_areas
 
 FREQUENCIES = "area,scenario,frequency,unit"
 

@@ -33,7 +33,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
-from zone_slope import CELL, Case, box, place, plane, zoned
+from helpers.zone_slope import CELL, Case, box, place, plane, zoned
 
 from sassgis.hazard.curves import rate_interval
 from sassgis.hazard.levels import hazard_level

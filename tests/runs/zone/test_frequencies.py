@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from helpers.zone_slope import box, place, two_areas, zoned
 from scipy import stats
-from zone_slope import box, place, two_areas, zoned
 
 from sassgis.hazard.sources import onset_frequencies
 from sassgis.io.read.config import load_config

@@ -15,9 +15,9 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
+from helpers.zone_slope import CELL, VULNERABILITY, Case, Zoned, box, gully, place, two_areas, zoned
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from zone_slope import CELL, VULNERABILITY, Case, Zoned, box, gully, place, two_areas, zoned
 
 from sassgis.cli import main
 from sassgis.hazard.assess import curves_of, hazard_of, level_zones, raster

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from zone_slope import Case, Zoned, place, two_areas, zoned
+from helpers.zone_slope import Case, Zoned, place, two_areas, zoned
 
 from sassgis.hazard.assess import share_uncertain
 from sassgis.io.read.config import load_config

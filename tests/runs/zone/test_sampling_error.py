@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from zone_slope import VULNERABILITY, box, two_areas
+from helpers.zone_slope import VULNERABILITY, box, two_areas
 
 from sassgis.hazard.assess import curves_of, risk_of
 from sassgis.hazard.bins import bins_of

@@ -19,7 +19,7 @@ from sassgis.io.write.layers.federal import (
     synoptic_intensity,
 )
 
-MODELS = Path(__file__).parent / "models"
+MODELS = Path(__file__).parents[1] / "io" / "interlis" / "models"
 E, N = 2_705_000.0, 1_150_000.0
 
 

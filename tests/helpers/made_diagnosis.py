@@ -9,7 +9,7 @@ from typing import Any
 import geopandas as gpd
 import numpy as np
 import shapely
-from observed_slope import LV95, NORTH, WEST, at
+from helpers.observed_slope import LV95, NORTH, WEST, at
 
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.case import Case

@@ -1,0 +1,1 @@
+"""What several test files share: small terrains, made-up results, ways to call the program."""
