@@ -12,11 +12,11 @@ import shapely
 from helpers.zone_slope import box, place, two_areas, zoned
 from scipy import stats
 
-from sassgis.hazard.sources import onset_frequencies
 from sassgis.io.read.config import load_config
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.map_run import Rows
+from sassgis.runs.inputs import yearly_frequencies
 from sassgis.runs.job import read_job
 from sassgis.runs.map import simulate_map
 
@@ -26,7 +26,7 @@ NORTH_M2, SOUTH_M2 = 288.0, 252.0
 
 def frequencies(config: Path) -> dict[tuple[str, str], float]:
     read = load_config(config)
-    return onset_frequencies(read, read_job(read, None, lambda _: None).run)
+    return yearly_frequencies(read, read_job(read, None, lambda _: None).run.areas)
 
 
 def test_per_year_is_for_each_release_area(tmp_path: Path) -> None:
