@@ -13,7 +13,7 @@ Range = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class GapFinding:
     """One gap between what was observed and what the model predicts, in the unit of the quantity.
 
     Attributes
@@ -210,14 +210,14 @@ class Diagnosis:
     Attributes
     ----------
     verdict : Verdict
-    where : tuple of Finding
+    where : tuple of GapFinding
         Most certain first.
     which : tuple of Contender
         Most probable first.
     shrinkage : Shrinkage
     rocks : int
     tables : mapping of table to number of rows used
-    cannot_tell : tuple of str
+    not_identifiable : tuple of str
     measure_next : tuple of str
         What further measurement would tell the confused effects apart.
     comparisons : tuple of Comparison
@@ -230,12 +230,12 @@ class Diagnosis:
     """
 
     verdict: Verdict
-    where: tuple[Finding, ...]
+    where: tuple[GapFinding, ...]
     which: tuple[Hypothesis, ...]
     shrinkage: Shrinkage
     rocks: int
     tables: Mapping[str, int]
-    cannot_tell: tuple[str, ...]
+    not_identifiable: tuple[str, ...]
     measure_next: tuple[str, ...]
     comparisons: tuple[Comparison, ...]
     base: Calibrated
@@ -260,7 +260,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "data": {
                 "rocks": diagnosis.rocks,
                 "tables": dict(diagnosis.tables),
-                "cannot_tell": list(diagnosis.cannot_tell),
+                "not_identifiable": list(diagnosis.not_identifiable),
                 "measure_next": list(diagnosis.measure_next),
                 "warnings": list(diagnosis.warnings),
             },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from sassgis.gap.diagnosis import Finding
+from sassgis.gap.diagnosis import GapFinding
 
 #: Findings below this level count: of the largest gap over all (headline), or as a share of false
 #: ones among those shown (map).
@@ -137,14 +137,14 @@ def with_unit_in_brackets(text: str, unit: str) -> str:
     return f"{text} ({unit})" if unit and unit != "1" else text
 
 
-def significance(finding: Finding) -> str:
+def significance(finding: GapFinding) -> str:
     """How sure a gap is: "sure" (headline), "likely" (among those on the map) or "open"."""
     if finding.p_adjusted <= LEVEL:
         return "sure"
     return "likely" if finding.q_value <= LEVEL else "open"
 
 
-def finding_label(finding: Finding) -> str:
+def finding_label(finding: GapFinding) -> str:
     """A finding as a label on the map: "speed −2.1 m/s"."""
     sign = "+" if finding.gap > 0.0 else "\u2212"
     number = with_unit(f"{sign}{abs(finding.gap):.2g}", finding.unit)

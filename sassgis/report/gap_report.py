@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Diagnosis, Finding, Hypothesis, Shrinkage
+from sassgis.gap.diagnosis import Diagnosis, GapFinding, Hypothesis, Shrinkage
+from sassgis.gap.observations.case import Case
 from sassgis.gap.where.places import (
     is_stretch,
     limits_on,
@@ -82,7 +82,7 @@ def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
         _confused(diagnosis),
         _where(diagnosis.where),
         _how_far(diagnosis.shrinkage, diagnosis.verdict.effect),
-        ReportAnswer("What these data cannot tell", (), diagnosis.cannot_tell),
+        ReportAnswer("What these data cannot tell", (), diagnosis.not_identifiable),
     )
 
 
@@ -137,7 +137,7 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)
 
 
-def finding_sentence(finding: Finding) -> str:
+def finding_sentence(finding: GapFinding) -> str:
     """A finding as a reader wants it: where, what, how much, how sure."""
     more = "more" if finding.gap > 0.0 else "less"
     low, high = sorted(abs(v) for v in finding.ci95)
@@ -156,7 +156,7 @@ def finding_sentence(finding: Finding) -> str:
     )
 
 
-def _where(findings: tuple[Finding, ...]) -> ReportAnswer:
+def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
     heading = "Where the gap lies"
     if not findings:
         return ReportAnswer(heading, ("Nothing could be compared place by place.",))
@@ -181,9 +181,9 @@ def _where(findings: tuple[Finding, ...]) -> ReportAnswer:
     return ReportAnswer(heading, (text,), tuple(finding_sentence(f) for f in told))
 
 
-def _one_per_quantity(findings: Iterable[Finding]) -> list[Finding]:
+def _one_per_quantity(findings: Iterable[GapFinding]) -> list[GapFinding]:
     """The most certain finding of each quantity; those that matter most for the hazard first."""
-    found: dict[str, Finding] = {}
+    found: dict[str, GapFinding] = {}
     for finding in sorted(findings, key=lambda f: f.p_adjusted):
         found.setdefault(finding.quantity, finding)
     order = [q for q in _MATTERS if q in found] + [q for q in found if q not in _MATTERS]
@@ -282,7 +282,7 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
 # --- figures ---------------------------------------------------------------------------------
 
 
-def headline(findings: Iterable[Finding]) -> Finding | None:
+def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
     """The finding whose quantity the map shows.
 
     Of quantities that are told from chance somewhere along the fall lines the one that matters most
@@ -290,7 +290,7 @@ def headline(findings: Iterable[Finding]) -> Finding | None:
     """
     placed = [f for f in findings if math.isfinite(f.gap) and math.isfinite(f.s0_m)]
 
-    def rank(finding: Finding) -> tuple[bool, bool, int, float, float]:
+    def rank(finding: GapFinding) -> tuple[bool, bool, int, float, float]:
         known = finding.quantity in _MATTERS
         return (
             significance(finding) == "open",
@@ -305,7 +305,7 @@ def headline(findings: Iterable[Finding]) -> Finding | None:
 
 def map_parts(
     case: Case, diagnosis: Diagnosis
-) -> tuple[list[FloatArray], list[GapStretch], dict[str, GapStretch], Finding | None]:
+) -> tuple[list[FloatArray], list[GapStretch], dict[str, GapStretch], GapFinding | None]:
     """Fall lines, coloured stretches and stations of the map, and the finding that heads it."""
     end = 1.1 * observed_end(case)
     lines = [line_stretch(case.traces, i, 0.0, end) for i in used_lines(case)]
@@ -331,13 +331,13 @@ def map_parts(
     return lines, stretches, stations, first
 
 
-def _one_per_place(findings: Iterable[Finding], first: Finding | None) -> list[Finding]:
+def _one_per_place(findings: Iterable[GapFinding], first: GapFinding | None) -> list[GapFinding]:
     """Findings of the quantity that heads the map: of each place the phase that heads it, or else
     the most certain.
     """
     if first is None:
         return []
-    found: dict[str, Finding] = {}
+    found: dict[str, GapFinding] = {}
     for finding in findings:
         same = (finding.quantity, finding.unit) == (first.quantity, first.unit)
         if not same or finding.place.startswith("ground:") or not math.isfinite(finding.gap):
@@ -429,7 +429,7 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     ]
 
 
-def _where_table(findings: tuple[Finding, ...]) -> ReportTable:
+def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
     return ReportTable(
         "Where the gap lies",
         (

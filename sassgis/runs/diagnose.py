@@ -35,8 +35,8 @@ from sassgis.gap.ladder.calibration import (
     shrinkage_of,
 )
 from sassgis.gap.ladder.fresh import ENSEMBLE
-from sassgis.gap.model_json import model_as_json
-from sassgis.gap.observations.tables import what_can_be_told
+from sassgis.gap.observations.identifiable import what_is_identifiable
+from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.classifier import LEAST_SEEN, PAIR, UNKNOWN, designs_of, no_idea
 from sassgis.gap.which.ensemble import (
@@ -322,7 +322,7 @@ def _diagnosis(
         shrinkage = replace(
             shrinkage, note=f"No effect is named; this is of {best.replace('_', ' ')}, as a bound."
         )
-    told = what_can_be_told(case.observations)
+    told = what_is_identifiable(case.observations)
     effect = fitted[0] if named else base
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -331,7 +331,7 @@ def _diagnosis(
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
-        cannot_tell=told.cannot_tell,
+        not_identifiable=told.not_identifiable,
         measure_next=measure_next(case, verdict.confusion_set),
         comparisons=_comparisons(problem, ensemble, best if named else ""),
         base=_calibrated(base),

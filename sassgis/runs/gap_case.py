@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.gap.case import Case
+from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.projection import (
     observed_release_points,
     project_observations,

@@ -23,7 +23,7 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
-from sassgis.gap.check.worker_pool import Outcome, Task, WorkerPool
+from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool
 from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
@@ -292,8 +292,8 @@ def _make(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress)
 def _all(tasks: Sequence[Task], jobs: int, step: OnProgress) -> dict[str, Any]:
     """Values of tasks that must not fail."""
     values: dict[str, Any] = {}
-    with WorkerPool(jobs) as worker_pool:
-        for outcome in worker_pool.run(tasks):
+    with WorkerPool(jobs) as pool:
+        for outcome in pool.run(tasks):
             if outcome.failure:
                 raise OutputError(f"world {outcome.key} cannot be made: {outcome.failure}")
             values[outcome.key] = outcome.value
@@ -332,8 +332,8 @@ def _answer(
         )
         for case in open_cases
     ]
-    with WorkerPool(jobs, place.root) as worker_pool:
-        for outcome in worker_pool.run(tasks):
+    with WorkerPool(jobs, place.root) as pool:
+        for outcome in pool.run(tasks):
             failure = outcome.failure or _unreadable(place, outcome.key)
             record = {"failure": failure, "seconds": round(outcome.seconds, 2)}
             _write_json(place.record(outcome.key), record)
@@ -494,7 +494,7 @@ def _measure_tasks(place: _Place, some: Iterable[_World], measurer: str) -> list
     ]
 
 
-def _measured(outcome: Outcome) -> dict[str, Any]:
+def _measured(outcome: TaskOutcome) -> dict[str, Any]:
     """What the measuring gave, or why it failed."""
     value = outcome.value
     if outcome.failure or not isinstance(value, dict) or "S" not in value:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Diagnosis
+from sassgis.gap.observations.case import Case
 from sassgis.io.read.config import load_config, resolved
 from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.manifest import write_manifest

@@ -11,16 +11,16 @@ import numpy as np
 import shapely
 from observed_slope import LV95, NORTH, WEST, at
 
-from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import (
     Calibrated,
     Comparison,
     Diagnosis,
-    Finding,
+    GapFinding,
     Hypothesis,
     Shrinkage,
     Verdict,
 )
+from sassgis.gap.observations.case import Case
 from sassgis.io.write.raster import write_raster
 from sassgis.model.effects import EffectSettings, Trees
 from sassgis.model.grid import Grid
@@ -140,7 +140,7 @@ def calibrated(table: GroundTable, **changes: float) -> GroundTable:
     )
 
 
-def finding(place: str, phase: str, quantity: str, gap: float, **changes: Any) -> Finding:
+def finding(place: str, phase: str, quantity: str, gap: float, **changes: Any) -> GapFinding:
     """A finding, sure unless it is said otherwise."""
     unit = {"speed_mps": "m/s", "rotation_hz": "1/s", "height_m": "m", "energy_kept": "",
             "runout_m": "m", "lateral_m": "m"}[quantity]  # fmt: skip
@@ -154,7 +154,7 @@ def finding(place: str, phase: str, quantity: str, gap: float, **changes: Any) -
         "observed": 9.0, "predicted": 9.0 - gap, "test": "free run", "s0_m": s[0], "s1_m": s[1],
         "x": x, "y": y,
     }  # fmt: skip
-    return Finding(**{**values, **changes})
+    return GapFinding(**{**values, **changes})
 
 
 FINDINGS = (
@@ -239,7 +239,7 @@ def with_trees(case: Case) -> Diagnosis:
         ),
         rocks=case.n_rocks,
         tables={name: len(t) for name, t in case.observations.tables.items() if len(t)},
-        cannot_tell=("No turns in plan: lateral deflection is told by stops alone.",),
+        not_identifiable=("No turns in plan: lateral deflection is told by stops alone.",),
         measure_next=("Speeds of rocks of different mass in the stand.", "Scars on stems."),
         comparisons=comparisons(case, True),
         base=Calibrated(calibrated(case.table, eta_max=0.5), EffectSettings()),

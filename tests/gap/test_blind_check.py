@@ -12,14 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sassgis.gap.check.blinded_cases import labels_text, seal_of
 
 from sassgis.gap.check import check_scores
+from sassgis.gap.check.blinded_cases import labels_text, seal_of
 from sassgis.gap.check.worker_pool import Task, WorkerPool
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
+from sassgis.io.read.gap_thresholds import read_thresholds
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs import gap_check
-from sassgis.runs.gap_check import check, read_thresholds
+from sassgis.runs.gap_check import check
 
 SEED = 5
 #: Few and small, as making worlds takes time; three of four have no effect to be brought to size.
@@ -220,15 +221,15 @@ def task(root: Path, stub: str) -> Task:
 
 
 def test_the_diagnosing_process_cannot_load_the_worlds(tmp_path: Path) -> None:
-    with WorkerPool(1, tmp_path) as worker_pool:
-        (outcome,) = worker_pool.run([task(tmp_path, "peeks_at_modules")])
+    with WorkerPool(1, tmp_path) as pool:
+        (outcome,) = pool.run([task(tmp_path, "peeks_at_modules")])
     assert outcome.failure == ""
     assert "sassgis.gap.check.worlds" in (tmp_path / "answers/001/refused.txt").read_text()
 
 
 def test_the_diagnosing_process_sees_its_own_case_alone(tmp_path: Path) -> None:
-    with WorkerPool(1, tmp_path) as worker_pool:
-        (outcome,) = worker_pool.run([task(tmp_path, "peeks_at_files")])
+    with WorkerPool(1, tmp_path) as pool:
+        (outcome,) = pool.run([task(tmp_path, "peeks_at_files")])
     assert outcome.failure == ""
     refused = json.loads((tmp_path / "answers/001/refused.json").read_text())
     assert refused == ["check.json", "sealed/salt.txt", "cases/002/config.toml", "cases"]
@@ -266,10 +267,10 @@ def test_what_the_calling_program_has_loaded_does_not_pass_the_sandbox(tmp_path:
         "import sys\n"
         "from pathlib import Path\n"
         "import sassgis.gap.check.worlds\n"
-        "from sassgis.gap.check.worker_pool import Crew, Task\n"
+        "from sassgis.gap.check.worker_pool import WorkerPool, Task\n"
         "if __name__ == '__main__':\n"
-        "    with Crew(1, Path(sys.argv[1])) as crew:\n"
-        "        (outcome,) = crew.run([Task('1', 'os.path:basename', ('a/b',))])\n"
+        "    with WorkerPool(1, Path(sys.argv[1])) as pool:\n"
+        "        (outcome,) = pool.run([Task('1', 'os.path:basename', ('a/b',))])\n"
         "    print(outcome.value)\n"
     )
     ran = subprocess.run(

@@ -113,7 +113,7 @@ def test_little_is_enough_for_an_answer(tmp_path: Path, kind: str, n: int) -> No
     found = run(case, tmp_path / "out")
     assert found.verdict.effect in ("none", "unknown") or found.verdict.confidence < 1.0
     assert len(found.verdict.confusion_set) > 1
-    assert any("15 rocks" in line for line in found.cannot_tell)
+    assert any("15 rocks" in line for line in found.not_identifiable)
     assert (tmp_path / "out" / "report.html").is_file()
 
 

@@ -28,8 +28,8 @@ from made_diagnosis import (
 )
 from observed_slope import NORTH
 
-from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Hypothesis
+from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
 from sassgis.gap.which.families import FAMILIES
@@ -157,7 +157,7 @@ def test_stops_alone_are_enough(stops_only: Made, tmp_path: Path) -> None:
 def test_a_diagnosis_that_found_nothing_at_all_is_written(few: Made, tmp_path: Path) -> None:
     config, case = few
     diagnosis = replace(
-        unnamed(case, "none"), where=(), which=(), comparisons=(), cannot_tell=(),
+        unnamed(case, "none"), where=(), which=(), comparisons=(), not_identifiable=(),
         measure_next=(), tables={},
     )  # fmt: skip
     write_outputs(tmp_path / "out", case, diagnosis, config)
@@ -195,7 +195,7 @@ def test_json_holds_the_agreed_keys_and_no_nan(made: Made, tmp_path: Path) -> No
     assert read["where"][-1]["gap"] == "inf"
     assert read["which"][0]["parameters"]["stems_per_ha"] == 420.0
     assert read["shrinkage"]["value"] == 0.74
-    assert read["data"]["rocks"] == 40 and read["data"]["cannot_tell"]
+    assert read["data"]["rocks"] == 40 and read["data"]["not_identifiable"]
     assert read["seed"] == 1 and len(read["settings_hash"]) == 64
 
 

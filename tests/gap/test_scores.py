@@ -10,7 +10,7 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sassgis.gap.distances import (
+from sassgis.gap.inference.distances import (
     benjamini_hochberg,
     bootstrap_interval,
     bootstrap_rows,
@@ -72,7 +72,7 @@ def test_energy_distance_is_that_of_dcor():
 def test_energy_distance_in_blocks_is_the_same(monkeypatch):
     x, y = samples(9)
     whole = energy_distance(x, y)
-    monkeypatch.setattr("sassgis.gap.distances._PAIRS", 50)
+    monkeypatch.setattr("sassgis.gap.inference.distances._PAIRS", 50)
     assert energy_distance(x, y) == pytest.approx(whole, rel=1e-13)
 
 

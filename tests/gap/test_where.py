@@ -12,10 +12,10 @@ from simulated_slope import STATIONS, TABLE, observed
 
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
-from sassgis.gap.diagnosis import Finding
-from sassgis.gap.distances import mean_gap_tests
+from sassgis.gap.diagnosis import GapFinding
+from sassgis.gap.inference.distances import mean_gap_tests
+from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
 from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
-from sassgis.gap.residuals.reaches import Model, free_run, observed_at_stations
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
 from sassgis.gap.where.findings import LEAST_ROCKS, leg_edges, locate, where
 from sassgis.model.effects import AirDrag, EffectSettings, SoftGround, Trees
@@ -29,11 +29,11 @@ def changed(name: str, **values: float) -> GroundTable:
     )
 
 
-def found(case: Any, **kwargs: Any) -> tuple[Finding, ...]:
+def found(case: Any, **kwargs: Any) -> tuple[GapFinding, ...]:
     return where(case, TABLE, seed=3, draws=499, **kwargs)
 
 
-def one(findings: tuple[Finding, ...], place: str, quantity: str, test: str) -> Finding:
+def one(findings: tuple[GapFinding, ...], place: str, quantity: str, test: str) -> GapFinding:
     (own,) = (
         f
         for f in findings
@@ -190,7 +190,7 @@ def _taken(case: Any, which: Any) -> Any:
 
 def test_runs_from_the_release_are_those_of_the_engine():
     case = observed(8, 2, tables=("deposits",))
-    run = free_run(case, Model.of(case, TABLE, None, None, 4), 6)
+    run = free_run(case, RunModel.of(case, TABLE, None, None, 4), 6)
     assert run.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
     assert (run.stops == 1.0).all() and (run.largest == 1.0).all()
     came = run.at.came == 1.0

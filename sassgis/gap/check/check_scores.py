@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.distances import Interval, share_interval
+from sassgis.gap.inference.distances import Interval, share_interval
 from sassgis.gap.which.families import FAMILIES
 
 #: Least confidence with which an effect is named.

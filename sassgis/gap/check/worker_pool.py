@@ -58,7 +58,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TaskOutcome:
     """How a task ended.
 
     Attributes
@@ -160,7 +160,7 @@ class WorkerPool:
             pipe.close()
         self._members.clear()
 
-    def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
+    def run(self, tasks: Iterable[Task]) -> Iterator[TaskOutcome]:
         """Outcomes of the tasks, in the order in which they end.
 
         Raises
@@ -232,7 +232,7 @@ def _member(pipe: Connection, fenced: Path | None) -> None:
             pipe.send(outcome)
 
 
-def _done(task: Task) -> Outcome:
+def _done(task: Task) -> TaskOutcome:
     began = time.monotonic()
     value: Any = None
     failure = ""
@@ -245,7 +245,7 @@ def _done(task: Task) -> Outcome:
         failure = " ".join(f"{type(error).__name__}: {error}".split())
     if not isinstance(value, dict | list | str | int | float | bool | None):
         value = None
-    return Outcome(task.key, value, failure, time.monotonic() - began)
+    return TaskOutcome(task.key, value, failure, time.monotonic() - began)
 
 
 def _no_worlds() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.distance import cdist, pdist
 
 from sassgis.gap.diagnosis import Shrinkage
-from sassgis.gap.distances import Interval
+from sassgis.gap.inference.distances import Interval
 from sassgis.gap.which.ensemble import CalibrationProblem, Ensemble, Tried, try_draw
 from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw
 from sassgis.model.grid import FloatArray, IntArray

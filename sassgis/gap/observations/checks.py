@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from sassgis.gap.observations.tables import (
     DENSITY_KGM3,
     TABLES,
-    Finding,
     LeftOut,
     Level,
+    ObservationFinding,
     Observations,
     parent_of,
     rock_masses_kg,
@@ -45,7 +45,9 @@ _FULL_AXES = 4.0
 _SPIN_RATIO = 2.0
 
 
-def check_observations(observations: Observations, grid: Grid | None = None) -> list[Finding]:
+def check_observations(
+    observations: Observations, grid: Grid | None = None
+) -> list[ObservationFinding]:
     """Look for what cannot be true.
 
     Parameters
@@ -57,11 +59,11 @@ def check_observations(observations: Observations, grid: Grid | None = None) -> 
 
     Returns
     -------
-    list of Finding
+    list of ObservationFinding
         Errors first. What a finding says is left out is still in ``observations``: see
         ``sassgis.gap.observations.tables.without``.
     """
-    found: list[Finding] = []
+    found: list[ObservationFinding] = []
     left = observations
     for check in _CHECKS:
         # What one check leaves out is not found again by the next, under another name.
@@ -82,12 +84,12 @@ def _finding(
     found: str = "",
     expected: str = "",
     left_out: LeftOut = "",
-) -> Finding:
+) -> ObservationFinding:
     rows: tuple[int, ...] = ()
     if which is not None:
         rows = tuple(observations.tables[table].row[which].tolist())  # type: ignore[attr-defined]
     file = observations.files.get(table, "")
-    return Finding(level, problem, file, table, column, rows, found, expected, left_out)
+    return ObservationFinding(level, problem, file, table, column, rows, found, expected, left_out)
 
 
 def _or(value: float, otherwise: float) -> float:
@@ -98,7 +100,7 @@ def _or(value: float, otherwise: float) -> float:
 # Names
 
 
-def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Names that are used twice where they stand for one thing."""
     keys: Mapping[str, Sequence[Sequence[object]]] = {
         "rocks": [obs.rocks.rock_id.tolist()],
@@ -132,7 +134,7 @@ def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
             )
 
 
-def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Stops of one name: one entered twice, or pieces without a suffix."""
     deposits = obs.deposits
     first: dict[str, list[int]] = {}
@@ -175,7 +177,7 @@ def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
         )
 
 
-def _belonging(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Rocks and stations that the other tables know nothing of."""
     if len(obs.rocks):
         known = set(obs.rocks.rock_id.tolist())
@@ -252,7 +254,7 @@ def _nearest(name: str, known: Sequence[str]) -> str:
 # Masses and sizes
 
 
-def _sizes(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _sizes(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     rocks = obs.rocks
     axes = 4.0 / 3.0 * math.pi * rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
     density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
@@ -336,7 +338,7 @@ def _sizes(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
         )
 
 
-def _pieces(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Pieces cannot weigh more than their rock."""
     rocks, deposits = obs.rocks, obs.deposits
     if not len(rocks) or not len(deposits):
@@ -365,7 +367,7 @@ def _pieces(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
 # Impacts
 
 
-def _impacts(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _impacts(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     impacts = obs.impacts
     inward = impacts.vn_in_mps > 0.0
     known = np.isfinite(impacts.vn_in_mps)
@@ -399,7 +401,7 @@ def _impacts(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
         )
 
 
-def _energy_gain(obs: Observations, usable: BoolArray) -> Iterator[Finding]:
+def _energy_gain(obs: Observations, usable: BoolArray) -> Iterator[ObservationFinding]:
     impacts = obs.impacts
     before = impacts.vt_in_mps**2 + impacts.vn_in_mps**2
     after = impacts.vt_out_mps**2 + impacts.vn_out_mps**2
@@ -442,7 +444,7 @@ def _energy_gain(obs: Observations, usable: BoolArray) -> Iterator[Finding]:
 # Speeds
 
 
-def _spins(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     radii = np.append(rock_radii_m(obs), np.nan)
     places = (
         ("passages", "rotation_hz", "speed_mps", 2.0 * math.pi, "turns per second"),
@@ -477,7 +479,7 @@ def _spins(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
         )
 
 
-def _trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Speeds along a path against the path and the clock."""
     path = obs.trajectories
     # Nearer points are apart by the errors of their positions.
@@ -530,7 +532,7 @@ def _apart(points: FloatArray, span: float) -> IntArray:
     return np.array(kept, np.int64)
 
 
-def _drops(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _drops(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Speeds that no drop explains."""
     top = _tops(obs, grid)
     start = _start_speeds(obs)
@@ -649,7 +651,7 @@ def _station_heights(obs: Observations, grid: Grid | None, *, lowest: bool) -> F
 # Places
 
 
-def _near_stations(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _near_stations(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Passages far from the station that they name."""
     passages = obs.passages
     lines = {
@@ -677,7 +679,7 @@ def _near_stations(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
         )
 
 
-def _downhill(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _downhill(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Passages of a rock that climb, lie above its release, or are listed out of order."""
     passages = obs.passages
     if not len(passages):
@@ -752,7 +754,7 @@ def _placed_rocks(obs: Observations) -> list[str]:
     return names
 
 
-def _on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     if grid is None:
         return
     west, south, east, north = grid.bounds
@@ -786,7 +788,7 @@ def _on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
         if vertices.shape[0] > 1 and not shapely.LineString(vertices).intersects(
             shapely.box(west, south, east, north)
         ):
-            yield Finding(
+            yield ObservationFinding(
                 "error",
                 f"station {name} lies outside the DEM"
                 + _why_outside(vertices[:, 0], vertices[:, 1], grid),
@@ -809,7 +811,7 @@ def _why_outside(x: FloatArray, y: FloatArray, grid: Grid) -> str:
     return ": another coordinate system?"
 
 
-def _offsets(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _offsets(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Heights in another system than those of the DEM, and single heights far from it."""
     if grid is None:
         return
@@ -877,7 +879,7 @@ def _offsets(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
             )
 
 
-def empty_tables(observations: Observations, read: Iterable[str]) -> list[Finding]:
+def empty_tables(observations: Observations, read: Iterable[str]) -> list[ObservationFinding]:
     """Tables that are there and hold nothing, and none at all that can be used."""
     found = [
         _finding(observations, "warning", "table has no rows", name)
@@ -887,7 +889,7 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Findin
     if not any(len(t) for name, t in observations.tables.items() if name != "stations"):
         counted = Counter(read)
         found.append(
-            Finding(
+            ObservationFinding(
                 "error",
                 "holds no observed rock",
                 next(iter(observations.files.values()), ""),
@@ -899,7 +901,7 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Findin
 
 
 #: In this order: names first, then places, then what hangs on them.
-_CHECKS: tuple[Callable[[Observations, Grid | None], Iterator[Finding]], ...] = (
+_CHECKS: tuple[Callable[[Observations, Grid | None], Iterator[ObservationFinding]], ...] = (
     _identifiers,
     _same_stop,
     _belonging,

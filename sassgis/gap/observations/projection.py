@@ -34,7 +34,7 @@ class Projected:
         Fall line; -1 where the point has none, and all else is NaN.
     s : float64, shape (n,)
         Chainage of the nearest point of the line (m).
-    aside_m : float64, shape (n,)
+    lateral_m : float64, shape (n,)
         Distance from it, positive to the right looking downhill (m).
     height_m : float64, shape (n,)
         Height above the ground under the point itself (m); NaN without a height.
@@ -47,7 +47,7 @@ class Projected:
 
     line: IntArray
     s: FloatArray
-    aside_m: FloatArray
+    lateral_m: FloatArray
     height_m: FloatArray
     ground_m: FloatArray
     beyond: NDArray[np.int8]

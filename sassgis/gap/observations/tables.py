@@ -22,8 +22,6 @@ LeftOut = Literal["", "value", "row", "table"]
 
 #: Density where none is observed (kg/m³), to get a size from a mass.
 DENSITY_KGM3 = 2700.0
-#: A gap of this many standard errors is found four times in five at the level of 5 %.
-_DETECTABLE = 1.96 + 0.84
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,7 +347,7 @@ TABLE_TYPES: Mapping[str, type[Table]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ObservationFinding:
     """Something about the observations that their owner should know.
 
     Attributes
@@ -422,7 +420,7 @@ class Observations:
     metadata : Metadata
     files : mapping of table to file
         For messages; empty for observations that come from no file.
-    findings : tuple of Finding
+    findings : tuple of ObservationFinding
         What was found, and left out, while reading.
     """
 
@@ -434,7 +432,7 @@ class Observations:
     trajectories: Trajectories = field(default_factory=Trajectories.of)
     metadata: Metadata = field(default_factory=Metadata)
     files: Mapping[str, str] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[ObservationFinding, ...] = ()
 
     @property
     def tables(self) -> Mapping[str, Table]:
@@ -559,7 +557,7 @@ def rock_radii_m(observations: Observations) -> FloatArray:
     return radii
 
 
-def without(observations: Observations, findings: Iterable[Finding]) -> Observations:
+def without(observations: Observations, findings: Iterable[ObservationFinding]) -> Observations:
     """Leave out what findings say is left out: values, rows or tables.
 
     The findings are kept with the observations.
@@ -585,181 +583,3 @@ def without(observations: Observations, findings: Iterable[Finding]) -> Observat
 
 # ---------------------------------------------------------------------------------------------
 # What can be told
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """A quantity that the observations hold.
-
-    Attributes
-    ----------
-    phases : tuple of str
-        Phases of motion that it speaks of: release, flight, impact, rolling, stopping.
-    name, unit : str
-    table : str
-    rocks, values : int
-        On how many rocks (unattributed blocks not counted), and how many values.
-    """
-
-    phases: tuple[str, ...]
-    name: str
-    unit: str
-    table: str
-    rocks: int
-    values: int
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """What observations support, and what not.
-
-    Attributes
-    ----------
-    rocks, unattributed : int
-        Rocks, and blocks and passages that belong to none of them.
-    quantities : tuple of Quantity
-    cannot_tell : tuple of str
-        Sentences: what is missing, and what can therefore not be told.
-    """
-
-    rocks: int
-    unattributed: int
-    quantities: tuple[Quantity, ...]
-    cannot_tell: tuple[str, ...]
-
-    def has(self, name: str, table: str | None = None) -> bool:
-        """Whether a quantity is there, in one table or in any."""
-        return any(q.name == name and table in (None, q.table) for q in self.quantities)
-
-
-#: Quantities with the columns that they need, by table; the phases they speak of.
-_QUANTITIES: tuple[tuple[str, str, str, tuple[str, ...], tuple[str, ...]], ...] = (
-    ("rocks", "release_speed_mps", "m/s", ("release_speed_mps",), ("release",)),
-    ("passages", "speed_mps", "m/s", ("speed_mps",), ("flight", "rolling")),
-    ("passages", "rotation_hz", "1/s", ("rotation_hz",), ("flight", "rolling")),
-    ("passages", "height_m", "m", ("height_m",), ("flight",)),
-    ("passages", "lateral_m", "m", ("x", "y"), ("flight", "rolling")),
-    (
-        "impacts",
-        "energy_kept",
-        "",
-        ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"),
-        ("impact",),
-    ),
-    ("impacts", "spin_out_radps", "rad/s", ("omega_in_radps", "omega_out_radps"), ("impact",)),
-    ("impacts", "turn_deg", "°", ("turn_deg",), ("impact",)),
-    ("deposits", "runout_m", "m", ("x", "y"), ("stopping",)),
-    ("deposits", "lateral_m", "m", ("x", "y"), ("stopping",)),
-    ("deposits", "block_mass_kg", "kg", ("mass_kg",), ("stopping",)),
-    ("deposits", "block_volume_m3", "m³", ("volume_m3",), ("stopping",)),
-    ("trajectories", "path_m", "m", ("t_s", "x", "y"), ("flight", "rolling")),
-    ("trajectories", "flight_fit", "m/s²", ("t_s", "x", "y", "z"), ("flight",)),
-    ("trajectories", "speed_mps", "m/s", ("speed_mps",), ("flight", "rolling")),
-    ("trajectories", "rotation_hz", "1/s", ("rotation_hz",), ("flight", "rolling")),
-)
-
-
-def what_can_be_told(observations: Observations) -> Told:
-    """Which quantities and phases the data support, and what they cannot tell.
-
-    Parameters
-    ----------
-    observations : Observations
-
-    Returns
-    -------
-    Told
-    """
-    quantities = []
-    for table, name, unit, columns, phases in _QUANTITIES:
-        data = observations.tables[table]
-        known = np.all([np.isfinite(data.numbers[c]) for c in columns], axis=0)
-        if not known.any():
-            continue
-        owner = observations.rock_of(table)[known]
-        rocks = int(np.unique(owner[owner >= 0]).size)
-        quantities.append(Quantity(phases, name, unit, table, rocks, int(known.sum())))
-    unattributed = sum(
-        int((observations.rock_of(table) < 0).sum()) for table in ("passages", "deposits")
-    )
-    told = Told(len(observations.rock_names), unattributed, tuple(quantities), ())
-    return replace(told, cannot_tell=tuple(_cannot_tell(observations, told)))
-
-
-def _cannot_tell(observations: Observations, told: Told) -> Iterable[str]:
-    rocks = observations.rocks
-    masses = rock_masses_kg(observations)
-    known = masses[np.isfinite(masses)]
-    yield _sample_size(told.rocks)
-    if not len(rocks):
-        yield (
-            "No table of rocks: which block is a piece and which belongs to no release is not "
-            "known, so entrainment cannot be told from fragmentation."
-        )
-    if not {"x", "y"} <= rocks.present:
-        yield (
-            "No release points: rocks have no fall line of their own, and an error of the release "
-            "cannot be told from one of the motion."
-        )
-    if not told.has("release_speed_mps"):
-        yield "No release speeds: a wrong initial speed can only be inferred from further down."
-    if not len(observations.stations) or not told.has("speed_mps", "passages"):
-        yield (
-            "No speeds at stations: the slope cannot be cut into legs, and where between the "
-            "release and the stop a gap begins is not known."
-        )
-    elif len(observations.stations) == 1:
-        yield "One station: a gap lies above or below it, no closer than that."
-    if told.has("speed_mps", "passages") and not told.has("rotation_hz", "passages"):
-        yield "No rotation at stations: spin and the energy in it are not compared."
-    if told.has("speed_mps", "passages") and not told.has("height_m"):
-        yield "No heights at stations: flying and rolling passages are not told apart."
-    if not told.has("energy_kept"):
-        yield (
-            "No velocities before and after impacts: whether energy is lost in impacts, in flight "
-            "or in rolling is not seen directly, and soft ground, roughness and trees are told "
-            "apart by their trends down the slope alone."
-        )
-    elif not told.has("spin_out_radps"):
-        yield "No spin before and after impacts: slip at the contact is not seen."
-    if not told.has("runout_m"):
-        yield "No deposits: run-out, its spread and stopping are not compared."
-    elif not (told.has("block_mass_kg") or told.has("block_volume_m3")):
-        yield "No sizes of deposited blocks: whether pieces sum up to their rock is not known."
-    if not (told.has("lateral_m") or told.has("turn_deg") or told.has("path_m")):
-        yield "No positions beside the fall line: lateral deflection is not seen."
-    if not told.has("flight_fit"):
-        yield (
-            "No trajectories in time: air drag and a wrong time base or scale of the measurement "
-            "are not seen in flight."
-        )
-    if known.size < 3:
-        yield "Fewer than three rocks with a mass: effects that go with mass are not told."
-    elif float(np.std(np.log(known))) < 0.1:
-        yield (
-            f"All rocks have about the same mass ({np.median(known):.3g} kg): effects that go "
-            "with mass are not told."
-        )
-    if not {"semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"} <= rocks.present:
-        yield "No semi-axes of the rocks: an effect of rock shape cannot be told."
-    meta = observations.metadata
-    if all(
-        math.isnan(e) for e in (meta.speed_error_rel, meta.rotation_error_rel, meta.height_error_m)
-    ):
-        yield (
-            "Errors of measurement are not stated: noise of the measurement and scatter of the "
-            "rocks are told apart by assumption only."
-        )
-
-
-def _sample_size(rocks: int) -> str:
-    if rocks == 0:
-        return "No rocks: nothing can be compared rock by rock."
-    if rocks == 1:
-        return "One rock: its scatter is unknown, and no gap can be told from chance."
-    return (
-        f"{rocks} rocks: a gap of the mean below {_DETECTABLE / math.sqrt(rocks):.2f} standard "
-        f"deviations, or of a share of half of the rocks below "
-        f"{100.0 * min(1.0, _DETECTABLE * 0.5 / math.sqrt(rocks)):.0f} percentage points, is "
-        "likely to go unseen (power 80 %, level 5 %, one comparison)."
-    )

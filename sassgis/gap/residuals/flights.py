@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sassgis.engine.simulate import ControlLineCrossings, simulate
-from sassgis.gap.case import Case
-from sassgis.gap.residuals.reaches import Model, repeated
+from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.free_run import RunModel
+from sassgis.gap.residuals.reaches import repeated
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws
-from sassgis.gap.sample import errors_of
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import ControlLine
 
@@ -50,14 +51,14 @@ class _Piece:
 
 
 def path_residuals(
-    case: Case, model: Model, edges: FloatArray, axes_m: FloatArray
+    case: Case, model: RunModel, edges: FloatArray, axes_m: FloatArray
 ) -> list[Residual]:
     """Residuals of flights and of stretches along the ground, by leg and over all.
 
     Parameters
     ----------
     case : Case
-    model : Model
+    model : RunModel
     edges : float64, shape (n_legs, 2)
         Limits of the legs (m).
     axes_m : float64, shape (n_rocks, k, 3)
@@ -269,7 +270,7 @@ def _along_ground(
 
 
 def _rolled(
-    case: Case, model: Model, stretches: list[_Stretch], round_m: FloatArray
+    case: Case, model: RunModel, stretches: list[_Stretch], round_m: FloatArray
 ) -> list[_Piece]:
     """Acceleration on stretches along the ground, against that of the model's rocks.
 
@@ -294,9 +295,9 @@ def _rolled(
             )
     twice = np.concatenate([rock, rock])
     start = np.tile([p.s0 for p in stretches], 2)
-    end = np.minimum(np.tile([p.s1 for p in stretches], 2), model.ways.end[twice] - 0.1)
+    end = np.minimum(np.tile([p.s1 for p in stretches], 2), model.rock_lines.end[twice] - 0.1)
     done = simulate(
-        repeated(model.ways.bare, twice),
+        repeated(model.rock_lines.unforested, twice),
         model.table,
         blocks,
         case.engine,

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.impact import COULOMB, SCALE
-from sassgis.gap.case import Case
+from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Impacts
 from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.gap.residuals.residuals import (
@@ -25,7 +26,6 @@ from sassgis.gap.residuals.residuals import (
     rows_per_rock,
     spread,
 )
-from sassgis.gap.sample import errors_of
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable

@@ -14,19 +14,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from sassgis.engine.simulate import Forest
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Finding, Range
-from sassgis.gap.distances import benjamini_hochberg, mean_gap_tests
+from sassgis.gap.diagnosis import GapFinding, Range
+from sassgis.gap.inference.distances import benjamini_hochberg, mean_gap_tests
+from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.flights import path_residuals
-from sassgis.gap.residuals.one_step import impact_residuals
-from sassgis.gap.residuals.reaches import (
+from sassgis.gap.residuals.free_run import (
     FreeRun,
-    Model,
+    RunModel,
     free_run,
     free_run_residuals,
-    leg_residuals,
     observed_at_stations,
 )
+from sassgis.gap.residuals.one_step import impact_residuals
+from sassgis.gap.residuals.reaches import leg_residuals
 from sassgis.gap.residuals.residuals import Residual
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
@@ -52,7 +52,7 @@ def where(
     forest: Forest | None = None,
     replicates: int = 20,
     draws: int = 999,
-) -> tuple[Finding, ...]:
+) -> tuple[GapFinding, ...]:
     """Find where observation and model differ.
 
     Parameters
@@ -72,11 +72,11 @@ def where(
 
     Returns
     -------
-    tuple of Finding
+    tuple of GapFinding
         Most certain first; quantities that fewer than five rocks have are left out.
     """
     rng = np.random.default_rng([seed, 31])
-    model = Model.of(case, table, effects, forest, seed)
+    model = RunModel.of(case, table, effects, forest, seed)
     run = free_run(case, model, replicates)
     seen = observed_at_stations(case)
     edges = leg_edges(case, run)
@@ -111,7 +111,7 @@ def leg_edges(case: Case, run: FreeRun) -> FloatArray:
 
 def findings_of(
     case: Case, residuals: Sequence[Residual], *, draws: int, rng: np.random.Generator
-) -> tuple[Finding, ...]:
+) -> tuple[GapFinding, ...]:
     """Test residuals together and write them down, most certain first."""
     tested = [(r, r.tested()) for r in residuals]
     tested = [(r, v) for r, v in tested if int(np.isfinite(v).sum()) >= LEAST_ROCKS]
@@ -139,12 +139,12 @@ def _finding(
     adjusted: float,
     q: float,
     times: FloatArray,
-) -> Finding:
+) -> GapFinding:
     own = np.isfinite(tested)
     weight = np.ones(int(own.sum())) if residual.weight is None else residual.weight[own]
     gap = residual.gap[own]
     x, y = _on_map(case, residual, own)
-    return Finding(
+    return GapFinding(
         place=residual.place,
         phase=residual.phase,
         quantity=residual.quantity,
@@ -198,7 +198,7 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
 
 
 def locate(
-    findings: Sequence[Finding], phases: tuple[str, ...] | None = None
+    findings: Sequence[GapFinding], phases: tuple[str, ...] | None = None
 ) -> tuple[str, tuple[str, ...]]:
     """Phase and legs in which the gap begins.
 
@@ -207,7 +207,7 @@ def locate(
 
     Parameters
     ----------
-    findings : sequence of Finding
+    findings : sequence of GapFinding
         As ``where`` returns them.
     phases : tuple of str, optional
         Phases in which the effect that was named can act; others are passed over.
@@ -239,13 +239,13 @@ def locate(
     return phase, ()
 
 
-def _strength(finding: Finding) -> float:
+def _strength(finding: GapFinding) -> float:
     """Gap over its standard error."""
     low, high = finding.ci95
     return abs(finding.gap) / (high - low) if high > low else math.inf
 
 
-def _may_be(finding: Finding, phases: tuple[str, ...] | None) -> bool:
+def _may_be(finding: GapFinding, phases: tuple[str, ...] | None) -> bool:
     """Whether a finding can show an effect of some phases."""
     if phases is None:
         return True

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.case import Case
+from sassgis.gap.observations.case import Case
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Causes besides the families and NONE: an effect that is no family, and two families at once.
@@ -27,7 +27,7 @@ _FLOOR = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Trees:
+class TreeEnsemble:
     """Binary trees in one table of nodes; a leaf is its own child.
 
     Attributes
@@ -73,7 +73,7 @@ class Classifier:
         NONE, families, UNKNOWN and PAIR.
     centre, scale : float32, shape (p,)
         A number that a signature lacks counts as its centre.
-    trees : Trees
+    trees : TreeEnsemble
     power : float
         Power to which shares are raised, and
     weight : float64, shape (n_causes,)
@@ -86,7 +86,7 @@ class Classifier:
     causes: tuple[str, ...]
     centre: NDArray[np.float32]
     scale: NDArray[np.float32]
-    trees: Trees
+    trees: TreeEnsemble
     power: float
     weight: FloatArray
     confidence_calibration: float = 0.0

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.case import Case
-from sassgis.gap.sample import LOOSE, PIECE, WHOLE, ImpactRows, Sample, main_blocks
+from sassgis.gap.observations.campaign import LOOSE, PIECE, WHOLE, Campaign, ImpactRows, main_blocks
+from sassgis.gap.observations.case import Case
 from sassgis.model.grid import FloatArray, IntArray
 
 GRAVITY = 9.81
@@ -49,14 +49,14 @@ def _standard(values: FloatArray) -> FloatArray:
 
 
 def rock_quantities(
-    case: Case, sample: Sample, table: Mapping[str, FloatArray] | None = None
+    case: Case, sample: Campaign, table: Mapping[str, FloatArray] | None = None
 ) -> dict[str, FloatArray]:
     """One number per rock and quantity, NaN where there is none.
 
     Parameters
     ----------
     case : Case
-    sample : Sample
+    sample : Campaign
     table : mapping, optional
         ``impact_table`` of the sample, where it has been made already.
 
@@ -76,14 +76,14 @@ def rock_quantities(
     return found
 
 
-def _stops(sample: Sample) -> dict[str, FloatArray]:
+def _stops(sample: Campaign) -> dict[str, FloatArray]:
     rows, n = sample.deposits, sample.n_rocks
     assert rows is not None
     main = main_blocks(rows, n)
     has = main >= 0
     out = {name: np.full(n, np.nan) for name in ("runout", "aside", "mass", "pieces_apart")}
     out["runout"][has] = rows.s[main[has]]
-    out["aside"][has] = rows.aside_m[main[has]]
+    out["aside"][has] = rows.lateral_m[main[has]]
     out["mass"][has] = rows.mass_kg[main[has]]
     own = rows.rock >= 0
     out["blocks"] = np.bincount(rows.rock[own], minlength=n).astype(np.float64)
@@ -94,7 +94,7 @@ def _stops(sample: Sample) -> dict[str, FloatArray]:
     return {f"stop:{k}": v for k, v in out.items()}
 
 
-def _passages(case: Case, sample: Sample) -> dict[str, FloatArray]:
+def _passages(case: Case, sample: Campaign) -> dict[str, FloatArray]:
     rows, n = sample.passages, sample.n_rocks
     assert rows is not None
     out: dict[str, FloatArray] = {}
@@ -120,7 +120,7 @@ def _passages(case: Case, sample: Sample) -> dict[str, FloatArray]:
         out[f"{name}:rotation"] = rotation
         out[f"{name}:spin_ratio"] = 2.0 * np.pi * rotation * radius / np.maximum(speed, 0.5)
         out[f"{name}:height"] = column(rows.height_m)
-        out[f"{name}:aside"] = column(rows.aside_m)
+        out[f"{name}:aside"] = column(rows.lateral_m)
         out[f"{name}:mass"] = column(rows.mass_kg)
         pieces = rows.rock[(rows.station == k) & (rows.kind == PIECE) & (rows.rock >= 0)]
         out[f"{name}:pieces"] = np.bincount(pieces, minlength=n).astype(float)
@@ -232,14 +232,14 @@ def impact_table(case: Case, rows: ImpactRows) -> dict[str, FloatArray]:
 
 
 def summary(
-    case: Case, sample: Sample, given: Covariates
+    case: Case, sample: Campaign, given: Covariates
 ) -> tuple[dict[str, float], dict[str, FloatArray]]:
     """One row of numbers for a campaign.
 
     Parameters
     ----------
     case : Case
-    sample : Sample
+    sample : Campaign
     given : Covariates
 
     Returns

@@ -14,8 +14,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import ndtri
 
-from sassgis.gap.case import Case
-from sassgis.gap.replicas import Aside, Measurement, Model, Release, Stand
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import (
+    ForestStand,
+    HypothesisModel,
+    LateralWalk,
+    MeasurementError,
+    ReleaseError,
+)
 from sassgis.gap.which.families import FAMILIES
 from sassgis.model.effects import (
     AirDrag,
@@ -101,7 +107,7 @@ class Draw:
         "none", a family, or two joined by "+".
     form : str
         Functional form.
-    model : Model
+    model : HypothesisModel
     parameters : mapping
         Calibrated parameters by name, as they are reported.
     sections : mapping
@@ -112,7 +118,7 @@ class Draw:
 
     effect: str
     form: str
-    model: Model
+    model: HypothesisModel
     parameters: Mapping[str, float]
     sections: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     parameter_draws: Mapping[str, float] = field(default_factory=dict)
@@ -123,7 +129,7 @@ class _Part:
     """What one family sets of a model."""
 
     form: str
-    change: Callable[[Model], Model]
+    change: Callable[[HypothesisModel], HypothesisModel]
     parameters: Mapping[str, float]
     section: Mapping[str, object]
 
@@ -146,10 +152,10 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     made = Draw(
         NONE,
         "calibrated ground",
-        Model(
+        HypothesisModel(
             table,
             replace(case.effects, lateral_deflection=None),
-            aside=_configured_aside(case) or _little_aside(parameter_draws),
+            lateral_walk=_configured_aside(case) or _little_aside(parameter_draws),
             turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
         ),
         parameters,
@@ -161,17 +167,17 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
             made,
             effect=family if first else f"{made.effect}+{family}",
             form=part.form if first else f"{made.form} + {part.form}",
-            model=_wider_aside(made.model.aside, part.change(made.model)),
+            model=_wider_aside(made.model.lateral_walk, part.change(made.model)),
             parameters={**made.parameters, **part.parameters},
             sections={**made.sections, **({family: part.section} if part.section else {})},
         )
     return replace(made, parameter_draws=dict(parameter_draws.used))
 
 
-def _wider_aside(before: Aside, model: Model) -> Model:
+def _wider_aside(before: LateralWalk, model: HypothesisModel) -> HypothesisModel:
     """Of two effects that scatter rocks aside, keep the wider scatter."""
-    if before.angle_deg > model.aside.angle_deg and model.aside.width_percent == 0.0:
-        return replace(model, aside=before)
+    if before.angle_deg > model.lateral_walk.angle_deg and model.lateral_walk.width_percent == 0.0:
+        return replace(model, lateral_walk=before)
     return model
 
 
@@ -199,26 +205,26 @@ def _calibrated(
     return GroundTable(tuple(classes)), parameters
 
 
-def _little_aside(parameter_draws: ParameterDraws) -> Aside:
+def _little_aside(parameter_draws: ParameterDraws) -> LateralWalk:
     """Fall lines of a survey are not exact: a heading that is a degree or so off."""
     if parameter_draws.share("little_aside") < 0.5:
-        return Aside()
-    return Aside(angle_deg=parameter_draws.log("little_aside_deg", 0.05, 1.0))
+        return LateralWalk()
+    return LateralWalk(angle_deg=parameter_draws.log("little_aside_deg", 0.05, 1.0))
 
 
-def _configured_aside(case: Case) -> Aside | None:
+def _configured_aside(case: Case) -> LateralWalk | None:
     """Deflection that the configuration has already, as a walk beside the line."""
     sideways = case.effects.lateral_deflection
     if sideways is None:
         return None
     if sideways.form == "constant":
-        return Aside(width_percent=sideways.width_percent)
-    return Aside(angle_deg=sideways.angle_deg, hop_m=sideways.hop_m)
+        return LateralWalk(width_percent=sideways.width_percent)
+    return LateralWalk(angle_deg=sideways.angle_deg, hop_m=sideways.hop_m)
 
 
 def _aside_too(
     parameter_draws: ParameterDraws, most_deg: float, low: float = -math.inf, high: float = math.inf
-) -> Aside:
+) -> LateralWalk:
     """Scatter aside that an effect makes besides what it is named for.
 
     It goes with the strength of the effect: an effect that does nothing along the line scatters
@@ -226,7 +232,7 @@ def _aside_too(
     """
     if parameter_draws.share("aside_too") < 0.3:
         return _little_aside(parameter_draws)
-    return Aside(
+    return LateralWalk(
         angle_deg=parameter_draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg, s0=low, s1=high
     )
 
@@ -259,7 +265,7 @@ def _loose_classes(case: Case, parameter_draws: ParameterDraws) -> tuple[str, ..
     return tuple(loose)
 
 
-def _with_effect(model: Model, **effects: object) -> Model:
+def _with_effect(model: HypothesisModel, **effects: object) -> HypothesisModel:
     return replace(model, effects=replace(model.effects, **effects))  # type: ignore[arg-type]
 
 
@@ -269,11 +275,13 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
             parameter_draws.log("lateral.angle", 1.0, 35.0),
             parameter_draws.log("lateral.hop", 4.0, 15.0),
         )
-        aside = Aside(angle_deg=angle, hop_m=hop)
+        aside = LateralWalk(angle_deg=angle, hop_m=hop)
         form, values = "kicks", {"angle_deg": angle, "hop_m": hop}
     else:
         width = parameter_draws.log("lateral.width", 3.0, 60.0)
-        aside = Aside(width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0))
+        aside = LateralWalk(
+            width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0)
+        )
         form, values = "constant", {"width_percent": width}
     # Ground that throws rocks aside is not even along their way either.
     lean = math.tan(
@@ -281,8 +289,8 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
     )
     bumps = Roughness(obstacle_m=min(float(np.median(case.radius_m)) * lean, 1.0))
 
-    def change(model: Model) -> Model:
-        changed = replace(model, aside=aside)
+    def change(model: HypothesisModel) -> HypothesisModel:
+        changed = replace(model, lateral_walk=aside)
         if model.effects.roughness is None and parameter_draws.share("lateral.uneven") < 0.6:
             changed = _with_effect(changed, roughness=bumps)
         return changed
@@ -308,7 +316,10 @@ def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
     # The more blocks break, the more of what is seen are pieces that flew apart.
     aside = _aside_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
     return _Part(
-        form, lambda m: replace(_with_effect(m, fragmentation=effect), aside=aside), values, section
+        form,
+        lambda m: replace(_with_effect(m, fragmentation=effect), lateral_walk=aside),
+        values,
+        section,
     )
 
 
@@ -350,14 +361,17 @@ def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
     effect = Entrainment(**section)  # type: ignore[arg-type]
     aside = _little_aside(parameter_draws)
     return _Part(
-        form, lambda m: replace(_with_effect(m, entrainment=effect), aside=aside), values, section
+        form,
+        lambda m: replace(_with_effect(m, entrainment=effect), lateral_walk=aside),
+        values,
+        section,
     )
 
 
 def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     length = _length(case)
     low = parameter_draws.uniform("stand.from", 0.0, 0.75 * length)
-    stand = Stand(
+    stand = ForestStand(
         low,
         low + parameter_draws.uniform("stand.length", 0.15, 1.0) * length,
         parameter_draws.log("stand.stems", 60.0, 2500.0),
@@ -385,7 +399,7 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     aside = _aside_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, trees=effect), stand=stand, aside=aside),
+        lambda m: replace(_with_effect(m, trees=effect), stand=stand, lateral_walk=aside),
         values,
         section,
     )
@@ -415,7 +429,10 @@ def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
     tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
     aside = _aside_too(parameter_draws, 0.6 * tilt)
     return _Part(
-        form, lambda m: replace(_with_effect(m, roughness=effect), aside=aside), values, section
+        form,
+        lambda m: replace(_with_effect(m, roughness=effect), lateral_walk=aside),
+        values,
+        section,
     )
 
 
@@ -430,7 +447,10 @@ def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
     effect = RockShape(**section)  # type: ignore[arg-type]
     aside = _aside_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
     return _Part(
-        form, lambda m: replace(_with_effect(m, rock_shape=effect), aside=aside), values, section
+        form,
+        lambda m: replace(_with_effect(m, rock_shape=effect), lateral_walk=aside),
+        values,
+        section,
     )
 
 
@@ -440,7 +460,7 @@ def _release_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
     ]
     if not any(wrong):
         wrong[int(parameter_draws.share("release.one") * 3)] = True
-    release = Release(
+    release = ReleaseError(
         ahead_m=parameter_draws.log("release.ahead_m", 0.5, 12.0) if wrong[0] else 0.0,
         faster_mps=parameter_draws.log("release.faster_mps", 0.5, 12.0) if wrong[1] else 0.0,
         shift_m=parameter_draws.normal("release.shift_m", 4.0) if wrong[2] else 0.0,
@@ -459,7 +479,7 @@ def _measurement_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
     if not any(kinds):
         kinds[int(parameter_draws.share("seen.one") * 4)] = True
     scale = math.exp(parameter_draws.uniform("seen.log_scale", -0.35, 0.35)) if kinds[0] else 1.0
-    measurement = Measurement(
+    measurement = MeasurementError(
         scale=scale,
         clock_sd=parameter_draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
         rotation_scale=math.exp(parameter_draws.uniform("seen.log_turns", -0.3, 0.3))

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.replicas import campaigns
-from sassgis.gap.residuals.steps import Steps, step_features, steps_of
-from sassgis.gap.sample import Sample, as_seen
+from sassgis.gap.observations.campaign import Campaign, as_seen
+from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.which.ensemble import COUNT, CalibrationProblem, Tried
 from sassgis.gap.which.features import summary
 from sassgis.gap.which.hypotheses import Draw, ParameterDraws, draw
+from sassgis.gap.which.step_features import Steps, step_features, steps_of
 from sassgis.model.grid import FloatArray
 
 #: Numbers beyond this many units count by their logarithm: what is far off is far off.
@@ -112,7 +112,7 @@ def base_of(problem: CalibrationProblem, draws: int = BASE_DRAWS) -> tuple[Base,
         The same campaigns for a library.
     """
     made: list[Draw] = []
-    samples: list[Sample] = []
+    samples: list[Campaign] = []
     for i in range(draws):
         one = draw(
             problem.case,
@@ -124,7 +124,7 @@ def base_of(problem: CalibrationProblem, draws: int = BASE_DRAWS) -> tuple[Base,
             as_seen(sample, problem.observed)
             for sample in campaigns(
                 problem.case,
-                problem.ways,
+                problem.rock_lines,
                 one.model,
                 count=COUNT,
                 seed=problem.seed,
@@ -190,7 +190,7 @@ def reference_of(
     )
 
 
-def features_of(base: Base, sample: Sample) -> dict[str, float]:
+def features_of(base: Base, sample: Campaign) -> dict[str, float]:
     """All numbers of a campaign of the case."""
     problem = base.problem
     told, quantities = summary(problem.case, sample, problem.given)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Finding, Verdict
+from sassgis.gap.diagnosis import GapFinding, Verdict
+from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
 from sassgis.gap.which.classifier import PAIR, UNKNOWN, cautious
 from sassgis.gap.which.families import PHASES
@@ -135,7 +135,7 @@ def place_of(
     effect: str,
     case: Case,
     fitted: Sequence[Draw],
-    findings: Sequence[Finding],
+    findings: Sequence[GapFinding],
 ) -> tuple[str, tuple[str, ...]]:
     """Phase of motion and legs in which an effect acts.
 
@@ -146,7 +146,7 @@ def place_of(
     case : Case
     fitted : sequence of Draw
         Calibrated draws of the effect.
-    findings : sequence of Finding
+    findings : sequence of GapFinding
         Where the gap lies, for effects without a place of their own.
     """
     if effect == NONE:
@@ -215,7 +215,7 @@ def verdict_of(
     thresholds: Thresholds,
     case: Case,
     fitted: Sequence[Draw],
-    findings: Sequence[Finding],
+    findings: Sequence[GapFinding],
     confidence_calibration: float = 0.0,
 ) -> Verdict:
     """Put the answer together; parameters as for ``decide`` and ``place_of``.

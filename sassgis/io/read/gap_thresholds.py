@@ -13,7 +13,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from sassgis.gap.which.classifier import DESIGNS, Classifier, Trees
+from sassgis.gap.which.classifier import DESIGNS, Classifier, TreeEnsemble
 from sassgis.gap.which.verdict import Thresholds
 from sassgis.model.errors import InputError
 
@@ -82,7 +82,7 @@ def read_classifier(design: str, file: Path | None = None) -> Classifier:
             }
             right = held["right"].astype(np.int64)
             own = np.arange(right.size)
-            trees = Trees(
+            trees = TreeEnsemble(
                 held["root"].astype(np.int64),
                 held["number"].astype(np.int64),
                 held["limit"].astype(np.float32),

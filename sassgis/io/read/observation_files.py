@@ -32,10 +32,10 @@ from sassgis.gap.observations.tables import (
     TABLE_TYPES,
     TABLES,
     Column,
-    Finding,
     LeftOut,
     Level,
     Metadata,
+    ObservationFinding,
     Observations,
     Stations,
     Table,
@@ -56,7 +56,7 @@ log = logging.getLogger(__name__)
 #: Name under which messages speak of the observations.
 _KEY = "observations"
 _METADATA = "metadata"
-#: Ways to say that a cell is empty, in lower case.
+#: RockLines to say that a cell is empty, in lower case.
 _EMPTY = frozenset({"", "-", "na", "n/a", "nan", "null", "none", "<na>", "?", "-9999", "-9999.0"})
 #: Tables of a GeoPackage that are not about rocks.
 _FOREIGN = frozenset({"layer_styles", "run_metadata"})
@@ -92,7 +92,7 @@ class _Findings:
     """Collects what is found while reading."""
 
     def __init__(self) -> None:
-        self.all: list[Finding] = []
+        self.all: list[ObservationFinding] = []
 
     def add(
         self,
@@ -108,7 +108,7 @@ class _Findings:
         left_out: LeftOut = "",
     ) -> None:
         self.all.append(
-            Finding(
+            ObservationFinding(
                 level,
                 problem,
                 str(file or (raw.file if raw else "")),
@@ -200,7 +200,9 @@ def read_observations(
     return observations
 
 
-def validate_observations(observations: Observations, grid: Grid | None = None) -> list[Finding]:
+def validate_observations(
+    observations: Observations, grid: Grid | None = None
+) -> list[ObservationFinding]:
     """All that their owner should know about observations.
 
     Parameters
@@ -212,7 +214,7 @@ def validate_observations(observations: Observations, grid: Grid | None = None) 
 
     Returns
     -------
-    list of Finding
+    list of ObservationFinding
         Errors first; ``str`` gives one line that names file, table, column and row.
     """
     fresh = [f for f in check_observations(observations, grid) if f not in observations.findings]
@@ -222,7 +224,9 @@ def validate_observations(observations: Observations, grid: Grid | None = None) 
     return sorted((*observations.findings, *fresh), key=lambda f: f.level != "error")
 
 
-def _refuse_elsewhere(observations: Observations, checked: Sequence[Finding], path: Path) -> None:
+def _refuse_elsewhere(
+    observations: Observations, checked: Sequence[ObservationFinding], path: Path
+) -> None:
     """Raise InputError where every table that has places lies beside the DEM."""
     beside = {f.table: f for f in checked if f.problem.startswith("no row lies on the DEM")}
     placed = {

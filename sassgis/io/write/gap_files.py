@@ -18,8 +18,8 @@ import numpy as np
 import shapely
 
 import sassgis
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Calibrated, Diagnosis, Finding, as_json
+from sassgis.gap.diagnosis import Calibrated, Diagnosis, GapFinding, as_json
+from sassgis.gap.observations.case import Case
 from sassgis.gap.where.places import is_stretch, limits_on, line_stretch, used_lines
 from sassgis.gap.words import (
     effect_name,
@@ -140,7 +140,7 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> Path:
     return write_geopackage(path, layers, metadata)
 
 
-def _shown_as(finding: Finding) -> str:
+def _shown_as(finding: GapFinding) -> str:
     sure = significance(finding)
     if sure == "open":
         return "open"
@@ -167,7 +167,7 @@ _FINDING_FIELDS = {
 }
 
 
-def _finding_columns(findings: Sequence[Finding], labelled: set[int]) -> dict[str, Any]:
+def _finding_columns(findings: Sequence[GapFinding], labelled: set[int]) -> dict[str, Any]:
     columns: dict[str, Any] = {
         "place": [f.place for f in findings],
         "phase": [f.phase for f in findings],
@@ -194,14 +194,14 @@ def _finding_columns(findings: Sequence[Finding], labelled: set[int]) -> dict[st
     return columns
 
 
-def _drawing_order(findings: Sequence[Finding]) -> list[Finding]:
+def _drawing_order(findings: Sequence[GapFinding]) -> list[GapFinding]:
     """Least certain first, so that the others lie on top."""
     return sorted(findings, key=lambda f: (-f.p_adjusted, -f.q_value))
 
 
-def _most_certain(findings: Sequence[Finding]) -> set[int]:
+def _most_certain(findings: Sequence[GapFinding]) -> set[int]:
     """Identities of the most certain finding of each place."""
-    best: dict[str, Finding] = {}
+    best: dict[str, GapFinding] = {}
     for finding in _drawing_order(findings):
         best[finding.place] = finding
     return {id(f) for f in best.values()}
@@ -237,7 +237,7 @@ def _gap_points(case: Case, diagnosis: Diagnosis) -> VectorLayer:
     )
 
 
-def _on_lines(finding: Finding) -> bool:
+def _on_lines(finding: GapFinding) -> bool:
     """Whether a finding is drawn along the fall lines. Kinds of ground lie in patches."""
     return is_stretch(finding) and not finding.place.startswith("ground:")
 
@@ -376,7 +376,7 @@ def _stops(case: Case, diagnosis: Diagnosis) -> VectorLayer:
             "volume_m3": table.volume_m3[rows],
             "runout_m": np.round(at.s[rows], 2),
             "residual_m": np.round(at.s[rows] - _predicted_runout(diagnosis), 2),
-            "aside_m": np.round(at.aside_m[rows], 2),
+            "lateral_m": np.round(at.lateral_m[rows], 2),
             "note": [beyond[int(b)] or None for b in at.beyond[rows]],
         },
         geometry=shapely.points(table.x[rows], table.y[rows]),
@@ -399,7 +399,7 @@ def _stops(case: Case, diagnosis: Diagnosis) -> VectorLayer:
                 "m",
                 "less the mean run-out of all rocks in the calibrated base model",
             ),
-            "aside_m": FieldInfo("aside of the fall line", "m", "to the right is positive"),
+            "lateral_m": FieldInfo("aside of the fall line", "m", "to the right is positive"),
             "note": FieldInfo("note"),
         },
         style=VectorStyle(
@@ -435,7 +435,7 @@ def _impacts(case: Case) -> VectorLayer:
             "rock_id": table.rock_id[rows].tolist(),
             "impact": table.impact[rows].tolist(),
             "chainage_m": np.round(at.s[rows], 2),
-            "aside_m": np.round(at.aside_m[rows], 2),
+            "lateral_m": np.round(at.lateral_m[rows], 2),
             "speed_in_mps": np.round(before[rows], 3),
             "speed_out_mps": np.round(after[rows], 3),
             "energy_kept": np.round(kept[rows], 4),
@@ -453,7 +453,7 @@ def _impacts(case: Case) -> VectorLayer:
             "rock_id": FieldInfo("name"),
             "impact": FieldInfo("impact"),
             "chainage_m": FieldInfo("chainage", "m"),
-            "aside_m": FieldInfo("aside of the fall line", "m", "to the right is positive"),
+            "lateral_m": FieldInfo("aside of the fall line", "m", "to the right is positive"),
             "speed_in_mps": FieldInfo("speed before", "m/s"),
             "speed_out_mps": FieldInfo("speed after", "m/s"),
             "energy_kept": FieldInfo("share of translational energy kept"),

@@ -16,8 +16,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import PercentFormatter
 from scipy.stats import binom
 
-from sassgis.gap.diagnosis import Comparison, Finding, Hypothesis
-from sassgis.gap.distances import energy_distance, observed_scale
+from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis
+from sassgis.gap.inference.distances import energy_distance, observed_scale
 from sassgis.gap.words import (
     effect_name,
     place_words,
@@ -83,19 +83,19 @@ def _note_height(note: str, width: float = WIDTH_IN) -> float:
 # --- where -----------------------------------------------------------------------------------
 
 
-def _by_quantity(findings: Sequence[Finding]) -> dict[tuple[str, str], list[Finding]]:
-    groups: dict[tuple[str, str], list[Finding]] = {}
+def _by_quantity(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[GapFinding]]:
+    groups: dict[tuple[str, str], list[GapFinding]] = {}
     for finding in findings:
         groups.setdefault((finding.quantity, finding.unit), []).append(finding)
     return groups
 
 
-def _order(finding: Finding) -> tuple[float, str, str]:
+def _order(finding: GapFinding) -> tuple[float, str, str]:
     middle = 0.5 * (finding.s0_m + finding.s1_m)
     return (middle if math.isfinite(middle) else math.inf, finding.place, finding.phase)
 
 
-def _row_label(finding: Finding, rows: Sequence[Finding]) -> str:
+def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
     place = finding.place.removeprefix("ground:").replace("_", " ")
     same = [f for f in rows if (f.place, f.phase) == (finding.place, finding.phase)]
     phase = tested_by(finding.test) if len(same) > 1 else finding.phase
@@ -104,13 +104,13 @@ def _row_label(finding: Finding, rows: Sequence[Finding]) -> str:
 
 @styled
 def gap_where_figure(
-    findings: Sequence[Finding], *, title: str = "Observed less predicted, by place and phase"
+    findings: Sequence[GapFinding], *, title: str = "Observed less predicted, by place and phase"
 ) -> Figure:
     """Draw every gap as a dot with its interval, a panel for each quantity in its own unit.
 
     Parameters
     ----------
-    findings : sequence of Finding
+    findings : sequence of GapFinding
         The most certain first. Quantities beyond ``MAX_PANELS`` and rows of one beyond ``MAX_ROWS``
         are left out, and the figure says so.
     title : str
@@ -172,7 +172,7 @@ def gap_where_figure(
     return figure
 
 
-def _draw_gaps(ax: Axes, rows: Sequence[Finding]) -> None:
+def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
     ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
     ax.grid(axis="y", visible=False)
     ax.spines["left"].set_visible(False)

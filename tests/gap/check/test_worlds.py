@@ -20,23 +20,17 @@ from sassgis.gap.check.worlds import (
     setup,
 )
 from sassgis.gap.check.worlds.battery import FULL, MODEST, quick_battery, world_seeds
+from sassgis.gap.check.worlds.make import base_world, nominal_law
+from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES, descent, guide
 from sassgis.gap.check.worlds.strength import BANDS, inhomogeneity
-from sassgis.gap.check.worlds.world import (
-    FAMILIES,
-    World,
-    _base_world,
-    draw_rocks,
-    nominal_law,
-    simulate,
-    with_effects,
-)
+from sassgis.gap.check.worlds.world import FAMILIES, World, with_effects
 from sassgis.model.errors import InputError
 
 
 @pytest.mark.parametrize("slope", SLOPE_TYPES)
 def test_without_effects_rocks_keep_to_the_fall_line(slope: str) -> None:
-    world = _base_world(WorldSpec(slope), 4)
+    world = base_world(WorldSpec(slope), 4)
     rocks = draw_rocks(world, 24, 3)
     run = simulate(world, rocks)
     grid = world.relief.grid

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.gap.check.worlds import draws
+from sassgis.gap.check.worlds import random_draws as draws
 from sassgis.gap.check.worlds.law import GRAVITY
 from sassgis.model.jit import kernel
 

@@ -13,15 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sassgis.gap.check.worlds.world import (
-    LIMITS,
-    Effect,
-    Run,
-    World,
-    draw_rocks,
-    simulate,
-    with_effects,
-)
+from sassgis.gap.check.worlds.observe import distort
+from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
+from sassgis.gap.check.worlds.world import LIMITS, Effect, Run, World, with_effects
 from sassgis.model.grid import FloatArray
 
 # Sizes that go by each name, as (lowest, aimed at, highest).
@@ -71,8 +65,6 @@ def features(world: World, run: Run) -> list[FloatArray]:
     Stations: speed, rotation, and place across the slope. Errors of measurement that are the
     world's truth are in them.
     """
-    from sassgis.gap.check.worlds.observe import distort
-
     run = distort(world, run)
     frame = world.relief.frame
     d, p = run.deposits, run.passages

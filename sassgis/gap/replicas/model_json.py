@@ -7,7 +7,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from sassgis.gap.replicas import Aside, Measurement, Model, Release, Stand
+from sassgis.gap.replicas.hypothesis_model import (
+    ForestStand,
+    HypothesisModel,
+    LateralWalk,
+    MeasurementError,
+    ReleaseError,
+)
 from sassgis.model import effects as families
 from sassgis.model.ground import GroundClass, GroundTable
 
@@ -22,7 +28,7 @@ _EFFECTS = {
 }
 
 
-def model_as_json(model: Model) -> dict[str, Any]:
+def model_as_json(model: HypothesisModel) -> dict[str, Any]:
     """A model as dictionaries, lists, texts and numbers; infinite limits become None."""
     plain: dict[str, Any] = _plain(dataclasses.asdict(model))
     return plain
@@ -38,7 +44,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def model_from_json(plain: Mapping[str, Any]) -> Model:
+def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
     """The model of ``model_as_json``.
 
     Raises
@@ -51,16 +57,16 @@ def model_from_json(plain: Mapping[str, Any]) -> Model:
         for name, own in plain["effects"].items()
         if own is not None
     }
-    aside = dict(plain["aside"])
-    aside["s0"] = -math.inf if aside["s0"] is None else aside["s0"]
-    aside["s1"] = math.inf if aside["s1"] is None else aside["s1"]
+    walk = dict(plain["lateral_walk"])
+    walk["s0"] = -math.inf if walk["s0"] is None else walk["s0"]
+    walk["s1"] = math.inf if walk["s1"] is None else walk["s1"]
     stand = plain["stand"]
-    return Model(
+    return HypothesisModel(
         GroundTable(tuple(GroundClass(**own) for own in plain["table"]["classes"])),
         families.EffectSettings(**effects),
-        None if stand is None else Stand(**stand),
-        Aside(**aside),
-        Release(**plain["release"]),
-        Measurement(**plain["measurement"]),
+        None if stand is None else ForestStand(**stand),
+        LateralWalk(**walk),
+        ReleaseError(**plain["release"]),
+        MeasurementError(**plain["measurement"]),
         float(plain["turn_noise_deg"]),
     )

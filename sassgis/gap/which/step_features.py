@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.case import Case
-from sassgis.gap.sample import ImpactRows, Sample
+from sassgis.gap.observations.campaign import Campaign, ImpactRows
+from sassgis.gap.observations.case import Case
 from sassgis.gap.which.features import GRAVITY, JUMP, Covariates, correlations
 from sassgis.model.grid import FloatArray, IntArray
 
@@ -73,7 +73,7 @@ class Steps:
 def steps_of(
     case: Case,
     given: Covariates,
-    samples: Sequence[Sample],
+    samples: Sequence[Campaign],
     quantities: Sequence[Mapping[str, FloatArray]],
 ) -> Steps:
     """Learn what the base model foresees from its campaigns.
@@ -82,7 +82,7 @@ def steps_of(
     ----------
     case : Case
     given : Covariates
-    samples : sequence of Sample
+    samples : sequence of Campaign
         Campaigns of the base model, its ground calibrated anew in each draw.
     quantities : sequence of dict
         Of each sample, as ``features.rock_quantities`` returns them.
@@ -104,7 +104,7 @@ def step_features(
     case: Case,
     given: Covariates,
     steps: Steps,
-    sample: Sample,
+    sample: Campaign,
     quantities: Mapping[str, FloatArray],
 ) -> dict[str, float]:
     """What is left over of the steps of a campaign, in means, scatters and correlations.
@@ -114,7 +114,7 @@ def step_features(
     case : Case
     given : Covariates
     steps : Steps
-    sample : Sample
+    sample : Campaign
     quantities : mapping
         As ``features.rock_quantities`` returns them.
 
