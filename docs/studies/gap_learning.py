@@ -39,7 +39,6 @@ import numpy as np
 from scipy.optimize import minimize
 from sklearn.ensemble import ExtraTreesClassifier
 
-from sassgis.gap.check.blinded_cases import write_world
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world
 from sassgis.gap.check.worlds.battery import DESIGNS as ALL_DESIGNS
 from sassgis.gap.check.worlds.battery import FULL, MODEST, world_seeds
@@ -68,6 +67,7 @@ from sassgis.gap.which.verdict import Thresholds, decide
 from sassgis.io.read.gap_thresholds import CLASSIFIERS, THRESHOLDS, write_classifiers
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.runs.blinded_cases import write_world
 from sassgis.runs.gap_case import read_case
 
 SEED = 20261121

@@ -34,7 +34,6 @@ from sassgis.gap.ladder.calibration import (
     run_refined,
     shrinkage_of,
 )
-from sassgis.gap.ladder.fresh import ENSEMBLE
 from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.where.findings import where
@@ -69,6 +68,7 @@ from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.io.write.program import program_digest
 from sassgis.io.write.staging import CHECKPOINT_STEM, staged_output
 from sassgis.model.errors import InputError, Interrupted
+from sassgis.runs.fresh_shrinkage import ENSEMBLE
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.run import job_count

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sassgis.gap.check.blinded_cases import labels_text, seal_of, truth_of
 from sassgis.gap.check.check_scores import (
     SHRINKAGE_ROCKS,
     Answer,
@@ -23,6 +22,7 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
+from sassgis.gap.check.labels import labels_text, seal_of, truth_of
 from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool
 from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
@@ -38,10 +38,10 @@ SEED = 2026
 #: Rocks on which a stated shrinkage is checked.
 FRESH_ROCKS = 1000
 DIAGNOSER = "sassgis.runs.diagnose:answer"
-MEASURER = "sassgis.gap.ladder.fresh:measured_shrinkage"
+MEASURER = "sassgis.runs.fresh_shrinkage:measured_shrinkage"
 
 _FORMAT = 1
-_MAKER = "sassgis.gap.check.sealed_cases"
+_MAKER = "sassgis.runs.blinded_cases"
 #: Worlds whose fresh rocks are on the disk at the same time.
 _BATCH = 8
 

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from sassgis.gap.check import check_scores
-from sassgis.gap.check.blinded_cases import labels_text, seal_of
+from sassgis.gap.check.labels import labels_text, seal_of
 from sassgis.gap.check.worker_pool import Task, WorkerPool
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.io.read.gap_thresholds import read_thresholds
@@ -277,3 +277,17 @@ def test_what_the_calling_program_has_loaded_does_not_pass_the_sandbox(tmp_path:
         [sys.executable, str(script), str(tmp_path / "out")], capture_output=True, text=True
     )
     assert (ran.returncode, ran.stdout) == (0, "b\n"), ran.stderr
+
+
+def test_a_process_that_is_killed_is_said_with_its_world(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match=r"world 001 ended unexpectedly \(killed; memory"),
+        WorkerPool(1, tmp_path) as pool,
+    ):
+        list(pool.run([task(tmp_path, "is_killed")]))
+
+
+def test_workers_compute_in_a_single_thread() -> None:
+    with WorkerPool(1) as pool:
+        (outcome,) = pool.run([Task("1", "check_stubs:threads")])
+    assert outcome.value == {"numba": 1, "others": [1]}

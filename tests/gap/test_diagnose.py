@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
-from sassgis.gap.ladder.fresh import measured_shrinkage
 from sassgis.gap.which.classifier import DESIGNS
 from sassgis.gap.which.families import FAMILIES
 from sassgis.io.read.config import load_config
@@ -19,6 +18,7 @@ from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, writ
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs.diagnose import diagnose
+from sassgis.runs.fresh_shrinkage import measured_shrinkage
 from sassgis.runs.gap_check import SEED
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
 import shutil
 from pathlib import Path
 from typing import Any
 
-from sassgis.gap.check.check_scores import Truth
+from sassgis.gap.check.labels import label_of
 from sassgis.gap.check.worlds import World, WorldSpec, fresh_rocks, make_world, observe, setup
 from sassgis.io.write.gap_case_files import folder_digest, write_case, write_observations
 
@@ -72,68 +69,3 @@ def make_fresh(spec: WorldSpec, seed: int, rocks: int, folder: str) -> None:
     shutil.rmtree(folder, ignore_errors=True)
     tables = {name: table for name, table in fresh.tables.items() if name in names}
     write_observations(Path(folder), tables, fresh.metadata)
-
-
-def label_of(world: World, case: str) -> dict[str, Any]:
-    """The truth of a world as plain values.
-
-    Numbers have six digits: the last ones of a sum may differ from one processor to another.
-    """
-    spec = world.spec
-    return {
-        "case": case,
-        "seed": world.seed,
-        "slope": spec.slope,
-        "rocks": spec.n_rocks,
-        "kind": spec.kind,
-        "asked": [[e.name, e.strength] for e in spec.effects],
-        "verdict": spec.verdict,
-        "legs": list(world.segments),
-        "effects": [
-            {
-                "name": effect.name,
-                "strength": effect.strength,
-                "magnitude": _rounded(effect.magnitude),
-                "size": _rounded(effect.size),
-                "phase": effect.phase,
-                "s0_m": _rounded(effect.s0_m),
-                "s1_m": _rounded(effect.s1_m),
-                "segments": list(effect.segments),
-                "ground": effect.ground,
-            }
-            for effect in world.effects
-        ],
-    }
-
-
-def truth_of(label: dict[str, Any]) -> Truth:
-    """A label in the form in which answers are scored."""
-    effects = label["effects"]
-    one: dict[str, Any] = effects[0] if len(effects) == 1 else {"phase": "", "segments": ()}
-    return Truth(
-        case=label["case"],
-        verdict=label["verdict"],
-        effects=tuple(effect["name"] for effect in effects),
-        strengths=tuple(effect["strength"] for effect in effects),
-        phase=one["phase"],
-        segments=tuple(one["segments"]),
-        legs=tuple(label["legs"]),
-        slope=label["slope"],
-        rocks=label["rocks"],
-        kind=label["kind"],
-    )
-
-
-def labels_text(labels: list[dict[str, Any]]) -> str:
-    """Labels as JSON that is the same for the same labels."""
-    ordered = sorted(labels, key=lambda label: str(label["case"]))
-    return json.dumps(ordered, sort_keys=True, indent=1) + "\n"
-
-
-def seal_of(salt: str, text: str) -> str:
-    """SHA-256 of salt and labels; the salt keeps anyone from trying out what labels may be."""
-    return hashlib.sha256(f"{salt}\n{text}".encode()).hexdigest()
-
-
-def _rounded(value: float) -> float | None:
-    return float(f"{value:.6g}") if math.isfinite(value) else None
