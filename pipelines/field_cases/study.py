@@ -17,14 +17,9 @@ import sassgis
 from field_cases.figures import stops_figure
 from field_cases.tables import FieldCase
 from sassgis.gap.diagnosis import Calibrated, Diagnosis, GapFinding
-from sassgis.gap.inference.distances import (
-    bootstrap_interval,
-    bootstrap_rows,
-    energy_distance,
-    energy_scores,
-    mean_gap_tests,
-    observed_scale,
-)
+from sassgis.gap.inference.distances import energy_distance, energy_scores, observed_scale
+from sassgis.gap.inference.intervals import bootstrap_interval, bootstrap_rows
+from sassgis.gap.inference.rock_tests import mean_gap_tests
 from sassgis.gap.observations.campaign import main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns

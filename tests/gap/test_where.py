@@ -13,7 +13,7 @@ from simulated_slope import STATIONS, TABLE, observed
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
 from sassgis.gap.diagnosis import GapFinding
-from sassgis.gap.inference.distances import mean_gap_tests
+from sassgis.gap.inference.rock_tests import mean_gap_tests
 from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
 from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.inference.distances import Interval, share_interval
+from sassgis.gap.inference.intervals import Interval, share_interval
 from sassgis.gap.which.families import FAMILIES
 
 #: Least confidence with which an effect is named.
@@ -345,7 +345,7 @@ def score(
 def share(measure: str, hits: Iterable[bool]) -> Share:
     """Share of hits, with its interval."""
     found = list(hits)
-    interval: Interval = share_interval(int(sum(found)), len(found), method="clopper_pearson")
+    interval: Interval = share_interval(int(sum(found)), len(found), method="exact")
     return Share(measure, int(sum(found)), len(found), interval.value, interval.low, interval.high)
 
 

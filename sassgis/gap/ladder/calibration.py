@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.distance import cdist, pdist
 
 from sassgis.gap.diagnosis import Shrinkage
-from sassgis.gap.inference.distances import Interval
+from sassgis.gap.inference.intervals import Interval, bootstrap_interval
 from sassgis.gap.which.ensemble import CalibrationProblem, Ensemble, Tried, try_draw
 from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw
 from sassgis.model.grid import FloatArray, IntArray
@@ -137,9 +137,10 @@ def gain_of(
     gain = gain[np.isfinite(gain)]
     if gain.size == 0:
         return Interval(float("nan"), float("nan"), float("nan"))
-    means = rng.choice(gain, (draws, gain.size)).mean(axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
-    return Interval(float(gain.mean()), float(low), float(high))
+    rocks = np.arange(gain.size)
+    return bootstrap_interval(
+        lambda rows: float(gain[rows].mean()), rocks, draws=draws, rng=rng, method="percentile"
+    )
 
 
 def held_out_rows(ensemble: Ensemble, effect: str, part: IntArray) -> FloatArray:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sassgis.engine.simulate import ControlLineCrossings, simulate
-from sassgis.gap.inference.distances import t_statistics
+from sassgis.gap.inference.rock_tests import t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at

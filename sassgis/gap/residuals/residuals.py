@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.inference.distances import rock_means
+from sassgis.gap.inference.rock_tests import rock_means
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Units by the end of the name of a quantity.

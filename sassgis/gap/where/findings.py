@@ -15,7 +15,7 @@ import numpy as np
 
 from sassgis.engine.simulate import Forest
 from sassgis.gap.diagnosis import GapFinding, Range
-from sassgis.gap.inference.distances import benjamini_hochberg, mean_gap_tests
+from sassgis.gap.inference.rock_tests import false_discovery_adjusted, mean_gap_tests
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.flights import path_residuals
 from sassgis.gap.residuals.free_run import (
@@ -119,7 +119,7 @@ def findings_of(
         return ()
     values = np.column_stack([v for _, v in tested])
     t, p, adjusted = mean_gap_tests(values, draws=draws, rng=rng)
-    q = benjamini_hochberg(p)
+    q = false_discovery_adjusted(p)
     # A scatter known from above only is tested by scores that may all be zero.
     size = np.abs(np.nan_to_num(t, posinf=np.inf, neginf=-np.inf))
     n = case.n_rocks
