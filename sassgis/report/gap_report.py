@@ -29,8 +29,6 @@ from sassgis.gap.words import (
     with_unit,
     with_unit_in_brackets,
 )
-from sassgis.io.read.config import Config
-from sassgis.io.read.dem import crs_name
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.report import figures
@@ -572,12 +570,32 @@ def _data_table(diagnosis: Diagnosis) -> ReportTable:
 
 
 def gap_report(
-    config: Config, case: Case, diagnosis: Diagnosis, folder: Path, seconds: float | None
+    case: Case,
+    diagnosis: Diagnosis,
+    folder: Path,
+    *,
+    project: str,
+    terrain: str,
+    crs: str,
+    configuration: str,
+    seconds: float | None,
 ) -> ReportContext:
-    """Draw the figures into ``folder`` and put the report together."""
+    """Draw the figures into ``folder`` and put the report together.
+
+    Parameters
+    ----------
+    case : Case
+    diagnosis : Diagnosis
+    folder : Path
+        Of the figures.
+    project, terrain, crs, configuration : str
+        Names of the project, the terrain file, the coordinate system and the configuration file.
+    seconds : float or None
+        Computing time.
+    """
     grid = case.grid
     return ReportContext(
-        title=f"{config.project.name}: observed and simulated rocks",
+        title=f"{project}: observed and simulated rocks",
         subtitle="What separates the field observations from the SASS model, and why",
         verdict=verdict_sentence(diagnosis),
         answer=answer(diagnosis),
@@ -585,9 +603,9 @@ def gap_report(
         what_was_run=(
             ("Observed rocks", diagnosis.rocks),
             ("Observations", ", ".join(f"{n} {t}" for t, n in diagnosis.tables.items()) or "none"),
-            ("Terrain", f"{config.dem_path.name}, {grid.shape[1]} × {grid.shape[0]} cells of "
+            ("Terrain", f"{terrain}, {grid.shape[1]} × {grid.shape[0]} cells of "
              f"{grid.cell_size:.4g} m"),
-            ("Coordinate system", crs_name(grid.crs) if grid.crs else "local coordinates"),
+            ("Coordinate system", crs),
             ("Fall lines", len(used_lines(case))),
             ("Stations", ", ".join(case.station_names) or "none"),
             ("Effects already configured", ", ".join(case.effects.names) or "none"),
@@ -600,7 +618,7 @@ def gap_report(
             ("Program", f"sassgis {sassgis.__version__}"),
             ("Seed", diagnosis.seed),
             ("Settings and inputs (SHA-256)", diagnosis.settings_hash),
-            ("Configuration", config.file.name),
+            ("Configuration", configuration),
             ("Calibrated model", "model/config.toml"),
             *((("Computing time", f"{seconds:.0f} s"),) if seconds is not None else ()),
         ),
