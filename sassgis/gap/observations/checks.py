@@ -5,17 +5,16 @@ from __future__ import annotations
 import difflib
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from sassgis.gap.observations.rules import RULES
 from sassgis.gap.observations.tables import (
     DENSITY_KGM3,
     TABLES,
-    LeftOut,
-    Level,
     ObservationFinding,
     Observations,
     parent_of,
@@ -30,6 +29,8 @@ from sassgis.terrain.heights import heights_at
 BoolArray = NDArray[np.bool_]
 
 _GRAVITY = 9.81
+#: Densities that rocks have (kg/m³).
+_LIGHTEST_KGM3, _HEAVIEST_KGM3 = 900.0, 5000.0
 _KMH = 3.6
 #: Room for errors of measurement where none are stated.
 _SPEED_ERROR, _HEIGHT_ERROR_M, _POSITION_ERROR_M = 0.05, 0.25, 0.5
@@ -37,8 +38,8 @@ _SPEED_ERROR, _HEIGHT_ERROR_M, _POSITION_ERROR_M = 0.05, 0.25, 0.5
 _SIGMAS = 3.0
 #: Heights of the same ground in two height systems differ by more than this (m).
 _OFFSET_M = 1.5
-#: Rocks are let go up to this high above the ground (m).
-_LET_GO_M = 5.0
+#: Rocks are released up to this high above the ground (m).
+_RELEASE_HEIGHT_M = 5.0
 #: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
 _FULL_AXES = 4.0
 #: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
@@ -73,25 +74,6 @@ def check_observations(
     return sorted(found, key=lambda f: f.level != "error")
 
 
-def _finding(
-    observations: Observations,
-    level: Level,
-    problem: str,
-    table: str,
-    column: str = "",
-    which: BoolArray | IntArray | None = None,
-    *,
-    found: str = "",
-    expected: str = "",
-    left_out: LeftOut = "",
-) -> ObservationFinding:
-    rows: tuple[int, ...] = ()
-    if which is not None:
-        rows = tuple(observations.tables[table].row[which].tolist())  # type: ignore[attr-defined]
-    file = observations.files.get(table, "")
-    return ObservationFinding(level, problem, file, table, column, rows, found, expected, left_out)
-
-
 def _or(value: float, otherwise: float) -> float:
     return value if math.isfinite(value) else otherwise
 
@@ -102,16 +84,8 @@ def _or(value: float, otherwise: float) -> float:
 
 def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Names that are used twice where they stand for one thing."""
-    keys: Mapping[str, Sequence[Sequence[object]]] = {
-        "rocks": [obs.rocks.rock_id.tolist()],
-        "stations": [obs.stations.station.tolist()],
-        "passages": [obs.passages.rock_id.tolist(), obs.passages.station.tolist()],
-        "impacts": [obs.impacts.rock_id.tolist(), obs.impacts.impact.tolist()],
-        "trajectories": [obs.trajectories.rock_id.tolist(), obs.trajectories.t_s.tolist()],
-    }
-    names = {"rocks": "rock_id", "stations": "station", "impacts": "impact"}
-    for table, columns in keys.items():
-        rows = list(zip(*columns, strict=True))
+    for name, table in obs.tables.items():
+        rows = list(zip(*(getattr(table, column).tolist() for column in table.key), strict=True))
         seen: set[object] = set()
         again = np.zeros(len(rows), np.bool_)
         for i, row in enumerate(rows):
@@ -121,17 +95,8 @@ def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFi
                 seen.add(row)
         if again.any():
             first = " at ".join(str(part) for part in rows[int(np.flatnonzero(again)[0])])
-            yield _finding(
-                obs,
-                "error",
-                "is there twice; the first one is taken",
-                table,
-                names.get(table, "rock_id"),
-                again,
-                found=repr(first),
-                expected="one row for each",
-                left_out="row",
-            )
+            column = table.key[-1] if name in ("stations", "impacts") else ""
+            yield from RULES["twice"].at(obs, name, again, repr(first), column)
 
 
 def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -152,29 +117,9 @@ def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
         else:
             pieces[i] = name in first
             first.setdefault(name, []).append(i)
-    if again.any():
-        yield _finding(
-            obs,
-            "error",
-            "the same stop is there twice",
-            "deposits",
-            "rock_id",
-            again,
-            expected="one row for each block",
-            left_out="row",
-        )
-    if pieces.any():
-        name = deposits.rock_id[pieces][0]
-        yield _finding(
-            obs,
-            "warning",
-            "several stops of one rock are taken to be its pieces",
-            "deposits",
-            "rock_id",
-            pieces,
-            found=repr(str(name)),
-            expected=f"names with a suffix, such as {name}.1 and {name}.2",
-        )
+    yield from RULES["same stop"].at(obs, "deposits", again)
+    name = str(deposits.rock_id[pieces][0]) if pieces.any() else ""
+    yield from RULES["several stops"].at(obs, "deposits", pieces, repr(name), name=name)
 
 
 def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -187,17 +132,15 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
                 continue
             ids: list[str] = obs.tables[table].rock_id[lost].tolist()  # type: ignore[attr-defined]
             missing = list(dict.fromkeys(i for i in ids if i))
-            yield _finding(
+            yield from RULES["unattributed"].at(
                 obs,
-                "warning",
-                "not in the table of rocks: taken as unattributed blocks"
-                if table in ("passages", "deposits")
-                else "not in the table of rocks: mass, size and release are unknown",
                 table,
-                "rock_id",
                 lost,
-                found=_some(missing) or "no name",
-                expected=_nearest(missing[0], sorted(known)) if missing else "",
+                _some(missing) or "no name",
+                taken="taken as unattributed blocks"
+                if table in ("passages", "deposits")
+                else "mass, size and release are unknown",
+                nearest=_nearest(missing[0], sorted(known)) if missing else "",
             )
         orphans = np.array(
             [
@@ -206,38 +149,20 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
             ],
             np.bool_,
         )
-        if orphans.any():
-            name = str(obs.rocks.rock_id[orphans][0])
-            yield _finding(
-                obs,
-                "warning",
-                "named as a piece of a rock that is not there: taken as a rock of its own",
-                "rocks",
-                "rock_id",
-                orphans,
-                found=repr(name),
-                expected=f"a row for {parent_of(name)}, or names without a point",
-            )
+        name = str(obs.rocks.rock_id[orphans][0]) if orphans.any() else ""
+        yield from RULES["piece of none"].at(
+            obs, "rocks", orphans, repr(name), parent=parent_of(name)
+        )
     if len(obs.stations) and len(obs.passages):
         names = obs.stations.station.tolist()
         passages = obs.passages
         lost = ~np.isin(passages.station, names)
         placed = np.isfinite(passages.x) & np.isfinite(passages.y)
-        for mask, left_out in ((lost & placed, False), (lost & ~placed, True)):
+        for rule, mask in (("placed elsewhere", lost & placed), ("no station", lost & ~placed)):
             if mask.any():
                 missing = list(dict.fromkeys(passages.station[mask].tolist()))
-                yield _finding(
-                    obs,
-                    "error" if left_out else "warning",
-                    "no such station"
-                    + ("" if left_out else ": the passages are used by their x and y alone"),
-                    "passages",
-                    "station",
-                    mask,
-                    found=_some(missing),
-                    expected=_nearest(missing[0], names),
-                    left_out="row" if left_out else "",
-                )
+                nearest = _nearest(missing[0], names)
+                yield from RULES[rule].at(obs, "passages", mask, _some(missing), nearest=nearest)
 
 
 def _some(names: Sequence[str]) -> str:
@@ -264,78 +189,29 @@ def _sizes(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]
     known = np.isfinite(ratio)
     full = known & (ratio > _FULL_AXES)
     if known.any() and np.median(ratio[known]) > _FULL_AXES:
-        yield _finding(
-            obs,
-            "error",
-            "look like full axes, not semi-axes",
-            "rocks",
-            "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m",
-            known,
-            found=f"ellipsoids of {np.median(ratio[known]):.1f} times the volume of the rocks",
-            expected="half of length, width and height",
-            left_out="value",
-        )
+        found = f"ellipsoids of {np.median(ratio[known]):.1f} times the volume of the rocks"
+        yield from RULES["full axes"].at(obs, "rocks", known, found)
     elif full.any():
-        yield _finding(
-            obs,
-            "warning",
-            "semi-axes do not go with the volume or the mass",
-            "rocks",
-            "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m",
-            full,
-            found=f"an ellipsoid of {ratio[full].max():.1f} times the volume of the rock",
-            expected="half of length, width and height",
-            left_out="value",
-        )
+        found = f"an ellipsoid of {ratio[full].max():.1f} times the volume of the rock"
+        yield from RULES["large axes"].at(obs, "rocks", full, found)
     if (small := known & (ratio < 1.0 / _FULL_AXES)).any():
-        yield _finding(
-            obs,
-            "warning",
-            "semi-axes are too small for the volume or the mass",
-            "rocks",
-            "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m",
-            small,
-            found=f"an ellipsoid of {ratio[small].min():.2g} times the volume of the rock",
-            expected="half of length, width and height in m",
-        )
+        found = f"an ellipsoid of {ratio[small].min():.2g} times the volume of the rock"
+        yield from RULES["small axes"].at(obs, "rocks", small, found)
     for name in ("rocks", "deposits"):
         numbers = obs.tables[name].numbers
         with np.errstate(invalid="ignore", divide="ignore"):
             own = numbers["mass_kg"] / numbers["volume_m3"]
-        odd = np.isfinite(own) & ((own < 900.0) | (own > 5000.0))
-        if odd.any():
-            middle = float(np.median(own[odd]))
-            hint = ""
-            if 0.9 <= middle <= 5.0:
-                hint = "look like tonnes: "
-            elif middle > 1e5:
-                hint = "look like grams or litres: "
-            yield _finding(
-                obs,
-                "error" if hint else "warning",
-                f"{hint}mass and volume do not go together",
-                name,
-                "mass_kg",
-                odd,
-                found=f"{middle:.3g} kg/m³",
-                expected="900 to 5000 kg/m³",
-            )
-    odd = np.isfinite(rocks.density_kgm3) & (
-        (rocks.density_kgm3 < 900.0) | (rocks.density_kgm3 > 5000.0)
-    )
-    if odd.any():
-        middle = float(np.median(rocks.density_kgm3[odd]))
-        yield _finding(
-            obs,
-            "error",
-            "look like g/cm³" if middle < 6.0 else "not the density of a rock",
-            "rocks",
-            "density_kgm3",
-            odd,
-            found=f"{middle:.4g}",
-            expected="900 to 5000 kg/m³",
-            left_out="value",
-        )
+        odd = np.isfinite(own) & ((own < _LIGHTEST_KGM3) | (own > _HEAVIEST_KGM3))
+        middle = float(np.median(own[odd])) if odd.any() else math.nan
+        # In kg/m³ of a rock: between, where tonnes were meant; above, grams or litres.
+        unit = "tonnes" if 0.9 <= middle <= 5.0 else "grams or litres" if middle > 1e5 else ""
+        rule = RULES["unit of mass" if unit else "mass and volume"]
+        yield from rule.at(obs, name, odd, f"{middle:.3g} kg/m³", unit=unit)
+    density = rocks.density_kgm3
+    odd = np.isfinite(density) & ((density < _LIGHTEST_KGM3) | (density > _HEAVIEST_KGM3))
+    middle = float(np.median(density[odd])) if odd.any() else math.nan
+    problem = "look like g/cm³" if middle < 6.0 else "not the density of a rock"
+    yield from RULES["density"].at(obs, "rocks", odd, f"{middle:.4g}", problem=problem)
 
 
 def _pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -351,15 +227,14 @@ def _pieces(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding
             own = (owner == i) & np.isfinite(values)
             whole = rocks.numbers[column][place[name]]
             if own.any() and np.isfinite(whole) and values[own].sum() > 1.15 * whole:
-                yield _finding(
+                yield from RULES["heavy pieces"].at(
                     obs,
-                    "warning",
-                    f"blocks of {name} are more than the rock itself",
                     "deposits",
-                    column,
                     own,
-                    found=f"{values[own].sum():.4g} {unit}",
-                    expected=f"{whole:.4g} {unit} at most",
+                    f"{values[own].sum():.4g} {unit}",
+                    column,
+                    name=name,
+                    most=f"{whole:.4g} {unit}",
                 )
 
 
@@ -373,31 +248,18 @@ def _impacts(obs: Observations, grid: Grid | None) -> Iterator[ObservationFindin
     known = np.isfinite(impacts.vn_in_mps)
     if inward.any():
         every = bool(inward.sum() > 0.5 * known.sum())
-        yield _finding(
+        yield from RULES["inward"].at(
             obs,
-            "error",
-            "the rock leaves the ground before it hits it"
-            + (": the normal seems to point into the ground" if every else ""),
             "impacts",
-            "vn_in_mps, vn_out_mps",
             inward,
-            found=f"vn_in = {impacts.vn_in_mps[inward].max():.3g} m/s",
-            expected="below zero: the normal points out of the ground",
-            left_out="value",
+            f"vn_in = {impacts.vn_in_mps[inward].max():.3g} m/s",
+            hint=": the normal seems to point into the ground" if every else "",
         )
     yield from _energy_gain(obs, ~inward)
     slopes = np.abs(impacts.slope_deg[np.isfinite(impacts.slope_deg)])
     if slopes.size >= 5 and 0.0 < slopes.max() <= 0.5 * math.pi:
-        yield _finding(
-            obs,
-            "error",
-            "look like radians or tangents",
-            "impacts",
-            "slope_deg",
-            np.isfinite(impacts.slope_deg),
-            found=f"at most {slopes.max():.3g}",
-            expected="degrees",
-            left_out="value",
+        yield from RULES["radians"].at(
+            obs, "impacts", np.isfinite(impacts.slope_deg), f"at most {slopes.max():.3g}"
         )
 
 
@@ -427,16 +289,12 @@ def _energy_gain(obs: Observations, usable: BoolArray) -> Iterator[ObservationFi
     # Without spin, a rock that spins before the impact may go faster after it.
     blind = bool((gain & ~spins).any())
     swapped = gain.sum() > 0.5 * known.sum() and known.sum() >= 3
-    yield _finding(
+    yield from RULES["swapped" if swapped else "energy gain"].at(
         obs,
-        "error" if swapped else "warning",
-        ("before and after look swapped: " if swapped else "")
-        + "more energy after the impact than before",
         "impacts",
-        "vt_out_mps",
         gain,
-        found=f"{worst:.2f} times" + (" without the spin, which is not known" if blind else ""),
-        expected=f"at most 1, {room:.2f} with errors of measurement",
+        f"{worst:.2f} times" + (" without the spin, which is not known" if blind else ""),
+        room=room,
     )
 
 
@@ -466,16 +324,14 @@ def _spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]
         guess = "degrees per second"
         if factor > 1.0 and middle < 30.0:
             guess = "radians per second or turns per minute"
-        yield _finding(
+        yield from RULES["spin"].at(
             obs,
-            "error",
-            f"look like {guess}",
             table,
-            column,
             known,
-            found=f"rims {middle:.1f} times as fast as the rocks",
-            expected=unit,
-            left_out="value",
+            f"rims {middle:.1f} times as fast as the rocks",
+            column,
+            guess=guess,
+            unit=unit,
         )
 
 
@@ -510,16 +366,12 @@ def _trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Observa
         return
     named = {_KMH: "km/h", 1.0 / 0.3048: "feet per second", 1e-3: "km/s"}
     unit = next((u for f, u in named.items() if 0.93 * f < middle < 1.07 * f), None)
-    yield _finding(
+    yield from RULES["unit of speed" if unit else "speed and time"].at(
         obs,
-        "error",
-        f"look like {unit}" if unit else "speeds do not go with positions and times",
         "trajectories",
-        "speed_mps",
         np.isfinite(path.speed_mps),
-        found=f"{middle:.2f} times the distance over the time",
-        expected="m/s, and times in s",
-        left_out="value",
+        f"{middle:.2f} times the distance over the time",
+        unit=unit,
     )
 
 
@@ -541,16 +393,15 @@ def _drops(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]
     for table, column in (
         ("passages", "speed_mps"),
         ("trajectories", "speed_mps"),
-        ("impacts", ""),
+        ("impacts", "vt_in_mps"),
     ):
         data = obs.tables[table]
         if not len(data):
             continue
         numbers = data.numbers
-        column = "vt_in_mps" if table == "impacts" else "speed_mps"
         speed = numbers[column]
         if table == "impacts":
-            speed = np.hypot(numbers["vt_in_mps"], numbers["vn_in_mps"])
+            speed = np.hypot(speed, numbers["vn_in_mps"])
         owner = obs.rock_of(table)
         z = numbers["z"].copy()
         if grid is not None:
@@ -570,33 +421,14 @@ def _drops(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]
             f"{speed[worst]:.1f} m/s after a drop of {drop[worst]:.1f} m"
             f" in row {data.row[worst]}"  # type: ignore[attr-defined]
         )
-        expected = f"{fastest[worst]:.1f} m/s at most"
         many = too_fast.sum() > 0.4 * known.sum() and known.sum() >= 3
         explained = np.mean(ratio[known] / _KMH <= 1.0 + _SIGMAS * error) > 0.9
         if many and explained:
-            yield _finding(
-                obs,
-                "error",
-                "look like km/h",
-                table,
-                column,
-                known,
-                found=f"median {np.median(speed[known]):.1f}; {says}",
-                expected=expected,
-                left_out="value",
-            )
+            rule, rows = RULES["km/h"], known
+            says = f"median {np.median(speed[known]):.1f}; {says}"
         else:
-            yield _finding(
-                obs,
-                "error" if many else "warning",
-                "faster than the drop allows",
-                table,
-                column,
-                too_fast,
-                found=says,
-                expected=expected,
-                left_out="value",
-            )
+            rule, rows = RULES["mostly too fast" if many else "too fast"], too_fast
+        yield from rule.at(obs, table, rows, says, column, fastest=fastest[worst])
 
 
 def _tops(obs: Observations, grid: Grid | None) -> FloatArray:
@@ -666,17 +498,7 @@ def _near_stations(obs: Observations, grid: Grid | None) -> Iterator[Observation
             away = float(lines[name].distance(shapely.Point(passages.x[i], passages.y[i])))
             far[i] = away > room
             worst = max(worst, away)
-    if far.any():
-        yield _finding(
-            obs,
-            "warning",
-            "passages lie away from the station that they name",
-            "passages",
-            "x, y",
-            far,
-            found=f"up to {worst:.1f} m",
-            expected=f"{room:g} m at most",
-        )
+    yield from RULES["far from station"].at(obs, "passages", far, f"up to {worst:.1f} m", room=room)
 
 
 def _downhill(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -699,16 +521,8 @@ def _downhill(obs: Observations, grid: Grid | None) -> Iterator[ObservationFindi
     has_release = np.append(np.isin(obs.rock_names, _placed_rocks(obs)), False)
     above = has_release[owner] & (level > _tops(obs, grid)[owner] + room)
     if above.any():
-        yield _finding(
-            obs,
-            "warning",
-            "passages lie above the release of the rock",
-            "passages",
-            "station",
-            above,
-            found=f"up to {np.nanmax((level - _tops(obs, grid)[owner])[above]):.1f} m above",
-            expected="stations below the release",
-        )
+        most = np.nanmax((level - _tops(obs, grid)[owner])[above])
+        yield from RULES["above release"].at(obs, "passages", above, f"up to {most:.1f} m above")
     # The order of the stations is what most rocks say.
     rank: dict[str, float] = {}
     for name in set(passages.station.tolist()):
@@ -725,27 +539,9 @@ def _downhill(obs: Observations, grid: Grid | None) -> Iterator[ObservationFindi
         unordered[rows[1:]] |= np.diff(height[rows]) > 0.0
         down = rows[np.argsort(-height[rows], kind="stable")]
         climbing[down[1:]] |= np.diff(own[down]) > room
-    if climbing.any():
-        yield _finding(
-            obs,
-            "error",
-            "the rock climbs from one station to the next lower one",
-            "passages",
-            "z",
-            climbing,
-            expected="the right station in each row, and z of the rock there",
-            left_out="value",
-        )
-    if unordered.any():
-        yield _finding(
-            obs,
-            "warning",
-            "passages are not listed down the slope: taken in the order of the stations' heights",
-            "passages",
-            "station",
-            unordered,
-            found=_some(passages.station[unordered].tolist()),
-        )
+    yield from RULES["climbs"].at(obs, "passages", climbing)
+    names = _some(passages.station[unordered].tolist())
+    yield from RULES["unordered"].at(obs, "passages", unordered, names)
 
 
 def _placed_rocks(obs: Observations) -> list[str]:
@@ -767,38 +563,26 @@ def _on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
         if not outside.any():
             continue
         i = int(np.flatnonzero(outside)[0])
-        problem, level = "lies outside the DEM", "warning"
-        if bool(outside[known].all()):
-            level = "error"
-            problem = f"no row lies on the DEM{_why_outside(x[known], y[known], grid)}"
-        yield _finding(
+        every = bool(outside[known].all())
+        yield from RULES["all outside" if every else "outside"].at(
             obs,
-            "error" if level == "error" else "warning",
-            problem,
             table,
-            "x, y",
             outside,
-            found=f"{x[i]:.6g}, {y[i]:.6g}" if abs(x[i]) < 1e4 else f"{x[i]:.1f}, {y[i]:.1f}",
-            expected=extent,
-            left_out="value",
+            f"{x[i]:.6g}, {y[i]:.6g}" if abs(x[i]) < 1e4 else f"{x[i]:.1f}, {y[i]:.1f}",
+            extent=extent,
+            why=_why_outside(x[known], y[known], grid) if every else "",
         )
-    for name, vertices, row in zip(
-        obs.stations.station.tolist(), obs.stations.vertices, obs.stations.row.tolist(), strict=True
-    ):
-        if vertices.shape[0] > 1 and not shapely.LineString(vertices).intersects(
-            shapely.box(west, south, east, north)
-        ):
-            yield ObservationFinding(
-                "error",
-                f"station {name} lies outside the DEM"
-                + _why_outside(vertices[:, 0], vertices[:, 1], grid),
-                obs.files.get("stations", ""),
+    dem = shapely.box(west, south, east, north)
+    for i, vertices in enumerate(obs.stations.vertices):
+        if len(vertices) > 1 and not shapely.LineString(vertices).intersects(dem):
+            yield from RULES["station outside"].at(
+                obs,
                 "stations",
-                "",
-                (row,),
-                found=", ".join(f"{v:.1f}" for v in vertices[0]),
-                expected=extent,
-                left_out="row",
+                np.array([i]),
+                ", ".join(f"{v:.1f}" for v in vertices[0]),
+                name=obs.stations.station[i],
+                extent=extent,
+                why=_why_outside(vertices[:, 0], vertices[:, 1], grid),
             )
 
 
@@ -825,41 +609,29 @@ def _offsets(obs: Observations, grid: Grid | None) -> Iterator[ObservationFindin
         over = numbers["z"] - heights_at(grid, numbers["x"], numbers["y"])
         if table == "passages":
             over = over - np.nan_to_num(numbers["height_m"])
-            # Flying rocks may be high up: only those of known height tell.
+            # Flying rocks may be high up: only those of known height count.
             over = np.where(np.isfinite(numbers["height_m"]) | (over < 0.0), over, np.nan)
         if table == "rocks":
-            # Let go from a bucket or a ledge: above the ground is no fault.
-            over = np.where((over > 0.0) & (over < _LET_GO_M), 0.0, over)
+            # Released from a bucket or a ledge: above the ground is no fault.
+            over = np.where((over > 0.0) & (over < _RELEASE_HEIGHT_M), 0.0, over)
         known = np.isfinite(over)
         if not known.any():
             continue
         middle = float(np.median(over[known]))
         spread = 1.4826 * float(np.median(np.abs(over[known] - middle)))
         if known.sum() >= 3 and abs(middle) > limit and spread < 0.5 * abs(middle):
-            yield _finding(
+            yield from RULES["height system"].at(
                 obs,
-                "warning",
-                "heights are offset from the DEM: another height system?",
                 table,
-                "z",
                 known,
-                found=f"{middle:+.2f} m in the median, scatter {spread:.2f} m",
-                expected=f"within {limit:g} m of the ground",
+                f"{middle:+.2f} m in the median, scatter {spread:.2f} m",
+                limit=limit,
             )
             over = over - middle
         stray = known & (np.abs(over) > max(20.0, 4.0 * limit))
         if stray.any():
-            yield _finding(
-                obs,
-                "warning",
-                "height is far from the DEM",
-                table,
-                "z",
-                stray,
-                found=f"{over[stray][np.argmax(np.abs(over[stray]))]:+.1f} m",
-                expected="a height near the ground",
-                left_out="value",
-            )
+            worst = over[stray][np.argmax(np.abs(over[stray]))]
+            yield from RULES["stray height"].at(obs, table, stray, f"{worst:+.1f} m")
     path = obs.trajectories
     over = path.z - heights_at(grid, path.x, path.y)
     known = np.isfinite(over)
@@ -867,22 +639,18 @@ def _offsets(obs: Observations, grid: Grid | None) -> Iterator[ObservationFindin
         # A rock may fly at any height, but it cannot be under the ground.
         low = float(np.quantile(over[known], 0.05))
         if low < -limit:
-            yield _finding(
+            yield from RULES["under ground"].at(
                 obs,
-                "warning",
-                "paths run under the ground: another height system?",
                 "trajectories",
-                "z",
                 known & (over < -limit),
-                found=f"{low:+.2f} m at the lowest twentieth",
-                expected="at or above the DEM",
+                f"{low:+.2f} m at the lowest twentieth",
             )
 
 
 def empty_tables(observations: Observations, read: Iterable[str]) -> list[ObservationFinding]:
     """Tables that are there and hold nothing, and none at all that can be used."""
     found = [
-        _finding(observations, "warning", "table has no rows", name)
+        ObservationFinding("warning", "table has no rows", observations.files.get(name, ""), name)
         for name in read
         if name in TABLES and not len(observations.tables[name])
     ]

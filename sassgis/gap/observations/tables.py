@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,6 @@ class Column:
 
     Attributes
     ----------
-    name : str
     unit : str
         Empty for texts and pure numbers.
     meaning : str
@@ -42,9 +41,10 @@ class Column:
         Whether zero is refused as well.
     aliases : tuple of str
         Other names under which it is read.
+    name : str
+        That of the field that it is declared with.
     """
 
-    name: str
     unit: str
     meaning: str
     text: bool = False
@@ -52,86 +52,28 @@ class Column:
     high: float = math.inf
     positive: bool = False
     aliases: tuple[str, ...] = ()
+    name: str = ""
 
 
-def _positive(name: str, unit: str, meaning: str) -> Column:
-    return Column(name, unit, meaning, low=0.0, positive=True)
+def _text(meaning: str) -> Column:
+    return Column("", meaning, text=True)
 
 
-def _position(what: str, *stems: str) -> tuple[Column, ...]:
-    return tuple(
-        Column(
-            c,
-            "m",
-            f"{what}: {'height' if c == 'z' else c}",
-            aliases=(f"{c}_m", *(f"{s}_{c}{end}" for s in stems for end in ("", "_m"))),
-        )
-        for c in "xyz"
-    )
+def _positive(unit: str, meaning: str) -> Column:
+    return Column(unit, meaning, low=0.0, positive=True)
 
 
-_ROCK = Column("rock_id", "", "name of the rock; R7.2 is a piece of R7", text=True)
-_MASS = _positive("mass_kg", "kg", "mass")
-_SPEED = Column("speed_mps", "m/s", "speed of the centre", low=0.0)
-_ROTATION = Column("rotation_hz", "1/s", "turns per second, without sign", low=0.0)
+def _coordinate(name: str, what: str, *stems: str) -> Column:
+    others = (f"{s}_{name}{end}" for s in stems for end in ("", "_m"))
+    meaning = f"{what}: {'height' if name == 'z' else name}"
+    return Column("m", meaning, aliases=(f"{name}_m", *others))
 
-#: The tables, and their columns in the order of a template.
-TABLES: Mapping[str, tuple[Column, ...]] = {
-    "rocks": (
-        _ROCK,
-        *_position("release point", "release"),
-        _MASS,
-        _positive("volume_m3", "m³", "volume"),
-        _positive("semi_axis_a_m", "m", "longest semi-axis: half of the length"),
-        _positive("semi_axis_b_m", "m", "middle semi-axis"),
-        _positive("semi_axis_c_m", "m", "shortest semi-axis"),
-        _positive("density_kgm3", "kg/m³", "density"),
-        Column("release_speed_mps", "m/s", "speed at the release", low=0.0),
-    ),
-    "stations": (
-        Column("station", "", "name of the station", text=True),
-        Column("x0", "m", "one end of the line across the slope: x", aliases=("x0_m",)),
-        Column("y0", "m", "one end of the line across the slope: y", aliases=("y0_m",)),
-        Column("x1", "m", "its other end: x", aliases=("x1_m",)),
-        Column("y1", "m", "its other end: y", aliases=("y1_m",)),
-    ),
-    "passages": (
-        _ROCK,
-        Column("station", "", "station that the rock passed", text=True),
-        *_position("where it passed, centre of the rock"),
-        _SPEED,
-        _ROTATION,
-        Column("height_m", "m", "vertical, from the ground to the centre", low=0.0),
-        _MASS,
-    ),
-    "impacts": (
-        _ROCK,
-        Column("impact", "", "number or name of the impact of this rock", text=True),
-        *_position("point of impact"),
-        Column("slope_deg", "°", "dip of the ground along the travel", low=-90.0, high=90.0),
-        Column("vt_in_mps", "m/s", "speed along the ground before"),
-        Column("vn_in_mps", "m/s", "along the outward normal before: below zero"),
-        Column("omega_in_radps", "rad/s", "spin before; clockwise positive, travel to the right"),
-        Column("vt_out_mps", "m/s", "speed along the ground after"),
-        Column("vn_out_mps", "m/s", "along the outward normal after"),
-        Column("omega_out_radps", "rad/s", "spin after"),
-        Column("turn_deg", "°", "change of the plan azimuth, clockwise", low=-180.0, high=180.0),
-        _MASS,
-    ),
-    "deposits": (
-        _ROCK,
-        *_position("where it lies"),
-        _MASS,
-        _positive("volume_m3", "m³", "volume"),
-    ),
-    "trajectories": (
-        _ROCK,
-        Column("t_s", "s", "time, from any start that is the same for all of a rock"),
-        *_position("centre of the rock"),
-        _SPEED,
-        _ROTATION,
-    ),
-}
+
+_ROCK = _text("name of the rock; R7.2 is a piece of R7")
+_MASS = _positive("kg", "mass")
+_SPEED = Column("m/s", "speed of the centre", low=0.0)
+_ROTATION = Column("1/s", "turns per second, without sign", low=0.0)
+
 
 #: Keys of ``metadata`` with their units and meaning.
 METADATA_KEYS: Mapping[str, tuple[str, str]] = {
@@ -150,10 +92,36 @@ T = TypeVar("T", bound="Table")
 
 
 class Table:
-    """What the tables have in common; each is a frozen dataclass of arrays of one length."""
+    """What the tables have in common; each is a frozen dataclass of arrays of one length.
+
+    Their fields are the schema: name, unit, meaning and limits of each column stand there, and
+    reading, template, checks and ``docs/observations.md`` follow them.
+
+    Attributes
+    ----------
+    table : str
+        Name.
+    key : tuple of str
+        Columns that no two rows share.
+    required : tuple of str
+        Columns without which a row is of no use.
+    """
 
     __slots__ = ()
     table: ClassVar[str]
+    key: ClassVar[tuple[str, ...]] = ()
+    required: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def columns(cls) -> tuple[Column, ...]:
+        """Columns of a file of this table, in the order of a template."""
+        declared = get_type_hints(cls, include_extras=True).items()
+        return tuple(
+            replace(column, name=name)
+            for name, hint in declared
+            for column in getattr(hint, "__metadata__", ())
+            if isinstance(column, Column)
+        )
 
     @classmethod
     def of(cls: type[T], **columns: Any) -> T:
@@ -219,21 +187,26 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Rocks(Table):
-    """Released rocks; see ``TABLES["rocks"]``. ``row`` is their place in the file."""
+    """Released rocks. ``row`` is their place in the file."""
 
     table: ClassVar[str] = "rocks"
+    key: ClassVar[tuple[str, ...]] = ("rock_id",)
+    required: ClassVar[tuple[str, ...]] = ("rock_id",)
     row: IntArray
-    rock_id: TextArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    mass_kg: FloatArray
-    volume_m3: FloatArray
-    semi_axis_a_m: FloatArray
-    semi_axis_b_m: FloatArray
-    semi_axis_c_m: FloatArray
-    density_kgm3: FloatArray
-    release_speed_mps: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    x: Annotated[FloatArray, _coordinate("x", "release point", "release")]
+    y: Annotated[FloatArray, _coordinate("y", "release point", "release")]
+    z: Annotated[FloatArray, _coordinate("z", "release point", "release")]
+    mass_kg: Annotated[FloatArray, _MASS]
+    volume_m3: Annotated[FloatArray, _positive("m³", "volume")]
+    semi_axis_a_m: Annotated[FloatArray, _positive("m", "longest semi-axis: half of the length")]
+    semi_axis_b_m: Annotated[FloatArray, _positive("m", "middle semi-axis")]
+    semi_axis_c_m: Annotated[FloatArray, _positive("m", "shortest semi-axis")]
+    density_kgm3: Annotated[FloatArray, _positive("kg/m³", "density")]
+    release_speed_mps: Annotated[FloatArray, Column("m/s", "speed at the release", low=0.0)]
+
+
+_END, _OTHER_END = "one end of the line across the slope", "its other end"
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,81 +218,107 @@ class Stations(Table):
     row : int64, shape (n,)
     station : str, shape (n,)
     vertices : tuple of float64 arrays, each of shape (k, 2)
-        x and y of the vertices (m).
+        x and y of the vertices (m); a file without geometry has the two ends in columns.
     """
 
     table: ClassVar[str] = "stations"
+    key: ClassVar[tuple[str, ...]] = ("station",)
+    required: ClassVar[tuple[str, ...]] = ("station",)
     row: IntArray
-    station: TextArray
+    station: Annotated[TextArray, _text("name of the station")]
     vertices: tuple[FloatArray, ...]
+
+    @classmethod
+    def columns(cls) -> tuple[Column, ...]:
+        """The name, and the ends of the line."""
+        return (
+            *Table.columns.__func__(cls),  # type: ignore[attr-defined]
+            *(
+                Column("m", f"{end}: {c}", aliases=(f"{c}{i}_m",), name=f"{c}{i}")
+                for i, end in enumerate((_END, _OTHER_END))
+                for c in "xy"
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Passages(Table):
-    """Rocks at stations; see ``TABLES["passages"]``."""
+    """Rocks at stations."""
 
     table: ClassVar[str] = "passages"
+    key: ClassVar[tuple[str, ...]] = ("rock_id", "station")
     row: IntArray
-    rock_id: TextArray
-    station: TextArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    speed_mps: FloatArray
-    rotation_hz: FloatArray
-    height_m: FloatArray
-    mass_kg: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    station: Annotated[TextArray, _text("station that the rock passed")]
+    x: Annotated[FloatArray, _coordinate("x", "where it passed, centre of the rock")]
+    y: Annotated[FloatArray, _coordinate("y", "where it passed, centre of the rock")]
+    z: Annotated[FloatArray, _coordinate("z", "where it passed, centre of the rock")]
+    speed_mps: Annotated[FloatArray, _SPEED]
+    rotation_hz: Annotated[FloatArray, _ROTATION]
+    height_m: Annotated[FloatArray, Column("m", "vertical, from the ground to the centre", low=0.0)]
+    mass_kg: Annotated[FloatArray, _MASS]
 
 
 @dataclass(frozen=True, slots=True)
 class Impacts(Table):
-    """Impacts, before and after; see ``TABLES["impacts"]``."""
+    """Impacts, before and after."""
 
     table: ClassVar[str] = "impacts"
+    key: ClassVar[tuple[str, ...]] = ("rock_id", "impact")
     row: IntArray
-    rock_id: TextArray
-    impact: TextArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    slope_deg: FloatArray
-    vt_in_mps: FloatArray
-    vn_in_mps: FloatArray
-    omega_in_radps: FloatArray
-    vt_out_mps: FloatArray
-    vn_out_mps: FloatArray
-    omega_out_radps: FloatArray
-    turn_deg: FloatArray
-    mass_kg: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    impact: Annotated[TextArray, _text("number or name of the impact of this rock")]
+    x: Annotated[FloatArray, _coordinate("x", "point of impact")]
+    y: Annotated[FloatArray, _coordinate("y", "point of impact")]
+    z: Annotated[FloatArray, _coordinate("z", "point of impact")]
+    slope_deg: Annotated[
+        FloatArray, Column("°", "dip of the ground along the travel", low=-90, high=90)
+    ]
+    vt_in_mps: Annotated[FloatArray, Column("m/s", "speed along the ground before")]
+    vn_in_mps: Annotated[FloatArray, Column("m/s", "along the outward normal before: below zero")]
+    omega_in_radps: Annotated[
+        FloatArray, Column("rad/s", "spin before; clockwise positive, travel to the right")
+    ]
+    vt_out_mps: Annotated[FloatArray, Column("m/s", "speed along the ground after")]
+    vn_out_mps: Annotated[FloatArray, Column("m/s", "along the outward normal after")]
+    omega_out_radps: Annotated[FloatArray, Column("rad/s", "spin after")]
+    turn_deg: Annotated[
+        FloatArray, Column("°", "change of the plan azimuth, clockwise", low=-180, high=180)
+    ]
+    mass_kg: Annotated[FloatArray, _MASS]
 
 
 @dataclass(frozen=True, slots=True)
 class Deposits(Table):
-    """Blocks where they lie; see ``TABLES["deposits"]``."""
+    """Blocks where they lie."""
 
     table: ClassVar[str] = "deposits"
     row: IntArray
-    rock_id: TextArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    mass_kg: FloatArray
-    volume_m3: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    x: Annotated[FloatArray, _coordinate("x", "where it lies")]
+    y: Annotated[FloatArray, _coordinate("y", "where it lies")]
+    z: Annotated[FloatArray, _coordinate("z", "where it lies")]
+    mass_kg: Annotated[FloatArray, _MASS]
+    volume_m3: Annotated[FloatArray, _positive("m³", "volume")]
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectories(Table):
-    """Points along paths, by rock and time; see ``TABLES["trajectories"]``."""
+    """Points along paths, by rock and time."""
 
     table: ClassVar[str] = "trajectories"
+    key: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
+    required: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
     row: IntArray
-    rock_id: TextArray
-    t_s: FloatArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    speed_mps: FloatArray
-    rotation_hz: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    t_s: Annotated[
+        FloatArray, Column("s", "time, from any start that is the same for all of a rock")
+    ]
+    x: Annotated[FloatArray, _coordinate("x", "centre of the rock")]
+    y: Annotated[FloatArray, _coordinate("y", "centre of the rock")]
+    z: Annotated[FloatArray, _coordinate("z", "centre of the rock")]
+    speed_mps: Annotated[FloatArray, _SPEED]
+    rotation_hz: Annotated[FloatArray, _ROTATION]
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,6 +338,10 @@ class Metadata:
 
 TABLE_TYPES: Mapping[str, type[Table]] = {
     t.table: t for t in (Rocks, Stations, Passages, Impacts, Deposits, Trajectories)
+}
+#: Columns of the tables, in the order of a template.
+TABLES: Mapping[str, tuple[Column, ...]] = {
+    name: kind.columns() for name, kind in TABLE_TYPES.items()
 }
 
 

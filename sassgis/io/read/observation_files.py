@@ -361,13 +361,6 @@ def _table(raw: _Raw, grid: Grid | None, crs: str | None, findings: _Findings) -
     keep = _identified(raw, data, findings)
     if raw.name == "stations":
         return _stations(raw, data, keep, findings)
-    if raw.name == "trajectories" and "t_s" in data:
-        timeless = keep & ~np.isfinite(data["t_s"])
-        if timeless.any():
-            findings.add(
-                "error", "point has no time", raw, "t_s", raw.rows[timeless], left_out="row"
-            )
-        keep &= ~timeless
     table = TABLE_TYPES[raw.name].of(**data).take(keep)
     if raw.name == "trajectories" and len(table):
         return _by_time(table)
@@ -475,13 +468,17 @@ def _numbers(raw: _Raw, column: Column, values: NDArray[Any], findings: _Finding
 def _identified(raw: _Raw, data: Mapping[str, Any], findings: _Findings) -> NDArray[np.bool_]:
     """Rows that say what they are about."""
     keep = np.ones(raw.rows.size, np.bool_)
-    # A block or a passage without a name is an unattributed one.
-    required = {"rocks": "rock_id", "stations": "station", "trajectories": "rock_id"}
-    if raw.name in required:
-        column = required[raw.name]
-        keep = np.array([bool(v) for v in data[column]], np.bool_)
-        if not keep.all():
-            findings.add("error", "has no name", raw, column, raw.rows[~keep], left_out="row")
+    # A block or a passage without a name is an unattributed one: its table requires none.
+    for column in TABLE_TYPES[raw.name].required:
+        if column not in data:
+            continue
+        values = np.asarray(data[column])
+        there = np.isfinite(values) if values.dtype.kind == "f" else values != ""
+        lost = keep & ~there
+        if lost.any():
+            problem = "point has no time" if column == "t_s" else "has no name"
+            findings.add("error", problem, raw, column, raw.rows[lost], left_out="row")
+        keep &= there
     return keep
 
 
