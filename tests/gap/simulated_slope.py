@@ -9,12 +9,11 @@ import numpy as np
 
 from sassgis.engine.simulate import ControlLineCrossings, Forest, simulate
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observed import Metadata, Observations
 from sassgis.gap.observations.projection import project_observations, station_chainages
 from sassgis.gap.observations.tables import (
     Deposits,
     Impacts,
-    Metadata,
-    Observations,
     Passages,
     Rocks,
     Stations,

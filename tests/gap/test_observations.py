@@ -14,15 +14,10 @@ import shapely
 from observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
 from sassgis.gap.observations.identifiable import what_is_identifiable
-from sassgis.gap.observations.tables import (
+from sassgis.gap.observations.observed import (
     METADATA_KEYS,
-    Deposits,
-    Impacts,
     Metadata,
     Observations,
-    Passages,
-    Rocks,
-    Trajectories,
     parent_of,
     rock_masses_kg,
     rock_radii_m,
@@ -31,6 +26,7 @@ from sassgis.gap.observations.tables import (
 from sassgis.gap.observations.tables import (
     TABLES as KNOWN,
 )
+from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Rocks, Trajectories
 from sassgis.io.read.observation_files import (
     observations_template,
     read_observations,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from observed_slope import NORTH, WEST, at, ground
 
+from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import (
     lines_of_rocks,
     nearest_lines,
@@ -17,7 +18,7 @@ from sassgis.gap.observations.projection import (
     project_observations,
     station_chainages,
 )
-from sassgis.gap.observations.tables import Observations, Stations, Trajectories
+from sassgis.gap.observations.tables import Stations, Trajectories
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import TraceSet

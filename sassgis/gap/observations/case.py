@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.engine.simulate import Forest
+from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import Projected, StationChainages
-from sassgis.gap.observations.tables import Observations
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.gap.observations.tables import Observations, rock_masses_kg
+from sassgis.gap.observations.observed import Observations, rock_masses_kg
 
 #: A gap of this many standard errors is found four times in five at the level of 5 %.
 _DETECTABLE = 1.96 + 0.84

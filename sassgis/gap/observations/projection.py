@@ -12,7 +12,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.tables import Observations, Stations, Trajectories
+from sassgis.gap.observations.observed import Observations
+from sassgis.gap.observations.tables import Stations, Trajectories
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.flatten import crossings, xy_to_chainage

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.tables import LeftOut, Level, ObservationFinding, Observations
+from sassgis.gap.observations.observation_finding import LeftOut, Level, ObservationFinding
+from sassgis.gap.observations.observed import Observations
 from sassgis.model.grid import IntArray
 
 
@@ -129,3 +131,15 @@ RULES: Mapping[str, Rule] = {
     "under ground": Rule("warning", "paths run under the ground: another height system?", "z",
                          "at or above the DEM"),
 }  # fmt: skip
+
+
+def some_of(names: Sequence[str]) -> str:
+    """The first four names, and how many more there are."""
+    shown = ", ".join(repr(n) for n in names[:4])
+    return shown + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+
+
+def nearest_of(name: str, known: Sequence[str]) -> str:
+    """What was expected: known names, and the one most like the one found."""
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"one of {some_of(known)}" + (f"; nearest: {close[0]}" if close else "")

@@ -27,20 +27,9 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj.exceptions import CRSError
 
 from sassgis.gap.observations.checks import check_observations, empty_tables
-from sassgis.gap.observations.tables import (
-    METADATA_KEYS,
-    TABLE_TYPES,
-    TABLES,
-    Column,
-    LeftOut,
-    Level,
-    Metadata,
-    ObservationFinding,
-    Observations,
-    Stations,
-    Table,
-    without,
-)
+from sassgis.gap.observations.observation_finding import LeftOut, Level, ObservationFinding
+from sassgis.gap.observations.observed import METADATA_KEYS, Metadata, Observations, without
+from sassgis.gap.observations.tables import TABLE_TYPES, TABLES, Column, Stations, Table
 from sassgis.io.read.csv_table import csv_cells, read_text
 from sassgis.io.read.dem import parse_crs
 from sassgis.io.read.vectors import nearest, onto_grid
