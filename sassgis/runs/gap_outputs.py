@@ -8,7 +8,8 @@ from sassgis.gap.diagnosis import Diagnosis
 from sassgis.gap.observations.case import Case
 from sassgis.io.read.config import load_config, resolved
 from sassgis.io.read.dem import crs_name
-from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
+from sassgis.io.write.calibrated_config import write_config_back
+from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.manifest import write_manifest
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import write_report

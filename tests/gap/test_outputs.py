@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import rasterio
 import shapely
+import tomli_w
 from made_diagnosis import (
     CONFIG,
     FINDINGS,
@@ -47,27 +48,17 @@ from sassgis.io.read.config import SECTIONS, load_config
 from sassgis.io.read.effect_sections import ForestPlace
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.io.read.sections import FileName
-from sassgis.io.write.gap_files import (
-    _FILE_KEYS,
-    _TREE_FILE_KEYS,
-    stand_polygon,
-    toml_text,
-    write_config_back,
-    write_diagnosis_json,
-    write_gap_gpkg,
-)
+from sassgis.io.write.calibrated_config import _FILE_KEYS, _TREE_FILE_KEYS, write_config_back
+from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
+from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, OutputError
 from sassgis.model.grid import Grid
 from sassgis.report import figures
-from sassgis.report.figures.gap_figures import GapStretch, _band
-from sassgis.report.gap_report import (
-    answer,
-    finding_sentence,
-    headline,
-    map_parts,
-    verdict_sentence,
-)
+from sassgis.report.figures.gap_figures import _band
+from sassgis.report.figures.gap_map_figures import GapStretch
+from sassgis.report.gap_answer import finding_sentence, verdict_sentence
+from sassgis.report.gap_report import answer, headline, map_parts
 from sassgis.runs.gap_map_change import difference, map_change
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.inputs import read_map_run
@@ -451,7 +442,7 @@ def test_toml_is_read_back_as_it_was() -> None:
         "engine": {},
         "objects": [],
     }
-    assert tomllib.loads(toml_text(document)) == document
+    assert tomllib.loads(tomli_w.dumps(document)) == document
 
 
 def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
