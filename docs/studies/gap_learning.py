@@ -16,7 +16,7 @@ are reported may use any of them. Of each world come
 
 ``learn`` grows an ensemble of randomised trees for each design, calibrates its probabilities on
 worlds left out of the growing, by cross-validation over worlds, and writes
-``sassgis/data/gap_judges.npz``, ``sassgis/data/gap_thresholds.json`` and
+``sassgis/data/gap_classifiers.npz``, ``sassgis/data/gap_thresholds.json`` and
 ``docs/studies/gap_learning.json``, in which the accuracy on worlds left out is told; ``page``
 puts it into ``docs/studies/gap_learning.md``.
 """

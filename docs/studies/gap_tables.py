@@ -57,7 +57,7 @@ def untuned(case: str) -> str:
     found = results(case)
     body = []
     for group, one in found["untuned"].items():
-        for quantity, word in (("runout_m", "run-out"), ("lateral_m", "aside")):
+        for quantity, word in (("runout_m", "run-out"), ("aside_m", "aside")):
             q = one[quantity]
             body.append(
                 [
@@ -167,7 +167,7 @@ def left_out(case: str) -> str:
                     pair(held["above_floor_ci95"][model], 2),
                     number(held["energy_score"][model]),
                     metres(gap["runout_m"][model]),
-                    number(held["by_quantity_m"]["lateral_m"][model]),
+                    number(held["by_quantity_m"]["aside_m"][model]),
                 ]
             name = f"{split} ({held['rocks']})" if model == "untuned" else ""
             word = {

@@ -50,7 +50,7 @@ END_M = 3.0
 ANGLES_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
 #: Scores up to this many times the best one are told.
 AS_GOOD = 1.1
-QUANTITIES = ("runout_m", "lateral_m")
+QUANTITIES = ("runout_m", "aside_m")
 
 
 def study(
@@ -330,7 +330,7 @@ def diagnosed(
         ],
         "shrinkage": {"value": shrinkage.value, "ci95": shrinkage.ci95, "note": shrinkage.note},
         "where": [_finding(f) for f in answer.where[:SHOWN]],
-        "not_identifiable": answer.not_identifiable,
+        "cannot_tell": answer.not_identifiable,
         "measure_next": answer.measure_next,
     }  # fmt: skip
     other = read_case(case.config, case.observations[left_out])
@@ -408,7 +408,7 @@ def _shrinkage(d: Mapping[str, float]) -> float:
 
 def model_of(found: Calibrated) -> HypothesisModel:
     """A calibrated model as campaigns take it; errors of the observation are not in it."""
-    # RockLines aside stand in the sections of the configuration alone.
+    # Lateral walks stand in the sections of the configuration alone.
     section = found.sections.get("lateral_deflection", {})
     known = {k: section[k] for k in ("angle_deg", "hop_m", "width_percent") if k in section}
     aside = LateralWalk(**known)

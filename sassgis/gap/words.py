@@ -45,7 +45,7 @@ QUANTITY_NAMES: Mapping[str, str] = {
     "speed_mps": "speed",
     "rotation_hz": "rotation",
     "height_m": "passing height",
-    "lateral_m": "position to the side",
+    "lateral_m": "lateral offset",
     "energy_kept": "share of energy kept",
     "spin_out_radps": "spin after the impact",
     "turn_deg": "turn in plan",
@@ -56,7 +56,7 @@ QUANTITY_NAMES: Mapping[str, str] = {
     "flight_fit": "gravity from flights",
     # Quantities of the calibration, without units.
     "runout": "run-out",
-    "aside": "position to the side",
+    "aside": "lateral offset",
     "blocks": "number of stopped blocks",
     "height": "passing height",
     "stops_per_rock": "stopped blocks per rock",
@@ -77,7 +77,7 @@ _UNIT_ENDS = (
 
 _TESTS: Mapping[str, str] = {
     "free run": "from the release",
-    "leg": "from where the stretch begins",
+    "reach": "from where the stretch begins",
     "one step": "from one state to the next",
 }
 
@@ -96,7 +96,7 @@ def quantity_name(quantity: str) -> str:
     """Name of a quantity, without its unit: "passing height" for ``height_m``."""
     if quantity.startswith("stop "):
         name = quantity_name(quantity.removeprefix("stop "))
-        return f"{name} of stops" if name.startswith("position") else name
+        return f"{name} of stops" if name.startswith("lateral") else name
     if quantity.endswith("_spread"):
         return "scatter of " + quantity_name(quantity.removesuffix("_spread"))
     if quantity in QUANTITY_NAMES:

@@ -50,7 +50,7 @@ def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
         _confused(diagnosis),
         _where(diagnosis.where),
         _how_far(diagnosis.shrinkage, diagnosis.verdict.effect),
-        ReportAnswer("What these data cannot tell", (), diagnosis.not_identifiable),
+        ReportAnswer("What these data do not identify", (), diagnosis.not_identifiable),
     )
 
 
@@ -63,8 +63,8 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         out.append(f"{acts}{' ' + place if place else ''}.")
     share = round(100 * verdict.confidence)
     out.append(
-        f"A confidence of {share} % is cautious: it is set so that on made slopes whose cause is "
-        "known answers with 60 % and more are right nine times in ten (whether they were: "
+        f"A confidence of {share} % is cautious: it is set so that on synthetic slopes whose cause "
+        "is known answers with 60 % and more are right nine times in ten (whether they were: "
         "docs/gap_check.md). No real slope is like those: take it as what to look at first, not as "
         "found."
     )
@@ -97,10 +97,10 @@ def _confused(diagnosis: Diagnosis) -> ReportAnswer:
         sentences = ["None of the other explanations that were tried remains possible."]
     else:
         sentences = [
-            "These data cannot tell it from: " + ", ".join(effect_name(e) for e in others) + "."
+            "These data do not separate it from: " + ", ".join(effect_name(e) for e in others) + "."
         ]
     if diagnosis.measure_next and others:
-        sentences.append("What would tell them apart:")
+        sentences.append("What would separate them:")
     elif diagnosis.measure_next:
         sentences.append("What would make it surer:")
     return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)

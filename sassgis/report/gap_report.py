@@ -90,7 +90,7 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
 def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
     """The finding whose quantity the map shows.
 
-    Of quantities that are told from chance somewhere along the fall lines the one that matters most
+    Of quantities that differ from chance somewhere along the fall lines the one that matters most
     for the hazard; if there is none, the most certain.
     """
     placed = [f for f in findings if math.isfinite(f.gap) and math.isfinite(f.s0_m)]
@@ -203,7 +203,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "gap_distributions",
             "Observed rocks and the models",
             "Curves of observed rocks are drawn as steps: nothing is smoothed. A step curve within "
-            "the pale band is not told from the base model.",
+            "the pale band does not differ from the base model.",
             figures.gap_distributions_figure(diagnosis.comparisons, effect=named),
         )
     if diagnosis.which:
@@ -252,7 +252,7 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
         ),
         "Gap: observed less predicted, mean over rocks. Interval: rocks resampled. p: chance that "
         "the largest of all these gaps would be as large without any. q: share of false findings "
-        "among those that are as sure. Test: free run: from the release; leg: from what was "
+        "among those that are as sure. Test: free run: from the release; reach: from what was "
         "observed where the stretch begins; one step: from one observed state to the next."
         + (
             f" The {_ROWS} most certain of {len(findings)}; all are in diagnosis.json."
@@ -278,7 +278,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
         "Explanations",
         (
             ("effect", ""), ("form", ""), ("score", ""), ("gain", ""), ("95 % interval", ""),
-            ("probability", "%"), ("told from the answer", ""),
+            ("probability", "%"), ("separated from the answer", ""),
         ),
         tuple(
             (

@@ -22,7 +22,7 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
     spec : WorldSpec
     seed : int
     case : str
-        Number of the world, which tells nothing.
+        Number of the site, which says nothing.
     folder : str
         Of the case.
 
@@ -37,17 +37,17 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
 
 
 def write_world(world: World, folder: Path, case: str, kind: str, n_rocks: int) -> None:
-    """Let rocks go in a world and write what its observers have and know."""
+    """Release rocks in a synthetic site and write what its observers have and know."""
     seen = observe(world, kind, n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
-    told = setup(world)
+    known = setup(world)
     write_case(
         folder,
         title=f"World {case}",
-        dem=told.dem,
-        class_names=told.class_names,
-        class_codes=told.class_codes,
-        releases=told.releases,
-        blocks=told.blocks,
+        dem=known.dem,
+        class_names=known.class_names,
+        class_codes=known.class_codes,
+        releases=known.releases,
+        blocks=known.blocks,
         tables=seen.tables,
         metadata=seen.metadata,
     )
@@ -59,7 +59,7 @@ def make_label(spec: WorldSpec, seed: int, case: str) -> dict[str, Any]:
 
 
 def make_fresh(spec: WorldSpec, seed: int, rocks: int, folder: str) -> None:
-    """Let fresh rocks go in a world that is made anew, and write what a case of it shows.
+    """Release fresh rocks in a site that is made anew, and write what a case of it shows.
 
     Of the same kind of observations as the case: the same quantities are compared.
     """

@@ -120,7 +120,7 @@ def diagnose(
     seed : int
     overwrite : bool
     draws : int
-        Draws of each hypothesis. More take longer and tell effects apart better.
+        Draws of each hypothesis. More take longer and separate effects better.
     ground_range : float
         Factor on the ranges in which the ground is calibrated; above 1 where the configured classes
         are guesses. What a wider calibration can explain is no longer laid to an effect.
@@ -149,7 +149,7 @@ def diagnose(
         case = replace(read_case(settings, observations), ground_range=ground_range)
         if case.n_rocks < _FEWEST_ROCKS:
             raise InputError(
-                "too few rocks to tell a cause from chance",
+                "too few rocks to distinguish a cause from chance",
                 file=observations,
                 field="rocks",
                 found=case.n_rocks,

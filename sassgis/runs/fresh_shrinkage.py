@@ -27,8 +27,8 @@ def measured_shrinkage(
 ) -> dict[str, float | None]:
     """Measure how far the gap shrinks on other rocks of the same slope.
 
-    The calibrated models of a diagnosis, without and with the effect that it names, let the new
-    rocks go; nothing is calibrated again. As many times each as when they were calibrated, so that
+    The calibrated models of a diagnosis, without and with the effect that it names, release the
+    new rocks; nothing is calibrated again. As many times each as when they were calibrated, so that
     the floor is one of the same kind.
 
     Parameters

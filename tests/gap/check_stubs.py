@@ -63,7 +63,12 @@ def peeks_at_modules(config: str, observations: str, out: str, **_: Any) -> None
 def peeks_at_files(config: str, observations: str, out: str, **_: Any) -> None:
     root = Path(out).parents[1]
     refused = []
-    for path in ("check.json", "sealed/salt.txt", "cases/001/config.toml", "cases/002/config.toml"):
+    for path in (
+        "check.json",
+        "blinded/salt.txt",
+        "cases/001/config.toml",
+        "cases/002/config.toml",
+    ):
         try:
             (root / path).read_text()
         except PermissionError:

@@ -159,13 +159,13 @@ def finding(place: str, phase: str, quantity: str, gap: float, **changes: Any) -
 
 FINDINGS = (
     finding("S2", "flight", "speed_mps", -2.1),
-    finding("S1-S2", "flight", "speed_mps", -1.6, test="leg", p_adjusted=0.004),
+    finding("S1-S2", "flight", "speed_mps", -1.6, test="reach", p_adjusted=0.004),
     finding("S2-end", "stopping", "runout_m", -21.0, p_adjusted=0.03),
     finding("S2", "flight", "rotation_hz", -0.4, p_adjusted=0.09, q_value=0.03),
     finding("S1", "flight", "speed_mps", -0.2, p_adjusted=0.9, q_value=0.6, ci95=(-0.9, 0.5)),
     finding("release-S1", "flight", "speed_mps", 0.1, p_adjusted=1.0, q_value=0.8,
-            ci95=(-0.6, 0.8), test="leg"),
-    finding("S2-end", "rolling", "speed_mps", 0.9, p_adjusted=0.2, q_value=0.04, test="leg"),
+            ci95=(-0.6, 0.8), test="reach"),
+    finding("S2-end", "rolling", "speed_mps", 0.9, p_adjusted=0.2, q_value=0.04, test="reach"),
     finding("all", "impact", "energy_kept", 0.01, p_adjusted=1.0, q_value=0.9, ci95=(-0.02, 0.04),
             test="one step", rocks=20),
     finding("ground:debris", "impact", "energy_kept", 0.02, p_adjusted=1.0, q_value=0.9,

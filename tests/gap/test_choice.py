@@ -59,9 +59,9 @@ from sassgis.gap.which.verdict import (
     best_cause,
     confusion_set,
     decide,
-    legs_between,
     measure_next,
     pair_of,
+    reaches_between,
 )
 from sassgis.io.read.gap_thresholds import read_classifier, write_classifiers
 from sassgis.model.effects import EffectSettings, LateralDeflection
@@ -295,8 +295,8 @@ def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) 
 
 def test_kinds_of_numbers_do_not_know_places() -> None:
     assert kind_and_place("S12:speed|mean") == ("S:speed|mean", 12)
-    assert kind_and_place("hit3:kept|all_sd") == ("hit_leg:kept|all_sd", 3)
-    assert kind_and_place("leg2:speed_change~S1:speed") == ("leg:speed_change~S:speed", 2)
+    assert kind_and_place("hit3:kept|all_sd") == ("hit_reach:kept|all_sd", 3)
+    assert kind_and_place("leg2:speed_change~S1:speed") == ("reach:speed_change~S:speed", 2)
     assert kind_and_place("hit@meadow:kept~size", ("meadow",)) == ("hit_soft:kept~size", 0)
     assert kind_and_place("hit@rock:kept~size", ("meadow",)) == ("hit_hard:kept~size", 0)
 
@@ -460,7 +460,7 @@ def test_trees_are_asked_from_the_root() -> None:
 
 
 def test_classifiers_are_read_as_they_were_written(tmp_path: Path) -> None:
-    file = tmp_path / "judges.npz"
+    file = tmp_path / "classifiers.npz"
     write_classifiers(file, dict.fromkeys(DESIGNS, small_classifier()))
     read = read_classifier("both", file)
     for signature in ({"a": 3.0}, {"b": -2.0}, {}):
@@ -524,10 +524,10 @@ def test_decisions() -> None:
     assert confusion_set("air_drag+trees", two, thresholds) == ("air_drag", "trees", NONE)
 
 
-def test_legs_and_measurements(problem: CalibrationProblem) -> None:
+def test_reaches_and_measurements(problem: CalibrationProblem) -> None:
     case = problem.case
-    assert legs_between(case, -5.0, 1e9) == case.legs
-    assert legs_between(case, 0.0, 1.0) == case.legs[:1]
+    assert reaches_between(case, -5.0, 1e9) == case.reaches
+    assert reaches_between(case, 0.0, 1.0) == case.reaches[:1]
     assert measure_next(case, ("trees",)) == ()
     bare = replace(
         case, observations=replace(case.observations, impacts=case.observations.impacts.take(

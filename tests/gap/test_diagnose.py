@@ -28,10 +28,10 @@ from sassgis.runs.gap_check import SEED
 def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
     effects = () if effect is None else (EffectSpec(effect, "strong"),)  # type: ignore[arg-type]
     world = make_world(WorldSpec("cliff_talus_meadow", effects, n_rocks, kind), 31)
-    seen, told = observe(world, kind, n_rocks, 1), setup(world)  # type: ignore[arg-type]
+    seen, known = observe(world, kind, n_rocks, 1), setup(world)  # type: ignore[arg-type]
     write_case(
-        folder, title="test", dem=told.dem, class_names=told.class_names,
-        class_codes=told.class_codes, releases=told.releases, blocks=told.blocks,
+        folder, title="test", dem=known.dem, class_names=known.class_names,
+        class_codes=known.class_codes, releases=known.releases, blocks=known.blocks,
         tables=seen.tables, metadata=seen.metadata,
     )  # fmt: skip
     return folder

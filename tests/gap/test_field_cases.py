@@ -336,5 +336,5 @@ def test_a_calibrated_model_keeps_its_ways_aside(importable: None) -> None:
     section = {"form": "kicks", "angle_deg": 17.0, "hop_m": 6.0}
     sections = {"lateral_deflection": section}
     found = Calibrated(built_in_table(), EffectSettings(), sections=sections)
-    assert model_of(found).aside == LateralWalk(angle_deg=17.0, hop_m=6.0)
+    assert model_of(found).lateral_walk == LateralWalk(angle_deg=17.0, hop_m=6.0)
     assert model_of(Calibrated(built_in_table(), EffectSettings())).aside == LateralWalk()

@@ -579,7 +579,7 @@ def test_template_of_csv_files_has_all_columns(tmp_path):
             assert column.name in guide and column.meaning in guide
     with pytest.raises(OutputError, match="exists already"):
         observations_template(path)
-    with pytest.raises(OutputError, match="cannot tell what to write"):
+    with pytest.raises(OutputError, match="cannot see what to write"):
         observations_template(tmp_path / "observed.xlsx")
 
 

@@ -205,12 +205,12 @@ def test_every_finding_is_on_one_layer_of_the_map(written: Path) -> None:
 
 def test_stretches_lie_between_the_stations(written: Path) -> None:
     stretches = gpd.read_file(written / "gap.gpkg", layer="gap_stretches")
-    leg = stretches[stretches.place == "S1-S2"].geometry.iloc[0]
-    _, low, _, high = leg.bounds
+    reach = stretches[stretches.place == "S1-S2"].geometry.iloc[0]
+    _, low, _, high = reach.bounds
     # S1 lies 100 m, S2 190 m below the northern edge.
     assert low == pytest.approx(NORTH - 190.0, abs=0.01)
     assert high == pytest.approx(NORTH - 100.0, abs=0.01)
-    assert len(leg.geoms) == 40
+    assert len(reach.geoms) == 40
 
 
 def test_what_is_surest_lies_on_top_and_has_the_label(written: Path) -> None:
@@ -265,7 +265,7 @@ def test_the_gpkg_is_not_overwritten(made: Made, written: Path) -> None:
         write_gap_gpkg(written / "gap.gpkg", case, with_trees(case))
 
 
-def test_legs_of_a_line_end_at_its_own_crossings(made: Made) -> None:
+def test_reaches_of_a_line_end_at_its_own_crossings(made: Made) -> None:
     _, case = made
     line = used_lines(case)[3]
     low, high = limits_on(case, finding("S1-S2", "flight", "speed_mps", -1.0), line)
@@ -425,7 +425,7 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
     text = (tmp_path / "config.toml").read_text()
     assert text.startswith("# Made by sassgis")
     assert "Named: trees, with a confidence of 0.71; section [effects.trees] is fitted." in text
-    assert "do not tell apart: trees, soft ground" in text
+    assert "do not separate: trees, soft ground" in text
     error = replace(
         unnamed(case, "none"), verdict=replace(with_trees(case).verdict, effect="release_error")
     )
@@ -483,7 +483,7 @@ def test_quantities_in_words() -> None:
     assert quantity_name("odd") == "odd"
     assert quantity_name("runout_m_spread") == "scatter of run-out"
     assert quantity_name("stop runout") == "run-out"
-    assert quantity_name("stop aside") == "position to the side of stops"
+    assert quantity_name("stop aside") == "lateral offset of stops"
     assert with_unit_in_brackets("speed", "m/s") == "speed (m/s)"
     assert with_unit_in_brackets("share", "1") == "share"
 
@@ -519,7 +519,7 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
             "The gap is best explained by trees that take energy from passing rocks.",
             "Confidence 71 %.",
             "A confidence of 71 % is cautious",
-            "These data cannot tell it from: soft ground.",
+            "These data do not separate it from: soft ground.",
             "Speeds of rocks of different mass in the stand.",
             "3 of 11 comparisons differ",
             "Speed at S2",

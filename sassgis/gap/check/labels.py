@@ -25,7 +25,7 @@ def label_of(world: World, case: str) -> dict[str, Any]:
         "kind": spec.kind,
         "asked": [[e.name, e.strength] for e in spec.effects],
         "verdict": spec.verdict,
-        "legs": list(world.segments),
+        "reaches": list(world.segments),
         "effects": [
             {
                 "name": effect.name,
@@ -54,7 +54,7 @@ def truth_of(label: dict[str, Any]) -> Truth:
         strengths=tuple(effect["strength"] for effect in effects),
         phase=one["phase"],
         segments=tuple(one["segments"]),
-        legs=tuple(label["legs"]),
+        reaches=tuple(label["reaches"]),
         slope=label["slope"],
         rocks=label["rocks"],
         kind=label["kind"],
@@ -67,7 +67,7 @@ def labels_text(labels: list[dict[str, Any]]) -> str:
     return json.dumps(ordered, sort_keys=True, indent=1) + "\n"
 
 
-def seal_of(salt: str, text: str) -> str:
+def blinding_hash(salt: str, text: str) -> str:
     """SHA-256 of salt and labels; the salt keeps anyone from trying out what labels may be."""
     return hashlib.sha256(f"{salt}\n{text}".encode()).hexdigest()
 

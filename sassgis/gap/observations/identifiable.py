@@ -46,7 +46,7 @@ class Identifiable:
         Rocks, and blocks and passages that belong to none of them.
     quantities : tuple of Quantity
     not_identifiable : tuple of str
-        Sentences: what is missing, and what can therefore not be told.
+        Sentences: what is missing, and what is therefore not identifiable.
     """
 
     rocks: int
@@ -87,7 +87,7 @@ _QUANTITIES: tuple[tuple[str, str, str, tuple[str, ...], tuple[str, ...]], ...] 
 
 
 def what_is_identifiable(observations: Observations) -> Identifiable:
-    """Which quantities and phases the data support, and what they cannot tell.
+    """Which quantities and phases the data support, and what they do not identify.
 
     Parameters
     ----------
@@ -121,18 +121,18 @@ def _cannot_tell(observations: Observations, told: Identifiable) -> Iterable[str
     if not len(rocks):
         yield (
             "No table of rocks: which block is a piece and which belongs to no release is not "
-            "known, so entrainment cannot be told from fragmentation."
+            "known, so entrainment cannot be distinguished from fragmentation."
         )
     if not {"x", "y"} <= rocks.present:
         yield (
             "No release points: rocks have no fall line of their own, and an error of the release "
-            "cannot be told from one of the motion."
+            "cannot be distinguished from one of the motion."
         )
     if not told.has("release_speed_mps"):
         yield "No release speeds: a wrong initial speed can only be inferred from further down."
     if not len(observations.stations) or not told.has("speed_mps", "passages"):
         yield (
-            "No speeds at stations: the slope cannot be cut into legs, and where between the "
+            "No speeds at stations: the slope cannot be cut into reaches, and where between the "
             "release and the stop a gap begins is not known."
         )
     elif len(observations.stations) == 1:
@@ -140,11 +140,11 @@ def _cannot_tell(observations: Observations, told: Identifiable) -> Iterable[str
     if told.has("speed_mps", "passages") and not told.has("rotation_hz", "passages"):
         yield "No rotation at stations: spin and the energy in it are not compared."
     if told.has("speed_mps", "passages") and not told.has("height_m"):
-        yield "No heights at stations: flying and rolling passages are not told apart."
+        yield "No heights at stations: flying and rolling passages are not kept apart."
     if not told.has("energy_kept"):
         yield (
             "No velocities before and after impacts: whether energy is lost in impacts, in flight "
-            "or in rolling is not seen directly, and soft ground, roughness and trees are told "
+            "or in rolling is not seen directly, and soft ground, roughness and trees are kept "
             "apart by their trends down the slope alone."
         )
     elif not told.has("spin_out_radps"):
@@ -161,21 +161,21 @@ def _cannot_tell(observations: Observations, told: Identifiable) -> Iterable[str
             "are not seen in flight."
         )
     if known.size < 3:
-        yield "Fewer than three rocks with a mass: effects that go with mass are not told."
+        yield "Fewer than three rocks with a mass: effects that go with mass are not identifiable."
     elif float(np.std(np.log(known))) < 0.1:
         yield (
             f"All rocks have about the same mass ({np.median(known):.3g} kg): effects that go "
-            "with mass are not told."
+            "with mass are not identifiable."
         )
     if not {"semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"} <= rocks.present:
-        yield "No semi-axes of the rocks: an effect of rock shape cannot be told."
+        yield "No semi-axes of the rocks: an effect of rock shape is not identifiable."
     meta = observations.metadata
     if all(
         math.isnan(e) for e in (meta.speed_error_rel, meta.rotation_error_rel, meta.height_error_m)
     ):
         yield (
             "Errors of measurement are not stated: noise of the measurement and scatter of the "
-            "rocks are told apart by assumption only."
+            "rocks are kept apart by assumption only."
         )
 
 
@@ -183,7 +183,7 @@ def _sample_size(rocks: int) -> str:
     if rocks == 0:
         return "No rocks: nothing can be compared rock by rock."
     if rocks == 1:
-        return "One rock: its scatter is unknown, and no gap can be told from chance."
+        return "One rock: its scatter is unknown, and no gap can be distinguished from chance."
     return (
         f"{rocks} rocks: a gap of the mean below {_DETECTABLE / math.sqrt(rocks):.2f} standard "
         f"deviations, or of a share of half of the rocks below "

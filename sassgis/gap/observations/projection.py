@@ -219,17 +219,17 @@ def project(
     zs = nothing if z is None else np.asarray(z, np.float64)
     known = (np.asarray(line) >= 0) & np.isfinite(x) & np.isfinite(y)
     lines = np.where(known, line, np.int64(-1))
-    s, aside, ground = nothing.copy(), nothing.copy(), nothing.copy()
+    s, lateral, ground = nothing.copy(), nothing.copy(), nothing.copy()
     beyond = np.zeros(n, np.int8)
     if grid is not None:
         ground = np.where(known, heights_at(grid, x, y), np.nan)
     for i in np.unique(lines[known]).tolist():
         rows = np.flatnonzero(lines == i)
-        s[rows], aside[rows] = xy_to_chainage(traces, i, x[rows], y[rows])
+        s[rows], lateral[rows] = xy_to_chainage(traces, i, x[rows], y[rows])
         beyond[rows] = _beyond(traces, i, x[rows], y[rows], s[rows])
         if grid is None and profiles is not None:
             ground[rows] = np.interp(s[rows], *profiles.vertices(i))
-    return Projected(lines, s, aside, zs - ground, ground, beyond)
+    return Projected(lines, s, lateral, zs - ground, ground, beyond)
 
 
 def _beyond(

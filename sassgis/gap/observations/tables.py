@@ -324,4 +324,4 @@ TABLES: Mapping[str, tuple[Column, ...]] = {
 
 
 # ---------------------------------------------------------------------------------------------
-# What can be told
+# What is identifiable

@@ -1,4 +1,4 @@
-"""Simulated campaigns: the observed rocks let go again in a model, and seen by the same eyes."""
+"""Simulated campaigns: the observed rocks released again in a model, observed in the same way."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sassgis.model.results import StopReason
 
 #: Length of the stretches on which a forest stands or not (m).
 STRETCH_M = 2.0
-#: Step of the random walks aside (m).
+#: Step of the lateral random walks (m).
 _WALK_M = 4.0
 #: Events kept of the course of a rock; later impacts are not seen.
 _MOST_EVENTS = 160
@@ -42,7 +42,7 @@ def campaigns(
     number: int = 0,
     impacts: bool = True,
 ) -> list[Campaign]:
-    """Let the rocks of a case go ``count`` times in a model.
+    """Release the rocks of a case ``count`` times in a model.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def campaigns(
     number : int
         Campaigns of other numbers are other draws.
     impacts : bool
-        Whether impacts are told, where the case has any.
+        Whether impacts are given, where the case has any.
 
     Returns
     -------
@@ -176,18 +176,20 @@ class _Paths:
         numbers: IntArray = rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
         return numbers
 
-    def _aside(self, owner: IntArray, s: FloatArray, own_way: NDArray[np.bool_]) -> FloatArray:
-        """Distance aside of the line, measured; pieces walk on ways of their own."""
+    def _lateral_offset(
+        self, owner: IntArray, s: FloatArray, own_walk: NDArray[np.bool_]
+    ) -> FloatArray:
+        """Lateral offset from the line, measured; fragments walk on paths of their own."""
         walk = self._model.lateral_walk
         along = np.clip(s, max(walk.s0, 0.0), walk.s1) - max(walk.s0, 0.0)
-        aside: FloatArray = self._offset[owner] + self._heading[owner] * along
+        lateral: FloatArray = self._offset[owner] + self._heading[owner] * along
         if self._walks is not None:
             k = np.clip((s / _WALK_M).astype(np.int64), 0, self._knots - 1)
-            aside = aside + self._walks[owner, k]
+            lateral = lateral + self._walks[owner, k]
             scatter = self._sd * np.sqrt(np.maximum(along, 0.0) / _WALK_M)
-            aside = aside + np.where(own_way, scatter * self._rng.standard_normal(s.size), 0.0)
+            lateral = lateral + np.where(own_walk, scatter * self._rng.standard_normal(s.size), 0.0)
         error = np.hypot(self._lines.errors.position_m, self._model.measurement.position_m)
-        measured: FloatArray = aside + error * self._rng.standard_normal(s.size)
+        measured: FloatArray = lateral + error * self._rng.standard_normal(s.size)
         return measured
 
     def _speed_error(self, owner: IntArray, relative: float) -> FloatArray:
@@ -217,14 +219,14 @@ class _Paths:
         ).astype(np.int64)
         s = np.concatenate([rocks["runout_m"], pieces["runout_m"]])
         mass = np.concatenate([rocks["mass_kg"], pieces["mass_kg"]])
-        aside = self._aside(owner, s, kind != WHOLE)
+        lateral = self._lateral_offset(owner, s, kind != WHOLE)
         m = self._model.measurement
         first = self._case.station_s[:, 0] if self._case.station_names else np.zeros(self._n)
         anchor = np.nan_to_num(first)[owner % self._n]
         error = np.hypot(self._lines.errors.position_m, m.position_m)
         s = anchor + m.stretch * (s - anchor) + error * self._rng.standard_normal(s.size)
         mass = mass * np.exp(self._lines.errors.mass_rel * self._rng.standard_normal(mass.size))
-        return DepositRows(np.where(kind == LOOSE, -1 - owner, owner), kind, s, aside, mass)
+        return DepositRows(np.where(kind == LOOSE, -1 - owner, owner), kind, s, lateral, mass)
 
     def passages(self) -> PassageRows:
         """What the stations saw."""
@@ -244,7 +246,7 @@ class _Paths:
             np.where(kind == LOOSE, -1 - owner, owner),
             rows["control_line"].astype(np.int64),
             kind,
-            self._aside(owner, rows["chainage_m"], kind != WHOLE),
+            self._lateral_offset(owner, rows["chainage_m"], kind != WHOLE),
             speed,
             rotation,
             height,

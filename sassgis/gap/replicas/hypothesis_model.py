@@ -12,9 +12,9 @@ from sassgis.model.ground import GroundTable
 
 @dataclass(frozen=True, slots=True)
 class LateralWalk:
-    """How rocks leave the plane of their fall line, in distances aside (m).
+    """How rocks leave the plane of their fall line, as lateral offsets (m).
 
-    The way of a rock aside of its line is a random walk whose heading is drawn anew with the
+    The lateral offset of a rock from its line is a random walk whose heading is drawn anew with the
     standard deviation ``angle_deg`` every ``hop_m`` metres between two chainages, plus a deviation
     of its own, uniform within ``width_percent`` of the chainage to both sides together, plus a
     ``drift`` that all rocks share. This is ``[effects.lateral_deflection]`` without the terrain
@@ -24,7 +24,7 @@ class LateralWalk:
     ----------
     angle_deg, hop_m, width_percent : float
     drift : float
-        Metres aside per metre along.
+        Metres to the side per metre along.
     s0, s1 : float
         Chainages between which they walk (m).
     """
@@ -48,7 +48,7 @@ class ReleaseError:
     faster_mps : float
         Added to the initial speed, uniform from 0 (m/s).
     shift_m, scatter_m : float
-        Start aside of the stated point: the same for all, and standard deviation (m).
+        Lateral offset of the start: the same for all, and standard deviation (m).
     """
 
     ahead_m: float = 0.0
@@ -104,7 +104,7 @@ class ForestStand:
 
 @dataclass(frozen=True, slots=True)
 class HypothesisModel:
-    """All that a contender sets.
+    """All that a hypothesis sets.
 
     Attributes
     ----------

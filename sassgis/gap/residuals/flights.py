@@ -53,14 +53,14 @@ class _Piece:
 def path_residuals(
     case: Case, model: RunModel, edges: FloatArray, axes_m: FloatArray
 ) -> list[Residual]:
-    """Residuals of flights and of stretches along the ground, by leg and over all.
+    """Residuals of flights and of stretches along the ground, by reach and over all.
 
     Parameters
     ----------
     case : Case
     model : RunModel
-    edges : float64, shape (n_legs, 2)
-        Limits of the legs (m).
+    edges : float64, shape (n_reaches, 2)
+        Limits of the reaches (m).
     axes_m : float64, shape (n_rocks, k, 3)
         Semi-axes of each rock as the model draws them, longest first (m).
 
@@ -83,9 +83,9 @@ def path_residuals(
         rolling += _along_ground(own, bounds, float(round_m[rock]))
     found = []
     if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
-        found += _by_leg(case, edges, flights, "flight")
+        found += _by_reach(case, edges, flights, "flight")
     if not model.effects.trees:
-        found += _by_leg(case, edges, _rolled(case, model, rolling, round_m), "rolling")
+        found += _by_reach(case, edges, _rolled(case, model, rolling, round_m), "rolling")
     return found
 
 
@@ -342,14 +342,14 @@ def _rolled(
     ]
 
 
-def _by_leg(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> list[Residual]:
-    """Weighted means over the pieces of each rock, by leg and over all."""
+def _by_reach(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> list[Residual]:
+    """Weighted means over the pieces of each rock, by reach and over all."""
     if not pieces:
         return []
     rock = np.array([p.rock for p in pieces], np.int64)
     s = np.array([p.s for p in pieces])
-    leg = case.leg_of(rock, s)
-    places = [(name, leg == k, *edges[k].tolist()) for k, name in enumerate(case.legs)]
+    reach = case.reach_of(rock, s)
+    places = [(name, reach == k, *edges[k].tolist()) for k, name in enumerate(case.reaches)]
     places.append(("all", np.ones(rock.size, bool), float(edges[0, 0]), float(edges[-1, 1])))
     names = dict.fromkeys(name for p in pieces for name in p.values)
     found = []

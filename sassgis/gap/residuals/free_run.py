@@ -46,7 +46,7 @@ class AtStations:
 
 @dataclass(frozen=True, slots=True)
 class FreeRun:
-    """Replicates of the rocks of a case, let go where they were.
+    """Replicates of the rocks of a case, released where they were.
 
     Attributes
     ----------
@@ -155,18 +155,18 @@ def observed_at_stations(case: Case) -> AtStations:
 
 
 def observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Run-out, position aside, number of blocks and share of the largest, by rock.
+    """Run-out, lateral offset, number of blocks and share of the largest, by rock.
 
     Blocks that belong to no rock are counted with the rocks of their fall line, in turn.
     """
     n = case.n_rocks
-    runout, aside, stops, largest = (np.full(n, np.nan) for _ in range(4))
+    runout, lateral, stops, largest = (np.full(n, np.nan) for _ in range(4))
     rows = observed_campaign(case).deposits
     if rows is None:
-        return runout, aside, stops, largest
+        return runout, lateral, stops, largest
     main = main_blocks(rows, n)
     has = main >= 0
-    runout[has], aside[has] = rows.s[main[has]], rows.lateral_m[main[has]]
+    runout[has], lateral[has] = rows.s[main[has]], rows.lateral_m[main[has]]
     with np.errstate(invalid="ignore", divide="ignore"):
         largest[has] = rows.mass_kg[main[has]] / case.mass_kg[has]
     stops[has] = np.bincount(rows.rock[rows.rock >= 0], minlength=n)[has]
@@ -176,11 +176,11 @@ def observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatA
         own = np.flatnonzero(has & (case.line == line))
         if own.size:
             stops[own] += np.bincount(np.arange(loose) % own.size, minlength=own.size)
-    return runout, aside, stops, largest
+    return runout, lateral, stops, largest
 
 
 def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
-    """Let every rock go ``replicates`` times where it was let go."""
+    """Release every rock ``replicates`` times where it was released."""
     n, m = case.n_rocks, len(case.station_names)
     done = simulate(
         model.profiles,
@@ -273,12 +273,12 @@ def free_run_residuals(
     side_error = math.hypot(math.sqrt(2.0) * error.position_m, 0.5 * case.grid.cell_size)
     passages = observed_campaign(case).passages
     if sides and passages is not None:
-        aside = np.full((case.n_rocks, len(case.station_names)), np.nan)
+        lateral = np.full((case.n_rocks, len(case.station_names)), np.nan)
         own = np.flatnonzero((passages.rock >= 0) & (passages.kind == 0))[::-1]
-        aside[passages.rock[own], passages.station[own]] = passages.lateral_m[own]
+        lateral[passages.rock[own], passages.station[own]] = passages.lateral_m[own]
         for k, name in enumerate(case.station_names):
             phase = _phase(case, run, seen, k)
-            found += _sides(aside[:, k], name, phase, (mean_s[k], mean_s[k]), side_error)
+            found += _sides(lateral[:, k], name, phase, (mean_s[k], mean_s[k]), side_error)
     runout, aside_end, stops, largest = observed_end(case)
     if np.isfinite(runout).any():
         span = (float(np.nanmin(runout)), float(np.nanmax(runout)))
@@ -305,19 +305,21 @@ def free_run_residuals(
 
 
 def _sides(
-    aside: FloatArray,
+    lateral: FloatArray,
     place: str,
     phase: str,
     span: tuple[float, float],
     error: float,
 ) -> list[Residual]:
-    """Position beside the fall line, which a plane model cannot leave; mean and scatter."""
-    none = np.where(np.isfinite(aside), 0.0, np.nan)
-    size = np.abs(aside)
+    """Lateral offset from the fall line, which a plane model cannot leave; mean and scatter."""
+    none = np.where(np.isfinite(lateral), 0.0, np.nan)
+    size = np.abs(lateral)
     usual = error * math.sqrt(2.0 / math.pi)
     return [
         # Rocks of one release share the error of their fall line, which is no error of theirs.
-        Residual(place, phase, "lateral_m", "free run", aside, none, *span, beyond(aside, error)),
+        Residual(
+            place, phase, "lateral_m", "free run", lateral, none, *span, beyond(lateral, error)
+        ),
         Residual(
             place, phase, "lateral_m_spread", "free run", size, none + usual, *span,
             only_above(size - usual),

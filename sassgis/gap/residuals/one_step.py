@@ -54,7 +54,7 @@ def impact_residuals(
     draws: int,
     rng: np.random.Generator,
 ) -> list[Residual]:
-    """Residuals of single impacts by leg and by class of ground.
+    """Residuals of single impacts by reach and by class of ground.
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ def impact_residuals(
     table : GroundTable
     axes_m : float64, shape (n_rocks, k, 3)
         Semi-axes of each rock as the model draws them, longest first (m); NaN for rocks without.
-    edges : float64, shape (n_legs, 2)
-        Limits of the legs (m).
+    edges : float64, shape (n_reaches, 2)
+        Limits of the reaches (m).
     effects : EffectSettings
         Of the model. Where some act in impacts, these are left out: what is compared is the law of
         1986 alone. Where ways leave the fall line, turns are left out.
@@ -177,7 +177,7 @@ def _rebounds(
     away, usual, pit = spread(angle_seen, angle)
     found = []
     for place, inside, s0, s1 in (
-        *_leg_places(case, edges, rock, s),
+        *_reach_places(case, edges, rock, s),
         *_ground_places(rock, s, kind, table),
     ):
         of_rock = np.where(inside, rock, -1)
@@ -238,7 +238,7 @@ def _turns(
     """
     usual = errors_of(case).turn_deg * math.sqrt(2.0 / math.pi)
     found = []
-    for place, inside, s0, s1 in _leg_places(case, edges, rock, s):
+    for place, inside, s0, s1 in _reach_places(case, edges, rock, s):
         of = np.where(inside, rock, -1)
         mean = per_rock(turn_deg, of, n_rocks)
         size = per_rock(np.abs(turn_deg), of, n_rocks)
@@ -264,13 +264,13 @@ def _turns(
     return found
 
 
-def _leg_places(
+def _reach_places(
     case: Case, edges: FloatArray, rock: IntArray, s: FloatArray
 ) -> Iterator[tuple[str, NDArray[np.bool_], float, float]]:
-    """Name, rows and limits of each leg."""
-    leg = case.leg_of(rock, s)
-    for k, name in enumerate(case.legs):
-        yield name, leg == k, float(edges[k, 0]), float(edges[k, 1])
+    """Name, rows and limits of each reach."""
+    reach = case.reach_of(rock, s)
+    for k, name in enumerate(case.reaches):
+        yield name, reach == k, float(edges[k, 0]), float(edges[k, 1])
 
 
 def _ground_places(

@@ -56,7 +56,7 @@ _LEAST_DROP_M = 1e-3
 # Runs from station to station
 
 
-def leg_residuals(
+def reach_residuals(
     case: Case,
     model: RunModel,
     seen: AtStations,
@@ -65,12 +65,12 @@ def leg_residuals(
     *,
     rng: np.random.Generator,
 ) -> list[Residual]:
-    """Residuals of every leg, and the part of the first that the others do not have.
+    """Residuals of every reach, and the part of the first that the others do not have.
 
-    The first leg is the run from the release. Where it is wrong, and more so than those below, what
-    is wrong is the release: that is the finding of the phase "release", which both must support.
+    The first reach is the run from the release. Where it is wrong, and more so than those below,
+    what is wrong is the release: the finding of the phase "release", which both must support.
     """
-    names = case.legs
+    names = case.reaches
     n_stations = len(case.station_names)
     found: list[Residual] = []
     speeds: list[FloatArray] = []
@@ -85,13 +85,13 @@ def leg_residuals(
                 continue
             at, stop = again
         if k < n_stations:
-            own = residuals_at_station(case, seen, run, at, k, names[k], "leg", span)
+            own = residuals_at_station(case, seen, run, at, k, names[k], "reach", span)
             started = np.isfinite(seen.speed_mps[:, k - 1]) if k else np.ones(case.n_rocks, bool)
             found += [replace(r, observed=np.where(started, r.observed, np.nan)) for r in own]
             speeds.append(np.where(started, own[0].gap, np.nan))
         else:
             found.append(
-                Residual(names[k], "stopping", "runout_m", "leg", runout, mean_of_draws(stop),
+                Residual(names[k], "stopping", "runout_m", "reach", runout, mean_of_draws(stop),
                          *span)
             )  # fmt: skip
     if len(speeds) > 1:
@@ -102,7 +102,7 @@ def leg_residuals(
                 names[0],
                 "release",
                 "speed_mps",
-                "leg",
+                "reach",
                 speeds[0],
                 others,
                 *span,

@@ -1,9 +1,9 @@
 """Where the gap lies: the place, the phase and the quantity in which rocks and model differ.
 
-Observations are compared with predictions in three ways: runs from the release, legs (runs that
+Observations are compared with predictions in three ways: runs from the release, reaches (runs that
 start again at every station), and single steps (impacts and flights). What is right in one step and
-wrong in a leg lies between the steps; what is right in all legs and wrong from the release lies in
-the release. Rocks are the unit: every value that is tested is one of a rock.
+wrong in a reach lies between the steps; what is right in all reaches and wrong from the release
+lies in the release. Rocks are the unit: every value that is tested is one of a rock.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sassgis.gap.residuals.free_run import (
     observed_at_stations,
 )
 from sassgis.gap.residuals.one_step import impact_residuals
-from sassgis.gap.residuals.reaches import leg_residuals
+from sassgis.gap.residuals.reaches import reach_residuals
 from sassgis.gap.residuals.residuals import Residual
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
@@ -39,7 +39,7 @@ LEAST_ROCKS = 5
 IMPACT_DRAWS = 64
 #: Chance of a false finding among all that is taken for the place of the gap.
 LEVEL = 0.05
-#: Legs in which the gap is less sure than this share of the surest are not where it begins.
+#: Reaches in which the gap is less sure than this share of the surest are not where it begins.
 _SHARE = 0.4
 
 
@@ -79,10 +79,10 @@ def where(
     model = RunModel.of(case, table, effects, forest, seed)
     run = free_run(case, model, replicates)
     seen = observed_at_stations(case)
-    edges = leg_edges(case, run)
+    edges = reach_edges(case, run)
     residuals = [
         *free_run_residuals(case, model, seen, run, rng=rng),
-        *leg_residuals(case, model, seen, run, edges, rng=rng),
+        *reach_residuals(case, model, seen, run, edges, rng=rng),
         *path_residuals(case, model, edges, run.axes_m),
     ]
     residuals += impact_residuals(
@@ -91,10 +91,10 @@ def where(
     return findings_of(case, residuals, draws=draws, rng=rng)
 
 
-def leg_edges(case: Case, run: FreeRun) -> FloatArray:
-    """Chainages between which legs lie, mean over rocks (m), shape (n_legs, 2).
+def reach_edges(case: Case, run: FreeRun) -> FloatArray:
+    """Chainages between which reaches lie, mean over rocks (m), shape (n_reaches, 2).
 
-    The last leg ends where the last rock lies, observed or simulated.
+    The last reach ends where the last rock lies, observed or simulated.
     """
     start = float(case.start.mean())
     s = case.station_s
@@ -200,10 +200,10 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
 def locate(
     findings: Sequence[GapFinding], phases: tuple[str, ...] | None = None
 ) -> tuple[str, tuple[str, ...]]:
-    """Phase and legs in which the gap begins.
+    """Phase and reaches in which the gap begins.
 
-    Single steps say most, legs more than runs from the release: what is wrong in a single step is
-    wrong where it is made.
+    Single steps say most, reaches more than runs from the release: what is wrong in a single step
+    is wrong where it is made.
 
     Parameters
     ----------
@@ -216,12 +216,12 @@ def locate(
     -------
     phase : str
         "" if nothing is certain.
-    legs : tuple of str
-        From the top down; empty if the place cannot be told.
+    reaches : tuple of str
+        From the top down; empty if the place is not identifiable.
     """
     sure = [f for f in findings if f.p_adjusted < LEVEL]
     phase = ""
-    for test in ("one step", "leg", "free run"):
+    for test in ("one step", "reach", "free run"):
         own = [f for f in sure if f.test == test and _may_be(f, phases)]
         if not own:
             continue
@@ -233,9 +233,9 @@ def locate(
             own = [f for f in own if f.phase == phase]
         own = [f for f in own if "-" in f.place and f.s0_m < f.s1_m]
         strongest = max((_strength(f) for f in own), default=0.0)
-        legs = {f.place: f.s0_m for f in own if _strength(f) >= _SHARE * strongest}
-        if legs:
-            return phase, tuple(sorted(legs, key=lambda name: legs[name]))
+        reaches = {f.place: f.s0_m for f in own if _strength(f) >= _SHARE * strongest}
+        if reaches:
+            return phase, tuple(sorted(reaches, key=lambda name: reaches[name]))
     return phase, ()
 
 

@@ -44,13 +44,13 @@ def is_stretch(finding: GapFinding) -> bool:
 def limits_on(case: Case, finding: GapFinding, line: int) -> tuple[float, float]:
     """Chainages between which a finding lies on one fall line (m).
 
-    Legs begin and end where this line crosses the stations; other places, and lines that do not
+    Reaches begin and end where this line crosses the stations; other places, and lines that do not
     cross, take the mean chainages of the finding.
     """
     low, high = finding.s0_m, finding.s1_m
-    if finding.place in case.legs:
+    if finding.place in case.reaches:
         edges = case.stations.s[line][case.station_order]
-        number = case.legs.index(finding.place)
+        number = case.reaches.index(finding.place)
         if number > 0 and math.isfinite(edges[number - 1]):
             low = float(edges[number - 1])
         if number < edges.size and math.isfinite(edges[number]):

@@ -1,6 +1,6 @@
-"""The library of a diagnosis: campaigns of every contender, scored against the observed rocks.
+"""The ensemble of a diagnosis: campaigns of every hypothesis, scored against the observed rocks.
 
-Each campaign lets all observed rocks go once with one set of parameters. What it shows is kept as
+Each campaign releases all observed rocks once with one set of parameters. What it shows is kept as
 one row per rock, from which it is scored against the rock that was observed.
 """
 
@@ -158,7 +158,7 @@ def rows_of(problem: CalibrationProblem, sample: Campaign) -> FloatArray:
 
 
 def tasks_of(effects: Iterable[str], draws: int) -> list[tuple[str, int]]:
-    """What a library is made of besides the base: effect and number of each draw."""
+    """What an ensemble is made of besides the base: effect and number of each draw."""
     return [(effect, i) for effect in effects for i in range(draws)]
 
 
@@ -196,7 +196,7 @@ class Ensemble:
         return np.flatnonzero(self.effect == effect)
 
     def with_more(self, problem: CalibrationProblem, more: Sequence[Tried]) -> Ensemble:
-        """The library with further draws."""
+        """The ensemble with further draws."""
         return ensemble_of(problem, [*self.tried, *more])
 
 

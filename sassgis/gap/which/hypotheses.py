@@ -1,8 +1,8 @@
-"""Contenders: the base model calibrated anew, and with each family of effects added.
+"""Hypotheses: the base model calibrated anew, and with each family of effects added.
 
-A contender is a set of ranges from which its parameters are drawn. Every draw has its own
+A hypothesis is a set of ranges from which its parameters are drawn. Every draw has its own
 calibration of the ground, so that an effect has to explain what calibration cannot, and has some
-scatter aside where nature would make some with it.
+lateral scatter where nature would make some with it.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ NONE = "none"
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """One set of parameters of a contender.
+    """One set of parameters of a hypothesis.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Draw:
         Calibrated parameters by name, as they are reported.
     sections : mapping
         What goes into a configuration, family by family.
-    dials : mapping
+    parameter_draws : mapping
         To make the same draw again, or one near it.
     """
 
@@ -142,7 +142,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     case : Case
     families : tuple of str
         None, one or more.
-    dials : Dials
+    parameter_draws : ParameterDraws
 
     Returns
     -------
@@ -155,7 +155,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         HypothesisModel(
             table,
             replace(case.effects, lateral_deflection=None),
-            lateral_walk=_configured_aside(case) or _little_aside(parameter_draws),
+            lateral_walk=_configured_walk(case) or _little_walk(parameter_draws),
             turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
         ),
         parameters,
@@ -167,15 +167,15 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
             made,
             effect=family if first else f"{made.effect}+{family}",
             form=part.form if first else f"{made.form} + {part.form}",
-            model=_wider_aside(made.model.lateral_walk, part.change(made.model)),
+            model=_wider_walk(made.model.lateral_walk, part.change(made.model)),
             parameters={**made.parameters, **part.parameters},
             sections={**made.sections, **({family: part.section} if part.section else {})},
         )
     return replace(made, parameter_draws=dict(parameter_draws.used))
 
 
-def _wider_aside(before: LateralWalk, model: HypothesisModel) -> HypothesisModel:
-    """Of two effects that scatter rocks aside, keep the wider scatter."""
+def _wider_walk(before: LateralWalk, model: HypothesisModel) -> HypothesisModel:
+    """Of two effects that scatter rocks sideways, keep the wider scatter."""
     if before.angle_deg > model.lateral_walk.angle_deg and model.lateral_walk.width_percent == 0.0:
         return replace(model, lateral_walk=before)
     return model
@@ -205,14 +205,14 @@ def _calibrated(
     return GroundTable(tuple(classes)), parameters
 
 
-def _little_aside(parameter_draws: ParameterDraws) -> LateralWalk:
+def _little_walk(parameter_draws: ParameterDraws) -> LateralWalk:
     """Fall lines of a survey are not exact: a heading that is a degree or so off."""
     if parameter_draws.share("little_aside") < 0.5:
         return LateralWalk()
     return LateralWalk(angle_deg=parameter_draws.log("little_aside_deg", 0.05, 1.0))
 
 
-def _configured_aside(case: Case) -> LateralWalk | None:
+def _configured_walk(case: Case) -> LateralWalk | None:
     """Deflection that the configuration has already, as a walk beside the line."""
     sideways = case.effects.lateral_deflection
     if sideways is None:
@@ -222,16 +222,16 @@ def _configured_aside(case: Case) -> LateralWalk | None:
     return LateralWalk(angle_deg=sideways.angle_deg, hop_m=sideways.hop_m)
 
 
-def _aside_too(
+def _walk_too(
     parameter_draws: ParameterDraws, most_deg: float, low: float = -math.inf, high: float = math.inf
 ) -> LateralWalk:
-    """Scatter aside that an effect makes besides what it is named for.
+    """Lateral scatter that an effect makes besides what it is named for.
 
     It goes with the strength of the effect: an effect that does nothing along the line scatters
-    nothing aside either, and is no other name for lateral deflection.
+    nothing sideways either, and is no other name for lateral deflection.
     """
     if parameter_draws.share("aside_too") < 0.3:
-        return _little_aside(parameter_draws)
+        return _little_walk(parameter_draws)
     return LateralWalk(
         angle_deg=parameter_draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg, s0=low, s1=high
     )
@@ -275,22 +275,22 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
             parameter_draws.log("lateral.angle", 1.0, 35.0),
             parameter_draws.log("lateral.hop", 4.0, 15.0),
         )
-        aside = LateralWalk(angle_deg=angle, hop_m=hop)
+        walk = LateralWalk(angle_deg=angle, hop_m=hop)
         form, values = "kicks", {"angle_deg": angle, "hop_m": hop}
     else:
         width = parameter_draws.log("lateral.width", 3.0, 60.0)
-        aside = LateralWalk(
+        walk = LateralWalk(
             width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0)
         )
         form, values = "constant", {"width_percent": width}
-    # Ground that throws rocks aside is not even along their way either.
+    # Ground that throws rocks sideways is not even along their path either.
     lean = math.tan(
-        math.radians(min(aside.angle_deg, 25.0) * parameter_draws.uniform("lateral.lean", 0, 0.6))
+        math.radians(min(walk.angle_deg, 25.0) * parameter_draws.uniform("lateral.lean", 0, 0.6))
     )
     bumps = Roughness(obstacle_m=min(float(np.median(case.radius_m)) * lean, 1.0))
 
     def change(model: HypothesisModel) -> HypothesisModel:
-        changed = replace(model, lateral_walk=aside)
+        changed = replace(model, lateral_walk=walk)
         if model.effects.roughness is None and parameter_draws.share("lateral.uneven") < 0.6:
             changed = _with_effect(changed, roughness=bumps)
         return changed
@@ -314,10 +314,10 @@ def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
     section = {"form": form, "smallest_m3": smallest, **values}
     effect = Fragmentation(**section)  # type: ignore[arg-type]
     # The more blocks break, the more of what is seen are pieces that flew apart.
-    aside = _aside_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
+    walk = _walk_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, fragmentation=effect), lateral_walk=aside),
+        lambda m: replace(_with_effect(m, fragmentation=effect), lateral_walk=walk),
         values,
         section,
     )
@@ -359,10 +359,10 @@ def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
         **values,
     }
     effect = Entrainment(**section)  # type: ignore[arg-type]
-    aside = _little_aside(parameter_draws)
+    walk = _little_walk(parameter_draws)
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, entrainment=effect), lateral_walk=aside),
+        lambda m: replace(_with_effect(m, entrainment=effect), lateral_walk=walk),
         values,
         section,
     )
@@ -394,12 +394,12 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
         )
         values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}
     effect = Trees(**section)  # type: ignore[arg-type]
-    # Stems that are hit off their middle throw rocks aside.
+    # Stems that are hit off their middle throw rocks sideways.
     hits = stand.stems_per_ha * values.get("efficiency", 0.3) / 300.0
-    aside = _aside_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
+    walk = _walk_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, trees=effect), stand=stand, lateral_walk=aside),
+        lambda m: replace(_with_effect(m, trees=effect), stand=stand, lateral_walk=walk),
         values,
         section,
     )
@@ -427,10 +427,10 @@ def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
     effect = Roughness(**section)  # type: ignore[arg-type]
     # Bumps lean sideways as well, if less often than against the way of the rock.
     tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
-    aside = _aside_too(parameter_draws, 0.6 * tilt)
+    walk = _walk_too(parameter_draws, 0.6 * tilt)
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, roughness=effect), lateral_walk=aside),
+        lambda m: replace(_with_effect(m, roughness=effect), lateral_walk=walk),
         values,
         section,
     )
@@ -445,10 +445,10 @@ def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
     )
     section: dict[str, object] = {"form": form, **values}
     effect = RockShape(**section)  # type: ignore[arg-type]
-    aside = _aside_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
+    walk = _walk_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, rock_shape=effect), lateral_walk=aside),
+        lambda m: replace(_with_effect(m, rock_shape=effect), lateral_walk=walk),
         values,
         section,
     )

@@ -3,7 +3,7 @@
 Each number of a campaign is taken twice: as it lies among campaigns of the base model whose ground
 is drawn anew each time, and as what is left of it after the ground has been calibrated on all
 numbers together (linear in the parameters, Gaussian). Numbers of the same kind at several
-stations, legs or kinds of ground become their mean and their change down the slope, so that
+stations, reaches or kinds of ground become their mean and their change down the slope, so that
 signatures of any two cases can be compared.
 """
 
@@ -75,7 +75,7 @@ class Base:
 
     Attributes
     ----------
-    bench : Bench
+    problem : CalibrationProblem
     steps : Steps
     names : tuple of str
         Numbers that any of the campaigns has.
@@ -103,13 +103,13 @@ BASE_DRAWS = 80
 
 
 def base_of(problem: CalibrationProblem, draws: int = BASE_DRAWS) -> tuple[Base, list[Tried]]:
-    """Let the rocks go in the base model, its ground drawn anew ``draws`` times.
+    """Release the rocks in the base model, its ground drawn anew ``draws`` times.
 
     Returns
     -------
     Base
     list of Tried
-        The same campaigns for a library.
+        The same campaigns for an ensemble.
     """
     made: list[Draw] = []
     samples: list[Campaign] = []
@@ -287,7 +287,7 @@ def _without_places(
 
 
 def kind_and_place(name: str, soft: Sequence[str] = ()) -> tuple[str, int]:
-    """A number's name without station, leg or ground class, and which of them it was.
+    """A number's name without station, reach or ground class, and which of them it was.
 
     Ground classes become "hit_soft:" and "hit_hard:", all at one place.
     """

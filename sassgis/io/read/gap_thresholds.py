@@ -20,7 +20,7 @@ from sassgis.model.errors import InputError
 #: Chosen on batteries of development, and frozen for all that is reported.
 THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
 #: Grown on the same worlds, and frozen with them.
-CLASSIFIERS = Path(str(files("sassgis").joinpath("data/gap_judges.npz")))
+CLASSIFIERS = Path(str(files("sassgis").joinpath("data/gap_classifiers.npz")))
 
 
 def read_thresholds(file: Path | None = None) -> dict[str, Any]:
@@ -58,14 +58,14 @@ def thresholds_of(content: dict[str, Any]) -> Thresholds:
 
 
 def frozen_digest(file: Path | None = None) -> str:
-    """SHA-256 of thresholds and judges together."""
+    """SHA-256 of thresholds and classifiers together."""
     digest = hashlib.sha256((file or THRESHOLDS).read_bytes())
     digest.update(CLASSIFIERS.read_bytes())
     return digest.hexdigest()
 
 
 def read_classifier(design: str, file: Path | None = None) -> Classifier:
-    """The judge of one design.
+    """The classifier of one design.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def read_classifier(design: str, file: Path | None = None) -> Classifier:
 
 
 def write_classifiers(file: Path, classifiers: dict[str, Classifier]) -> None:
-    """Write the judges of all designs: shares rounded to 1/255, limits to half precision.
+    """Write the classifiers of all designs: shares rounded to 1/255, limits to half precision.
 
     Raises
     ------

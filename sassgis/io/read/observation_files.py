@@ -676,7 +676,7 @@ def observations_template(path: Path | str, *, crs: str | None = None) -> Path:
     if path.suffix.lower() == ".gpkg":
         return _gpkg_template(path, crs)
     if path.suffix:
-        raise OutputError(f"{path}: cannot tell what to write; expected a folder or a .gpkg file")
+        raise OutputError(f"{path}: cannot see what to write; expected a folder or a .gpkg file")
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise OutputError(f"{path}: exists already and is not empty")
     with writing(path):

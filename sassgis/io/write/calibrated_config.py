@@ -122,7 +122,7 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
         path,
         _comments(diagnosis, config_file, stand is not None, bundled) + tomli_w.dumps(document),
     )
-    # What cannot be run again is told now, not in the next run.
+    # What cannot be run again is reported now, not in the next run.
     config = load_config(path)
     read_ground_table(config.ground.classes)
     return path
@@ -159,7 +159,7 @@ def _comments(diagnosis: Diagnosis, config_file: Path, stand: bool, bundled: boo
         )
         if len(verdict.confusion_set) > 1:
             lines.append(
-                "The observations do not tell apart: "
+                "The observations do not separate: "
                 + ", ".join(effect_name(e) for e in verdict.confusion_set)
                 + "."
             )
@@ -199,7 +199,7 @@ def _move_paths(document: dict[str, Any], base: Path, place: Path) -> None:
         change(document.get(name), keys)
     change(document.get("effects", {}).get("trees"), _TREE_FILE_KEYS)
     preset = document.get("hazard", {}).get("preset")
-    # As the configuration tells a file from the name of a built-in preset.
+    # As the configuration distinguishes a file from the name of a built-in preset.
     if isinstance(preset, str) and (preset.endswith(".toml") or "/" in preset):
         document["hazard"]["preset"] = moved(preset)
 

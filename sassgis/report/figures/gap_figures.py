@@ -118,7 +118,7 @@ def gap_where_figure(
     note = (
         "Dots: mean over rocks; bars: 95 % intervals, rocks resampled. Filled: significant among "
         "all comparisons (5 %); coloured ring: among those that the map shows (share of false ones "
-        "5 %); grey: not told from chance. Right: number of rocks."
+        "5 %); grey: not distinguished from chance. Right: number of rocks."
     )
     if shown < len(findings):
         note += f" {shown} of {len(findings)} are shown, the most certain."
@@ -228,7 +228,7 @@ def gap_distributions_figure(
     """Draw the distributions of observed rocks and of the models, each as it is: in steps.
 
     The band is that of the calibrated base model for as many rocks as were observed: a curve within
-    it is not told from that model.
+    it does not differ from that model.
 
     Parameters
     ----------
@@ -333,12 +333,12 @@ def gap_hypotheses_figure(
 
     Parameters
     ----------
-    contenders : sequence of Contender
+    hypotheses : sequence of Hypothesis
         The most probable first.
     verdict : str
         The effect that the diagnosis names.
     confusion : sequence of str
-        Effects that the data cannot tell apart.
+        Effects that the data do not separate.
     title : str
     """
     n = max(len(hypotheses), 1)
@@ -347,7 +347,7 @@ def gap_hypotheses_figure(
         "Left: by how much the energy score of rocks left out falls below that of the calibrated "
         "base model, with 95 % interval (rocks resampled); above zero is better. Right: "
         "probability of being the cause. Vermilion: the answer"
-        + ("; blue: not told from it by these data." if others else ".")
+        + ("; blue: not separated from it by these data." if others else ".")
     )
     top, bottom = 0.62, _note_height(note) + 0.42
     height = top + 0.29 * n + bottom

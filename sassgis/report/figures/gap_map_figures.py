@@ -43,7 +43,7 @@ class GapStretch:
     gap : float
         NaN where nothing was compared.
     sure : bool
-        Whether the gap is told from chance; others are drawn thin.
+        Whether the gap is distinguished from chance; others are drawn thin.
     """
 
     course: FloatArray
@@ -105,7 +105,7 @@ def gap_map_figure(
         keys.insert(
             0,
             f"Colour: {quantity_name(quantity)}, observed less predicted; vermilion: more was "
-            "observed, blue: less; thin: not told from chance.",
+            "observed, blue: less; thin: not distinguished from chance.",
         )
     text = " ".join(part for part in (*keys, note) if part)
     top, bottom = 0.52, 0.5 + _note_height(text)

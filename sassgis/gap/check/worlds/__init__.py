@@ -1,4 +1,4 @@
-"""Made worlds with a known truth, on which a diagnosis of the sim-to-real gap is checked.
+"""Synthetic sites with a known truth, on which a diagnosis of the sim-to-real gap is checked.
 
 This room shares no code with the engine: the same base law, written anew, in small time steps, and
 effects of nature in other functional forms than those that a diagnosis would try.

@@ -100,7 +100,7 @@ def run_rocks(
     dt: float,
     tables: Tables,
 ) -> None:
-    """Let all rocks go, with the pieces and loosened blocks that they make."""
+    """Release all rocks, with the pieces and loosened blocks that they make."""
     stack = np.empty((MAX_PIECES, N_STATE))
     stack_keys = np.empty(MAX_PIECES, np.uint64)
     for rock in range(starts.shape[0]):

@@ -49,7 +49,7 @@ class ObservedTables:
 
 
 def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables:
-    """Let rocks go in a world and write down what is seen.
+    """Release rocks in a synthetic site and write down what is seen.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def _tracks(run: Run, rng: np.random.Generator) -> Table:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What the diagnosing side is told besides the observations: enough to write a configuration.
+    """What the diagnosing side knows besides the observations: enough to write a configuration.
 
     Attributes
     ----------

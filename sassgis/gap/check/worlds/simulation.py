@@ -65,7 +65,7 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     state[:, motion_state.Z] = (
         heights_of(world.true_grid, x, y) + axes[:, 0] / np.cos(dip) + between(blocks.drop_m, 5)
     )
-    # Written down is where the centre was when it was let go: as high above the stated place.
+    # Written down is where the centre was when it was released: as high above the stated place.
     stated[:, 2] += state[:, motion_state.Z] - heights_of(world.true_grid, x, y)
     state[:, motion_state.HX], state[:, motion_state.HY] = hx / length, hy / length
     state[:, motion_state.VX] = speed * np.cos(dip) * state[:, motion_state.HX]
@@ -84,7 +84,7 @@ def _sample(grid: Grid, values: FloatArray, x: FloatArray, y: FloatArray) -> Flo
 
 
 def simulate(world: World, rocks: WorldRocks, dt: float = STEP_S) -> Run:
-    """Let rocks go in a world.
+    """Release rocks in a synthetic site.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Worlds: a made slope, rocks, and a truth that the diagnosing side is not told."""
+"""Worlds: a synthetic slope, rocks, and a truth that the diagnosing side does not know."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ class Effect:
     s0_m, s1_m : float
         Where it acts (m down the slope); infinite where everywhere.
     segments : tuple of str
-        The legs that it touches, such as "release-S1" or "S4-end"; all, if it acts everywhere.
+        The reaches that it touches, such as "release-S1" or "S4-end"; all, if it acts everywhere.
     ground : str
         Class of ground that it is bound to; empty if none.
     size : float
@@ -154,7 +154,7 @@ class Effect:
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Ranges from which rocks are drawn, all uniform: what the diagnosing side is told."""
+    """Ranges from which rocks are drawn, all uniform: what the diagnosing side knows."""
 
     axis_1_m: tuple[float, float]
     axis_2_m: tuple[float, float]
@@ -166,7 +166,7 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A made world.
+    """A synthetic site.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ class World:
 
     @property
     def segments(self) -> tuple[str, ...]:
-        """Names of the legs between release, stations and the end."""
+        """Names of the reaches between release, stations and the end."""
         stops = ("release", *self.station_names, "end")
         return tuple(f"{a}-{b}" for a, b in pairwise(stops))
 
@@ -219,7 +219,7 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class WorldRocks:
-    """Rocks before they are let go.
+    """Rocks before their release.
 
     Attributes
     ----------
@@ -229,7 +229,7 @@ class WorldRocks:
         Release x, y, z of the centre (m) and speed (m/s) as they are written down.
     keys : uint64, shape (n,)
     campaign : float64, shape (n,)
-        When in the campaign each is let go, 0 to 1.
+        When in the campaign each is released, 0 to 1.
     """
 
     state: FloatArray

@@ -33,7 +33,7 @@ from sassgis.model.styles import (
 
 #: How the map shows a gap: code, words, colour.
 _GAP_CLASSES = (
-    ("open", "not told from chance", "#9a9a9a"),
+    ("open", "not distinguished from chance", "#9a9a9a"),
     ("less_likely", "less observed, likely", "#9ecae1"),
     ("more_likely", "more observed, likely", "#f5b38c"),
     ("less", "less observed, significant", "#0072b2"),
@@ -316,7 +316,9 @@ def stop_layer(case: Case, diagnosis: Diagnosis) -> VectorLayer:
                 "m",
                 "less the mean run-out of all rocks in the calibrated base model",
             ),
-            "lateral_m": FieldInfo("aside of the fall line", "m", "to the right is positive"),
+            "lateral_m": FieldInfo(
+                "lateral offset from the fall line", "m", "to the right is positive"
+            ),
             "note": FieldInfo("note"),
         },
         style=VectorStyle(
@@ -371,7 +373,7 @@ def impact_layer(case: Case) -> VectorLayer:
             "rock_id": FieldInfo("name"),
             "impact": FieldInfo("impact"),
             "chainage_m": FieldInfo("chainage", "m"),
-            "lateral_m": FieldInfo("aside of the fall line", "m", "to the right is positive"),
+            "lateral_m": FieldInfo("lateral offset", "m", "from the fall line; right positive"),
             "speed_in_mps": FieldInfo("speed before", "m/s"),
             "speed_out_mps": FieldInfo("speed after", "m/s"),
             "energy_kept": FieldInfo("share of translational energy kept"),
