@@ -337,4 +337,4 @@ def test_a_calibrated_model_keeps_its_ways_aside(importable: None) -> None:
     sections = {"lateral_deflection": section}
     found = Calibrated(built_in_table(), EffectSettings(), sections=sections)
     assert model_of(found).lateral_walk == LateralWalk(angle_deg=17.0, hop_m=6.0)
-    assert model_of(Calibrated(built_in_table(), EffectSettings())).aside == LateralWalk()
+    assert model_of(Calibrated(built_in_table(), EffectSettings())).lateral_walk == LateralWalk()
