@@ -16,7 +16,7 @@ use any of them. Each site gives
 
 ``learn`` trains an ensemble of randomised trees for each design, calibrates its probabilities on
 held-out sites, by cross-validation over sites, and writes
-``sassgis/data/gap_judges.npz``, ``sassgis/data/gap_thresholds.json`` and
+``sassgis/data/gap_classifiers.npz``, ``sassgis/data/gap_thresholds.json`` and
 ``docs/studies/gap_learning.json``, with the accuracy on held-out sites; ``page``
 writes it into ``docs/studies/gap_learning.md``.
 """
@@ -39,22 +39,21 @@ import numpy as np
 from scipy.optimize import minimize
 from sklearn.ensemble import ExtraTreesClassifier
 
-from sassgis.gap.case import Case
-from sassgis.gap.check.blinded_cases import write_world
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world
 from sassgis.gap.check.worlds.battery import DESIGNS as ALL_DESIGNS
 from sassgis.gap.check.worlds.battery import FULL, MODEST, world_seeds
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
 from sassgis.gap.check.worlds.strength import inhomogeneity
 from sassgis.gap.check.worlds.world import FAMILIES, UNKNOWNS
-from sassgis.gap.replicas import campaigns
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.which.classifier import (
     DESIGNS,
     PAIR,
     SURE,
     UNKNOWN,
     Classifier,
-    Trees,
+    TreeEnsemble,
     calibrated,
     cautious,
     standardised,
@@ -68,6 +67,7 @@ from sassgis.gap.which.verdict import Thresholds, decide
 from sassgis.io.read.gap_thresholds import CLASSIFIERS, THRESHOLDS, write_classifiers
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.runs.blinded_cases import write_world
 from sassgis.runs.gap_case import read_case
 
 SEED = 20261121
@@ -201,7 +201,7 @@ def engine_campaigns(case: Case, base: Base) -> list[tuple[str, dict[str, float]
             one, other = (
                 campaigns(
                     case,
-                    problem.ways,
+                    problem.rock_lines,
                     d.model,
                     count=1,
                     seed=problem.seed + 5,
@@ -413,7 +413,7 @@ def calibration(
     return of(minimize(loss, np.zeros(1 + len(PRIOR)), method="Nelder-Mead").x)
 
 
-def as_trees(model: Any, causes: Sequence[str]) -> Trees:
+def as_trees(model: Any, causes: Sequence[str]) -> TreeEnsemble:
     """Trees of scikit-learn in one table."""
     at = np.searchsorted(causes, model.classes_)
     root, parts, offset = [], [], 0
@@ -436,7 +436,7 @@ def as_trees(model: Any, causes: Sequence[str]) -> Trees:
         root.append(offset)
         offset += tree.node_count
     number, limit, left, right, shares = (np.concatenate(c) for c in zip(*parts, strict=True))
-    return Trees(
+    return TreeEnsemble(
         np.array(root), number, limit.astype(np.float32), left, right, shares.astype(np.float32)
     )
 

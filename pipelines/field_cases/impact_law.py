@@ -18,7 +18,7 @@ from sassgis.engine.effects import soft_ground
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import COULOMB, SCALE, impact
-from sassgis.gap.distances import energy_score, observed_scale
+from sassgis.gap.inference.distances import energy_score, observed_scale
 from sassgis.gap.residuals.impact_step import orientation_at_contact
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.ground import GroundClass

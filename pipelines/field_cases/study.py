@@ -17,18 +17,15 @@ import sassgis
 from field_cases.figures import stops_figure
 from field_cases.tables import FieldCase
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Calibrated, Diagnosis, Finding
-from sassgis.gap.distances import (
-    bootstrap_interval,
-    bootstrap_rows,
-    energy_distance,
-    energy_scores,
-    mean_gap_tests,
-    observed_scale,
-)
-from sassgis.gap.replicas import Aside, Model, Stand, campaigns, ways_of
-from sassgis.gap.sample import main_blocks, observed_sample
+from sassgis.gap.diagnosis import Calibrated, Diagnosis, GapFinding
+from sassgis.gap.inference.distances import energy_distance, energy_scores, observed_scale
+from sassgis.gap.inference.intervals import bootstrap_interval, bootstrap_rows
+from sassgis.gap.inference.rock_tests import mean_gap_tests
+from sassgis.gap.observations.campaign import main_blocks, observed_campaign
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel, LateralWalk
+from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.where.findings import where
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import LateralDeflection
@@ -119,7 +116,7 @@ def write_json(file: Path, results: Mapping[str, Any]) -> None:
     file.write_text(json.dumps(_plain(results), indent=1) + "\n", encoding="utf-8")
 
 
-def stops(case: Case, model: Model, seed: int) -> tuple[FloatArray, FloatArray]:
+def stops(case: Case, model: HypothesisModel, seed: int) -> tuple[FloatArray, FloatArray]:
     """Chainage and distance aside of stops (m).
 
     Returns
@@ -129,15 +126,15 @@ def stops(case: Case, model: Model, seed: int) -> tuple[FloatArray, FloatArray]:
         With the stated errors of position.
     """
     n = case.n_rocks
-    made = campaigns(case, ways_of(case), model, count=CAMPAIGNS, seed=seed)
-    samples = [observed_sample(case), *made]
+    made = campaigns(case, rock_lines_of(case), model, count=CAMPAIGNS, seed=seed)
+    samples = [observed_campaign(case), *made]
     found = np.full((len(samples), n, 2), np.nan)
     for k, sample in enumerate(samples):
         if sample.deposits is None:
             continue
         row = main_blocks(sample.deposits, n)
         known = row >= 0
-        found[k, known] = np.c_[sample.deposits.s, sample.deposits.aside_m][row[known]]
+        found[k, known] = np.c_[sample.deposits.s, sample.deposits.lateral_m][row[known]]
     return found[0], found[1:].transpose(1, 0, 2)
 
 
@@ -198,14 +195,14 @@ def recalibrated(case: FieldCase, fit: str, left_out: str, seed: int) -> dict[st
     chosen = min(scores, key=lambda point: scores[point])
     by_angle = {}
     for angle in ANGLES_DEG:
-        model = replace(_with_ground(fitted, *chosen), aside=Aside(angle_deg=angle))
+        model = replace(_with_ground(fitted, *chosen), lateral_walk=LateralWalk(angle_deg=angle))
         by_angle[angle] = _crps(*stops(fitted, model, seed), 1)
     angle = min(by_angle, key=lambda a: by_angle[a])
     ground = _with_ground(other, *chosen)
     models = {
         "untuned": _untuned(other),
         "recalibrated": ground,
-        "deflected": replace(ground, aside=Aside(angle_deg=angle)),
+        "deflected": replace(ground, lateral_walk=LateralWalk(angle_deg=angle)),
     }
     report: dict[str, Any] = {
         "ground": SOFT,
@@ -259,11 +256,11 @@ def _ends(case: Case) -> FloatArray:
     return ends
 
 
-def _untuned(case: Case) -> Model:
-    return Model(case.table, case.effects.without(LateralDeflection))
+def _untuned(case: Case) -> HypothesisModel:
+    return HypothesisModel(case.table, case.effects.without(LateralDeflection))
 
 
-def _with_ground(case: Case, eta_max: float, mu_0: float) -> Model:
+def _with_ground(case: Case, eta_max: float, mu_0: float) -> HypothesisModel:
     classes = [
         replace(c, eta_max=eta_max, mu_0=mu_0, mu_f=c.mu_f - c.mu_0 + mu_0) if c.name == SOFT else c
         for c in case.table.classes
@@ -305,7 +302,7 @@ def apparent_friction(case: Case, labels: list[str]) -> dict[str, float]:
     return {name: float(np.median(tangent[own == name])) for name in sorted(set(labels))}
 
 
-def _finding(found: Finding) -> dict[str, Any]:
+def _finding(found: GapFinding) -> dict[str, Any]:
     names = ("place", "phase", "quantity", "test", "gap", "unit", "ci95", "p_adjusted", "rocks")
     return {name: getattr(found, name) for name in names}
 
@@ -334,7 +331,7 @@ def diagnosed(
         ],
         "shrinkage": {"value": shrinkage.value, "ci95": shrinkage.ci95, "note": shrinkage.note},
         "where": [_finding(f) for f in answer.where[:SHOWN]],
-        "cannot_tell": answer.cannot_tell,
+        "cannot_tell": answer.not_identifiable,
         "measure_next": answer.measure_next,
     }  # fmt: skip
     other = read_case(case.config, case.observations[left_out])
@@ -410,16 +407,21 @@ def _shrinkage(d: Mapping[str, float]) -> float:
     return (d["base"] - d["effect"]) / (d["base"] - d["floor"])
 
 
-def model_of(found: Calibrated) -> Model:
+def model_of(found: Calibrated) -> HypothesisModel:
     """A calibrated model as campaigns take it; errors of the observation are not in it."""
-    # Ways aside stand in the sections of the configuration alone.
+    # Lateral walks stand in the sections of the configuration alone.
     section = found.sections.get("lateral_deflection", {})
     known = {k: section[k] for k in ("angle_deg", "hop_m", "width_percent") if k in section}
-    aside = Aside(**known)
+    aside = LateralWalk(**known)
     stand = None
     if found.stand is not None and found.stems_per_ha is not None and found.dbh_cm is not None:
-        stand = Stand(*found.stand, found.stems_per_ha, found.dbh_cm)
-    return Model(found.table, found.effects.without(LateralDeflection), stand=stand, aside=aside)
+        stand = ForestStand(*found.stand, found.stems_per_ha, found.dbh_cm)
+    return HypothesisModel(
+        found.table,
+        found.effects.without(LateralDeflection),
+        stand=stand,
+        lateral_walk=aside,
+    )
 
 
 def _plain(item: Any) -> Any:

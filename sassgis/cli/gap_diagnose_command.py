@@ -50,7 +50,7 @@ def diagnose(
 
     The same command goes on after an interruption.
     """
-    from sassgis.report.gap_report import verdict_sentence
+    from sassgis.report.gap_answer import verdict_sentence
     from sassgis.runs.diagnose import DRAWS
     from sassgis.runs.diagnose import diagnose as run_diagnosis
 

@@ -12,7 +12,7 @@ import click
 @click.option("--config", type=click.Path(path_type=Path), help="Compare them with its terrain.")
 def validate_observations(observations: Path, config: Path | None) -> None:
     """Read OBSERVATIONS and say what is wrong with them and what they can tell."""
-    from sassgis.gap.observations.tables import what_can_be_told
+    from sassgis.gap.observations.identifiable import what_is_identifiable
     from sassgis.io.read.config import load_config
     from sassgis.io.read.observation_files import read_observations
     from sassgis.io.read.observation_files import validate_observations as check
@@ -26,12 +26,12 @@ def validate_observations(observations: Path, config: Path | None) -> None:
     read = read_observations(observations, grid)
     for finding in check(read, grid):
         click.echo(str(finding))
-    told = what_can_be_told(read)
-    click.echo(f"{told.rocks} rocks, {told.unattributed} blocks of unknown origin")
-    for quantity in told.quantities:
+    found = what_is_identifiable(read)
+    click.echo(f"{found.rocks} rocks, {found.unattributed} blocks of unknown origin")
+    for quantity in found.quantities:
         click.echo(
             f"  {quantity.name} ({quantity.table}): {quantity.values} values of "
             f"{quantity.rocks} rocks"
         )
-    for line in told.cannot_tell:
+    for line in found.not_identifiable:
         click.echo(f"cannot tell: {line}")

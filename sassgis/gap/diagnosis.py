@@ -13,13 +13,13 @@ Range = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class GapFinding:
     """One gap between what was observed and what the model predicts, in the unit of the quantity.
 
     Attributes
     ----------
     place : str
-        Station ("S3"), leg between stations ("S2-S3", "release-S1", "S4-end"), ground class
+        Station ("S3"), reach between stations ("S2-S3", "release-S1", "S4-end"), ground class
         ("ground:talus") or "all".
     phase : str
         release, flight, impact, rolling or stopping.
@@ -39,7 +39,7 @@ class Finding:
     observed, predicted : float
         Means (unit).
     test : str
-        "free run", "leg" (restart from what was observed at its upper end) or "one step".
+        "free run", "reach" (restart from what was observed at its upper end) or "one step".
     s0_m, s1_m : float
         Chainages between which the place lies, mean over lines (m).
     x, y : float
@@ -73,12 +73,12 @@ class Verdict:
     effect : str
         A family, two joined by "+", "none" or "unknown".
     confidence : float
-        Probability of the answer, lowered for caution (0 to 1).
+        Probability of the answer, after confidence calibration (0 to 1).
     confusion_set : tuple of str
-        What these data cannot tell from it, itself included.
+        What these data do not identify from it, itself included.
     phase, segments
-        Where the effect acts, as far as it can be told: phase of motion and legs; "" and () where
-        it cannot.
+        Where the effect acts, as far as it is identifiable: phase of motion and reaches; "" and ()
+        where it is not.
     reason : str
         In a sentence.
     probabilities : mapping
@@ -113,7 +113,7 @@ class Hypothesis:
     ci95 : (low, high)
         Of the gain, bootstrap over rocks.
     probability : float
-        Of being the cause, among all contenders.
+        Of being the cause, among all hypotheses.
     parameters : mapping
         Calibrated parameters by name, with their unit in the name.
     intervals : mapping
@@ -210,16 +210,16 @@ class Diagnosis:
     Attributes
     ----------
     verdict : Verdict
-    where : tuple of Finding
+    where : tuple of GapFinding
         Most certain first.
-    which : tuple of Contender
+    which : tuple of Hypothesis
         Most probable first.
     shrinkage : Shrinkage
     rocks : int
     tables : mapping of table to number of rows used
-    cannot_tell : tuple of str
+    not_identifiable : tuple of str
     measure_next : tuple of str
-        What further measurement would tell the confused effects apart.
+        What further measurement would separate the confused effects.
     comparisons : tuple of Comparison
     base, effect : Calibrated
         Calibrated models without and with the named effect; the same if none is named.
@@ -230,12 +230,12 @@ class Diagnosis:
     """
 
     verdict: Verdict
-    where: tuple[Finding, ...]
+    where: tuple[GapFinding, ...]
     which: tuple[Hypothesis, ...]
     shrinkage: Shrinkage
     rocks: int
     tables: Mapping[str, int]
-    cannot_tell: tuple[str, ...]
+    not_identifiable: tuple[str, ...]
     measure_next: tuple[str, ...]
     comparisons: tuple[Comparison, ...]
     base: Calibrated
@@ -260,7 +260,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "data": {
                 "rocks": diagnosis.rocks,
                 "tables": dict(diagnosis.tables),
-                "cannot_tell": list(diagnosis.cannot_tell),
+                "not_identifiable": list(diagnosis.not_identifiable),
                 "measure_next": list(diagnosis.measure_next),
                 "warnings": list(diagnosis.warnings),
             },

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.gap.diagnosis import Finding
+from sassgis.gap.diagnosis import GapFinding
 
 #: Findings below this level count: of the largest gap over all (headline), or as a share of false
 #: ones among those shown (map).
@@ -32,7 +32,7 @@ QUANTITY_NAMES: Mapping[str, str] = {
     "speed_mps": "speed",
     "rotation_hz": "rotation",
     "height_m": "passing height",
-    "lateral_m": "position to the side",
+    "lateral_m": "lateral offset",
     "energy_kept": "share of energy kept",
     "spin_out_radps": "spin after the impact",
     "turn_deg": "turn in plan",
@@ -43,7 +43,7 @@ QUANTITY_NAMES: Mapping[str, str] = {
     "flight_fit": "gravity from flights",
     # Quantities of the calibration, without units.
     "runout": "run-out",
-    "aside": "position to the side",
+    "aside": "lateral offset",
     "blocks": "number of stopped blocks",
     "height": "passing height",
     "stops_per_rock": "stopped blocks per rock",
@@ -64,7 +64,7 @@ _UNIT_ENDS = (
 
 _TESTS: Mapping[str, str] = {
     "free run": "from the release",
-    "leg": "from where the stretch begins",
+    "reach": "from where the stretch begins",
     "one step": "from one state to the next",
 }
 
@@ -83,7 +83,7 @@ def quantity_name(quantity: str) -> str:
     """Name of a quantity, without its unit: "passing height" for ``height_m``."""
     if quantity.startswith("stop "):
         name = quantity_name(quantity.removeprefix("stop "))
-        return f"{name} of stops" if name.startswith("position") else name
+        return f"{name} of stops" if name.startswith("lateral") else name
     if quantity.endswith("_spread"):
         return "scatter of " + quantity_name(quantity.removesuffix("_spread"))
     if quantity in QUANTITY_NAMES:
@@ -124,14 +124,14 @@ def with_unit_in_brackets(text: str, unit: str) -> str:
     return f"{text} ({unit})" if unit and unit != "1" else text
 
 
-def significance(finding: Finding) -> str:
+def significance(finding: GapFinding) -> str:
     """How sure a gap is: "sure" (headline), "likely" (among those on the map) or "open"."""
     if finding.p_adjusted <= LEVEL:
         return "sure"
     return "likely" if finding.q_value <= LEVEL else "open"
 
 
-def finding_label(finding: Finding) -> str:
+def finding_label(finding: GapFinding) -> str:
     """A finding as a label on the map: "speed −2.1 m/s"."""
     sign = "+" if finding.gap > 0.0 else "\u2212"
     number = with_unit(f"{sign}{abs(finding.gap):.2g}", finding.unit)

@@ -54,7 +54,7 @@ _TITLES: Mapping[str, str] = {
     "pair_both": "pair, both named and no other",
     "pair_wrong": "pair, one named that is not there",
     "shrinkage_near": f"shrinkage within {SHRINKAGE_TOLERANCE} of that on fresh rocks",
-    "location_hit": "single local effect: phase right, legs overlap",
+    "location_hit": "single local effect: phase right, reaches overlap",
     "location_hit_named": "the same, where the effect is named",
 }
 
@@ -90,7 +90,7 @@ class CheckRecord:
     programs : tuple of str
         Hashes of the states of the program that gave the answers.
     hashes : mapping
-        Of the sealed labels and of the answers.
+        Of the blinded labels and of the answers.
     rows : tuple of WorldRow
     scores : CheckScores
     """
@@ -231,13 +231,13 @@ def _report(
     scores, plan = record.scores, record.plan
     return ReportContext(
         title="Blind check of the diagnosis",
-        subtitle=f"{scores.worlds} made worlds with sealed labels, battery of seed {plan['seed']}",
+        subtitle=f"{scores.worlds} synthetic sites, blinded labels, battery of seed {plan['seed']}",
         what_was_run=(
             ("Worlds", scores.worlds),
             ("Rocks observed", sum(row.truth.rocks for row in record.rows)),
             ("Worlds without an answer", scores.failed),
             ("Mean size of the confusion set", scores.confusion_set_size),
-            ("Mean overlap of the legs of local effects", scores.location_overlap),
+            ("Mean overlap of the reaches of local effects", scores.location_overlap),
             ("Time of all diagnoses together (h)", sum(r.seconds for r in record.rows) / 3600.0),
         ),
         warnings=warnings,
@@ -272,13 +272,13 @@ def _report(
             ("Version", __version__),
             ("Seed of the battery", str(plan["seed"])),
             ("Thresholds (SHA-256)", plan["thresholds_sha256"]),
-            ("Sealed labels (SHA-256)", record.hashes["labels_sha256"]),
+            ("Blinded labels (SHA-256)", record.hashes["labels_sha256"]),
             ("Answers (SHA-256)", record.hashes["answers_sha256"]),
             *(("Program (SHA-256)", digest) for digest in record.programs),
             (
-                "To verify the seal",
+                "To verify the blinding",
                 "labels.sha256 was written before the first answer: SHA-256 of the line in "
-                "sealed/salt.txt followed by sealed/labels.json",
+                "blinded/salt.txt followed by blinded/labels.json",
             ),
         ),
     )

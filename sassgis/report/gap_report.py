@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Diagnosis, Finding, Hypothesis, Shrinkage
+from sassgis.gap.diagnosis import Diagnosis, GapFinding, Shrinkage
+from sassgis.gap.observations.case import Case
 from sassgis.gap.where.places import (
     is_stretch,
     limits_on,
@@ -21,231 +21,36 @@ from sassgis.gap.where.places import (
 from sassgis.gap.which.classifier import PAIR, UNKNOWN
 from sassgis.gap.words import (
     effect_name,
-    effect_phrase,
-    place_words,
     quantity_name,
     significance,
-    tested_by,
-    with_unit,
     with_unit_in_brackets,
 )
-from sassgis.model.crs import crs_name
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.run_config import Config
 from sassgis.report import figures
-from sassgis.report.figures.gap_figures import GapStretch
+from sassgis.report.figures.gap_map_figures import GapStretch
+from sassgis.report.gap_answer import (
+    MATTERS,
+    answer,
+    capital,
+    hypothesis_of,
+    interval_text,
+    p_text,
+    verdict_sentence,
+)
 from sassgis.report.map_report import save_figure
 from sassgis.report.page import (
     Cell,
-    ReportAnswer,
     ReportContext,
     ReportFigure,
     ReportTable,
     sensible,
 )
 
-#: Findings that are told in a sentence.
-_TOLD = 4
 #: Below this number of rocks the report warns of it.
 _FEW_ROCKS = 20
-#: What the map shows, if it is told from chance somewhere: reach and energy before the rest.
-_MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "lateral_m")
 #: Findings in the table of the report.
 _ROWS = 40
-
-# --- the answer ------------------------------------------------------------------------------
-
-
-def verdict_sentence(diagnosis: Diagnosis) -> str:
-    """The answer in one or two sentences."""
-    verdict = diagnosis.verdict
-    sure = f"Confidence {100 * verdict.confidence:.0f} %."
-    if verdict.effect == "none":
-        return (
-            "No effect has to be added: once the ground is calibrated, what is left between "
-            f"observed and simulated rocks is no more than chance among {diagnosis.rocks} rocks. "
-            f"{sure}"
-        )
-    if verdict.effect == "unknown":
-        return (
-            "There is a gap that calibrating the ground does not close, and none of the known "
-            f"effects can be named as its cause. {sure}"
-        )
-    return f"The gap is best explained by {effect_phrase(verdict.effect)}. {sure}"
-
-
-def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
-    """What the diagnosis says, in sentences."""
-    return (
-        _why(diagnosis),
-        _confused(diagnosis),
-        _where(diagnosis.where),
-        _how_far(diagnosis.shrinkage, diagnosis.verdict.effect),
-        ReportAnswer("What these data cannot tell", (), diagnosis.cannot_tell),
-    )
-
-
-def _why(diagnosis: Diagnosis) -> ReportAnswer:
-    verdict = diagnosis.verdict
-    out = [_sentence(verdict.reason)] if verdict.reason else []
-    if verdict.phase or verdict.segments:
-        place = " and ".join(place_words(s) for s in verdict.segments)
-        acts = f"It acts in the phase “{verdict.phase}”" if verdict.phase else "It acts"
-        out.append(f"{acts}{' ' + place if place else ''}.")
-    share = round(100 * verdict.confidence)
-    out.append(
-        f"A confidence of {share} % is cautious: it is set so that on made slopes whose cause is "
-        "known answers with 60 % and more are right nine times in ten (whether they were: "
-        "docs/gap_check.md). No real slope is like those: take it as what to look at first, not as "
-        "found."
-    )
-    named = _hypothesis(diagnosis.which, verdict.effect)
-    if named is not None and verdict.effect not in ("none", "unknown"):
-        interval = (
-            f"(95 % interval {_interval(named.ci95)}; the score of the calibrated base model is "
-            f"{sensible(named.score + named.gain)})"
-        )
-        if named.gain > 0.0:
-            gain = sensible(named.gain)
-            out.append(f"With it, single rocks left out are predicted better by {gain} {interval}.")
-        else:
-            out.append(
-                f"Single rocks left out are not predicted better with it {interval}: what speaks "
-                "for it are patterns over all rocks, such as trends, scatter and single impacts."
-            )
-    return ReportAnswer("How sure this is", tuple(out))
-
-
-def _hypothesis(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None:
-    return next((c for c in which if c.effect == effect), None)
-
-
-def _confused(diagnosis: Diagnosis) -> ReportAnswer:
-    verdict = diagnosis.verdict
-    others = [e for e in verdict.confusion_set if e != verdict.effect]
-    if not others:
-        sentences = ["None of the other explanations that were tried remains possible."]
-    else:
-        sentences = [
-            "These data cannot tell it from: " + ", ".join(effect_name(e) for e in others) + "."
-        ]
-    if diagnosis.measure_next and others:
-        sentences.append("What would tell them apart:")
-    elif diagnosis.measure_next:
-        sentences.append("What would make it surer:")
-    return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)
-
-
-def finding_sentence(finding: Finding) -> str:
-    """A finding as a reader wants it: where, what, how much, how sure."""
-    more = "more" if finding.gap > 0.0 else "less"
-    low, high = sorted(abs(v) for v in finding.ci95)
-    both = finding.ci95[0] * finding.ci95[1] > 0.0
-    span = (
-        f"{sensible(low, 2)} to {sensible(high, 2)}" if both else _interval(finding.ci95, digits=2)
-    )
-    place = place_words(finding.place)
-    return (
-        f"{_capital(quantity_name(finding.quantity))} {place}: observed "
-        f"{with_unit(sensible(finding.observed), finding.unit)}, predicted "
-        f"{with_unit(sensible(finding.predicted), finding.unit)}, that is "
-        f"{with_unit(sensible(abs(finding.gap), 2), finding.unit)} {more} "
-        f"(95 % interval {span}; {finding.rocks} rocks; {tested_by(finding.test)}; "
-        f"p {_p(finding.p_adjusted)})."
-    )
-
-
-def _where(findings: tuple[Finding, ...]) -> ReportAnswer:
-    heading = "Where the gap lies"
-    if not findings:
-        return ReportAnswer(heading, ("Nothing could be compared place by place.",))
-    sure = [f for f in findings if significance(f) == "sure"]
-    likely = [f for f in findings if significance(f) == "likely"]
-    if not sure:
-        text = (
-            f"Of {len(findings)} comparisons by place, phase and quantity none differs by more "
-            "than chance would let one of so many differ: the gap, if there is one, cannot be "
-            "placed."
-        )
-        if likely:
-            text += f" {len(likely)} are likely (see the figure)."
-        return ReportAnswer(heading, (text,))
-    told = _one_per_quantity(sure)[:_TOLD]
-    text = (
-        f"{len(sure)} of {len(findings)} comparisons differ by more than chance would let one of "
-        "so many differ"
-        + (f", {len(likely)} more are likely" if likely else "")
-        + (". The most certain, one of each quantity:" if len(sure) > len(told) else ":")
-    )
-    return ReportAnswer(heading, (text,), tuple(finding_sentence(f) for f in told))
-
-
-def _one_per_quantity(findings: Iterable[Finding]) -> list[Finding]:
-    """The most certain finding of each quantity; those that matter most for the hazard first."""
-    found: dict[str, Finding] = {}
-    for finding in sorted(findings, key=lambda f: f.p_adjusted):
-        found.setdefault(finding.quantity, finding)
-    order = [q for q in _MATTERS if q in found] + [q for q in found if q not in _MATTERS]
-    return [found[q] for q in order]
-
-
-def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
-    heading = "How far the gap shrinks"
-    left = (
-        f"Energy distance to the observed rocks: {sensible(shrinkage.distance_base)} with the "
-        f"calibrated base model, {sensible(shrinkage.distance_effect)} with "
-        f"{effect_name(shrinkage.effect)}, {sensible(shrinkage.distance_floor)} is the least that "
-        "chance leaves."
-    )
-    note = (_sentence(shrinkage.note),) if shrinkage.note else ()
-    if effect in ("none", "unknown") and shrinkage.effect in ("none", "unknown", ""):
-        base = (
-            f"No effect was named that could be added. The energy distance of the calibrated base "
-            f"model to the observed rocks is {sensible(shrinkage.distance_base)}; "
-            f"{sensible(shrinkage.distance_floor)} is the least that chance leaves."
-        )
-        return ReportAnswer(heading, (base, *note))
-    if shrinkage.value is None:
-        first = (
-            "By what share the gap shrinks is not given, as the gap itself is not surely above "
-            "what chance leaves."
-        )
-    else:
-        span = (
-            ""
-            if shrinkage.ci95 is None
-            else f" (95 % interval {_share(shrinkage.ci95[0])} to {_share(shrinkage.ci95[1])})"
-        )
-        first = (
-            f"With {effect_name(shrinkage.effect)} added, {_share(shrinkage.value)} of the gap "
-            f"that is not chance closes{span}, on rocks that were not used to fit it."
-        )
-    return ReportAnswer(heading, (first, left, *note))
-
-
-def _sentence(text: str) -> str:
-    text = text.strip()
-    text = _capital(text)
-    return text if text.endswith((".", "!", "?")) else text + "."
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.0f} %".replace("-", "\u2212")
-
-
-def _interval(span: tuple[float, float], digits: int = 3) -> str:
-    # Not to be broken at the end of a line.
-    return f"{sensible(span[0], digits)}\u00a0to\u00a0{sensible(span[1], digits)}"
-
-
-def _p(value: float) -> str:
-    return "< 0.001" if value < 0.001 else f"{value:.2g}"
-
 
 # --- warnings --------------------------------------------------------------------------------
 
@@ -282,20 +87,20 @@ def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
 # --- figures ---------------------------------------------------------------------------------
 
 
-def headline(findings: Iterable[Finding]) -> Finding | None:
+def headline(findings: Iterable[GapFinding]) -> GapFinding | None:
     """The finding whose quantity the map shows.
 
-    Of quantities that are told from chance somewhere along the fall lines the one that matters most
+    Of quantities that differ from chance somewhere along the fall lines the one that matters most
     for the hazard; if there is none, the most certain.
     """
     placed = [f for f in findings if math.isfinite(f.gap) and math.isfinite(f.s0_m)]
 
-    def rank(finding: Finding) -> tuple[bool, bool, int, float, float]:
-        known = finding.quantity in _MATTERS
+    def rank(finding: GapFinding) -> tuple[bool, bool, int, float, float]:
+        known = finding.quantity in MATTERS
         return (
             significance(finding) == "open",
             finding.place == "all" or finding.place.startswith("ground:"),
-            _MATTERS.index(finding.quantity) if known else len(_MATTERS),
+            MATTERS.index(finding.quantity) if known else len(MATTERS),
             finding.p_adjusted,
             finding.q_value,
         )
@@ -305,7 +110,7 @@ def headline(findings: Iterable[Finding]) -> Finding | None:
 
 def map_parts(
     case: Case, diagnosis: Diagnosis
-) -> tuple[list[FloatArray], list[GapStretch], dict[str, GapStretch], Finding | None]:
+) -> tuple[list[FloatArray], list[GapStretch], dict[str, GapStretch], GapFinding | None]:
     """Fall lines, coloured stretches and stations of the map, and the finding that heads it."""
     end = 1.1 * observed_end(case)
     lines = [line_stretch(case.traces, i, 0.0, end) for i in used_lines(case)]
@@ -331,13 +136,13 @@ def map_parts(
     return lines, stretches, stations, first
 
 
-def _one_per_place(findings: Iterable[Finding], first: Finding | None) -> list[Finding]:
+def _one_per_place(findings: Iterable[GapFinding], first: GapFinding | None) -> list[GapFinding]:
     """Findings of the quantity that heads the map: of each place the phase that heads it, or else
     the most certain.
     """
     if first is None:
         return []
-    found: dict[str, Finding] = {}
+    found: dict[str, GapFinding] = {}
     for finding in findings:
         same = (finding.quantity, finding.unit) == (first.quantity, first.unit)
         if not same or finding.place.startswith("ground:") or not math.isfinite(finding.gap):
@@ -369,7 +174,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         "gap_map",
         "Where the gap lies",
         (
-            f"{_capital(quantity_name(first.quantity))}. Across the slope: at a station; along the "
+            f"{capital(quantity_name(first.quantity))}. Across the slope: at a station; along the "
             "fall lines: on that stretch, as a rule with the rocks started anew where it begins, "
             "so that what went wrong above does not count again."
             if first is not None and coloured
@@ -398,7 +203,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "gap_distributions",
             "Observed rocks and the models",
             "Curves of observed rocks are drawn as steps: nothing is smoothed. A step curve within "
-            "the pale band is not told from the base model.",
+            "the pale band does not differ from the base model.",
             figures.gap_distributions_figure(diagnosis.comparisons, effect=named),
         )
     if diagnosis.which:
@@ -429,7 +234,7 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     ]
 
 
-def _where_table(findings: tuple[Finding, ...]) -> ReportTable:
+def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
     return ReportTable(
         "Where the gap lies",
         (
@@ -440,14 +245,14 @@ def _where_table(findings: tuple[Finding, ...]) -> ReportTable:
             (
                 f.place.removeprefix("ground:"), f.phase,
                 with_unit_in_brackets(quantity_name(f.quantity), f.unit), f.observed,
-                f.predicted, f"{sensible(f.gap, 2)} ({_interval(f.ci95, 2)})", _p(f.p_adjusted),
-                _p(f.q_value), f.rocks, f.test,
+                f.predicted, f"{sensible(f.gap, 2)} ({interval_text(f.ci95, 2)})",
+                p_text(f.p_adjusted), p_text(f.q_value), f.rocks, f.test,
             )
             for f in findings[:_ROWS]
         ),
         "Gap: observed less predicted, mean over rocks. Interval: rocks resampled. p: chance that "
         "the largest of all these gaps would be as large without any. q: share of false findings "
-        "among those that are as sure. Test: free run: from the release; leg: from what was "
+        "among those that are as sure. Test: free run: from the release; reach: from what was "
         "observed where the stretch begins; one step: from one observed state to the next."
         + (
             f" The {_ROWS} most certain of {len(findings)}; all are in diagnosis.json."
@@ -473,11 +278,11 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
         "Explanations",
         (
             ("effect", ""), ("form", ""), ("score", ""), ("gain", ""), ("95 % interval", ""),
-            ("probability", "%"), ("told from the answer", ""),
+            ("probability", "%"), ("separated from the answer", ""),
         ),
         tuple(
             (
-                effect_name(c.effect), c.form or "–", c.score, c.gain, _interval(c.ci95),
+                effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95),
                 100.0 * c.probability,
                 "the answer" if c.effect == diagnosis.verdict.effect
                 else "no" if c.effect in diagnosis.verdict.confusion_set else "yes",
@@ -490,12 +295,12 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
 
 
 def _parameter_table(diagnosis: Diagnosis) -> ReportTable:
-    named = _hypothesis(diagnosis.which, diagnosis.verdict.effect)
+    named = hypothesis_of(diagnosis.which, diagnosis.verdict.effect)
     rows: list[tuple[Cell, ...]] = []
     if named is not None:
         for name, value in named.parameters.items():
             span = named.intervals.get(name)
-            rows.append((name, value, "–" if span is None else _interval(span)))
+            rows.append((name, value, "–" if span is None else interval_text(span)))
     return ReportTable(
         f"Calibrated parameters of the answer: {effect_name(diagnosis.verdict.effect)}",
         (("parameter", ""), ("value", ""), ("95 % interval", "")),
@@ -572,12 +377,32 @@ def _data_table(diagnosis: Diagnosis) -> ReportTable:
 
 
 def gap_report(
-    config: Config, case: Case, diagnosis: Diagnosis, folder: Path, seconds: float | None
+    case: Case,
+    diagnosis: Diagnosis,
+    folder: Path,
+    *,
+    project: str,
+    terrain: str,
+    crs: str,
+    configuration: str,
+    seconds: float | None,
 ) -> ReportContext:
-    """Draw the figures into ``folder`` and put the report together."""
+    """Draw the figures into ``folder`` and put the report together.
+
+    Parameters
+    ----------
+    case : Case
+    diagnosis : Diagnosis
+    folder : Path
+        Of the figures.
+    project, terrain, crs, configuration : str
+        Names of the project, the terrain file, the coordinate system and the configuration file.
+    seconds : float or None
+        Computing time.
+    """
     grid = case.grid
     return ReportContext(
-        title=f"{config.project.name}: observed and simulated rocks",
+        title=f"{project}: observed and simulated rocks",
         subtitle="What separates the field observations from the SASS model, and why",
         verdict=verdict_sentence(diagnosis),
         answer=answer(diagnosis),
@@ -585,9 +410,9 @@ def gap_report(
         what_was_run=(
             ("Observed rocks", diagnosis.rocks),
             ("Observations", ", ".join(f"{n} {t}" for t, n in diagnosis.tables.items()) or "none"),
-            ("Terrain", f"{config.dem_path.name}, {grid.shape[1]} × {grid.shape[0]} cells of "
+            ("Terrain", f"{terrain}, {grid.shape[1]} × {grid.shape[0]} cells of "
              f"{grid.cell_size:.4g} m"),
-            ("Coordinate system", crs_name(grid.crs) if grid.crs else "local coordinates"),
+            ("Coordinate system", crs),
             ("Fall lines", len(used_lines(case))),
             ("Stations", ", ".join(case.station_names) or "none"),
             ("Effects already configured", ", ".join(case.effects.names) or "none"),
@@ -600,7 +425,7 @@ def gap_report(
             ("Program", f"sassgis {sassgis.__version__}"),
             ("Seed", diagnosis.seed),
             ("Settings and inputs (SHA-256)", diagnosis.settings_hash),
-            ("Configuration", config.file.name),
+            ("Configuration", configuration),
             ("Calibrated model", "model/config.toml"),
             *((("Computing time", f"{seconds:.0f} s"),) if seconds is not None else ()),
         ),

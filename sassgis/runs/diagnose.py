@@ -6,7 +6,7 @@ import hashlib
 import json
 import pickle
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
@@ -34,12 +34,12 @@ from sassgis.gap.ladder.calibration import (
     run_refined,
     shrinkage_of,
 )
-from sassgis.gap.ladder.fresh import ENSEMBLE
-from sassgis.gap.model_json import model_as_json
-from sassgis.gap.observations.tables import what_can_be_told
+from sassgis.gap.observations.identifiable import what_is_identifiable
+from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.classifier import LEAST_SEEN, PAIR, UNKNOWN, designs_of, no_idea
 from sassgis.gap.which.ensemble import (
+    COUNT,
     CalibrationProblem,
     Ensemble,
     Tried,
@@ -70,15 +70,16 @@ from sassgis.io.write.program import program_digest
 from sassgis.io.write.staging import CHECKPOINT_STEM, staged_output
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.run_config import Config
+from sassgis.runs.fresh_shrinkage import ENSEMBLE
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.job import job_count
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
-#: Draws of each contender in the first round.
+#: Draws of each hypothesis in the first round.
 DRAWS = 40
-#: Rounds of refinement, and draws in each.
+#: Repetitions of the refinement, and draws in each.
 ROUNDS, REFINED = 3, 24
 #: Effects that are calibrated further, the most probable ones.
 _FURTHER = 3
@@ -120,14 +121,14 @@ def diagnose(
     seed : int
     overwrite : bool
     draws : int
-        Draws of each contender. More take longer and tell effects apart better.
+        Draws of each hypothesis. More take longer and separate effects better.
     ground_range : float
         Factor on the ranges in which the ground is calibrated; above 1 where the configured classes
         are guesses. What a wider calibration can explain is no longer laid to an effect.
     report : bool
         Whether map, figures, report and configuration are written besides the numbers.
     on_progress : callable, optional
-        Told of draws done, draws in all, and rocks simulated.
+        Called with draws done, draws in all, and rocks simulated; counts anew for the calibration.
     say : callable, optional
 
     Returns
@@ -149,7 +150,7 @@ def diagnose(
         case = replace(read_case(settings, observations), ground_range=ground_range)
         if case.n_rocks < _FEWEST_ROCKS:
             raise InputError(
-                "too few rocks to tell a cause from chance",
+                "too few rocks to distinguish a cause from chance",
                 file=observations,
                 field="rocks",
                 found=case.n_rocks,
@@ -160,15 +161,17 @@ def diagnose(
         fingerprint = _fingerprint(settings, Path(observations), f"{seed} {draws} {ground_range:g}")
         try:
             with _workers(problem, job_count(settings, jobs)) as run:
-                tell(f"Letting {case.n_rocks} rocks go in the base model")
+                tell(f"Releasing {case.n_rocks} rocks in the base model")
                 base, tried = base_of(problem)
-                tell("And in every contender")
+                tell("Releasing them in every hypothesis")
                 ensemble = _ensemble(problem, tried, draws, run, work, fingerprint, on_progress)
-                tell("Comparing")
-                diagnosis, ensemble = _diagnosis(base, ensemble, frozen, run, fingerprint)
+                tell("Calibrating the most probable hypotheses")
+                diagnosis, ensemble = _diagnosis(
+                    base, ensemble, frozen, run, fingerprint, on_progress
+                )
         except KeyboardInterrupt:
             raise Interrupted(
-                "stopped by the user; campaigns of finished contenders are kept: the same command "
+                "stopped by the user; campaigns of finished hypotheses are kept: the same command "
                 "goes on from there"
             ) from None
         tell("Writing the results")
@@ -222,26 +225,41 @@ def _ensemble(
     fingerprint: str,
     on_progress: OnProgress | None,
 ) -> Ensemble:
-    """First round of campaigns; effects that were finished before are not made again."""
+    """First round of campaigns; effects that were finished before are not made again.
+
+    One draw of each effect goes ahead uncounted: it waits until its kernels are compiled, which
+    would make the time left look like hours.
+    """
     families = families_to_try(problem.case)
-    tasks = tasks_of(families, draws)
-    tried = list(base)
-    done = 0
-    for effect in families:
-        own = [task for task in tasks if task[0] == effect]
-        saved = work / f"{CHECKPOINT_STEM}.{effect}.pkl"
-        made = _saved(saved, fingerprint)
-        if made is None:
-            made = []
-            for one in run(_try, own):
-                made.append(one)
-                if on_progress is not None:
-                    rocks = 2 * problem.case.n_rocks * (done + len(made))
-                    on_progress(done + len(made), len(tasks), rocks)
-            _save(saved, fingerprint, made)
-        done += len(own)
-        tried += made
-    return ensemble_of(problem, tried)
+    files = {effect: work / f"{CHECKPOINT_STEM}.{effect}.pkl" for effect in families}
+    made = {effect: _saved(file, fingerprint) for effect, file in files.items()}
+    due = [effect for effect in families if made[effect] is None]
+    first = dict(zip(due, run(_try, tasks_of(due, 1)), strict=True))
+    counter = _Counter(on_progress, draws * len(families), problem.case.n_rocks)
+    counter.step(draws * (len(families) - len(due)) + len(due))
+    for effect in due:
+        rest = counter.counted(run(_try, tasks_of([effect], draws)[1:]))
+        made[effect] = [first[effect], *rest]
+        _save(files[effect], fingerprint, made[effect] or [])
+    return ensemble_of(problem, [*base, *(one for own in made.values() for one in own or [])])
+
+
+class _Counter:
+    """Tells how many draws are done, of how many, and the rocks simulated for them."""
+
+    def __init__(self, on_progress: OnProgress | None, total: int, n_rocks: int) -> None:
+        self._on_progress, self._total, self._rocks = on_progress, total, COUNT * n_rocks
+        self._done = 0
+
+    def step(self, number: int = 1) -> None:
+        self._done += number
+        if self._on_progress is not None:
+            self._on_progress(self._done, self._total, self._rocks * self._done)
+
+    def counted(self, results: Iterable[Tried]) -> Iterator[Tried]:
+        for one in results:
+            self.step()
+            yield one
 
 
 def _saved(file: Path, fingerprint: str) -> list[Tried] | None:
@@ -290,8 +308,9 @@ def _diagnosis(
     frozen: Thresholds,
     run: _Map,
     fingerprint: str,
+    on_progress: OnProgress | None,
 ) -> tuple[Diagnosis, Ensemble]:
-    """The answer, and the library with all that was calibrated on the way."""
+    """The answer, and the ensemble with all that was calibrated for it."""
     problem = base_model.problem
     case, seed = problem.case, problem.seed
     shares, confidence_calibration = _probabilities(base_model)
@@ -305,8 +324,10 @@ def _diagnosis(
         ensemble = ensemble.with_more(problem, list(run(_try, tasks)))
         further.append(best)
 
+    counter = _Counter(on_progress, ROUNDS * REFINED * len(further), case.n_rocks)
+
     def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
-        return list(run(_try_refined, tasks))
+        return list(counter.counted(run(_try_refined, tasks)))
 
     ensemble = refine(problem, ensemble, further, again, rounds=ROUNDS, draws=REFINED)
     part = folds_of(case.n_rocks, seed)
@@ -323,7 +344,7 @@ def _diagnosis(
         shrinkage = replace(
             shrinkage, note=f"No effect is named; this is of {best.replace('_', ' ')}, as a bound."
         )
-    told = what_can_be_told(case.observations)
+    told = what_is_identifiable(case.observations)
     effect = fitted[0] if named else base
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -332,7 +353,7 @@ def _diagnosis(
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
-        cannot_tell=told.cannot_tell,
+        not_identifiable=told.not_identifiable,
         measure_next=measure_next(case, verdict.confusion_set),
         comparisons=_comparisons(problem, ensemble, best if named else ""),
         base=_calibrated(base),
@@ -346,9 +367,9 @@ def _diagnosis(
 
 
 def _probabilities(base: Base) -> tuple[dict[str, float], float]:
-    """Probability of each cause, and the caution to state it with.
+    """Probability of each cause, and the confidence calibration to state it with.
 
-    By the judge of the richest design of which enough was measured.
+    By the classifier of the richest design of which enough was measured.
     """
     case = base.problem.case
     families = families_to_try(case)

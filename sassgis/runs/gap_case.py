@@ -8,16 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.gap.case import Case
+from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, rock_masses_kg
 from sassgis.gap.observations.projection import (
     observed_release_points,
     project_observations,
     station_chainages,
-)
-from sassgis.gap.observations.tables import (
-    DENSITY_KGM3,
-    Observations,
-    rock_masses_kg,
 )
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.blocks import BlockPopulation

@@ -1,4 +1,4 @@
-"""The blind check of the diagnosis: worlds with sealed labels, answers, scores."""
+"""The blind check of the diagnosis: worlds with blinded labels, answers, scores."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sassgis.gap.check.blinded_cases import labels_text, seal_of, truth_of
 from sassgis.gap.check.check_scores import (
     SHRINKAGE_ROCKS,
     Answer,
@@ -23,7 +22,8 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
-from sassgis.gap.check.worker_pool import Outcome, Task, WorkerPool
+from sassgis.gap.check.labels import blinding_hash, labels_text, truth_of
+from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool
 from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
@@ -38,10 +38,10 @@ SEED = 2026
 #: Rocks on which a stated shrinkage is checked.
 FRESH_ROCKS = 1000
 DIAGNOSER = "sassgis.runs.diagnose:answer"
-MEASURER = "sassgis.gap.ladder.fresh:measured_shrinkage"
+MEASURER = "sassgis.runs.fresh_shrinkage:measured_shrinkage"
 
 _FORMAT = 1
-_MAKER = "sassgis.gap.check.sealed_cases"
+_MAKER = "sassgis.runs.blinded_cases"
 #: Worlds whose fresh rocks are on the disk at the same time.
 _BATCH = 8
 
@@ -80,7 +80,7 @@ class _Place:
         return self.root / "check.json"
 
     @property
-    def seal(self) -> Path:
+    def blinding(self) -> Path:
         return self.root / "labels.sha256"
 
     @property
@@ -93,11 +93,11 @@ class _Place:
 
     @property
     def salt(self) -> Path:
-        return self.root / "sealed" / "salt.txt"
+        return self.root / "blinded" / "salt.txt"
 
     @property
     def labels(self) -> Path:
-        return self.root / "sealed" / "labels.json"
+        return self.root / "blinded" / "labels.json"
 
     def case(self, case: str) -> Path:
         return self.root / "cases" / case
@@ -129,11 +129,11 @@ def check(
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> CheckResult:
-    """Let the diagnosis answer on made worlds whose truth is withheld from it, and score it.
+    """Let the diagnosis answer on synthetic sites whose truth is withheld from it, and score it.
 
     First all worlds are made; what their observers have and know is written to ``cases``, of the
     truth nothing but a hash (``labels.sha256``). Each world is then diagnosed in a process that
-    cannot load the made worlds and sees nothing of the folder but its own case and answer. When
+    cannot load the synthetic sites and sees nothing of the folder but its own case and answer. When
     all answers are there, their hashes are written, the worlds are made a second time, and the
     labels, which must have the hash that was written before, are put beside the answers.
 
@@ -170,7 +170,7 @@ def check(
     ------
     InputError
         If this battery was looked at while the thresholds were chosen; if labels, cases or answers
-        are not those that were sealed.
+        are not those that were blinded.
     OutputError
         If the folder holds something else, or cannot be written.
     Interrupted
@@ -192,11 +192,11 @@ def check(
     }
     try:
         programs = _claim(place, plan)
-        if not place.seal.exists():
+        if not place.blinding.exists():
             tell(f"Making {len(planned)} worlds")
             _make(place, planned, jobs, step)
         if not place.answer_list.exists():
-            tell("Diagnosing them, with sealed labels")
+            tell("Diagnosing them, with blinded labels")
             _answer(place, planned, jobs, diagnoser, step)
             _write_text(place.answer_list, _answer_digests(place, planned))
         if not place.labels.exists():
@@ -286,14 +286,16 @@ def _make(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress)
     _write_text(place.case_list, "\n".join(lines) + "\n")
     text = labels_text([made[w.case]["label"] for w in planned])
     # Last: its presence says that everything before it is there.
-    _write_text(place.seal, f"{seal_of(salt, text)}  sealed/salt.txt + sealed/labels.json\n")
+    _write_text(
+        place.blinding, f"{blinding_hash(salt, text)}  blinded/salt.txt + blinded/labels.json\n"
+    )
 
 
 def _all(tasks: Sequence[Task], jobs: int, step: OnProgress) -> dict[str, Any]:
     """Values of tasks that must not fail."""
     values: dict[str, Any] = {}
-    with WorkerPool(jobs) as worker_pool:
-        for outcome in worker_pool.run(tasks):
+    with WorkerPool(jobs) as pool:
+        for outcome in pool.run(tasks):
             if outcome.failure:
                 raise OutputError(f"world {outcome.key} cannot be made: {outcome.failure}")
             values[outcome.key] = outcome.value
@@ -332,8 +334,8 @@ def _answer(
         )
         for case in open_cases
     ]
-    with WorkerPool(jobs, place.root) as worker_pool:
-        for outcome in worker_pool.run(tasks):
+    with WorkerPool(jobs, place.root) as pool:
+        for outcome in pool.run(tasks):
             failure = outcome.failure or _unreadable(place, outcome.key)
             record = {"failure": failure, "seconds": round(outcome.seconds, 2)}
             _write_json(place.record(outcome.key), record)
@@ -376,7 +378,7 @@ def _answer_digests(place: _Place, planned: Sequence[_World]) -> str:
 
 
 def _open(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress) -> None:
-    """Make the labels anew and write them down, if they have the hash that was sealed."""
+    """Make the labels anew and write them down, if they have the hash that was blinded."""
     _verify_answers(place, planned)
     tasks = [Task(w.case, f"{_MAKER}:make_label", (w.spec, w.seed, w.case)) for w in planned]
     labels = _all(tasks, jobs, step)
@@ -402,13 +404,13 @@ def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
 
 
 def _verify_seal(place: _Place, text: str, found: str) -> None:
-    blinded = place.seal.read_text(encoding="utf-8").split()[0]
+    blinded = place.blinding.read_text(encoding="utf-8").split()[0]
     salt = place.salt.read_text(encoding="utf-8").strip()
-    actual = seal_of(salt, text)
+    actual = blinding_hash(salt, text)
     if actual != blinded:
         raise InputError(
-            "the labels are not those that were sealed",
-            file=place.seal,
+            "the labels are not those that were blinded",
+            file=place.blinding,
             found=f"{found}: SHA-256 {actual}",
             expected=f"SHA-256 {blinded}",
         )
@@ -494,7 +496,7 @@ def _measure_tasks(place: _Place, some: Iterable[_World], measurer: str) -> list
     ]
 
 
-def _measured(outcome: Outcome) -> dict[str, Any]:
+def _measured(outcome: TaskOutcome) -> dict[str, Any]:
     """What the measuring gave, or why it failed."""
     value = outcome.value
     if outcome.failure or not isinstance(value, dict) or "S" not in value:
@@ -537,7 +539,7 @@ def _conclude(
         plan=plan,
         programs=tuple(programs),
         hashes={
-            "labels_sha256": place.seal.read_text(encoding="utf-8").split()[0],
+            "labels_sha256": place.blinding.read_text(encoding="utf-8").split()[0],
             "answers_sha256": hashlib.sha256(place.answer_list.read_bytes()).hexdigest(),
         },
         rows=tuple(rows),

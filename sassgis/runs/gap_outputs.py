@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Diagnosis
+from sassgis.gap.observations.case import Case
 from sassgis.io.read.config import load_config, resolved
-from sassgis.io.write.gap_files import write_config_back, write_diagnosis_json, write_gap_gpkg
+from sassgis.io.write.calibrated_config import write_config_back
+from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.manifest import write_manifest
+from sassgis.model.crs import crs_name
 from sassgis.report.gap_report import gap_report, report_warnings
 from sassgis.report.page import write_report
 from sassgis.runs.inputs import input_files
@@ -49,7 +51,16 @@ def write_outputs(
     write_diagnosis_json(work / "diagnosis.json", diagnosis)
     write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
     write_config_back(work / "model" / "config.toml", config_file, diagnosis, case)
-    context = gap_report(config, case, diagnosis, work / "figures", seconds)
+    context = gap_report(
+        case,
+        diagnosis,
+        work / "figures",
+        project=config.project.name,
+        terrain=config.dem_path.name,
+        crs=crs_name(case.grid.crs or ""),
+        configuration=config.file.name,
+        seconds=seconds,
+    )
     write_report(work / "report.html", context)
     observed = {Path(file) for file in case.observations.files.values() if file}
     inputs = input_files(config)

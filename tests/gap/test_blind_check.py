@@ -1,4 +1,4 @@
-"""The blind check: sealed labels, fenced processes, resuming, what is written."""
+"""The blind check: blinded labels, fenced processes, resuming, what is written."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from sassgis.gap.check import check_scores
-from sassgis.gap.check.blinded_cases import labels_text, seal_of
+from sassgis.gap.check.labels import blinding_hash, labels_text
 from sassgis.gap.check.worker_pool import Task, WorkerPool
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.io.read.gap_thresholds import read_thresholds
@@ -65,7 +65,7 @@ def done(tmp_path_factory: pytest.TempPathFactory, thresholds: Path) -> Path:
     with pytest.raises(OutputError, match=r"world 004 ended unexpectedly \(exit code 3\)"):
         run(out, thresholds, jobs=1, diagnoser="helpers.check_stubs:stops_at_four")
     assert (out / "labels.sha256").exists()
-    assert [p.name for p in (out / "sealed").iterdir()] == ["salt.txt"]
+    assert [p.name for p in (out / "blinded").iterdir()] == ["salt.txt"]
     assert not (out / "answers.sha256").exists()
     there = {p: p.stat().st_mtime_ns for p in (out / "answers").glob("*/diagnosis.json")}
     assert [p.parent.name for p in sorted(there)] == ["001", "002", "003"]
@@ -84,7 +84,7 @@ def without_answers(out: Path) -> Path:
     """Back to where the worlds are made and nothing is answered."""
     shutil.rmtree(out / "answers")
     (out / "answers").mkdir()
-    for name in ("answers.sha256", "sealed/labels.json"):
+    for name in ("answers.sha256", "blinded/labels.json"):
         (out / name).unlink()
     return out
 
@@ -107,20 +107,20 @@ def test_a_silent_diagnosis_is_right_at_null_alone(done: Path) -> None:
 
 
 def test_the_labels_have_the_hash_that_was_written_before(done: Path) -> None:
-    text = (done / "sealed" / "labels.json").read_text()
-    salt = (done / "sealed" / "salt.txt").read_text().strip()
+    text = (done / "blinded" / "labels.json").read_text()
+    salt = (done / "blinded" / "salt.txt").read_text().strip()
     blinded, answered = done / "labels.sha256", done / "answers" / "001.json"
-    assert blinded.read_text().split()[0] == seal_of(salt, text)
+    assert blinded.read_text().split()[0] == blinding_hash(salt, text)
     assert blinded.stat().st_mtime_ns < answered.stat().st_mtime_ns
     assert (done / "answers.sha256").stat().st_mtime_ns < (
-        done / "sealed" / "labels.json"
+        done / "blinded" / "labels.json"
     ).stat().st_mtime_ns
     assert labels_text(json.loads(text)[::-1]) == text
 
 
 def test_cases_tell_nothing_of_the_truth(done: Path) -> None:
     truths = {e.name for s in SPECS for e in s.effects}
-    seeds = {str(label["seed"]) for label in json.loads((done / "sealed/labels.json").read_text())}
+    seeds = {str(label["seed"]) for label in json.loads((done / "blinded/labels.json").read_text())}
     files = [p for p in (done / "cases").rglob("*") if p.is_file()]
     assert {p.suffix for p in files} == {".toml", ".tif", ".gpkg", ".csv"}
     for path in files:
@@ -132,9 +132,9 @@ def test_cases_tell_nothing_of_the_truth(done: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("sealed/labels.json", lambda t: t.replace('"none"', '"trees"'), "not those that were"),
-        ("sealed/salt.txt", lambda t: t[::-1], "not those that were sealed"),
-        ("labels.sha256", lambda t: "0" * 64 + t[64:], "not those that were sealed"),
+        ("blinded/labels.json", lambda t: t.replace('"none"', '"trees"'), "not those that were"),
+        ("blinded/salt.txt", lambda t: t[::-1], "not those that were blinded"),
+        ("labels.sha256", lambda t: "0" * 64 + t[64:], "not those that were blinded"),
         ("answers/002/diagnosis.json", lambda t: t.replace("none", "trees"), "were changed"),
         ("answers/002.json", lambda t: t.replace('""', '"x"'), "were changed"),
         ("cases/003/observations/rocks.csv", lambda t: t + "R99\n", "not the one that was made"),
@@ -152,11 +152,11 @@ def test_tampering_is_found_out(
 
 
 def test_labels_made_anew_must_have_the_blinded_hash(copy: Path, thresholds: Path) -> None:
-    (copy / "sealed" / "labels.json").unlink()
+    (copy / "blinded" / "labels.json").unlink()
     (copy / "labels.sha256").write_text("0" * 64 + "  forged\n")
     with pytest.raises(InputError, match="labels made anew"):
         run(copy, thresholds)
-    assert not (copy / "sealed" / "labels.json").exists()
+    assert not (copy / "blinded" / "labels.json").exists()
 
 
 def test_an_answer_that_is_gone_is_not_given_again(copy: Path, thresholds: Path) -> None:
@@ -174,7 +174,7 @@ def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
     monkeypatch.setattr(gap_check, "SHRINKAGE_ROCKS", 40)
     monkeypatch.setattr(gap_check, "FRESH_ROCKS", 30)
     monkeypatch.setattr(check_scores, "SHRINKAGE_ROCKS", 40)
-    labels = json.loads((copy / "sealed" / "labels.json").read_text())
+    labels = json.loads((copy / "blinded" / "labels.json").read_text())
     said: dict[str, dict[str, Any]] = {
         "001": {"effect": "none", "confidence": 0.9},
         "002": {
@@ -212,7 +212,7 @@ def task(root: Path, stub: str) -> Task:
     for number in ("001", "002"):
         (root / "cases" / number).mkdir(parents=True)
         (root / "cases" / number / "config.toml").write_text("")
-    for name in ("check.json", "sealed/salt.txt"):
+    for name in ("check.json", "blinded/salt.txt"):
         (root / name).parent.mkdir(exist_ok=True)
         (root / name).write_text("{}")
     (root / "answers").mkdir()
@@ -223,18 +223,18 @@ def task(root: Path, stub: str) -> Task:
 
 
 def test_the_diagnosing_process_cannot_load_the_worlds(tmp_path: Path) -> None:
-    with WorkerPool(1, tmp_path) as worker_pool:
-        (outcome,) = worker_pool.run([task(tmp_path, "peeks_at_modules")])
+    with WorkerPool(1, tmp_path) as pool:
+        (outcome,) = pool.run([task(tmp_path, "peeks_at_modules")])
     assert outcome.failure == ""
     assert "sassgis.gap.check.worlds" in (tmp_path / "answers/001/refused.txt").read_text()
 
 
 def test_the_diagnosing_process_sees_its_own_case_alone(tmp_path: Path) -> None:
-    with WorkerPool(1, tmp_path) as worker_pool:
-        (outcome,) = worker_pool.run([task(tmp_path, "peeks_at_files")])
+    with WorkerPool(1, tmp_path) as pool:
+        (outcome,) = pool.run([task(tmp_path, "peeks_at_files")])
     assert outcome.failure == ""
     refused = json.loads((tmp_path / "answers/001/refused.json").read_text())
-    assert refused == ["check.json", "sealed/salt.txt", "cases/002/config.toml", "cases"]
+    assert refused == ["check.json", "blinded/salt.txt", "cases/002/config.toml", "cases"]
 
 
 def test_a_battery_that_thresholds_were_chosen_on_is_refused(
@@ -269,13 +269,27 @@ def test_what_the_calling_program_has_loaded_does_not_pass_the_sandbox(tmp_path:
         "import sys\n"
         "from pathlib import Path\n"
         "import sassgis.gap.check.worlds\n"
-        "from sassgis.gap.check.worker_pool import Crew, Task\n"
+        "from sassgis.gap.check.worker_pool import WorkerPool, Task\n"
         "if __name__ == '__main__':\n"
-        "    with Crew(1, Path(sys.argv[1])) as crew:\n"
-        "        (outcome,) = crew.run([Task('1', 'os.path:basename', ('a/b',))])\n"
+        "    with WorkerPool(1, Path(sys.argv[1])) as pool:\n"
+        "        (outcome,) = pool.run([Task('1', 'os.path:basename', ('a/b',))])\n"
         "    print(outcome.value)\n"
     )
     ran = subprocess.run(
         [sys.executable, str(script), str(tmp_path / "out")], capture_output=True, text=True
     )
     assert (ran.returncode, ran.stdout) == (0, "b\n"), ran.stderr
+
+
+def test_a_process_that_is_killed_is_said_with_its_world(tmp_path: Path) -> None:
+    with (
+        pytest.raises(OutputError, match=r"world 001 ended unexpectedly \(killed; memory"),
+        WorkerPool(1, tmp_path) as pool,
+    ):
+        list(pool.run([task(tmp_path, "is_killed")]))
+
+
+def test_workers_compute_in_a_single_thread() -> None:
+    with WorkerPool(1) as pool:
+        (outcome,) = pool.run([Task("1", "helpers.check_stubs:threads")])
+    assert outcome.value == {"numba": 1, "others": [1]}

@@ -34,7 +34,7 @@ def truth(case: str, verdict: str, strength: str = "strong", **changes: object) 
         "strengths": (strength,) * len(names),
         "phase": "impact" if len(names) == 1 else "",
         "segments": LEGS if len(names) == 1 else (),
-        "legs": LEGS,
+        "reaches": LEGS,
         "slope": "gully",
         "rocks": 100,
         "kind": "everything",

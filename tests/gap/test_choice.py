@@ -11,23 +11,28 @@ import pytest
 from helpers.simulated_slope import TABLE, observed
 
 from sassgis.engine.effects.trees import Trees as Forest
-from sassgis.gap import distances as scores
-from sassgis.gap.case import Case
+from sassgis.gap.inference import distances as scores
 from sassgis.gap.ladder.calibration import distances, folds_of, refine, run_refined, shrinkage_of
-from sassgis.gap.model_json import model_as_json, model_from_json
-from sassgis.gap.replicas import (
-    Aside,
-    Measurement,
-    Model,
-    Release,
-    Stand,
-    campaigns,
-    dips_at,
-    heights_at_chainage,
-    ways_of,
+from sassgis.gap.observations.campaign import LOOSE, PIECE, main_blocks, observed_campaign
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import (
+    ForestStand,
+    HypothesisModel,
+    LateralWalk,
+    MeasurementError,
+    ReleaseError,
 )
-from sassgis.gap.sample import LOOSE, PIECE, main_blocks, observed_sample
-from sassgis.gap.which.classifier import DESIGNS, Classifier, Trees, cautious, designs_of, no_idea
+from sassgis.gap.replicas.model_json import model_as_json, model_from_json
+from sassgis.gap.replicas.rock_lines import dips_at, heights_at_chainage, rock_lines_of
+from sassgis.gap.which.classifier import (
+    DESIGNS,
+    Classifier,
+    TreeEnsemble,
+    cautious,
+    designs_of,
+    no_idea,
+)
 from sassgis.gap.which.ensemble import (
     CalibrationProblem,
     Ensemble,
@@ -55,9 +60,9 @@ from sassgis.gap.which.verdict import (
     best_cause,
     confusion_set,
     decide,
-    legs_between,
     measure_next,
     pair_of,
+    reaches_between,
 )
 from sassgis.io.read.gap_thresholds import read_classifier, write_classifiers
 from sassgis.model.effects import EffectSettings
@@ -86,20 +91,20 @@ def ensemble(problem: CalibrationProblem, made: tuple[Base, list[Tried]]) -> Ens
     )
 
 
-def plain(problem: CalibrationProblem, **changes: object) -> Model:
-    return Model(TABLE, EffectSettings(), **changes)  # type: ignore[arg-type]
+def plain(problem: CalibrationProblem, **changes: object) -> HypothesisModel:
+    return HypothesisModel(TABLE, EffectSettings(), **changes)  # type: ignore[arg-type]
 
 
 def test_what_the_base_model_shows_is_what_it_made(problem: CalibrationProblem) -> None:
     """The field is the engine itself: its own campaigns look like it, station by station."""
     samples = campaigns(
         problem.case,
-        problem.ways,
+        problem.rock_lines,
         plain(problem),
         count=30,
         seed=2,
     )
-    seen = rock_quantities(problem.case, observed_sample(problem.case))
+    seen = rock_quantities(problem.case, observed_campaign(problem.case))
     made = [rock_quantities(problem.case, sample) for sample in samples]
     for name in ("stop:runout", "S0:speed", "S1:rotation", "hit:kept", "S0:height"):
         means = np.array([np.nanmean(one[name]) for one in made])
@@ -111,7 +116,7 @@ def test_campaigns_are_the_same_however_they_are_asked_for(
 ) -> None:
     one = campaigns(
         problem.case,
-        problem.ways,
+        problem.rock_lines,
         plain(problem),
         count=2,
         seed=2,
@@ -119,7 +124,7 @@ def test_campaigns_are_the_same_however_they_are_asked_for(
     )
     again = campaigns(
         problem.case,
-        problem.ways,
+        problem.rock_lines,
         plain(problem),
         count=2,
         seed=2,
@@ -127,7 +132,7 @@ def test_campaigns_are_the_same_however_they_are_asked_for(
     )
     other = campaigns(
         problem.case,
-        problem.ways,
+        problem.rock_lines,
         plain(problem),
         count=2,
         seed=2,
@@ -140,51 +145,53 @@ def test_campaigns_are_the_same_however_they_are_asked_for(
 
 
 def test_scatter_aside_grows_as_a_random_walk(problem: CalibrationProblem) -> None:
-    walk = Aside(angle_deg=10.0, hop_m=8.0)
+    walk = LateralWalk(angle_deg=10.0, hop_m=8.0)
     rows = [
         s.deposits
         for s in campaigns(
             problem.case,
-            problem.ways,
-            plain(problem, aside=walk),
+            problem.rock_lines,
+            plain(problem, lateral_walk=walk),
             count=60,
             seed=2,
         )
     ]
     s = np.concatenate([r.s for r in rows if r is not None])
-    aside = np.concatenate([r.aside_m for r in rows if r is not None])
+    aside = np.concatenate([r.lateral_m for r in rows if r is not None])
     expected = np.sqrt(np.tan(np.radians(10.0)) ** 2 * 8.0 * s + 0.25**2)
     assert np.std(aside / expected) == pytest.approx(1.0, abs=0.08)
     assert abs(np.mean(aside / expected)) < 0.1
 
 
 def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:
-    def speed(measurement: Measurement) -> float:
+    def speed(measurement: MeasurementError) -> float:
         model = plain(problem, measurement=measurement)
-        rows = campaigns(problem.case, problem.ways, model, count=10, seed=2)
+        rows = campaigns(problem.case, problem.rock_lines, model, count=10, seed=2)
         return float(
             np.mean(np.concatenate([r.passages.speed_mps for r in rows if r.passages is not None]))
         )
 
-    assert speed(Measurement(scale=1.2)) == pytest.approx(1.2 * speed(Measurement()), rel=1e-9)
+    assert speed(MeasurementError(scale=1.2)) == pytest.approx(
+        1.2 * speed(MeasurementError()), rel=1e-9
+    )
 
 
 def test_release_moves_the_start(problem: CalibrationProblem) -> None:
-    shifted = plain(problem, release=Release(shift_m=5.0))
-    rows = campaigns(problem.case, problem.ways, shifted, count=10, seed=2)
-    aside = np.concatenate([r.deposits.aside_m for r in rows if r.deposits is not None])
+    shifted = plain(problem, release=ReleaseError(shift_m=5.0))
+    rows = campaigns(problem.case, problem.rock_lines, shifted, count=10, seed=2)
+    aside = np.concatenate([r.deposits.lateral_m for r in rows if r.deposits is not None])
     assert np.mean(aside) == pytest.approx(5.0, abs=0.2)
 
 
 def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) -> None:
     model = replace(
-        plain(problem, stand=Stand(46.0, 79.0, 4000.0, 50.0)),
+        plain(problem, stand=ForestStand(46.0, 79.0, 4000.0, 50.0)),
         effects=EffectSettings(Forest()),
     )
-    with_trees = campaigns(problem.case, problem.ways, model, count=20, seed=2)
+    with_trees = campaigns(problem.case, problem.rock_lines, model, count=20, seed=2)
     without = campaigns(
         problem.case,
-        problem.ways,
+        problem.rock_lines,
         plain(problem),
         count=20,
         seed=2,
@@ -211,7 +218,7 @@ def test_pieces_and_loose_blocks_keep_to_their_campaign(
             (family,),
             ParameterDraws(np.random.default_rng(1), parameter_draws),
         )
-        for sample in campaigns(problem.case, problem.ways, made.model, count=3, seed=2):
+        for sample in campaigns(problem.case, problem.rock_lines, made.model, count=3, seed=2):
             rows = sample.deposits
             assert rows is not None
             assert (rows.kind == kind).any()
@@ -256,7 +263,7 @@ def test_shrinkage_is_one_where_the_effect_explains_all_and_withheld_without_a_g
 
 
 def test_profiles_are_read_where_they_are(problem: CalibrationProblem) -> None:
-    bare = problem.ways.bare
+    bare = problem.rock_lines.unforested
     for i in (0, 5):
         s, z = bare.vertices(i)
         at = np.linspace(s[0] + 0.5, s[-1] - 0.5, 40)
@@ -289,8 +296,8 @@ def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) 
 
 def test_kinds_of_numbers_do_not_know_places() -> None:
     assert kind_and_place("S12:speed|mean") == ("S:speed|mean", 12)
-    assert kind_and_place("hit3:kept|all_sd") == ("hit_leg:kept|all_sd", 3)
-    assert kind_and_place("leg2:speed_change~S1:speed") == ("leg:speed_change~S:speed", 2)
+    assert kind_and_place("hit3:kept|all_sd") == ("hit_reach:kept|all_sd", 3)
+    assert kind_and_place("leg2:speed_change~S1:speed") == ("reach:speed_change~S:speed", 2)
     assert kind_and_place("hit@meadow:kept~size", ("meadow",)) == ("hit_soft:kept~size", 0)
     assert kind_and_place("hit@rock:kept~size", ("meadow",)) == ("hit_hard:kept~size", 0)
 
@@ -345,7 +352,9 @@ def test_an_effect_shows_where_it_acts(
             (family,),
             ParameterDraws(np.random.default_rng(1), parameter_draws),
         )
-        sample = campaigns(problem.case, problem.ways, one.model, count=1, seed=2, number=3)[0]
+        sample = campaigns(problem.case, problem.rock_lines, one.model, count=1, seed=2, number=3)[
+            0
+        ]
         return signature_of(reference, features_of(base, sample))
 
     assert seen("fragmentation", **{"break.energy": 0.1})["p|stop:more_blocks"] > 4.0
@@ -411,13 +420,13 @@ def test_too_little_is_no_idea(problem: CalibrationProblem) -> None:
 def test_deflection_that_is_configured_stays(problem: CalibrationProblem) -> None:
     on = replace(problem.case, effects=EffectSettings(LateralDeflection()))
     base = draw(on, (), ParameterDraws(np.random.default_rng(1)))
-    assert base.model.aside == Aside(angle_deg=10.0, hop_m=10.0)
+    assert base.model.lateral_walk == LateralWalk(angle_deg=10.0, hop_m=10.0)
     assert "lateral_deflection" not in families_to_try(on)
 
 
 def small_classifier() -> Classifier:
     """Two trees of one question each."""
-    trees = Trees(
+    trees = TreeEnsemble(
         np.array([0, 3]),
         np.array([0, 0, 0, 1, 0, 0]),
         np.array([0.5, 0, 0, -0.5, 0, 0], np.float32),
@@ -452,7 +461,7 @@ def test_trees_are_asked_from_the_root() -> None:
 
 
 def test_classifiers_are_read_as_they_were_written(tmp_path: Path) -> None:
-    file = tmp_path / "judges.npz"
+    file = tmp_path / "classifiers.npz"
     write_classifiers(file, dict.fromkeys(DESIGNS, small_classifier()))
     read = read_classifier("both", file)
     for signature in ({"a": 3.0}, {"b": -2.0}, {}):
@@ -516,10 +525,10 @@ def test_decisions() -> None:
     assert confusion_set("air_drag+trees", two, thresholds) == ("air_drag", "trees", NONE)
 
 
-def test_legs_and_measurements(problem: CalibrationProblem) -> None:
+def test_reaches_and_measurements(problem: CalibrationProblem) -> None:
     case = problem.case
-    assert legs_between(case, -5.0, 1e9) == case.legs
-    assert legs_between(case, 0.0, 1.0) == case.legs[:1]
+    assert reaches_between(case, -5.0, 1e9) == case.reaches
+    assert reaches_between(case, 0.0, 1.0) == case.reaches[:1]
     assert measure_next(case, ("trees",)) == ()
     bare = replace(
         case, observations=replace(case.observations, impacts=case.observations.impacts.take(
@@ -542,6 +551,6 @@ def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
 
 def test_numbers_of_a_campaign_exist_for_few_rocks() -> None:
     case = observed(6, 1, tables=("passages", "deposits"))
-    told, _ = summary(case, observed_sample(case), covariates_of(case))
+    told, _ = summary(case, observed_campaign(case), covariates_of(case))
     assert told and not any(name.startswith("hit") for name in told)
-    assert ways_of(case).keys.size == 6
+    assert rock_lines_of(case).keys.size == 6

@@ -11,25 +11,28 @@ import pytest
 
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
-from sassgis.gap.ladder.fresh import measured_shrinkage
 from sassgis.gap.which.classifier import DESIGNS
+from sassgis.gap.which.ensemble import problem_of
 from sassgis.gap.which.families import FAMILIES
+from sassgis.gap.which.hypotheses import families_to_try
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_classifier, read_thresholds, thresholds_of
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs.diagnose import diagnose
+from sassgis.runs.fresh_shrinkage import measured_shrinkage
+from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_check import SEED
 
 
 def make_case(folder: Path, kind: str, n_rocks: int, effect: str | None = None) -> Path:
     effects = () if effect is None else (EffectSpec(effect, "strong"),)  # type: ignore[arg-type]
     world = make_world(WorldSpec("cliff_talus_meadow", effects, n_rocks, kind), 31)
-    seen, told = observe(world, kind, n_rocks, 1), setup(world)  # type: ignore[arg-type]
+    seen, known = observe(world, kind, n_rocks, 1), setup(world)  # type: ignore[arg-type]
     write_case(
-        folder, title="test", dem=told.dem, class_names=told.class_names,
-        class_codes=told.class_codes, releases=told.releases, blocks=told.blocks,
+        folder, title="test", dem=known.dem, class_names=known.class_names,
+        class_codes=known.class_codes, releases=known.releases, blocks=known.blocks,
         tables=seen.tables, metadata=seen.metadata,
     )  # fmt: skip
     return folder
@@ -108,13 +111,40 @@ def test_processes_and_an_interruption_change_nothing(
     assert json.loads((tmp_path / "two" / "diagnosis.json").read_text()) == expected
 
 
+def test_the_time_left_is_measured_when_all_is_compiled(
+    everything: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the clock of the progress sees first comes after one draw of every effect."""
+    tried: list[str] = []
+    monkeypatch.setattr(gap_diagnose, "try_task", lambda _problem, task, _order: tried.append(task))
+    monkeypatch.setattr(gap_diagnose, "ensemble_of", lambda _problem, made: made)
+    case = read_case(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME)
+    problem = problem_of(case, 1)
+    steps: list[tuple[int, int, int]] = []
+    seen_at_first_step: list[str] = []
+
+    def on_progress(*step: int) -> None:
+        if not steps:
+            seen_at_first_step.extend(effect for effect, _ in tried)
+        steps.append(step)  # type: ignore[arg-type]
+
+    families = families_to_try(case)
+    with gap_diagnose._workers(problem, 1) as run_tasks:
+        made = gap_diagnose._ensemble(problem, [], 3, run_tasks, tmp_path, "x", on_progress)
+    assert tuple(seen_at_first_step) == families
+    assert [done for done, _, _ in steps] == list(range(len(families), 3 * len(families) + 1))
+    assert {total for _, total, _ in steps} == {len(made)} == {3 * len(families)}
+    assert steps[-1][2] == 2 * 3 * len(families) * case.n_rocks
+    assert sorted(tried) == sorted((f, i) for f in families for i in range(3))  # type: ignore[comparison-overlap]
+
+
 @pytest.mark.parametrize(("kind", "n"), [("stops", 15), ("stations", 15)])
 def test_little_is_enough_for_an_answer(tmp_path: Path, kind: str, n: int) -> None:
     case = make_case(tmp_path / "case", kind, n)
     found = run(case, tmp_path / "out")
     assert found.verdict.effect in ("none", "unknown") or found.verdict.confidence < 1.0
     assert len(found.verdict.confusion_set) > 1
-    assert any("15 rocks" in line for line in found.cannot_tell)
+    assert any("15 rocks" in line for line in found.not_identifiable)
     assert (tmp_path / "out" / "report.html").is_file()
 
 

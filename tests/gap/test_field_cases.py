@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from helpers.scripts import run_script
 
-from sassgis.gap.observations.tables import what_can_be_told
+from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs.gap_case import read_case
@@ -132,8 +132,8 @@ def test_authume_keeps_its_terrain_where_it_lies(
     rocks = pd.read_csv(case.observations["all"] / "rocks.csv")
     assert len(rocks) == ROWS["authume_quarry_p1"]
     assert not list(case.config.parent.rglob("*.tif"))
-    told = what_can_be_told(read_observations(case.observations["all"]))
-    assert any(line.startswith("No release points") for line in told.cannot_tell)
+    told = what_is_identifiable(read_observations(case.observations["all"]))
+    assert any(line.startswith("No release points") for line in told.not_identifiable)
 
 
 def test_halves_are_even_in_each_stratum(tables: ModuleType) -> None:
@@ -315,12 +315,12 @@ def test_a_calibrated_model_keeps_its_ways_aside() -> None:
     from field_cases.study import model_of
 
     from sassgis.gap.diagnosis import Calibrated
-    from sassgis.gap.replicas import Aside
+    from sassgis.gap.replicas.hypothesis_model import LateralWalk
     from sassgis.io.read.ground_map import built_in_table
     from sassgis.model.effects import EffectSettings
 
     section = {"form": "kicks", "angle_deg": 17.0, "hop_m": 6.0}
     sections = {"lateral_deflection": section}
     found = Calibrated(built_in_table(), EffectSettings(), sections=sections)
-    assert model_of(found).aside == Aside(angle_deg=17.0, hop_m=6.0)
-    assert model_of(Calibrated(built_in_table(), EffectSettings())).aside == Aside()
+    assert model_of(found).lateral_walk == LateralWalk(angle_deg=17.0, hop_m=6.0)
+    assert model_of(Calibrated(built_in_table(), EffectSettings())).lateral_walk == LateralWalk()

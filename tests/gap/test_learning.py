@@ -1,4 +1,4 @@
-"""What the judges were grown from, and that the trees are asked as they were grown."""
+"""What the classifiers were grown from, and that the trees are asked as they were grown."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_trees_answer_as_those_that_were_grown(learning: ModuleType, tmp_path: P
         1.0,
         np.ones(4),
     )
-    file = tmp_path / "judges.npz"
+    file = tmp_path / "classifiers.npz"
     write_classifiers(file, dict.fromkeys(DESIGNS, classifier))
     read = read_classifier("stops", file)
     asked = rng.normal(size=(40, 6)).astype(np.float32)

@@ -13,24 +13,20 @@ import pytest
 import shapely
 from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
-from sassgis.gap.observations.tables import (
+from sassgis.gap.observations.identifiable import what_is_identifiable
+from sassgis.gap.observations.observed import (
     METADATA_KEYS,
-    Deposits,
-    Impacts,
     Metadata,
     Observations,
-    Passages,
-    Rocks,
-    Trajectories,
     parent_of,
     rock_masses_kg,
     rock_radii_m,
     root_of,
-    what_can_be_told,
 )
 from sassgis.gap.observations.tables import (
     TABLES as KNOWN,
 )
+from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Rocks, Trajectories
 from sassgis.io.read.observation_files import (
     observations_template,
     read_observations,
@@ -414,7 +410,7 @@ def test_each_fault_is_found_once_and_named(case, folder, slope):
     observed = read_observations(folder(**{**NO_LOOSE_BLOCK, **changes}), slope)
     found = lines(observed, slope)
     assert any(text in line for line in found), found
-    # The fault is told once, not in three ways.
+    # The fault is told once, not in three rock_lines.
     assert len(found) <= (2 if case in ("other heights", "above the release") else 1), found
 
 
@@ -583,7 +579,7 @@ def test_template_of_csv_files_has_all_columns(tmp_path):
             assert column.name in guide and column.meaning in guide
     with pytest.raises(OutputError, match="exists already"):
         observations_template(path)
-    with pytest.raises(OutputError, match="cannot tell what to write"):
+    with pytest.raises(OutputError, match="cannot see what to write"):
         observations_template(tmp_path / "observed.xlsx")
 
 
@@ -630,13 +626,13 @@ def test_template_of_a_geopackage_can_be_filled_in(tmp_path, slope):
 
 
 def test_full_data_can_tell_nearly_everything(folder, slope):
-    told = what_can_be_told(read_observations(folder(), slope))
+    told = what_is_identifiable(read_observations(folder(), slope))
     assert told.rocks == 5 and told.unattributed == 1
     kept = next(q for q in told.quantities if q.name == "energy_kept")
     assert kept.phases == ("impact",) and kept.rocks == 5 and kept.values == 5
     stops = next(q for q in told.quantities if q.name == "runout_m")
     assert stops.values == 7 and stops.rocks == 5
-    text = " ".join(told.cannot_tell)
+    text = " ".join(told.not_identifiable)
     assert "5 rocks: a gap of the mean below 1.25 standard deviations" in text
     assert "same mass" in text
     assert "No " not in text
@@ -644,19 +640,19 @@ def test_full_data_can_tell_nearly_everything(folder, slope):
 
 def test_stops_alone_cannot_tell_much(folder, slope):
     observed = read_observations(folder(), slope)
-    told = what_can_be_told(Observations(deposits=observed.deposits))
+    told = what_is_identifiable(Observations(deposits=observed.deposits))
     assert {q.name for q in told.quantities} == {
         "runout_m",
         "lateral_m",
         "block_mass_kg",
         "block_volume_m3",
     }
-    text = " ".join(told.cannot_tell)
+    text = " ".join(told.not_identifiable)
     for missing in ("release points", "speeds at stations", "trajectories in time", "semi-axes"):
         assert f"No {missing}" in text
     assert "No deposits" not in text
-    nothing = what_can_be_told(Observations())
-    assert nothing.quantities == () and "No rocks" in nothing.cannot_tell[0]
+    nothing = what_is_identifiable(Observations())
+    assert nothing.quantities == () and "No rocks" in nothing.not_identifiable[0]
 
 
 def test_masses_and_radii_from_what_is_there():
@@ -751,7 +747,7 @@ def test_chant_sura_can_be_held(shared_data, tmp_path):
     observed = read_observations(tmp_path)
     assert len(observed.trajectories) == len(path)
     assert lines(observed) == []
-    told = what_can_be_told(observed)
+    told = what_is_identifiable(observed)
     assert told.has("flight_fit")
     path_kmh = observed.trajectories.speed_mps * 3.6
     frame = pd.read_csv(tmp_path / "trajectories.csv")

@@ -30,8 +30,8 @@ from helpers.made_diagnosis import (
 from helpers.observed_slope import NORTH
 
 from sassgis.engine.effects.trees import Trees
-from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import Calibrated, Hypothesis
+from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
 from sassgis.gap.which.families import FAMILIES
@@ -47,25 +47,17 @@ from sassgis.gap.words import (
 )
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.write.gap_files import (
-    FILE_KEYS,
-    stand_polygon,
-    write_config_back,
-    write_diagnosis_json,
-    write_gap_gpkg,
-)
+from sassgis.io.write.calibrated_config import FILE_KEYS, write_config_back
+from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
+from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, OutputError
 from sassgis.model.grid import Grid
 from sassgis.report import figures
-from sassgis.report.figures.gap_figures import GapStretch, _band
-from sassgis.report.gap_report import (
-    answer,
-    finding_sentence,
-    headline,
-    map_parts,
-    verdict_sentence,
-)
+from sassgis.report.figures.gap_figures import _band
+from sassgis.report.figures.gap_map_figures import GapStretch
+from sassgis.report.gap_answer import finding_sentence, verdict_sentence
+from sassgis.report.gap_report import answer, headline, map_parts
 from sassgis.runs.gap_map_change import difference, map_change
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.inputs import read_map_run
@@ -155,7 +147,7 @@ def test_stops_alone_are_enough(stops_only: Made, tmp_path: Path) -> None:
 def test_a_diagnosis_that_found_nothing_at_all_is_written(few: Made, tmp_path: Path) -> None:
     config, case = few
     diagnosis = replace(
-        unnamed(case, "none"), where=(), which=(), comparisons=(), cannot_tell=(),
+        unnamed(case, "none"), where=(), which=(), comparisons=(), not_identifiable=(),
         measure_next=(), tables={},
     )  # fmt: skip
     write_outputs(tmp_path / "out", case, diagnosis, config)
@@ -193,7 +185,7 @@ def test_json_holds_the_agreed_keys_and_no_nan(made: Made, tmp_path: Path) -> No
     assert read["where"][-1]["gap"] == "inf"
     assert read["which"][0]["parameters"]["stems_per_ha"] == 420.0
     assert read["shrinkage"]["value"] == 0.74
-    assert read["data"]["rocks"] == 40 and read["data"]["cannot_tell"]
+    assert read["data"]["rocks"] == 40 and read["data"]["not_identifiable"]
     assert read["seed"] == 1 and len(read["settings_hash"]) == 64
 
 
@@ -212,12 +204,12 @@ def test_every_finding_is_on_one_layer_of_the_map(written: Path) -> None:
 
 def test_stretches_lie_between_the_stations(written: Path) -> None:
     stretches = gpd.read_file(written / "gap.gpkg", layer="gap_stretches")
-    leg = stretches[stretches.place == "S1-S2"].geometry.iloc[0]
-    _, low, _, high = leg.bounds
+    reach = stretches[stretches.place == "S1-S2"].geometry.iloc[0]
+    _, low, _, high = reach.bounds
     # S1 lies 100 m, S2 190 m below the northern edge.
     assert low == pytest.approx(NORTH - 190.0, abs=0.01)
     assert high == pytest.approx(NORTH - 100.0, abs=0.01)
-    assert len(leg.geoms) == 40
+    assert len(reach.geoms) == 40
 
 
 def test_what_is_surest_lies_on_top_and_has_the_label(written: Path) -> None:
@@ -272,7 +264,7 @@ def test_the_gpkg_is_not_overwritten(made: Made, written: Path) -> None:
         write_gap_gpkg(written / "gap.gpkg", case, with_trees(case))
 
 
-def test_legs_of_a_line_end_at_its_own_crossings(made: Made) -> None:
+def test_reaches_of_a_line_end_at_its_own_crossings(made: Made) -> None:
     _, case = made
     line = used_lines(case)[3]
     low, high = limits_on(case, finding("S1-S2", "flight", "speed_mps", -1.0), line)
@@ -433,7 +425,7 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
     text = (tmp_path / "config.toml").read_text()
     assert text.startswith("# Made by sassgis")
     assert "Named: trees, with a confidence of 0.71; section [effects.trees] is fitted." in text
-    assert "do not tell apart: trees, soft ground" in text
+    assert "do not separate: trees, soft ground" in text
     error = replace(
         unnamed(case, "none"), verdict=replace(with_trees(case).verdict, effect="release_error")
     )
@@ -491,7 +483,7 @@ def test_quantities_in_words() -> None:
     assert quantity_name("odd") == "odd"
     assert quantity_name("runout_m_spread") == "scatter of run-out"
     assert quantity_name("stop runout") == "run-out"
-    assert quantity_name("stop aside") == "position to the side of stops"
+    assert quantity_name("stop aside") == "lateral offset of stops"
     assert with_unit_in_brackets("speed", "m/s") == "speed (m/s)"
     assert with_unit_in_brackets("share", "1") == "share"
 
@@ -527,7 +519,7 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
             "The gap is best explained by trees that take energy from passing rocks.",
             "Confidence 71 %.",
             "A confidence of 71 % is cautious",
-            "These data cannot tell it from: soft ground.",
+            "These data do not separate it from: soft ground.",
             "Speeds of rocks of different mass in the stand.",
             "3 of 11 comparisons differ",
             "Speed at S2",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.observed_slope import NORTH, WEST, at, ground
 
+from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import (
     lines_of_rocks,
     nearest_lines,
@@ -17,7 +18,7 @@ from sassgis.gap.observations.projection import (
     project_observations,
     station_chainages,
 )
-from sassgis.gap.observations.tables import Observations, Stations, Trajectories
+from sassgis.gap.observations.tables import Stations, Trajectories
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import TraceSet
@@ -75,15 +76,15 @@ def test_points_of_a_plane_slope(observed, slope):
     np.testing.assert_allclose(found["rocks"].s, 0.0, atol=1e-6)
     np.testing.assert_allclose(found["passages"].s, np.tile([80.0, 180.0], 5), atol=0.02)
     # Lines run south from x = 2 i; rocks passed at x = 2.5 i. East is left, looking south.
-    np.testing.assert_allclose(found["passages"].aside_m, np.repeat(-0.5 * number, 2), atol=0.02)
+    np.testing.assert_allclose(found["passages"].lateral_m, np.repeat(-0.5 * number, 2), atol=0.02)
     np.testing.assert_allclose(found["passages"].height_m, 0.8, atol=1e-6)
     np.testing.assert_allclose(found["deposits"].s[:4], 230.0 + number[:4], atol=0.02)
-    np.testing.assert_allclose(found["deposits"].aside_m[4], -(20.0 - 10.0), atol=0.02)
+    np.testing.assert_allclose(found["deposits"].lateral_m[4], -(20.0 - 10.0), atol=0.02)
     np.testing.assert_allclose(found["deposits"].height_m, 0.0, atol=1e-6)
     assert (found["deposits"].beyond == 0).all()
     # The block of unknown origin is put on the line nearest to it: that of R1.
     assert found["deposits"].line[6] == 0
-    np.testing.assert_allclose(found["deposits"].aside_m[6], 22.0, atol=0.02)
+    np.testing.assert_allclose(found["deposits"].lateral_m[6], 22.0, atol=0.02)
     alone = project_observations(observed, traces, line, grid=slope, unattributed=False)
     assert alone["deposits"].line[6] == -1 and np.isnan(alone["deposits"].s[6])
 
@@ -106,7 +107,7 @@ def test_height_is_that_above_the_ground_below_the_point():
         traces, np.array([0]), np.array([70.0]), np.array([60.0]), np.array([67.0]), grid=grid
     )
     assert found.s[0] == pytest.approx(40.0)
-    assert found.aside_m[0] == pytest.approx(-10.0)
+    assert found.lateral_m[0] == pytest.approx(-10.0)
     assert found.height_m[0] == pytest.approx(67.0 - 65.0)
 
 
@@ -115,7 +116,7 @@ def test_sign_of_the_side_and_chainage_round_a_corner():
     x, y = np.array([4.0, 4.0, 12.0, 8.0]), np.array([-2.0, 3.0, -5.0, -5.0])
     found = project(traces, np.zeros(4, int), x, y)
     np.testing.assert_allclose(found.s, [4.0, 4.0, 15.0, 15.0])
-    np.testing.assert_allclose(found.aside_m, [2.0, -3.0, -2.0, 2.0])
+    np.testing.assert_allclose(found.lateral_m, [2.0, -3.0, -2.0, 2.0])
     assert np.isnan(found.height_m).all()
 
 
@@ -150,7 +151,7 @@ def test_nearest_lines_are_those_of_brute_force():
     x[3] = np.nan
     found = nearest_lines(traces, x, y)
     away = np.array(
-        [np.abs(project(traces, np.full(40, i), x, y).aside_m) for i in range(len(traces))]
+        [np.abs(project(traces, np.full(40, i), x, y).lateral_m) for i in range(len(traces))]
     )
     expected = np.where(np.isnan(x), -1, np.argmin(np.nan_to_num(away), axis=0))
     assert found.tolist() == expected.tolist()

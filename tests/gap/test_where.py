@@ -15,12 +15,12 @@ from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
-from sassgis.gap.diagnosis import Finding
-from sassgis.gap.distances import mean_gap_tests
+from sassgis.gap.diagnosis import GapFinding
+from sassgis.gap.inference.rock_tests import mean_gap_tests
+from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
 from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
-from sassgis.gap.residuals.reaches import Model, free_run, observed_at_stations
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
-from sassgis.gap.where.findings import LEAST_ROCKS, leg_edges, locate, where
+from sassgis.gap.where.findings import LEAST_ROCKS, locate, reach_edges, where
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 
@@ -32,11 +32,11 @@ def changed(name: str, **values: float) -> GroundTable:
     )
 
 
-def found(case: Any, **kwargs: Any) -> tuple[Finding, ...]:
+def found(case: Any, **kwargs: Any) -> tuple[GapFinding, ...]:
     return where(case, TABLE, seed=3, draws=499, **kwargs)
 
 
-def one(findings: tuple[Finding, ...], place: str, quantity: str, test: str) -> Finding:
+def one(findings: tuple[GapFinding, ...], place: str, quantity: str, test: str) -> GapFinding:
     (own,) = (
         f
         for f in findings
@@ -193,18 +193,18 @@ def _taken(case: Any, which: Any) -> Any:
 
 def test_runs_from_the_release_are_those_of_the_engine():
     case = observed(8, 2, tables=("deposits",))
-    run = free_run(case, Model.of(case, TABLE, None, None, 4), 6)
+    run = free_run(case, RunModel.of(case, TABLE, None, None, 4), 6)
     assert run.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
     assert (run.stops == 1.0).all() and (run.largest == 1.0).all()
     came = run.at.came == 1.0
     np.testing.assert_array_equal(came, run.runout_m[:, :, None] >= case.station_s[:, None, :])
     np.testing.assert_array_equal(came, np.isfinite(run.at.speed_mps))
-    edges = leg_edges(case, run)
+    edges = reach_edges(case, run)
     np.testing.assert_allclose(edges[1:, 0], STATIONS, atol=0.1)
     np.testing.assert_array_equal(edges[1:, 0], edges[:-1, 1])
 
 
-def test_softer_ground_shows_on_its_legs_and_class():
+def test_softer_ground_shows_on_its_reaches_and_class():
     """Debris lies between 50 and 110 m: it keeps less energy than the model thinks."""
     f = found(observed(40, 11, table=changed("debris", eta_max=0.37)))
     assert f == tuple(sorted(f, key=lambda x: x.p_adjusted))
@@ -215,15 +215,15 @@ def test_softer_ground_shows_on_its_legs_and_class():
     for place in ("ground:rock", "ground:talus", "ground:meadow"):
         own = [x for x in f if x.place == place and x.quantity == "energy_kept"]
         assert all(x.p_adjusted > 0.05 for x in own)
-    slow = one(f, "S1-S2", "speed_mps", "leg")
+    slow = one(f, "S1-S2", "speed_mps", "reach")
     assert slow.p_adjusted < 0.01 and slow.gap < -3.0 and slow.unit == "m/s"
     # From the release it is carried on; above, nothing is wrong.
     assert one(f, "S2", "speed_mps", "free run").p_adjusted < 0.01
     assert one(f, "S1", "speed_mps", "free run").p_adjusted > 0.05
     assert not [x for x in f if x.phase == "release" and x.p_adjusted < 0.05]
-    phase, legs = locate(f)
-    assert phase == "impact" and set(legs) <= {"S1-S2", "S2-S3"} and legs
-    # On the map the leg lies between its stations, which run across at these heights.
+    phase, reaches = locate(f)
+    assert phase == "impact" and set(reaches) <= {"S1-S2", "S2-S3"} and reaches
+    # On the map the reach lies between its stations, which run across at these heights.
     assert slow.s0_m == pytest.approx(STATIONS[0], abs=0.1)
     assert slow.s1_m == pytest.approx(STATIONS[1], abs=0.1)
     assert slow.y == pytest.approx(330.0 - 20.0 - 0.5 * sum(STATIONS[:2]), abs=0.5)
@@ -232,9 +232,9 @@ def test_softer_ground_shows_on_its_legs_and_class():
 def test_softer_ground_shows_without_impacts():
     case = observed(40, 12, table=changed("debris", eta_max=0.37), tables=("passages", "deposits"))
     f = found(case)
-    assert {x.test for x in f} == {"free run", "leg"}
-    phase, legs = locate(f, ("impact",))
-    assert phase == "impact" and legs[0] == "S1-S2" and "release-S1" not in legs
+    assert {x.test for x in f} == {"free run", "reach"}
+    phase, reaches = locate(f, ("impact",))
+    assert phase == "impact" and reaches[0] == "S1-S2" and "release-S1" not in reaches
 
 
 def test_drag_shows_in_flight():
@@ -263,17 +263,17 @@ def test_stems_show_where_they_stand():
             tables=("passages", "deposits"),
         )
     )  # fmt: skip
-    assert one(f, "S2-S3", "speed_mps", "leg").gap < -5.0
-    phase, legs = locate(f, ("flight", "rolling"))
-    assert phase in ("flight", "rolling") and "S2-S3" in legs
-    assert not {"release-S1", "S1-S2"} & set(legs)
+    assert one(f, "S2-S3", "speed_mps", "reach").gap < -5.0
+    phase, reaches = locate(f, ("flight", "rolling"))
+    assert phase in ("flight", "rolling") and "S2-S3" in reaches
+    assert not {"release-S1", "S1-S2"} & set(reaches)
 
 
-def test_a_wrong_release_leaves_the_legs_right():
+def test_a_wrong_release_leaves_the_reaches_right():
     """Rocks that start much faster than stated come to the first station otherwise."""
     f = found(observed(80, 15, faster_mps=12.0, tables=("passages", "deposits")))
     assert min(x.p_adjusted for x in f if x.place == "S1") < 0.01
-    below = [x for x in f if x.test == "leg" and x.place != "release-S1"]
+    below = [x for x in f if x.test == "reach" and x.place != "release-S1"]
     assert below and all(x.p_adjusted > 0.05 for x in below)
     assert locate(f)[1] == ("release-S1",)
 
@@ -283,7 +283,7 @@ def test_stops_alone_say_where_rocks_come_to_rest():
     f = found(case)
     own = one(f, "all", "runout_m", "free run")
     assert own.p_adjusted < 0.05 and own.gap > 3.0 and own.phase == "stopping"
-    assert {x.quantity for x in f if x.test == "leg"} == {"arrived"}
+    assert {x.quantity for x in f if x.test == "reach"} == {"arrived"}
     assert locate(f)[0] == "stopping"
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -61,7 +63,12 @@ def peeks_at_modules(config: str, observations: str, out: str, **_: Any) -> None
 def peeks_at_files(config: str, observations: str, out: str, **_: Any) -> None:
     root = Path(out).parents[1]
     refused = []
-    for path in ("check.json", "sealed/salt.txt", "cases/001/config.toml", "cases/002/config.toml"):
+    for path in (
+        "check.json",
+        "blinded/salt.txt",
+        "cases/001/config.toml",
+        "cases/002/config.toml",
+    ):
         try:
             (root / path).read_text()
         except PermissionError:
@@ -81,6 +88,19 @@ def stops_at_four(config: str, observations: str, out: str, **_: Any) -> None:
         marker.write_text("")
         sys.exit(3)
     answer(out, "none")
+
+
+def is_killed(config: str, observations: str, out: str, **_: Any) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def threads() -> dict[str, Any]:
+    import numba
+    import numpy  # noqa: F401
+    import threadpoolctl
+
+    found = {info["num_threads"] for info in threadpoolctl.threadpool_info()}
+    return {"numba": numba.get_num_threads(), "others": sorted(found)}
 
 
 def measured(config: str, fresh: str, answer_folder: str) -> dict[str, Any]:

@@ -12,16 +12,16 @@ import shapely
 from helpers.observed_slope import LV95, NORTH, WEST, at
 
 from sassgis.engine.effects.trees import Trees
-from sassgis.gap.case import Case
 from sassgis.gap.diagnosis import (
     Calibrated,
     Comparison,
     Diagnosis,
-    Finding,
+    GapFinding,
     Hypothesis,
     Shrinkage,
     Verdict,
 )
+from sassgis.gap.observations.case import Case
 from sassgis.io.write.raster import write_raster
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
@@ -141,7 +141,7 @@ def calibrated(table: GroundTable, **changes: float) -> GroundTable:
     )
 
 
-def finding(place: str, phase: str, quantity: str, gap: float, **changes: Any) -> Finding:
+def finding(place: str, phase: str, quantity: str, gap: float, **changes: Any) -> GapFinding:
     """A finding, sure unless it is said otherwise."""
     unit = {"speed_mps": "m/s", "rotation_hz": "1/s", "height_m": "m", "energy_kept": "",
             "runout_m": "m", "lateral_m": "m"}[quantity]  # fmt: skip
@@ -155,18 +155,18 @@ def finding(place: str, phase: str, quantity: str, gap: float, **changes: Any) -
         "observed": 9.0, "predicted": 9.0 - gap, "test": "free run", "s0_m": s[0], "s1_m": s[1],
         "x": x, "y": y,
     }  # fmt: skip
-    return Finding(**{**values, **changes})
+    return GapFinding(**{**values, **changes})
 
 
 FINDINGS = (
     finding("S2", "flight", "speed_mps", -2.1),
-    finding("S1-S2", "flight", "speed_mps", -1.6, test="leg", p_adjusted=0.004),
+    finding("S1-S2", "flight", "speed_mps", -1.6, test="reach", p_adjusted=0.004),
     finding("S2-end", "stopping", "runout_m", -21.0, p_adjusted=0.03),
     finding("S2", "flight", "rotation_hz", -0.4, p_adjusted=0.09, q_value=0.03),
     finding("S1", "flight", "speed_mps", -0.2, p_adjusted=0.9, q_value=0.6, ci95=(-0.9, 0.5)),
     finding("release-S1", "flight", "speed_mps", 0.1, p_adjusted=1.0, q_value=0.8,
-            ci95=(-0.6, 0.8), test="leg"),
-    finding("S2-end", "rolling", "speed_mps", 0.9, p_adjusted=0.2, q_value=0.04, test="leg"),
+            ci95=(-0.6, 0.8), test="reach"),
+    finding("S2-end", "rolling", "speed_mps", 0.9, p_adjusted=0.2, q_value=0.04, test="reach"),
     finding("all", "impact", "energy_kept", 0.01, p_adjusted=1.0, q_value=0.9, ci95=(-0.02, 0.04),
             test="one step", rocks=20),
     finding("ground:debris", "impact", "energy_kept", 0.02, p_adjusted=1.0, q_value=0.9,
@@ -240,7 +240,7 @@ def with_trees(case: Case) -> Diagnosis:
         ),
         rocks=case.n_rocks,
         tables={name: len(t) for name, t in case.observations.tables.items() if len(t)},
-        cannot_tell=("No turns in plan: lateral deflection is told by stops alone.",),
+        not_identifiable=("No turns in plan: lateral deflection is told by stops alone.",),
         measure_next=("Speeds of rocks of different mass in the stand.", "Scars on stems."),
         comparisons=comparisons(case, True),
         base=Calibrated(calibrated(case.table, eta_max=0.5), EffectSettings()),

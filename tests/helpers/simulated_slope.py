@@ -8,19 +8,18 @@ from typing import Any
 import numpy as np
 
 from sassgis.engine.simulate import simulate
-from sassgis.gap.case import Case
+from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observed import Metadata, Observations
 from sassgis.gap.observations.projection import project_observations, station_chainages
 from sassgis.gap.observations.tables import (
     Deposits,
     Impacts,
-    Metadata,
-    Observations,
     Passages,
     Rocks,
     Stations,
     Trajectories,
 )
-from sassgis.gap.replicas import dips_at
+from sassgis.gap.replicas.rock_lines import dips_at
 from sassgis.gap.residuals.reaches import repeated
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings

@@ -1,1 +1,1 @@
-"""The blind check: made worlds, sealed cases, scores of the answers."""
+"""The blind check: synthetic sites, blinded cases, scores of the answers."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.distances import Interval, share_interval
+from sassgis.gap.inference.intervals import Interval, share_interval
 from sassgis.gap.which.families import FAMILIES
 
 #: Least confidence with which an effect is named.
@@ -42,9 +42,9 @@ class Truth:
     phase : str
         Of a single effect; else "".
     segments : tuple of str
-        Legs that a single effect touches.
-    legs : tuple of str
-        All legs of the slope.
+        Reaches that a single effect touches.
+    reaches : tuple of str
+        All reaches of the slope.
     slope : str
     rocks : int
     kind : str
@@ -57,7 +57,7 @@ class Truth:
     strengths: tuple[str, ...]
     phase: str
     segments: tuple[str, ...]
-    legs: tuple[str, ...]
+    reaches: tuple[str, ...]
     slope: str
     rocks: int
     kind: str
@@ -72,7 +72,7 @@ class Truth:
     @property
     def local(self) -> bool:
         """Whether it is one known effect that does not act everywhere."""
-        return self.part == "single" and 0 < len(set(self.segments)) < len(self.legs)
+        return self.part == "single" and 0 < len(set(self.segments)) < len(self.reaches)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +155,7 @@ AIMS: tuple[Aim, ...] = (
     Aim("confident_right", f"right where the confidence is {NAMED_CONFIDENCE} or more", 0.90),
     Aim("unknown_not_named", "unknown effect, and no known one is named", 0.75),
     Aim("shrinkage_near", f"shrinkage within {SHRINKAGE_TOLERANCE} of that on fresh rocks", 0.80),
-    Aim("location_hit", "single local effect: phase right and legs overlap", 0.80),
+    Aim("location_hit", "single local effect: phase right and reaches overlap", 0.80),
 )
 
 
@@ -222,7 +222,8 @@ class CheckScores:
     confusion_set_size : float
         Mean number of names in a confusion set.
     location_overlap : float
-        Mean share of the legs named or touched that are both, over local effects; NaN without any.
+        Mean share of the reaches named or touched that are both, over local effects; NaN without
+        any.
     """
 
     worlds: int
@@ -286,7 +287,7 @@ def is_covered(truth: Truth, answer: Answer) -> bool:
 
 
 def is_located(truth: Truth, answer: Answer) -> bool:
-    """Whether the phase is right and at least one leg is that of the effect."""
+    """Whether the phase is right and at least one reach is that of the effect."""
     return answer.phase == truth.phase and bool(set(answer.segments) & set(truth.segments))
 
 
@@ -345,7 +346,7 @@ def score(
 def share(measure: str, hits: Iterable[bool]) -> Share:
     """Share of hits, with its interval."""
     found = list(hits)
-    interval: Interval = share_interval(int(sum(found)), len(found), method="clopper_pearson")
+    interval: Interval = share_interval(int(sum(found)), len(found), method="exact")
     return Share(measure, int(sum(found)), len(found), interval.value, interval.low, interval.high)
 
 
@@ -500,7 +501,7 @@ def _measures(pairs: Sequence[Pair], singles: Sequence[Pair]) -> dict[str, Share
 
 
 def _locatable(truth: Truth) -> bool:
-    """Local, and seen at stations, without which legs have no names."""
+    """Local, and seen at stations, without which reaches have no names."""
     return truth.local and truth.kind != "stops"
 
 

@@ -1,4 +1,4 @@
-"""Processes that work through a list of tasks, and the fence around those that must not peek."""
+"""Processes that work through a list of tasks, and the sandbox of those that must not peek."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ import signal
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
+from itertools import islice
 from pathlib import Path
 from types import ModuleType, TracebackType
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from sassgis.model.errors import InputError, OutputError, SassgisError
 
-#: What a process behind the fence must never hold.
+#: What a sandboxed process must never hold.
 FORBIDDEN = "sassgis.gap.check.worlds"
 #: Libraries that would each start threads of their own.
 _THREADS = (
@@ -31,7 +34,6 @@ _THREADS = (
     "VECLIB_MAXIMUM_THREADS",
     "GDAL_NUM_THREADS",
 )
-_FAREWELL_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,7 @@ class Task:
     args, kwargs
         Passed on to it.
     folders : tuple of Path
-        What the function may open beneath the fenced folder.
+        What the function may open beneath the sandboxed folder.
     """
 
     key: str
@@ -58,7 +60,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TaskOutcome:
     """How a task ended.
 
     Attributes
@@ -97,7 +99,7 @@ class Sandbox:
         self._allowed = tuple(os.path.realpath(folder) for folder in folders)
 
     def __call__(self, event: str, args: tuple[Any, ...]) -> None:
-        """Hear of an event, as ``sys.addaudithook`` tells it."""
+        """Hear of an event, as ``sys.addaudithook`` asks for."""
         if event == "import":
             name = str(args[0])
             if _forbidden(name):
@@ -127,15 +129,17 @@ class WorkerPool:
     ----------
     jobs : int
         Number of processes.
-    fenced : Path, optional
-        Folder of which the processes see only what a task names; they then cannot load the made
-        worlds either.
+    sandboxed : Path, optional
+        Folder of which the processes see only what a task names; they then cannot load the
+        synthetic sites either.
     """
 
-    def __init__(self, jobs: int, fenced: Path | None = None) -> None:
+    def __init__(self, jobs: int, sandboxed: Path | None = None) -> None:
         self._jobs = max(1, jobs)
-        self._fenced = fenced
-        self._members: list[tuple[SpawnProcess, Connection]] = []
+        self._others = frozenset(child.pid for child in multiprocessing.active_children())
+        self._executor = ProcessPoolExecutor(
+            self._jobs, multiprocessing.get_context("spawn"), _prepare, (sandboxed,)
+        )
 
     def __enter__(self) -> WorkerPool:
         return self
@@ -146,93 +150,80 @@ class WorkerPool:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        for process, pipe in self._members:
-            if kind is None:
-                with suppress(OSError):
-                    pipe.send(None)
-            else:
-                process.terminate()
-        for process, pipe in self._members:
-            process.join(_FAREWELL_S)
-            if process.is_alive():
-                process.kill()
-                process.join()
-            pipe.close()
-        self._members.clear()
+        if kind is not None:
+            # A task may take minutes: nobody waits for it after an error or Ctrl-C.
+            for child in multiprocessing.active_children():
+                if child.pid not in self._others:
+                    child.terminate()
+        self._executor.shutdown(cancel_futures=True)
 
-    def run(self, tasks: Iterable[Task]) -> Iterator[Outcome]:
+    def run(self, tasks: Iterable[Task]) -> Iterator[TaskOutcome]:
         """Outcomes of the tasks, in the order in which they end.
 
         Raises
         ------
+        InputError
+            If a sandboxed process has loaded the synthetic sites.
         OutputError
-            If the system ends a process, as it does when memory runs out.
+            If a process ends, as it does when memory runs out.
         """
-        waiting = list(tasks)[::-1]
-        while len(self._members) < min(self._jobs, len(waiting)):
-            self._members.append(self._hired())
-        idle = [pipe for _, pipe in self._members]
-        busy: dict[Connection, str] = {}
-        while waiting or busy:
-            while waiting and idle:
-                pipe, task = idle.pop(), waiting.pop()
-                busy[pipe] = task.key
+        waiting = iter(tasks)
+        running: dict[Future[TaskOutcome], str] = {}
+        while True:
+            # No more than are worked on: if a process ends, these are the ones it may have held.
+            for task in islice(waiting, self._jobs - len(running)):
+                with _hidden_main():
+                    running[self._executor.submit(_perform, task)] = task.key
+            if not running:
+                return
+            ended, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in ended:
                 try:
-                    pipe.send(task)
-                except OSError:
-                    raise self._lost(pipe, task.key) from None
-            for ready in wait(list(busy)):
-                assert isinstance(ready, Connection)
-                key = busy.pop(ready)
-                try:
-                    outcome = ready.recv()
-                except (EOFError, OSError):
-                    raise self._lost(ready, key) from None
-                idle.append(ready)
+                    outcome = future.result()
+                except BrokenProcessPool:
+                    reason = "killed; memory may have run out: try fewer --jobs"
+                    raise _ended(" or ".join(sorted(running.values())), reason) from None
+                except SystemExit as error:
+                    raise _ended(running[future], f"exit code {error.code}") from None
+                del running[future]
                 yield outcome
 
-    def _hired(self) -> tuple[SpawnProcess, Connection]:
-        context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe()
-        process = context.Process(target=_member, args=(there, self._fenced), daemon=True)
-        with _single_threaded(), _bare_main():
-            process.start()
-        there.close()
-        return process, here
 
-    def _lost(self, pipe: Connection, key: str) -> OutputError:
-        process = next(process for process, own in self._members if own is pipe)
-        process.join(_FAREWELL_S)
-        code = process.exitcode or 0
-        reason = f"signal {-code}" if code < 0 else f"exit code {code}"
-        hint = "; memory may have run out: try fewer --jobs" if code == -9 else ""
-        return OutputError(
-            f"the process that worked on world {key} ended unexpectedly ({reason}){hint}; "
-            "the same command goes on from there"
-        )
+def _ended(key: str, reason: str) -> OutputError:
+    return OutputError(
+        f"the process that worked on world {key} ended unexpectedly ({reason}); "
+        "the same command goes on from there"
+    )
 
 
-def _member(pipe: Connection, fenced: Path | None) -> None:
-    """Take tasks until told to stop, or until the other side is gone."""
+#: The sandbox of this process, if it is a worker that has one.
+_SANDBOX: Sandbox | None = None
+
+
+def _prepare(sandboxed: Path | None) -> None:
+    """Make a new process ready for its tasks."""
+    global _SANDBOX
     # Ctrl-C reaches all processes of a terminal; the first one sees to the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.basicConfig(level=logging.ERROR, format="%(message)s")
-    sandbox = None
-    if fenced is not None:
-        _no_worlds()
-        sandbox = Sandbox(fenced)
-        sys.addaudithook(sandbox)
-    with suppress(EOFError, OSError):
-        while (task := pipe.recv()) is not None:
-            if sandbox is not None:
-                sandbox.allow(task.folders)
-            outcome = _done(task)
-            if sandbox is not None:
-                _no_worlds()
-            pipe.send(outcome)
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    threadpool_limits(1)
+    if sandboxed is not None:
+        _SANDBOX = Sandbox(sandboxed)
+        sys.addaudithook(_SANDBOX)
 
 
-def _done(task: Task) -> Outcome:
+def _perform(task: Task) -> TaskOutcome:
+    if _SANDBOX is None:
+        return _outcome(task)
+    _no_worlds()
+    _SANDBOX.allow(task.folders)
+    outcome = _outcome(task)
+    _no_worlds()
+    return outcome
+
+
+def _outcome(task: Task) -> TaskOutcome:
     began = time.monotonic()
     value: Any = None
     failure = ""
@@ -241,18 +232,18 @@ def _done(task: Task) -> Outcome:
     except SassgisError as error:
         failure = str(error)
     except Exception as error:
-        # A world on which the diagnosis breaks is a result of the check.
+        # A site on which the diagnosis breaks is a result of the check.
         failure = " ".join(f"{type(error).__name__}: {error}".split())
     if not isinstance(value, dict | list | str | int | float | bool | None):
         value = None
-    return Outcome(task.key, value, failure, time.monotonic() - began)
+    return TaskOutcome(task.key, value, failure, time.monotonic() - began)
 
 
 def _no_worlds() -> None:
     seen = sorted(name for name in sys.modules if _forbidden(name))
     if seen:
         raise InputError(
-            "the diagnosing process has loaded the made worlds",
+            "the diagnosing process has loaded the synthetic sites",
             found=", ".join(seen),
             expected="none of them",
         )
@@ -267,7 +258,7 @@ def _within(path: str, folder: str) -> bool:
 
 
 @contextmanager
-def _bare_main() -> Iterator[None]:
+def _hidden_main() -> Iterator[None]:
     """Hide the program that is running: a new process would load it, and all that it loads."""
     before = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
@@ -275,17 +266,3 @@ def _bare_main() -> Iterator[None]:
         yield
     finally:
         sys.modules["__main__"] = before
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -1,4 +1,4 @@
-"""Calibration of contenders on the observed rocks; how far the gap shrinks on rocks left out."""
+"""Calibration of hypotheses on the observed rocks; how far the gap shrinks on rocks left out."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from scipy.spatial.distance import cdist, pdist
 
 from sassgis.gap.diagnosis import Shrinkage
-from sassgis.gap.distances import Interval
+from sassgis.gap.inference.intervals import Interval, bootstrap_interval
 from sassgis.gap.which.ensemble import CalibrationProblem, Ensemble, Tried, try_draw
 from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw
 from sassgis.model.grid import FloatArray, IntArray
 
-#: Draws that stand together for a calibrated contender.
+#: Draws that stand together for a calibrated hypothesis.
 TOP = 4
 #: Parts into which the rocks are split for cross-validation.
 FOLDS = 5
@@ -56,11 +56,11 @@ def refine(
 
     Parameters
     ----------
-    bench : Bench
-    library : Library
+    problem : CalibrationProblem
+    ensemble : Ensemble
     effects : sequence of str
     run : callable
-        Makes campaigns of (effect, dials, number), in order.
+        Makes campaigns of (effect, parameter_draws, number), in order.
     rounds, draws : int
         Draws of each effect in each round.
     """
@@ -91,7 +91,7 @@ def refine(
 
 
 def run_refined(problem: CalibrationProblem, task: tuple[str, Mapping[str, float], int]) -> Tried:
-    """Campaigns of given dials."""
+    """Campaigns of given parameter draws."""
     effect, parameter_draws, number = task
     families = () if effect == NONE else tuple(effect.split("+"))
     rng = np.random.default_rng([problem.seed, 41, number, *map(ord, effect)])
@@ -103,7 +103,7 @@ def run_refined(problem: CalibrationProblem, task: tuple[str, Mapping[str, float
 
 
 def _near(elite: Sequence[Mapping[str, float]], rng: np.random.Generator) -> dict[str, float]:
-    """Dials near one of the best: moved by the scatter among the best, back from the ends."""
+    """Parameter draws near one of the best, moved by the scatter among the best."""
     parent = elite[int(rng.integers(len(elite)))]
     moved = {}
     for name, value in parent.items():
@@ -137,9 +137,10 @@ def gain_of(
     gain = gain[np.isfinite(gain)]
     if gain.size == 0:
         return Interval(float("nan"), float("nan"), float("nan"))
-    means = rng.choice(gain, (draws, gain.size)).mean(axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
-    return Interval(float(gain.mean()), float(low), float(high))
+    rocks = np.arange(gain.size)
+    return bootstrap_interval(
+        lambda rows: float(gain[rows].mean()), rocks, draws=draws, rng=rng, method="percentile"
+    )
 
 
 def held_out_rows(ensemble: Ensemble, effect: str, part: IntArray) -> FloatArray:
@@ -256,8 +257,8 @@ def shrinkage_of(
 
     Parameters
     ----------
-    bench : Bench
-    library : Library
+    problem : CalibrationProblem
+    ensemble : Ensemble
         With both calibrated.
     effect : str
     part : int64, shape (n_rocks,)
@@ -280,7 +281,10 @@ def shrinkage_of(
             "Neither stops nor stations were seen of enough rocks: there is no distance to shrink."
         )
     elif value is None:
-        note = "The gap of the calibrated base is not told from chance: no share of it is given."
+        note = (
+            "The gap of the calibrated base is not distinguished from chance: no share of it is "
+            "given."
+        )
     else:
         note = ""
     interval = None

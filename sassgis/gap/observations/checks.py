@@ -2,50 +2,44 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.tables import (
-    DENSITY_KGM3,
-    TABLES,
-    Finding,
-    LeftOut,
-    Level,
+from sassgis.gap.observations.allowances import POSITION_ERROR_M, stated_or
+from sassgis.gap.observations.motion_checks import (
+    check_drops,
+    check_impacts,
+    check_spins,
+    check_trajectory_speeds,
+)
+from sassgis.gap.observations.observation_finding import ObservationFinding
+from sassgis.gap.observations.observed import (
     Observations,
     parent_of,
-    rock_masses_kg,
-    rock_radii_m,
     root_of,
     without,
 )
-from sassgis.model.grid import FloatArray, Grid, IntArray
-from sassgis.terrain.heights import heights_at
+from sassgis.gap.observations.place_checks import (
+    check_downhill,
+    check_near_stations,
+    check_offsets,
+    check_on_the_dem,
+)
+from sassgis.gap.observations.rules import RULES, nearest_of, some_of
+from sassgis.gap.observations.size_checks import check_pieces, check_sizes
+from sassgis.gap.observations.tables import TABLES
+from sassgis.model.grid import Grid
 
 BoolArray = NDArray[np.bool_]
 
-_GRAVITY = 9.81
-_KMH = 3.6
-#: Room for errors of measurement where none are stated.
-_SPEED_ERROR, _HEIGHT_ERROR_M, _POSITION_ERROR_M = 0.05, 0.25, 0.5
-#: Errors in units of the standard error that are still put down to the measurement.
-_SIGMAS = 3.0
-#: Heights of the same ground in two height systems differ by more than this (m).
-_OFFSET_M = 1.5
-#: Rocks are let go up to this high above the ground (m).
-_LET_GO_M = 5.0
-#: An ellipsoid fills from half of the box of its axes; rocks lie between. Full axes give 8 times.
-_FULL_AXES = 4.0
-#: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
-_SPIN_RATIO = 2.0
 
-
-def check_observations(observations: Observations, grid: Grid | None = None) -> list[Finding]:
+def check_observations(
+    observations: Observations, grid: Grid | None = None
+) -> list[ObservationFinding]:
     """Look for what cannot be true.
 
     Parameters
@@ -57,11 +51,11 @@ def check_observations(observations: Observations, grid: Grid | None = None) -> 
 
     Returns
     -------
-    list of Finding
+    list of ObservationFinding
         Errors first. What a finding says is left out is still in ``observations``: see
         ``sassgis.gap.observations.tables.without``.
     """
-    found: list[Finding] = []
+    found: list[ObservationFinding] = []
     left = observations
     for check in _CHECKS:
         # What one check leaves out is not found again by the next, under another name.
@@ -71,45 +65,14 @@ def check_observations(observations: Observations, grid: Grid | None = None) -> 
     return sorted(found, key=lambda f: f.level != "error")
 
 
-def _finding(
-    observations: Observations,
-    level: Level,
-    problem: str,
-    table: str,
-    column: str = "",
-    which: BoolArray | IntArray | None = None,
-    *,
-    found: str = "",
-    expected: str = "",
-    left_out: LeftOut = "",
-) -> Finding:
-    rows: tuple[int, ...] = ()
-    if which is not None:
-        rows = tuple(observations.tables[table].row[which].tolist())  # type: ignore[attr-defined]
-    file = observations.files.get(table, "")
-    return Finding(level, problem, file, table, column, rows, found, expected, left_out)
-
-
-def _or(value: float, otherwise: float) -> float:
-    return value if math.isfinite(value) else otherwise
-
-
 # ---------------------------------------------------------------------------------------------
 # Names
 
 
-def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Names that are used twice where they stand for one thing."""
-    keys: Mapping[str, Sequence[Sequence[object]]] = {
-        "rocks": [obs.rocks.rock_id.tolist()],
-        "stations": [obs.stations.station.tolist()],
-        "passages": [obs.passages.rock_id.tolist(), obs.passages.station.tolist()],
-        "impacts": [obs.impacts.rock_id.tolist(), obs.impacts.impact.tolist()],
-        "trajectories": [obs.trajectories.rock_id.tolist(), obs.trajectories.t_s.tolist()],
-    }
-    names = {"rocks": "rock_id", "stations": "station", "impacts": "impact"}
-    for table, columns in keys.items():
-        rows = list(zip(*columns, strict=True))
+    for name, table in obs.tables.items():
+        rows = list(zip(*(getattr(table, column).tolist() for column in table.key), strict=True))
         seen: set[object] = set()
         again = np.zeros(len(rows), np.bool_)
         for i, row in enumerate(rows):
@@ -119,25 +82,16 @@ def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
                 seen.add(row)
         if again.any():
             first = " at ".join(str(part) for part in rows[int(np.flatnonzero(again)[0])])
-            yield _finding(
-                obs,
-                "error",
-                "is there twice; the first one is taken",
-                table,
-                names.get(table, "rock_id"),
-                again,
-                found=repr(first),
-                expected="one row for each",
-                left_out="row",
-            )
+            column = table.key[-1] if name in ("stations", "impacts") else ""
+            yield from RULES["twice"].at(obs, name, again, repr(first), column)
 
 
-def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Stops of one name: one entered twice, or pieces without a suffix."""
     deposits = obs.deposits
     first: dict[str, list[int]] = {}
     again, pieces = np.zeros(len(deposits), np.bool_), np.zeros(len(deposits), np.bool_)
-    near = _or(obs.metadata.position_error_m, _POSITION_ERROR_M)
+    near = stated_or(obs.metadata.position_error_m, POSITION_ERROR_M)
     for i, name in enumerate(deposits.rock_id.tolist()):
         if not name:
             continue
@@ -150,32 +104,12 @@ def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
         else:
             pieces[i] = name in first
             first.setdefault(name, []).append(i)
-    if again.any():
-        yield _finding(
-            obs,
-            "error",
-            "the same stop is there twice",
-            "deposits",
-            "rock_id",
-            again,
-            expected="one row for each block",
-            left_out="row",
-        )
-    if pieces.any():
-        name = deposits.rock_id[pieces][0]
-        yield _finding(
-            obs,
-            "warning",
-            "several stops of one rock are taken to be its pieces",
-            "deposits",
-            "rock_id",
-            pieces,
-            found=repr(str(name)),
-            expected=f"names with a suffix, such as {name}.1 and {name}.2",
-        )
+    yield from RULES["same stop"].at(obs, "deposits", again)
+    name = str(deposits.rock_id[pieces][0]) if pieces.any() else ""
+    yield from RULES["several stops"].at(obs, "deposits", pieces, repr(name), name=name)
 
 
-def _belonging(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
+def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Rocks and stations that the other tables know nothing of."""
     if len(obs.rocks):
         known = set(obs.rocks.rock_id.tolist())
@@ -185,17 +119,15 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
                 continue
             ids: list[str] = obs.tables[table].rock_id[lost].tolist()  # type: ignore[attr-defined]
             missing = list(dict.fromkeys(i for i in ids if i))
-            yield _finding(
+            yield from RULES["unattributed"].at(
                 obs,
-                "warning",
-                "not in the table of rocks: taken as unattributed blocks"
-                if table in ("passages", "deposits")
-                else "not in the table of rocks: mass, size and release are unknown",
                 table,
-                "rock_id",
                 lost,
-                found=_some(missing) or "no name",
-                expected=_nearest(missing[0], sorted(known)) if missing else "",
+                some_of(missing) or "no name",
+                taken="taken as unattributed blocks"
+                if table in ("passages", "deposits")
+                else "mass, size and release are unknown",
+                nearest=nearest_of(missing[0], sorted(known)) if missing else "",
             )
         orphans = np.array(
             [
@@ -204,690 +136,49 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
             ],
             np.bool_,
         )
-        if orphans.any():
-            name = str(obs.rocks.rock_id[orphans][0])
-            yield _finding(
-                obs,
-                "warning",
-                "named as a piece of a rock that is not there: taken as a rock of its own",
-                "rocks",
-                "rock_id",
-                orphans,
-                found=repr(name),
-                expected=f"a row for {parent_of(name)}, or names without a point",
-            )
+        name = str(obs.rocks.rock_id[orphans][0]) if orphans.any() else ""
+        yield from RULES["piece of none"].at(
+            obs, "rocks", orphans, repr(name), parent=parent_of(name)
+        )
     if len(obs.stations) and len(obs.passages):
         names = obs.stations.station.tolist()
         passages = obs.passages
         lost = ~np.isin(passages.station, names)
         placed = np.isfinite(passages.x) & np.isfinite(passages.y)
-        for mask, left_out in ((lost & placed, False), (lost & ~placed, True)):
+        for rule, mask in (("placed elsewhere", lost & placed), ("no station", lost & ~placed)):
             if mask.any():
                 missing = list(dict.fromkeys(passages.station[mask].tolist()))
-                yield _finding(
-                    obs,
-                    "error" if left_out else "warning",
-                    "no such station"
-                    + ("" if left_out else ": the passages are used by their x and y alone"),
-                    "passages",
-                    "station",
-                    mask,
-                    found=_some(missing),
-                    expected=_nearest(missing[0], names),
-                    left_out="row" if left_out else "",
-                )
-
-
-def _some(names: Sequence[str]) -> str:
-    shown = ", ".join(repr(n) for n in names[:4])
-    return shown + (f" and {len(names) - 4} more" if len(names) > 4 else "")
-
-
-def _nearest(name: str, known: Sequence[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return f"one of {_some(known)}" + (f"; nearest: {close[0]}" if close else "")
+                nearest = nearest_of(missing[0], names)
+                yield from RULES[rule].at(obs, "passages", mask, some_of(missing), nearest=nearest)
 
 
 # ---------------------------------------------------------------------------------------------
 # Masses and sizes
 
 
-def _sizes(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    rocks = obs.rocks
-    axes = 4.0 / 3.0 * math.pi * rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
-    density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
-    volume = np.where(np.isfinite(rocks.volume_m3), rocks.volume_m3, rocks.mass_kg / density)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = axes / volume
-    known = np.isfinite(ratio)
-    full = known & (ratio > _FULL_AXES)
-    if known.any() and np.median(ratio[known]) > _FULL_AXES:
-        yield _finding(
-            obs,
-            "error",
-            "look like full axes, not semi-axes",
-            "rocks",
-            "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m",
-            known,
-            found=f"ellipsoids of {np.median(ratio[known]):.1f} times the volume of the rocks",
-            expected="half of length, width and height",
-            left_out="value",
-        )
-    elif full.any():
-        yield _finding(
-            obs,
-            "warning",
-            "semi-axes do not go with the volume or the mass",
-            "rocks",
-            "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m",
-            full,
-            found=f"an ellipsoid of {ratio[full].max():.1f} times the volume of the rock",
-            expected="half of length, width and height",
-            left_out="value",
-        )
-    if (small := known & (ratio < 1.0 / _FULL_AXES)).any():
-        yield _finding(
-            obs,
-            "warning",
-            "semi-axes are too small for the volume or the mass",
-            "rocks",
-            "semi_axis_a_m, semi_axis_b_m, semi_axis_c_m",
-            small,
-            found=f"an ellipsoid of {ratio[small].min():.2g} times the volume of the rock",
-            expected="half of length, width and height in m",
-        )
-    for name in ("rocks", "deposits"):
-        numbers = obs.tables[name].numbers
-        with np.errstate(invalid="ignore", divide="ignore"):
-            own = numbers["mass_kg"] / numbers["volume_m3"]
-        odd = np.isfinite(own) & ((own < 900.0) | (own > 5000.0))
-        if odd.any():
-            middle = float(np.median(own[odd]))
-            hint = ""
-            if 0.9 <= middle <= 5.0:
-                hint = "look like tonnes: "
-            elif middle > 1e5:
-                hint = "look like grams or litres: "
-            yield _finding(
-                obs,
-                "error" if hint else "warning",
-                f"{hint}mass and volume do not go together",
-                name,
-                "mass_kg",
-                odd,
-                found=f"{middle:.3g} kg/m³",
-                expected="900 to 5000 kg/m³",
-            )
-    odd = np.isfinite(rocks.density_kgm3) & (
-        (rocks.density_kgm3 < 900.0) | (rocks.density_kgm3 > 5000.0)
-    )
-    if odd.any():
-        middle = float(np.median(rocks.density_kgm3[odd]))
-        yield _finding(
-            obs,
-            "error",
-            "look like g/cm³" if middle < 6.0 else "not the density of a rock",
-            "rocks",
-            "density_kgm3",
-            odd,
-            found=f"{middle:.4g}",
-            expected="900 to 5000 kg/m³",
-            left_out="value",
-        )
-
-
-def _pieces(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    """Pieces cannot weigh more than their rock."""
-    rocks, deposits = obs.rocks, obs.deposits
-    if not len(rocks) or not len(deposits):
-        return
-    owner = obs.rock_of("deposits")
-    place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
-    for column, unit in (("mass_kg", "kg"), ("volume_m3", "m³")):
-        values = deposits.numbers[column]
-        for i, name in enumerate(obs.rock_names):
-            own = (owner == i) & np.isfinite(values)
-            whole = rocks.numbers[column][place[name]]
-            if own.any() and np.isfinite(whole) and values[own].sum() > 1.15 * whole:
-                yield _finding(
-                    obs,
-                    "warning",
-                    f"blocks of {name} are more than the rock itself",
-                    "deposits",
-                    column,
-                    own,
-                    found=f"{values[own].sum():.4g} {unit}",
-                    expected=f"{whole:.4g} {unit} at most",
-                )
-
-
 # ---------------------------------------------------------------------------------------------
 # Impacts
-
-
-def _impacts(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    impacts = obs.impacts
-    inward = impacts.vn_in_mps > 0.0
-    known = np.isfinite(impacts.vn_in_mps)
-    if inward.any():
-        every = bool(inward.sum() > 0.5 * known.sum())
-        yield _finding(
-            obs,
-            "error",
-            "the rock leaves the ground before it hits it"
-            + (": the normal seems to point into the ground" if every else ""),
-            "impacts",
-            "vn_in_mps, vn_out_mps",
-            inward,
-            found=f"vn_in = {impacts.vn_in_mps[inward].max():.3g} m/s",
-            expected="below zero: the normal points out of the ground",
-            left_out="value",
-        )
-    yield from _energy_gain(obs, ~inward)
-    slopes = np.abs(impacts.slope_deg[np.isfinite(impacts.slope_deg)])
-    if slopes.size >= 5 and 0.0 < slopes.max() <= 0.5 * math.pi:
-        yield _finding(
-            obs,
-            "error",
-            "look like radians or tangents",
-            "impacts",
-            "slope_deg",
-            np.isfinite(impacts.slope_deg),
-            found=f"at most {slopes.max():.3g}",
-            expected="degrees",
-            left_out="value",
-        )
-
-
-def _energy_gain(obs: Observations, usable: BoolArray) -> Iterator[Finding]:
-    impacts = obs.impacts
-    before = impacts.vt_in_mps**2 + impacts.vn_in_mps**2
-    after = impacts.vt_out_mps**2 + impacts.vn_out_mps**2
-    rock = obs.rock_of("impacts")
-    radius = np.append(rock_radii_m(obs), np.nan)[rock]
-    # A piece is smaller than its rock; of unknown mass, its spin says nothing.
-    share = impacts.mass_kg / np.append(rock_masses_kg(obs), np.nan)[rock]
-    radius = np.where(obs.is_piece("impacts"), radius * np.cbrt(share), radius)
-    # A sphere's 2/5 r²: the rock may turn spin into speed.
-    spins = np.isfinite(radius + impacts.omega_in_radps + impacts.omega_out_radps)
-    with np.errstate(invalid="ignore"):
-        turn = 0.4 * radius**2
-        before = np.where(spins, before + turn * impacts.omega_in_radps**2, before)
-        after = np.where(spins, after + turn * impacts.omega_out_radps**2, after)
-    known = usable & np.isfinite(before) & np.isfinite(after) & (before > 0.0)
-    error = _or(obs.metadata.speed_error_rel, _SPEED_ERROR)
-    # Twice the relative error of a speed on each side.
-    room = 1.0 + _SIGMAS * 2.0 * math.sqrt(2.0) * error
-    gain = known & (after > room * before)
-    if not gain.any():
-        return
-    worst = float((after[gain] / before[gain]).max())
-    # Without spin, a rock that spins before the impact may go faster after it.
-    blind = bool((gain & ~spins).any())
-    swapped = gain.sum() > 0.5 * known.sum() and known.sum() >= 3
-    yield _finding(
-        obs,
-        "error" if swapped else "warning",
-        ("before and after look swapped: " if swapped else "")
-        + "more energy after the impact than before",
-        "impacts",
-        "vt_out_mps",
-        gain,
-        found=f"{worst:.2f} times" + (" without the spin, which is not known" if blind else ""),
-        expected=f"at most 1, {room:.2f} with errors of measurement",
-    )
 
 
 # ---------------------------------------------------------------------------------------------
 # Speeds
 
 
-def _spins(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    radii = np.append(rock_radii_m(obs), np.nan)
-    places = (
-        ("passages", "rotation_hz", "speed_mps", 2.0 * math.pi, "turns per second"),
-        ("trajectories", "rotation_hz", "speed_mps", 2.0 * math.pi, "turns per second"),
-        ("impacts", "omega_in_radps", "vt_in_mps", 1.0, "radians per second"),
-        ("impacts", "omega_out_radps", "vt_out_mps", 1.0, "radians per second"),
-    )
-    for table, column, speed, factor, unit in places:
-        numbers = obs.tables[table].numbers
-        radius = radii[obs.rock_of(table)] if len(obs.tables[table]) else np.empty(0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = factor * np.abs(numbers[column]) * radius / np.abs(numbers[speed])
-        known = np.isfinite(ratio) & (np.abs(numbers[speed]) > 1.0)
-        if known.sum() < 3:
-            continue
-        middle = float(np.median(ratio[known]))
-        if middle <= _SPIN_RATIO:
-            continue
-        guess = "degrees per second"
-        if factor > 1.0 and middle < 30.0:
-            guess = "radians per second or turns per minute"
-        yield _finding(
-            obs,
-            "error",
-            f"look like {guess}",
-            table,
-            column,
-            known,
-            found=f"rims {middle:.1f} times as fast as the rocks",
-            expected=unit,
-            left_out="value",
-        )
-
-
-def _trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    """Speeds along a path against the path and the clock."""
-    path = obs.trajectories
-    # Nearer points are apart by the errors of their positions.
-    span = max(2.0, 8.0 * _or(obs.metadata.position_error_m, _POSITION_ERROR_M))
-    ratios = []
-    known = np.flatnonzero(np.isfinite(path.t_s + path.x + path.y + path.speed_mps))
-    _, rock = np.unique(path.rock_id[known], return_inverse=True)
-    order = np.lexsort((path.t_s[known], rock))
-    borders = np.flatnonzero(np.diff(rock[order])) + 1
-    for rows in np.split(known[order], borders):
-        if rows.size < 3:
-            continue
-        z = path.z[rows]
-        height = z if np.isfinite(z).all() else np.zeros(rows.size)
-        points = np.column_stack([path.x[rows], path.y[rows], height])
-        kept = _apart(points, span)
-        speed = path.speed_mps[rows]
-        steps = np.diff(path.t_s[rows]) * 0.5 * (speed[1:] + speed[:-1])
-        stated = np.diff(np.concatenate([[0.0], np.cumsum(steps)])[kept])
-        far = np.sqrt((np.diff(points[kept], axis=0) ** 2).sum(axis=1))
-        if far.size:
-            # One number per rock: errors of single positions cancel along the path.
-            ratios.append(float(stated.sum() / far.sum()))
-    if not ratios:
-        return
-    middle = float(np.median(ratios))
-    if 0.7 <= middle <= 1.4:
-        return
-    named = {_KMH: "km/h", 1.0 / 0.3048: "feet per second", 1e-3: "km/s"}
-    unit = next((u for f, u in named.items() if 0.93 * f < middle < 1.07 * f), None)
-    yield _finding(
-        obs,
-        "error",
-        f"look like {unit}" if unit else "speeds do not go with positions and times",
-        "trajectories",
-        "speed_mps",
-        np.isfinite(path.speed_mps),
-        found=f"{middle:.2f} times the distance over the time",
-        expected="m/s, and times in s",
-        left_out="value",
-    )
-
-
-def _apart(points: FloatArray, span: float) -> IntArray:
-    """Points of a path of which each is ``span`` or more from the one before, with the first."""
-    kept = [0]
-    for i in range(1, len(points)):
-        if ((points[i] - points[kept[-1]]) ** 2).sum() >= span**2:
-            kept.append(i)
-    return np.array(kept, np.int64)
-
-
-def _drops(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    """Speeds that no drop explains."""
-    top = _tops(obs, grid)
-    start = _start_speeds(obs)
-    error = _or(obs.metadata.speed_error_rel, _SPEED_ERROR)
-    slack = _SIGMAS * _or(obs.metadata.height_error_m, _HEIGHT_ERROR_M)
-    for table, column in (
-        ("passages", "speed_mps"),
-        ("trajectories", "speed_mps"),
-        ("impacts", ""),
-    ):
-        data = obs.tables[table]
-        if not len(data):
-            continue
-        numbers = data.numbers
-        column = "vt_in_mps" if table == "impacts" else "speed_mps"
-        speed = numbers[column]
-        if table == "impacts":
-            speed = np.hypot(numbers["vt_in_mps"], numbers["vn_in_mps"])
-        owner = obs.rock_of(table)
-        z = numbers["z"].copy()
-        if grid is not None:
-            ground = heights_at(grid, numbers["x"], numbers["y"])
-            z = np.where(np.isfinite(z), z, ground)
-        if table == "passages" and len(obs.stations):
-            z = np.where(np.isfinite(z), z, _station_heights(obs, grid, lowest=True))
-        drop = np.maximum(top[owner] - z, 0.0) + slack
-        fastest = np.sqrt(2.0 * _GRAVITY * drop + start[owner] ** 2)
-        ratio = speed / fastest
-        known = np.isfinite(ratio)
-        too_fast = known & (ratio > 1.0 + _SIGMAS * error)
-        if not too_fast.any():
-            continue
-        worst = int(np.flatnonzero(too_fast)[np.argmax(ratio[too_fast])])
-        says = (
-            f"{speed[worst]:.1f} m/s after a drop of {drop[worst]:.1f} m"
-            f" in row {data.row[worst]}"  # type: ignore[attr-defined]
-        )
-        expected = f"{fastest[worst]:.1f} m/s at most"
-        many = too_fast.sum() > 0.4 * known.sum() and known.sum() >= 3
-        explained = np.mean(ratio[known] / _KMH <= 1.0 + _SIGMAS * error) > 0.9
-        if many and explained:
-            yield _finding(
-                obs,
-                "error",
-                "look like km/h",
-                table,
-                column,
-                known,
-                found=f"median {np.median(speed[known]):.1f}; {says}",
-                expected=expected,
-                left_out="value",
-            )
-        else:
-            yield _finding(
-                obs,
-                "error" if many else "warning",
-                "faster than the drop allows",
-                table,
-                column,
-                too_fast,
-                found=says,
-                expected=expected,
-                left_out="value",
-            )
-
-
-def _tops(obs: Observations, grid: Grid | None) -> FloatArray:
-    """Height from which each rock came, at most; the last one for unattributed blocks."""
-    n = len(obs.rock_names)
-    top = np.full(n + 1, np.nan)
-    rocks = obs.rocks
-    z = rocks.z
-    if grid is not None:
-        z = np.fmax(z, heights_at(grid, rocks.x, rocks.y))
-    place = {name: i for i, name in enumerate(obs.rock_names)}
-    radius = np.nan_to_num(rock_radii_m(obs))
-    for name, height in zip(rocks.rock_id.tolist(), z.tolist(), strict=True):
-        if name in place:
-            top[place[name]] = height + radius[place[name]]
-    summit = float(np.nanmax(z)) if np.isfinite(z).any() else math.nan
-    if grid is not None and not math.isfinite(summit) and np.isfinite(grid.values).any():
-        summit = float(np.nanmax(grid.values))
-    if math.isfinite(summit):
-        # Blocks torn out of the slope start below the releases.
-        top[~np.isfinite(top)] = summit
-    return top
-
-
-def _start_speeds(obs: Observations) -> FloatArray:
-    start = np.zeros(len(obs.rock_names) + 1)
-    place = {name: i for i, name in enumerate(obs.rock_names)}
-    for name, speed in zip(
-        obs.rocks.rock_id.tolist(), obs.rocks.release_speed_mps.tolist(), strict=True
-    ):
-        if name in place and math.isfinite(speed):
-            start[place[name]] = speed
-    return start
-
-
-def _station_heights(obs: Observations, grid: Grid | None, *, lowest: bool) -> FloatArray:
-    """Ground at the station of each passage: its lowest or middle point."""
-    heights = {}
-    for name, vertices in zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True):
-        if grid is None or vertices.shape[0] < 2:
-            continue
-        line = shapely.LineString(vertices)
-        at = np.linspace(0.0, 1.0, 21) if lowest else np.array([0.5])
-        points = shapely.get_coordinates(line.interpolate(at, normalized=True))
-        z = heights_at(grid, points[:, 0], points[:, 1])
-        if np.isfinite(z).any():
-            heights[name] = float(np.nanmin(z))
-    return np.array([heights.get(s, math.nan) for s in obs.passages.station.tolist()], np.float64)
-
-
 # ---------------------------------------------------------------------------------------------
 # Places
 
 
-def _near_stations(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    """Passages far from the station that they name."""
-    passages = obs.passages
-    lines = {
-        name: shapely.LineString(v)
-        for name, v in zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True)
-        if v.shape[0] > 1
-    }
-    room = max(5.0, _SIGMAS * _or(obs.metadata.position_error_m, _POSITION_ERROR_M))
-    far, worst = np.zeros(len(passages), np.bool_), 0.0
-    for i, name in enumerate(passages.station.tolist()):
-        if name in lines and math.isfinite(passages.x[i] + passages.y[i]):
-            away = float(lines[name].distance(shapely.Point(passages.x[i], passages.y[i])))
-            far[i] = away > room
-            worst = max(worst, away)
-    if far.any():
-        yield _finding(
-            obs,
-            "warning",
-            "passages lie away from the station that they name",
-            "passages",
-            "x, y",
-            far,
-            found=f"up to {worst:.1f} m",
-            expected=f"{room:g} m at most",
-        )
-
-
-def _downhill(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    """Passages of a rock that climb, lie above its release, or are listed out of order."""
-    passages = obs.passages
-    if not len(passages):
-        return
-    own = passages.z - np.nan_to_num(passages.height_m)
-    level = own.copy()
-    if grid is not None:
-        ground = heights_at(grid, passages.x, passages.y)
-        level = np.where(np.isfinite(ground), ground, level)
-        if len(obs.stations):
-            middle = _station_heights(obs, grid, lowest=False)
-            level = np.where(np.isfinite(level), level, middle)
-    room = max(2.0, _SIGMAS * _or(obs.metadata.height_error_m, _HEIGHT_ERROR_M))
-    above = np.zeros(len(passages), np.bool_)
-    owner = obs.rock_of("passages")
-    # For rocks of unknown release the summit says nothing: only their own release counts.
-    has_release = np.append(np.isin(obs.rock_names, _placed_rocks(obs)), False)
-    above = has_release[owner] & (level > _tops(obs, grid)[owner] + room)
-    if above.any():
-        yield _finding(
-            obs,
-            "warning",
-            "passages lie above the release of the rock",
-            "passages",
-            "station",
-            above,
-            found=f"up to {np.nanmax((level - _tops(obs, grid)[owner])[above]):.1f} m above",
-            expected="stations below the release",
-        )
-    # The order of the stations is what most rocks say.
-    rank: dict[str, float] = {}
-    for name in set(passages.station.tolist()):
-        z = level[(passages.station == name) & np.isfinite(level)]
-        if name and z.size:
-            rank[name] = float(np.median(z))
-    height = np.array([rank.get(s, math.nan) for s in passages.station.tolist()], np.float64)
-    climbing, unordered = np.zeros((2, len(passages)), np.bool_)
-    ids = passages.rock_id
-    for name in dict.fromkeys(ids.tolist()):
-        rows = np.flatnonzero((ids == name) & np.isfinite(height)) if name else np.empty(0, int)
-        if rows.size < 2:
-            continue
-        unordered[rows[1:]] |= np.diff(height[rows]) > 0.0
-        down = rows[np.argsort(-height[rows], kind="stable")]
-        climbing[down[1:]] |= np.diff(own[down]) > room
-    if climbing.any():
-        yield _finding(
-            obs,
-            "error",
-            "the rock climbs from one station to the next lower one",
-            "passages",
-            "z",
-            climbing,
-            expected="the right station in each row, and z of the rock there",
-            left_out="value",
-        )
-    if unordered.any():
-        yield _finding(
-            obs,
-            "warning",
-            "passages are not listed down the slope: taken in the order of the stations' heights",
-            "passages",
-            "station",
-            unordered,
-            found=_some(passages.station[unordered].tolist()),
-        )
-
-
-def _placed_rocks(obs: Observations) -> list[str]:
-    known = np.isfinite(obs.rocks.z) | np.isfinite(obs.rocks.x + obs.rocks.y)
-    names: list[str] = obs.rocks.rock_id[known].tolist()
-    return names
-
-
-def _on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    if grid is None:
-        return
-    west, south, east, north = grid.bounds
-    extent = f"x {west:.0f} to {east:.0f}, y {south:.0f} to {north:.0f}"
-    for table in ("rocks", "passages", "impacts", "deposits", "trajectories"):
-        numbers = obs.tables[table].numbers
-        x, y = numbers["x"], numbers["y"]
-        known = np.isfinite(x) & np.isfinite(y)
-        outside = known & (grid.cell_of(x, y) < 0)
-        if not outside.any():
-            continue
-        i = int(np.flatnonzero(outside)[0])
-        problem, level = "lies outside the DEM", "warning"
-        if bool(outside[known].all()):
-            level = "error"
-            problem = f"no row lies on the DEM{_why_outside(x[known], y[known], grid)}"
-        yield _finding(
-            obs,
-            "error" if level == "error" else "warning",
-            problem,
-            table,
-            "x, y",
-            outside,
-            found=f"{x[i]:.6g}, {y[i]:.6g}" if abs(x[i]) < 1e4 else f"{x[i]:.1f}, {y[i]:.1f}",
-            expected=extent,
-            left_out="value",
-        )
-    for name, vertices, row in zip(
-        obs.stations.station.tolist(), obs.stations.vertices, obs.stations.row.tolist(), strict=True
-    ):
-        if vertices.shape[0] > 1 and not shapely.LineString(vertices).intersects(
-            shapely.box(west, south, east, north)
-        ):
-            yield Finding(
-                "error",
-                f"station {name} lies outside the DEM"
-                + _why_outside(vertices[:, 0], vertices[:, 1], grid),
-                obs.files.get("stations", ""),
-                "stations",
-                "",
-                (row,),
-                found=", ".join(f"{v:.1f}" for v in vertices[0]),
-                expected=extent,
-                left_out="row",
-            )
-
-
-def _why_outside(x: FloatArray, y: FloatArray, grid: Grid) -> str:
-    """A guess at how coordinates missed the DEM."""
-    if (np.abs(x) <= 180.0).all() and (np.abs(y) <= 90.0).all() and grid.crs:
-        return ": the coordinates look like degrees"
-    if (grid.cell_of(y, x) >= 0).mean() > 0.5:
-        return ": x and y look swapped"
-    return ": another coordinate system?"
-
-
-def _offsets(obs: Observations, grid: Grid | None) -> Iterator[Finding]:
-    """Heights in another system than those of the DEM, and single heights far from it."""
-    if grid is None:
-        return
-    limit = max(
-        _OFFSET_M,
-        0.5 * grid.cell_size,
-        _SIGMAS * _or(obs.metadata.position_error_m, _POSITION_ERROR_M),
-    )
-    for table in ("rocks", "passages", "impacts", "deposits"):
-        numbers = obs.tables[table].numbers
-        over = numbers["z"] - heights_at(grid, numbers["x"], numbers["y"])
-        if table == "passages":
-            over = over - np.nan_to_num(numbers["height_m"])
-            # Flying rocks may be high up: only those of known height tell.
-            over = np.where(np.isfinite(numbers["height_m"]) | (over < 0.0), over, np.nan)
-        if table == "rocks":
-            # Let go from a bucket or a ledge: above the ground is no fault.
-            over = np.where((over > 0.0) & (over < _LET_GO_M), 0.0, over)
-        known = np.isfinite(over)
-        if not known.any():
-            continue
-        middle = float(np.median(over[known]))
-        spread = 1.4826 * float(np.median(np.abs(over[known] - middle)))
-        if known.sum() >= 3 and abs(middle) > limit and spread < 0.5 * abs(middle):
-            yield _finding(
-                obs,
-                "warning",
-                "heights are offset from the DEM: another height system?",
-                table,
-                "z",
-                known,
-                found=f"{middle:+.2f} m in the median, scatter {spread:.2f} m",
-                expected=f"within {limit:g} m of the ground",
-            )
-            over = over - middle
-        stray = known & (np.abs(over) > max(20.0, 4.0 * limit))
-        if stray.any():
-            yield _finding(
-                obs,
-                "warning",
-                "height is far from the DEM",
-                table,
-                "z",
-                stray,
-                found=f"{over[stray][np.argmax(np.abs(over[stray]))]:+.1f} m",
-                expected="a height near the ground",
-                left_out="value",
-            )
-    path = obs.trajectories
-    over = path.z - heights_at(grid, path.x, path.y)
-    known = np.isfinite(over)
-    if known.any():
-        # A rock may fly at any height, but it cannot be under the ground.
-        low = float(np.quantile(over[known], 0.05))
-        if low < -limit:
-            yield _finding(
-                obs,
-                "warning",
-                "paths run under the ground: another height system?",
-                "trajectories",
-                "z",
-                known & (over < -limit),
-                found=f"{low:+.2f} m at the lowest twentieth",
-                expected="at or above the DEM",
-            )
-
-
-def empty_tables(observations: Observations, read: Iterable[str]) -> list[Finding]:
+def empty_tables(observations: Observations, read: Iterable[str]) -> list[ObservationFinding]:
     """Tables that are there and hold nothing, and none at all that can be used."""
     found = [
-        _finding(observations, "warning", "table has no rows", name)
+        ObservationFinding("warning", "table has no rows", observations.files.get(name, ""), name)
         for name in read
         if name in TABLES and not len(observations.tables[name])
     ]
     if not any(len(t) for name, t in observations.tables.items() if name != "stations"):
         counted = Counter(read)
         found.append(
-            Finding(
+            ObservationFinding(
                 "error",
                 "holds no observed rock",
                 next(iter(observations.files.values()), ""),
@@ -899,18 +190,18 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Findin
 
 
 #: In this order: names first, then places, then what hangs on them.
-_CHECKS: tuple[Callable[[Observations, Grid | None], Iterator[Finding]], ...] = (
+_CHECKS: tuple[Callable[[Observations, Grid | None], Iterator[ObservationFinding]], ...] = (
     _identifiers,
     _same_stop,
     _belonging,
-    _on_the_dem,
-    _offsets,
-    _sizes,
-    _pieces,
-    _near_stations,
-    _downhill,
-    _impacts,
-    _spins,
-    _trajectory_speeds,
-    _drops,
+    check_on_the_dem,
+    check_offsets,
+    check_sizes,
+    check_pieces,
+    check_near_stations,
+    check_downhill,
+    check_impacts,
+    check_spins,
+    check_trajectory_speeds,
+    check_drops,
 )

@@ -12,7 +12,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.tables import Observations, Stations, Trajectories
+from sassgis.gap.observations.observed import Observations
+from sassgis.gap.observations.tables import Stations, Trajectories
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.flatten import crossings, xy_to_chainage
@@ -34,7 +35,7 @@ class Projected:
         Fall line; -1 where the point has none, and all else is NaN.
     s : float64, shape (n,)
         Chainage of the nearest point of the line (m).
-    aside_m : float64, shape (n,)
+    lateral_m : float64, shape (n,)
         Distance from it, positive to the right looking downhill (m).
     height_m : float64, shape (n,)
         Height above the ground under the point itself (m); NaN without a height.
@@ -47,7 +48,7 @@ class Projected:
 
     line: IntArray
     s: FloatArray
-    aside_m: FloatArray
+    lateral_m: FloatArray
     height_m: FloatArray
     ground_m: FloatArray
     beyond: NDArray[np.int8]
@@ -218,17 +219,17 @@ def project(
     zs = nothing if z is None else np.asarray(z, np.float64)
     known = (np.asarray(line) >= 0) & np.isfinite(x) & np.isfinite(y)
     lines = np.where(known, line, np.int64(-1))
-    s, aside, ground = nothing.copy(), nothing.copy(), nothing.copy()
+    s, lateral, ground = nothing.copy(), nothing.copy(), nothing.copy()
     beyond = np.zeros(n, np.int8)
     if grid is not None:
         ground = np.where(known, heights_at(grid, x, y), np.nan)
     for i in np.unique(lines[known]).tolist():
         rows = np.flatnonzero(lines == i)
-        s[rows], aside[rows] = xy_to_chainage(traces, i, x[rows], y[rows])
+        s[rows], lateral[rows] = xy_to_chainage(traces, i, x[rows], y[rows])
         beyond[rows] = _beyond(traces, i, x[rows], y[rows], s[rows])
         if grid is None and profiles is not None:
             ground[rows] = np.interp(s[rows], *profiles.vertices(i))
-    return Projected(lines, s, aside, zs - ground, ground, beyond)
+    return Projected(lines, s, lateral, zs - ground, ground, beyond)
 
 
 def _beyond(

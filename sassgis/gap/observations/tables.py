@@ -7,9 +7,9 @@ says by ``present`` which of its columns hold any. SI units, in the name of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, Literal, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,6 @@ from numpy.typing import NDArray
 from sassgis.model.grid import FloatArray, IntArray
 
 TextArray = NDArray[np.str_]
-Level = Literal["error", "warning"]
-LeftOut = Literal["", "value", "row", "table"]
-
-#: Density where none is observed (kg/m³), to get a size from a mass.
-DENSITY_KGM3 = 2700.0
-#: A gap of this many standard errors is found four times in five at the level of 5 %.
-_DETECTABLE = 1.96 + 0.84
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +25,6 @@ class Column:
 
     Attributes
     ----------
-    name : str
     unit : str
         Empty for texts and pure numbers.
     meaning : str
@@ -44,9 +36,10 @@ class Column:
         Whether zero is refused as well.
     aliases : tuple of str
         Other names under which it is read.
+    name : str
+        That of the field that it is declared with.
     """
 
-    name: str
     unit: str
     meaning: str
     text: bool = False
@@ -54,95 +47,27 @@ class Column:
     high: float = math.inf
     positive: bool = False
     aliases: tuple[str, ...] = ()
+    name: str = ""
 
 
-def _positive(name: str, unit: str, meaning: str) -> Column:
-    return Column(name, unit, meaning, low=0.0, positive=True)
+def _text(meaning: str) -> Column:
+    return Column("", meaning, text=True)
 
 
-def _position(what: str, *stems: str) -> tuple[Column, ...]:
-    return tuple(
-        Column(
-            c,
-            "m",
-            f"{what}: {'height' if c == 'z' else c}",
-            aliases=(f"{c}_m", *(f"{s}_{c}{end}" for s in stems for end in ("", "_m"))),
-        )
-        for c in "xyz"
-    )
+def _positive(unit: str, meaning: str) -> Column:
+    return Column(unit, meaning, low=0.0, positive=True)
 
 
-_ROCK = Column("rock_id", "", "name of the rock; R7.2 is a piece of R7", text=True)
-_MASS = _positive("mass_kg", "kg", "mass")
-_SPEED = Column("speed_mps", "m/s", "speed of the centre", low=0.0)
-_ROTATION = Column("rotation_hz", "1/s", "turns per second, without sign", low=0.0)
+def _coordinate(name: str, what: str, *stems: str) -> Column:
+    others = (f"{s}_{name}{end}" for s in stems for end in ("", "_m"))
+    meaning = f"{what}: {'height' if name == 'z' else name}"
+    return Column("m", meaning, aliases=(f"{name}_m", *others))
 
-#: The tables, and their columns in the order of a template.
-TABLES: Mapping[str, tuple[Column, ...]] = {
-    "rocks": (
-        _ROCK,
-        *_position("release point", "release"),
-        _MASS,
-        _positive("volume_m3", "m³", "volume"),
-        _positive("semi_axis_a_m", "m", "longest semi-axis: half of the length"),
-        _positive("semi_axis_b_m", "m", "middle semi-axis"),
-        _positive("semi_axis_c_m", "m", "shortest semi-axis"),
-        _positive("density_kgm3", "kg/m³", "density"),
-        Column("release_speed_mps", "m/s", "speed at the release", low=0.0),
-    ),
-    "stations": (
-        Column("station", "", "name of the station", text=True),
-        Column("x0", "m", "one end of the line across the slope: x", aliases=("x0_m",)),
-        Column("y0", "m", "one end of the line across the slope: y", aliases=("y0_m",)),
-        Column("x1", "m", "its other end: x", aliases=("x1_m",)),
-        Column("y1", "m", "its other end: y", aliases=("y1_m",)),
-    ),
-    "passages": (
-        _ROCK,
-        Column("station", "", "station that the rock passed", text=True),
-        *_position("where it passed, centre of the rock"),
-        _SPEED,
-        _ROTATION,
-        Column("height_m", "m", "vertical, from the ground to the centre", low=0.0),
-        _MASS,
-    ),
-    "impacts": (
-        _ROCK,
-        Column("impact", "", "number or name of the impact of this rock", text=True),
-        *_position("point of impact"),
-        Column("slope_deg", "°", "dip of the ground along the travel", low=-90.0, high=90.0),
-        Column("vt_in_mps", "m/s", "speed along the ground before"),
-        Column("vn_in_mps", "m/s", "along the outward normal before: below zero"),
-        Column("omega_in_radps", "rad/s", "spin before; clockwise positive, travel to the right"),
-        Column("vt_out_mps", "m/s", "speed along the ground after"),
-        Column("vn_out_mps", "m/s", "along the outward normal after"),
-        Column("omega_out_radps", "rad/s", "spin after"),
-        Column("turn_deg", "°", "change of the plan azimuth, clockwise", low=-180.0, high=180.0),
-        _MASS,
-    ),
-    "deposits": (
-        _ROCK,
-        *_position("where it lies"),
-        _MASS,
-        _positive("volume_m3", "m³", "volume"),
-    ),
-    "trajectories": (
-        _ROCK,
-        Column("t_s", "s", "time, from any start that is the same for all of a rock"),
-        *_position("centre of the rock"),
-        _SPEED,
-        _ROTATION,
-    ),
-}
 
-#: Keys of ``metadata`` with their units and meaning.
-METADATA_KEYS: Mapping[str, tuple[str, str]] = {
-    "fps": ("1/s", "pictures per second"),
-    "speed_error_rel": ("", "standard error of a speed, as a share of it (0.05: 5 %)"),
-    "rotation_error_rel": ("", "standard error of a rotation, as a share of it"),
-    "height_error_m": ("m", "standard error of a height of flight"),
-    "position_error_m": ("m", "standard error of a position"),
-}
+_ROCK = _text("name of the rock; R7.2 is a piece of R7")
+_MASS = _positive("kg", "mass")
+_SPEED = Column("m/s", "speed of the centre", low=0.0)
+_ROTATION = Column("1/s", "turns per second, without sign", low=0.0)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -152,10 +77,36 @@ T = TypeVar("T", bound="Table")
 
 
 class Table:
-    """What the tables have in common; each is a frozen dataclass of arrays of one length."""
+    """What the tables have in common; each is a frozen dataclass of arrays of one length.
+
+    Their fields are the schema: name, unit, meaning and limits of each column stand there, and
+    reading, template, checks and ``docs/observations.md`` follow them.
+
+    Attributes
+    ----------
+    table : str
+        Name.
+    key : tuple of str
+        Columns that no two rows share.
+    required : tuple of str
+        Columns without which a row is of no use.
+    """
 
     __slots__ = ()
     table: ClassVar[str]
+    key: ClassVar[tuple[str, ...]] = ()
+    required: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def columns(cls) -> tuple[Column, ...]:
+        """Columns of a file of this table, in the order of a template."""
+        declared = get_type_hints(cls, include_extras=True).items()
+        return tuple(
+            replace(column, name=name)
+            for name, hint in declared
+            for column in getattr(hint, "__metadata__", ())
+            if isinstance(column, Column)
+        )
 
     @classmethod
     def of(cls: type[T], **columns: Any) -> T:
@@ -221,21 +172,26 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Rocks(Table):
-    """Released rocks; see ``TABLES["rocks"]``. ``row`` is their place in the file."""
+    """Released rocks. ``row`` is their place in the file."""
 
     table: ClassVar[str] = "rocks"
+    key: ClassVar[tuple[str, ...]] = ("rock_id",)
+    required: ClassVar[tuple[str, ...]] = ("rock_id",)
     row: IntArray
-    rock_id: TextArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    mass_kg: FloatArray
-    volume_m3: FloatArray
-    semi_axis_a_m: FloatArray
-    semi_axis_b_m: FloatArray
-    semi_axis_c_m: FloatArray
-    density_kgm3: FloatArray
-    release_speed_mps: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    x: Annotated[FloatArray, _coordinate("x", "release point", "release")]
+    y: Annotated[FloatArray, _coordinate("y", "release point", "release")]
+    z: Annotated[FloatArray, _coordinate("z", "release point", "release")]
+    mass_kg: Annotated[FloatArray, _MASS]
+    volume_m3: Annotated[FloatArray, _positive("m³", "volume")]
+    semi_axis_a_m: Annotated[FloatArray, _positive("m", "longest semi-axis: half of the length")]
+    semi_axis_b_m: Annotated[FloatArray, _positive("m", "middle semi-axis")]
+    semi_axis_c_m: Annotated[FloatArray, _positive("m", "shortest semi-axis")]
+    density_kgm3: Annotated[FloatArray, _positive("kg/m³", "density")]
+    release_speed_mps: Annotated[FloatArray, Column("m/s", "speed at the release", low=0.0)]
+
+
+_END, _OTHER_END = "one end of the line across the slope", "its other end"
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,100 +203,115 @@ class Stations(Table):
     row : int64, shape (n,)
     station : str, shape (n,)
     vertices : tuple of float64 arrays, each of shape (k, 2)
-        x and y of the vertices (m).
+        x and y of the vertices (m); a file without geometry has the two ends in columns.
     """
 
     table: ClassVar[str] = "stations"
+    key: ClassVar[tuple[str, ...]] = ("station",)
+    required: ClassVar[tuple[str, ...]] = ("station",)
     row: IntArray
-    station: TextArray
+    station: Annotated[TextArray, _text("name of the station")]
     vertices: tuple[FloatArray, ...]
+
+    @classmethod
+    def columns(cls) -> tuple[Column, ...]:
+        """The name, and the ends of the line."""
+        return (
+            *Table.columns.__func__(cls),  # type: ignore[attr-defined]
+            *(
+                Column("m", f"{end}: {c}", aliases=(f"{c}{i}_m",), name=f"{c}{i}")
+                for i, end in enumerate((_END, _OTHER_END))
+                for c in "xy"
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Passages(Table):
-    """Rocks at stations; see ``TABLES["passages"]``."""
+    """Rocks at stations."""
 
     table: ClassVar[str] = "passages"
+    key: ClassVar[tuple[str, ...]] = ("rock_id", "station")
     row: IntArray
-    rock_id: TextArray
-    station: TextArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    speed_mps: FloatArray
-    rotation_hz: FloatArray
-    height_m: FloatArray
-    mass_kg: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    station: Annotated[TextArray, _text("station that the rock passed")]
+    x: Annotated[FloatArray, _coordinate("x", "where it passed, centre of the rock")]
+    y: Annotated[FloatArray, _coordinate("y", "where it passed, centre of the rock")]
+    z: Annotated[FloatArray, _coordinate("z", "where it passed, centre of the rock")]
+    speed_mps: Annotated[FloatArray, _SPEED]
+    rotation_hz: Annotated[FloatArray, _ROTATION]
+    height_m: Annotated[FloatArray, Column("m", "vertical, from the ground to the centre", low=0.0)]
+    mass_kg: Annotated[FloatArray, _MASS]
 
 
 @dataclass(frozen=True, slots=True)
 class Impacts(Table):
-    """Impacts, before and after; see ``TABLES["impacts"]``."""
+    """Impacts, before and after."""
 
     table: ClassVar[str] = "impacts"
+    key: ClassVar[tuple[str, ...]] = ("rock_id", "impact")
     row: IntArray
-    rock_id: TextArray
-    impact: TextArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    slope_deg: FloatArray
-    vt_in_mps: FloatArray
-    vn_in_mps: FloatArray
-    omega_in_radps: FloatArray
-    vt_out_mps: FloatArray
-    vn_out_mps: FloatArray
-    omega_out_radps: FloatArray
-    turn_deg: FloatArray
-    mass_kg: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    impact: Annotated[TextArray, _text("number or name of the impact of this rock")]
+    x: Annotated[FloatArray, _coordinate("x", "point of impact")]
+    y: Annotated[FloatArray, _coordinate("y", "point of impact")]
+    z: Annotated[FloatArray, _coordinate("z", "point of impact")]
+    slope_deg: Annotated[
+        FloatArray, Column("°", "dip of the ground along the travel", low=-90, high=90)
+    ]
+    vt_in_mps: Annotated[FloatArray, Column("m/s", "speed along the ground before")]
+    vn_in_mps: Annotated[FloatArray, Column("m/s", "along the outward normal before: below zero")]
+    omega_in_radps: Annotated[
+        FloatArray, Column("rad/s", "spin before; clockwise positive, travel to the right")
+    ]
+    vt_out_mps: Annotated[FloatArray, Column("m/s", "speed along the ground after")]
+    vn_out_mps: Annotated[FloatArray, Column("m/s", "along the outward normal after")]
+    omega_out_radps: Annotated[FloatArray, Column("rad/s", "spin after")]
+    turn_deg: Annotated[
+        FloatArray, Column("°", "change of the plan azimuth, clockwise", low=-180, high=180)
+    ]
+    mass_kg: Annotated[FloatArray, _MASS]
 
 
 @dataclass(frozen=True, slots=True)
 class Deposits(Table):
-    """Blocks where they lie; see ``TABLES["deposits"]``."""
+    """Blocks where they lie."""
 
     table: ClassVar[str] = "deposits"
     row: IntArray
-    rock_id: TextArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    mass_kg: FloatArray
-    volume_m3: FloatArray
+    rock_id: Annotated[TextArray, _ROCK]
+    x: Annotated[FloatArray, _coordinate("x", "where it lies")]
+    y: Annotated[FloatArray, _coordinate("y", "where it lies")]
+    z: Annotated[FloatArray, _coordinate("z", "where it lies")]
+    mass_kg: Annotated[FloatArray, _MASS]
+    volume_m3: Annotated[FloatArray, _positive("m³", "volume")]
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectories(Table):
-    """Points along paths, by rock and time; see ``TABLES["trajectories"]``."""
+    """Points along paths, by rock and time."""
 
     table: ClassVar[str] = "trajectories"
+    key: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
+    required: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
     row: IntArray
-    rock_id: TextArray
-    t_s: FloatArray
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    speed_mps: FloatArray
-    rotation_hz: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Metadata:
-    """How well was measured; NaN where it is not stated. See ``METADATA_KEYS``.
-
-    ``others`` holds the keys that are only passed on.
-    """
-
-    fps: float = math.nan
-    speed_error_rel: float = math.nan
-    rotation_error_rel: float = math.nan
-    height_error_m: float = math.nan
-    position_error_m: float = math.nan
-    others: Mapping[str, str] = field(default_factory=dict)
+    rock_id: Annotated[TextArray, _ROCK]
+    t_s: Annotated[
+        FloatArray, Column("s", "time, from any start that is the same for all of a rock")
+    ]
+    x: Annotated[FloatArray, _coordinate("x", "centre of the rock")]
+    y: Annotated[FloatArray, _coordinate("y", "centre of the rock")]
+    z: Annotated[FloatArray, _coordinate("z", "centre of the rock")]
+    speed_mps: Annotated[FloatArray, _SPEED]
+    rotation_hz: Annotated[FloatArray, _ROTATION]
 
 
 TABLE_TYPES: Mapping[str, type[Table]] = {
     t.table: t for t in (Rocks, Stations, Passages, Impacts, Deposits, Trajectories)
+}
+#: Columns of the tables, in the order of a template.
+TABLES: Mapping[str, tuple[Column, ...]] = {
+    name: kind.columns() for name, kind in TABLE_TYPES.items()
 }
 
 
@@ -348,418 +319,9 @@ TABLE_TYPES: Mapping[str, type[Table]] = {
 # Findings
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """Something about the observations that their owner should know.
-
-    Attributes
-    ----------
-    level : {"error", "warning"}
-        error: wrong, and to be mended; warning: usable, but deserves a look.
-    problem : str
-    file, table, column : str
-        Where; empty where it does not apply.
-    rows : tuple of int
-        Rows of the table: lines of a CSV counted with the header, or feature ids.
-    found, expected : str
-    left_out : {"", "value", "row", "table"}
-        What is not used because of it.
-    """
-
-    level: Level
-    problem: str
-    file: str = ""
-    table: str = ""
-    column: str = ""
-    rows: tuple[int, ...] = ()
-    found: str = ""
-    expected: str = ""
-    left_out: LeftOut = ""
-
-    def __str__(self) -> str:
-        """One line that names file, table, column and row."""
-        place = ".".join(part for part in (self.table, self.column) if part)
-        where = ": ".join(part for part in (self.file, place, _rows(self.rows)) if part)
-        detail = "; ".join(
-            part
-            for part in (
-                f"found {self.found}" if self.found else "",
-                f"expected {self.expected}" if self.expected else "",
-            )
-            if part
-        )
-        line = (
-            f"{self.level}: {where}: {self.problem}" if where else f"{self.level}: {self.problem}"
-        )
-        if detail:
-            line += f" ({detail})"
-        if self.left_out:
-            what = self.left_out + ("s" if len(self.rows) > 1 and self.left_out != "table" else "")
-            line += f"; {what} left out"
-        return " ".join(line.split())
-
-
-def _rows(rows: Sequence[int]) -> str:
-    if not rows:
-        return ""
-    shown = ", ".join(str(r) for r in rows[:5])
-    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
-    return f"row{'s' if len(rows) > 1 else ''} {shown}{more}"
-
-
 # ---------------------------------------------------------------------------------------------
 # All of it
 
 
-@dataclass(frozen=True, slots=True)
-class Observations:
-    """All that was observed, in the coordinates of the DEM.
-
-    Attributes
-    ----------
-    rocks, stations, passages, impacts, deposits, trajectories
-        Tables; of length 0 where there is none.
-    metadata : Metadata
-    files : mapping of table to file
-        For messages; empty for observations that come from no file.
-    findings : tuple of Finding
-        What was found, and left out, while reading.
-    """
-
-    rocks: Rocks = field(default_factory=Rocks.of)
-    stations: Stations = field(default_factory=Stations.of)
-    passages: Passages = field(default_factory=Passages.of)
-    impacts: Impacts = field(default_factory=Impacts.of)
-    deposits: Deposits = field(default_factory=Deposits.of)
-    trajectories: Trajectories = field(default_factory=Trajectories.of)
-    metadata: Metadata = field(default_factory=Metadata)
-    files: Mapping[str, str] = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
-
-    @property
-    def tables(self) -> Mapping[str, Table]:
-        """Tables by name."""
-        return {name: getattr(self, name) for name in TABLES}
-
-    @property
-    def present(self) -> Mapping[str, frozenset[str]]:
-        """Columns of numbers that hold any, by table; tables without rows are not named."""
-        return {name: table.present for name, table in self.tables.items() if len(table)}
-
-    @property
-    def rock_names(self) -> tuple[str, ...]:
-        """Names of the rocks, which are the units of resampling.
-
-        Those of the table of rocks, less the pieces listed there; if there is no such table, all
-        that turn up anywhere.
-        """
-        if len(self.rocks):
-            known = set(self.rocks.rock_id.tolist())
-            return tuple(n for n in self.rocks.rock_id.tolist() if root_of(n, known) == n)
-        ids = [
-            name
-            for table in (self.passages, self.impacts, self.deposits, self.trajectories)
-            for name in table.rock_id.tolist()
-            if name
-        ]
-        known = set(ids)
-        return tuple(dict.fromkeys(root_of(name, known) for name in ids))
-
-    def rock_of(self, table: str) -> IntArray:
-        """Place in ``rock_names`` of the rock that each row of a table belongs to.
-
-        Pieces belong to the rock they broke from. -1: an unattributed block.
-        """
-        names = self.rock_names
-        place = {name: i for i, name in enumerate(names)}
-        ids = getattr(self.tables[table], "rock_id", None)
-        if ids is None:
-            raise ValueError(f"table {table} is not about rocks")
-        known = set(names)
-        found = {name: place.get(root_of(name, known), -1) for name in set(ids.tolist())}
-        return np.array([found[name] for name in ids.tolist()], np.int64)
-
-    def is_piece(self, table: str) -> NDArray[np.bool_]:
-        """Whether each row of a table is about a piece of a rock rather than a whole rock."""
-        names = self.rock_names
-        ids = self.tables[table].rock_id.tolist()  # type: ignore[attr-defined]
-        owner = self.rock_of(table)
-        return np.array(
-            [i >= 0 and names[i] != name for i, name in zip(owner.tolist(), ids, strict=True)],
-            np.bool_,
-        )
-
-    def units(self, table: str) -> IntArray:
-        """Unit of resampling of each row: its rock, or a number of its own for each unattributed
-        block (counted on from the number of rocks; rows of one name share it).
-        """
-        owner = self.rock_of(table)
-        ids = self.tables[table].rock_id.tolist()  # type: ignore[attr-defined]
-        others: dict[str, int] = {}
-        count = len(self.rock_names)
-        for i in np.flatnonzero(owner < 0).tolist():
-            # Blocks without a name have nothing in common.
-            key = ids[i].split(".")[0] or f"\0{i}"
-            owner[i] = others.setdefault(key, count + len(others))
-        return owner
-
-
-def parent_of(rock_id: str) -> str | None:
-    """Rock that a piece broke from, by its name alone: R7 for R7.2; None without a suffix."""
-    stem, dot, suffix = rock_id.rpartition(".")
-    return stem if dot and stem and suffix else None
-
-
-def root_of(rock_id: str, known: Iterable[str]) -> str:
-    """The whole rock that a name goes back to.
-
-    Parameters
-    ----------
-    rock_id
-        Of a rock, a piece, or a piece of a piece (R7.2.1).
-    known
-        Names in use; a set makes it fast.
-
-    Returns
-    -------
-    str
-        The shortest name in use that is left when suffixes are taken off; the name itself if
-        there is none.
-    """
-    found, name = rock_id, rock_id
-    while (parent := parent_of(name)) is not None:
-        name = parent
-        if name in known:
-            found = name
-    return found
-
-
-def rock_masses_kg(observations: Observations) -> FloatArray:
-    """Mass of each rock of ``rock_names`` (kg): as weighed, else from its volume; NaN unknown."""
-    names = observations.rock_names
-    rocks = observations.rocks
-    if not len(rocks):
-        return np.full(len(names), np.nan)
-    density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
-    axes = rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
-    volume = np.where(np.isfinite(rocks.volume_m3), rocks.volume_m3, 4.0 / 3.0 * math.pi * axes)
-    mass = np.where(np.isfinite(rocks.mass_kg), rocks.mass_kg, density * volume)
-    place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
-    return mass[[place[name] for name in names]]
-
-
-def rock_radii_m(observations: Observations) -> FloatArray:
-    """Radius of the sphere of equal mass of each rock of ``rock_names`` (m); NaN unknown."""
-    masses = rock_masses_kg(observations)
-    rocks = observations.rocks
-    density = dict(zip(rocks.rock_id.tolist(), rocks.density_kgm3.tolist(), strict=True))
-    own = np.array([density.get(name, math.nan) for name in observations.rock_names], np.float64)
-    own = np.where(np.isfinite(own), own, DENSITY_KGM3)
-    radii: FloatArray = np.cbrt(3.0 * masses / (4.0 * math.pi * own))
-    return radii
-
-
-def without(observations: Observations, findings: Iterable[Finding]) -> Observations:
-    """Leave out what findings say is left out: values, rows or tables.
-
-    The findings are kept with the observations.
-    """
-    tables: dict[str, Table] = dict(observations.tables)
-    new = tuple(f for f in findings if f not in observations.findings)
-    for finding in new:
-        if finding.table not in tables or not finding.left_out:
-            continue
-        table = tables[finding.table]
-        hit = np.isin(table.row, finding.rows)  # type: ignore[attr-defined]
-        if finding.left_out == "table":
-            tables[finding.table] = table.take(np.zeros(len(table), np.bool_))
-        elif finding.left_out == "row":
-            tables[finding.table] = table.take(~hit)
-        else:
-            values = {
-                c: np.where(hit, np.nan, getattr(table, c)) for c in finding.column.split(", ")
-            }
-            tables[finding.table] = replace(table, **values)  # type: ignore[type-var]
-    return replace(observations, **tables, findings=(*observations.findings, *new))  # type: ignore[arg-type]
-
-
 # ---------------------------------------------------------------------------------------------
-# What can be told
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """A quantity that the observations hold.
-
-    Attributes
-    ----------
-    phases : tuple of str
-        Phases of motion that it speaks of: release, flight, impact, rolling, stopping.
-    name, unit : str
-    table : str
-    rocks, values : int
-        On how many rocks (unattributed blocks not counted), and how many values.
-    """
-
-    phases: tuple[str, ...]
-    name: str
-    unit: str
-    table: str
-    rocks: int
-    values: int
-
-
-@dataclass(frozen=True, slots=True)
-class Told:
-    """What observations support, and what not.
-
-    Attributes
-    ----------
-    rocks, unattributed : int
-        Rocks, and blocks and passages that belong to none of them.
-    quantities : tuple of Quantity
-    cannot_tell : tuple of str
-        Sentences: what is missing, and what can therefore not be told.
-    """
-
-    rocks: int
-    unattributed: int
-    quantities: tuple[Quantity, ...]
-    cannot_tell: tuple[str, ...]
-
-    def has(self, name: str, table: str | None = None) -> bool:
-        """Whether a quantity is there, in one table or in any."""
-        return any(q.name == name and table in (None, q.table) for q in self.quantities)
-
-
-#: Quantities with the columns that they need, by table; the phases they speak of.
-_QUANTITIES: tuple[tuple[str, str, str, tuple[str, ...], tuple[str, ...]], ...] = (
-    ("rocks", "release_speed_mps", "m/s", ("release_speed_mps",), ("release",)),
-    ("passages", "speed_mps", "m/s", ("speed_mps",), ("flight", "rolling")),
-    ("passages", "rotation_hz", "1/s", ("rotation_hz",), ("flight", "rolling")),
-    ("passages", "height_m", "m", ("height_m",), ("flight",)),
-    ("passages", "lateral_m", "m", ("x", "y"), ("flight", "rolling")),
-    (
-        "impacts",
-        "energy_kept",
-        "",
-        ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"),
-        ("impact",),
-    ),
-    ("impacts", "spin_out_radps", "rad/s", ("omega_in_radps", "omega_out_radps"), ("impact",)),
-    ("impacts", "turn_deg", "°", ("turn_deg",), ("impact",)),
-    ("deposits", "runout_m", "m", ("x", "y"), ("stopping",)),
-    ("deposits", "lateral_m", "m", ("x", "y"), ("stopping",)),
-    ("deposits", "block_mass_kg", "kg", ("mass_kg",), ("stopping",)),
-    ("deposits", "block_volume_m3", "m³", ("volume_m3",), ("stopping",)),
-    ("trajectories", "path_m", "m", ("t_s", "x", "y"), ("flight", "rolling")),
-    ("trajectories", "flight_fit", "m/s²", ("t_s", "x", "y", "z"), ("flight",)),
-    ("trajectories", "speed_mps", "m/s", ("speed_mps",), ("flight", "rolling")),
-    ("trajectories", "rotation_hz", "1/s", ("rotation_hz",), ("flight", "rolling")),
-)
-
-
-def what_can_be_told(observations: Observations) -> Told:
-    """Which quantities and phases the data support, and what they cannot tell.
-
-    Parameters
-    ----------
-    observations : Observations
-
-    Returns
-    -------
-    Told
-    """
-    quantities = []
-    for table, name, unit, columns, phases in _QUANTITIES:
-        data = observations.tables[table]
-        known = np.all([np.isfinite(data.numbers[c]) for c in columns], axis=0)
-        if not known.any():
-            continue
-        owner = observations.rock_of(table)[known]
-        rocks = int(np.unique(owner[owner >= 0]).size)
-        quantities.append(Quantity(phases, name, unit, table, rocks, int(known.sum())))
-    unattributed = sum(
-        int((observations.rock_of(table) < 0).sum()) for table in ("passages", "deposits")
-    )
-    told = Told(len(observations.rock_names), unattributed, tuple(quantities), ())
-    return replace(told, cannot_tell=tuple(_cannot_tell(observations, told)))
-
-
-def _cannot_tell(observations: Observations, told: Told) -> Iterable[str]:
-    rocks = observations.rocks
-    masses = rock_masses_kg(observations)
-    known = masses[np.isfinite(masses)]
-    yield _sample_size(told.rocks)
-    if not len(rocks):
-        yield (
-            "No table of rocks: which block is a piece and which belongs to no release is not "
-            "known, so entrainment cannot be told from fragmentation."
-        )
-    if not {"x", "y"} <= rocks.present:
-        yield (
-            "No release points: rocks have no fall line of their own, and an error of the release "
-            "cannot be told from one of the motion."
-        )
-    if not told.has("release_speed_mps"):
-        yield "No release speeds: a wrong initial speed can only be inferred from further down."
-    if not len(observations.stations) or not told.has("speed_mps", "passages"):
-        yield (
-            "No speeds at stations: the slope cannot be cut into legs, and where between the "
-            "release and the stop a gap begins is not known."
-        )
-    elif len(observations.stations) == 1:
-        yield "One station: a gap lies above or below it, no closer than that."
-    if told.has("speed_mps", "passages") and not told.has("rotation_hz", "passages"):
-        yield "No rotation at stations: spin and the energy in it are not compared."
-    if told.has("speed_mps", "passages") and not told.has("height_m"):
-        yield "No heights at stations: flying and rolling passages are not told apart."
-    if not told.has("energy_kept"):
-        yield (
-            "No velocities before and after impacts: whether energy is lost in impacts, in flight "
-            "or in rolling is not seen directly, and soft ground, roughness and trees are told "
-            "apart by their trends down the slope alone."
-        )
-    elif not told.has("spin_out_radps"):
-        yield "No spin before and after impacts: slip at the contact is not seen."
-    if not told.has("runout_m"):
-        yield "No deposits: run-out, its spread and stopping are not compared."
-    elif not (told.has("block_mass_kg") or told.has("block_volume_m3")):
-        yield "No sizes of deposited blocks: whether pieces sum up to their rock is not known."
-    if not (told.has("lateral_m") or told.has("turn_deg") or told.has("path_m")):
-        yield "No positions beside the fall line: lateral deflection is not seen."
-    if not told.has("flight_fit"):
-        yield (
-            "No trajectories in time: air drag and a wrong time base or scale of the measurement "
-            "are not seen in flight."
-        )
-    if known.size < 3:
-        yield "Fewer than three rocks with a mass: effects that go with mass are not told."
-    elif float(np.std(np.log(known))) < 0.1:
-        yield (
-            f"All rocks have about the same mass ({np.median(known):.3g} kg): effects that go "
-            "with mass are not told."
-        )
-    if not {"semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"} <= rocks.present:
-        yield "No semi-axes of the rocks: an effect of rock shape cannot be told."
-    meta = observations.metadata
-    if all(
-        math.isnan(e) for e in (meta.speed_error_rel, meta.rotation_error_rel, meta.height_error_m)
-    ):
-        yield (
-            "Errors of measurement are not stated: noise of the measurement and scatter of the "
-            "rocks are told apart by assumption only."
-        )
-
-
-def _sample_size(rocks: int) -> str:
-    if rocks == 0:
-        return "No rocks: nothing can be compared rock by rock."
-    if rocks == 1:
-        return "One rock: its scatter is unknown, and no gap can be told from chance."
-    return (
-        f"{rocks} rocks: a gap of the mean below {_DETECTABLE / math.sqrt(rocks):.2f} standard "
-        f"deviations, or of a share of half of the rocks below "
-        f"{100.0 * min(1.0, _DETECTABLE * 0.5 / math.sqrt(rocks)):.0f} percentage points, is "
-        "likely to go unseen (power 80 %, level 5 %, one comparison)."
-    )
+# What is identifiable

@@ -16,10 +16,11 @@ import numpy as np
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import simulate
-from sassgis.gap.case import Case
-from sassgis.gap.residuals.reaches import Model, repeated
+from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.free_run import RunModel
+from sassgis.gap.residuals.reaches import repeated
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws
-from sassgis.gap.sample import errors_of
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
@@ -53,16 +54,16 @@ class _Piece:
 
 
 def path_residuals(
-    case: Case, model: Model, edges: FloatArray, axes_m: FloatArray
+    case: Case, model: RunModel, edges: FloatArray, axes_m: FloatArray
 ) -> list[Residual]:
-    """Residuals of flights and of stretches along the ground, by leg and over all.
+    """Residuals of flights and of stretches along the ground, by reach and over all.
 
     Parameters
     ----------
     case : Case
-    model : Model
-    edges : float64, shape (n_legs, 2)
-        Limits of the legs (m).
+    model : RunModel
+    edges : float64, shape (n_reaches, 2)
+        Limits of the reaches (m).
     axes_m : float64, shape (n_rocks, k, 3)
         Semi-axes of each rock as the model draws them, longest first (m).
 
@@ -85,9 +86,9 @@ def path_residuals(
         rolling += _along_ground(own, bounds, float(round_m[rock]))
     found = []
     if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
-        found += _by_leg(case, edges, flights, "flight")
+        found += _by_reach(case, edges, flights, "flight")
     if not model.effects.get(Trees):
-        found += _by_leg(case, edges, _rolled(case, model, rolling, round_m), "rolling")
+        found += _by_reach(case, edges, _rolled(case, model, rolling, round_m), "rolling")
     return found
 
 
@@ -272,7 +273,7 @@ def _along_ground(
 
 
 def _rolled(
-    case: Case, model: Model, stretches: list[_Stretch], round_m: FloatArray
+    case: Case, model: RunModel, stretches: list[_Stretch], round_m: FloatArray
 ) -> list[_Piece]:
     """Acceleration on stretches along the ground, against that of the model's rocks.
 
@@ -297,9 +298,9 @@ def _rolled(
             )
     twice = np.concatenate([rock, rock])
     start = np.tile([p.s0 for p in stretches], 2)
-    end = np.minimum(np.tile([p.s1 for p in stretches], 2), model.ways.end[twice] - 0.1)
+    end = np.minimum(np.tile([p.s1 for p in stretches], 2), model.rock_lines.end[twice] - 0.1)
     done = simulate(
-        repeated(model.ways.bare, twice),
+        repeated(model.rock_lines.unforested, twice),
         model.table,
         blocks,
         case.engine,
@@ -344,14 +345,14 @@ def _rolled(
     ]
 
 
-def _by_leg(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> list[Residual]:
-    """Weighted means over the pieces of each rock, by leg and over all."""
+def _by_reach(case: Case, edges: FloatArray, pieces: list[_Piece], phase: str) -> list[Residual]:
+    """Weighted means over the pieces of each rock, by reach and over all."""
     if not pieces:
         return []
     rock = np.array([p.rock for p in pieces], np.int64)
     s = np.array([p.s for p in pieces])
-    leg = case.leg_of(rock, s)
-    places = [(name, leg == k, *edges[k].tolist()) for k, name in enumerate(case.legs)]
+    reach = case.reach_of(rock, s)
+    places = [(name, reach == k, *edges[k].tolist()) for k, name in enumerate(case.reaches)]
     places.append(("all", np.ones(rock.size, bool), float(edges[0, 0]), float(edges[-1, 1])))
     names = dict.fromkeys(name for p in pieces for name in p.values)
     found = []

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.impact import COULOMB, SCALE
-from sassgis.gap.case import Case
+from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Impacts
 from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.gap.residuals.residuals import (
@@ -26,7 +27,6 @@ from sassgis.gap.residuals.residuals import (
     rows_per_rock,
     spread,
 )
-from sassgis.gap.sample import errors_of
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
@@ -58,7 +58,7 @@ def impact_residuals(
     draws: int,
     rng: np.random.Generator,
 ) -> list[Residual]:
-    """Residuals of single impacts by leg and by class of ground.
+    """Residuals of single impacts by reach and by class of ground.
 
     Parameters
     ----------
@@ -66,8 +66,8 @@ def impact_residuals(
     table : GroundTable
     axes_m : float64, shape (n_rocks, k, 3)
         Semi-axes of each rock as the model draws them, longest first (m); NaN for rocks without.
-    edges : float64, shape (n_legs, 2)
-        Limits of the legs (m).
+    edges : float64, shape (n_reaches, 2)
+        Limits of the reaches (m).
     effects : EffectSettings
         Of the model. Where some act in impacts, these are left out: what is compared is the law of
         1986 alone. Where ways leave the fall line, turns are left out.
@@ -181,7 +181,7 @@ def _rebounds(
     away, usual, pit = spread(angle_seen, angle)
     found = []
     for place, inside, s0, s1 in (
-        *_leg_places(case, edges, rock, s),
+        *_reach_places(case, edges, rock, s),
         *_ground_places(rock, s, kind, table),
     ):
         of_rock = np.where(inside, rock, -1)
@@ -242,7 +242,7 @@ def _turns(
     """
     usual = errors_of(case).turn_deg * math.sqrt(2.0 / math.pi)
     found = []
-    for place, inside, s0, s1 in _leg_places(case, edges, rock, s):
+    for place, inside, s0, s1 in _reach_places(case, edges, rock, s):
         of = np.where(inside, rock, -1)
         mean = per_rock(turn_deg, of, n_rocks)
         size = per_rock(np.abs(turn_deg), of, n_rocks)
@@ -268,13 +268,13 @@ def _turns(
     return found
 
 
-def _leg_places(
+def _reach_places(
     case: Case, edges: FloatArray, rock: IntArray, s: FloatArray
 ) -> Iterator[tuple[str, NDArray[np.bool_], float, float]]:
-    """Name, rows and limits of each leg."""
-    leg = case.leg_of(rock, s)
-    for k, name in enumerate(case.legs):
-        yield name, leg == k, float(edges[k, 0]), float(edges[k, 1])
+    """Name, rows and limits of each reach."""
+    reach = case.reach_of(rock, s)
+    for k, name in enumerate(case.reaches):
+        yield name, reach == k, float(edges[k, 0]), float(edges[k, 1])
 
 
 def _ground_places(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.distances import rock_means
+from sassgis.gap.inference.rock_tests import rock_means
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Units by the end of the name of a quantity.
@@ -27,7 +27,7 @@ class Residual:
     Attributes
     ----------
     place, phase, quantity, test : str
-        As in ``sassgis.gap.diagnosis.Finding``.
+        As in ``sassgis.gap.diagnosis.GapFinding``.
     observed, predicted : float64, shape (n_rocks,)
         NaN for rocks without one.
     s0_m, s1_m : float

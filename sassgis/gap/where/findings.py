@@ -1,9 +1,9 @@
 """Where the gap lies: the place, the phase and the quantity in which rocks and model differ.
 
-Observations are compared with predictions in three ways: runs from the release, legs (runs that
+Observations are compared with predictions in three ways: runs from the release, reaches (runs that
 start again at every station), and single steps (impacts and flights). What is right in one step and
-wrong in a leg lies between the steps; what is right in all legs and wrong from the release lies in
-the release. Rocks are the unit: every value that is tested is one of a rock.
+wrong in a reach lies between the steps; what is right in all reaches and wrong from the release
+lies in the release. Rocks are the unit: every value that is tested is one of a rock.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Finding, Range
-from sassgis.gap.distances import benjamini_hochberg, mean_gap_tests
+from sassgis.gap.diagnosis import GapFinding, Range
+from sassgis.gap.inference.rock_tests import false_discovery_adjusted, mean_gap_tests
+from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.flights import path_residuals
-from sassgis.gap.residuals.one_step import impact_residuals
-from sassgis.gap.residuals.reaches import (
+from sassgis.gap.residuals.free_run import (
     FreeRun,
-    Model,
+    RunModel,
     free_run,
     free_run_residuals,
-    leg_residuals,
     observed_at_stations,
 )
+from sassgis.gap.residuals.one_step import impact_residuals
+from sassgis.gap.residuals.reaches import reach_residuals
 from sassgis.gap.residuals.residuals import Residual
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
@@ -39,7 +39,7 @@ LEAST_ROCKS = 5
 IMPACT_DRAWS = 64
 #: Chance of a false finding among all that is taken for the place of the gap.
 LEVEL = 0.05
-#: Legs in which the gap is less sure than this share of the surest are not where it begins.
+#: Reaches in which the gap is less sure than this share of the surest are not where it begins.
 _SHARE = 0.4
 
 
@@ -52,7 +52,7 @@ def where(
     forest: Forest | None = None,
     replicates: int = 20,
     draws: int = 999,
-) -> tuple[Finding, ...]:
+) -> tuple[GapFinding, ...]:
     """Find where observation and model differ.
 
     Parameters
@@ -72,17 +72,17 @@ def where(
 
     Returns
     -------
-    tuple of Finding
+    tuple of GapFinding
         Most certain first; quantities that fewer than five rocks have are left out.
     """
     rng = np.random.default_rng([seed, 31])
-    model = Model.of(case, table, effects, forest, seed)
+    model = RunModel.of(case, table, effects, forest, seed)
     run = free_run(case, model, replicates)
     seen = observed_at_stations(case)
-    edges = leg_edges(case, run)
+    edges = reach_edges(case, run)
     residuals = [
         *free_run_residuals(case, model, seen, run, rng=rng),
-        *leg_residuals(case, model, seen, run, edges, rng=rng),
+        *reach_residuals(case, model, seen, run, edges, rng=rng),
         *path_residuals(case, model, edges, run.axes_m),
     ]
     residuals += impact_residuals(
@@ -91,10 +91,10 @@ def where(
     return findings_of(case, residuals, draws=draws, rng=rng)
 
 
-def leg_edges(case: Case, run: FreeRun) -> FloatArray:
-    """Chainages between which legs lie, mean over rocks (m), shape (n_legs, 2).
+def reach_edges(case: Case, run: FreeRun) -> FloatArray:
+    """Chainages between which reaches lie, mean over rocks (m), shape (n_reaches, 2).
 
-    The last leg ends where the last rock lies, observed or simulated.
+    The last reach ends where the last rock lies, observed or simulated.
     """
     start = float(case.start.mean())
     s = case.station_s
@@ -111,7 +111,7 @@ def leg_edges(case: Case, run: FreeRun) -> FloatArray:
 
 def findings_of(
     case: Case, residuals: Sequence[Residual], *, draws: int, rng: np.random.Generator
-) -> tuple[Finding, ...]:
+) -> tuple[GapFinding, ...]:
     """Test residuals together and write them down, most certain first."""
     tested = [(r, r.tested()) for r in residuals]
     tested = [(r, v) for r, v in tested if int(np.isfinite(v).sum()) >= LEAST_ROCKS]
@@ -119,7 +119,7 @@ def findings_of(
         return ()
     values = np.column_stack([v for _, v in tested])
     t, p, adjusted = mean_gap_tests(values, draws=draws, rng=rng)
-    q = benjamini_hochberg(p)
+    q = false_discovery_adjusted(p)
     # A scatter known from above only is tested by scores that may all be zero.
     size = np.abs(np.nan_to_num(t, posinf=np.inf, neginf=-np.inf))
     n = case.n_rocks
@@ -139,12 +139,12 @@ def _finding(
     adjusted: float,
     q: float,
     times: FloatArray,
-) -> Finding:
+) -> GapFinding:
     own = np.isfinite(tested)
     weight = np.ones(int(own.sum())) if residual.weight is None else residual.weight[own]
     gap = residual.gap[own]
     x, y = _on_map(case, residual, own)
-    return Finding(
+    return GapFinding(
         place=residual.place,
         phase=residual.phase,
         quantity=residual.quantity,
@@ -198,16 +198,16 @@ def _on_map(case: Case, residual: Residual, own: np.ndarray) -> tuple[float, flo
 
 
 def locate(
-    findings: Sequence[Finding], phases: tuple[str, ...] | None = None
+    findings: Sequence[GapFinding], phases: tuple[str, ...] | None = None
 ) -> tuple[str, tuple[str, ...]]:
-    """Phase and legs in which the gap begins.
+    """Phase and reaches in which the gap begins.
 
-    Single steps say most, legs more than runs from the release: what is wrong in a single step is
-    wrong where it is made.
+    Single steps say most, reaches more than runs from the release: what is wrong in a single step
+    is wrong where it is made.
 
     Parameters
     ----------
-    findings : sequence of Finding
+    findings : sequence of GapFinding
         As ``where`` returns them.
     phases : tuple of str, optional
         Phases in which the effect that was named can act; others are passed over.
@@ -216,12 +216,12 @@ def locate(
     -------
     phase : str
         "" if nothing is certain.
-    legs : tuple of str
-        From the top down; empty if the place cannot be told.
+    reaches : tuple of str
+        From the top down; empty if the place is not identifiable.
     """
     sure = [f for f in findings if f.p_adjusted < LEVEL]
     phase = ""
-    for test in ("one step", "leg", "free run"):
+    for test in ("one step", "reach", "free run"):
         own = [f for f in sure if f.test == test and _may_be(f, phases)]
         if not own:
             continue
@@ -233,19 +233,19 @@ def locate(
             own = [f for f in own if f.phase == phase]
         own = [f for f in own if "-" in f.place and f.s0_m < f.s1_m]
         strongest = max((_strength(f) for f in own), default=0.0)
-        legs = {f.place: f.s0_m for f in own if _strength(f) >= _SHARE * strongest}
-        if legs:
-            return phase, tuple(sorted(legs, key=lambda name: legs[name]))
+        reaches = {f.place: f.s0_m for f in own if _strength(f) >= _SHARE * strongest}
+        if reaches:
+            return phase, tuple(sorted(reaches, key=lambda name: reaches[name]))
     return phase, ()
 
 
-def _strength(finding: Finding) -> float:
+def _strength(finding: GapFinding) -> float:
     """Gap over its standard error."""
     low, high = finding.ci95
     return abs(finding.gap) / (high - low) if high > low else math.inf
 
 
-def _may_be(finding: Finding, phases: tuple[str, ...] | None) -> bool:
+def _may_be(finding: GapFinding, phases: tuple[str, ...] | None) -> bool:
     """Whether a finding can show an effect of some phases."""
     if phases is None:
         return True

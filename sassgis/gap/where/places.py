@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Finding
+from sassgis.gap.diagnosis import GapFinding
+from sassgis.gap.observations.case import Case
 from sassgis.model.grid import FloatArray
 from sassgis.model.profiles import TraceSet
 
@@ -36,21 +36,21 @@ def line_stretch(traces: TraceSet, line: int, s0: float, s1: float) -> FloatArra
     return np.column_stack([np.interp(at, s, x), np.interp(at, s, y)])
 
 
-def is_stretch(finding: Finding) -> bool:
+def is_stretch(finding: GapFinding) -> bool:
     """Whether a finding belongs to a stretch of the fall lines rather than to a point."""
     return math.isfinite(finding.s0_m) and finding.s0_m < finding.s1_m
 
 
-def limits_on(case: Case, finding: Finding, line: int) -> tuple[float, float]:
+def limits_on(case: Case, finding: GapFinding, line: int) -> tuple[float, float]:
     """Chainages between which a finding lies on one fall line (m).
 
-    Legs begin and end where this line crosses the stations; other places, and lines that do not
+    Reaches begin and end where this line crosses the stations; other places, and lines that do not
     cross, take the mean chainages of the finding.
     """
     low, high = finding.s0_m, finding.s1_m
-    if finding.place in case.legs:
+    if finding.place in case.reaches:
         edges = case.stations.s[line][case.station_order]
-        number = case.legs.index(finding.place)
+        number = case.reaches.index(finding.place)
         if number > 0 and math.isfinite(edges[number - 1]):
             low = float(edges[number - 1])
         if number < edges.size and math.isfinite(edges[number]):

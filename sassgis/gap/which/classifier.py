@@ -1,4 +1,4 @@
-"""The judge: what causes signatures speak for, learned on made worlds of known cause.
+"""The classifier: what causes signatures speak for, learned on synthetic sites of known cause.
 
 An ensemble of extremely randomised trees (Geurts, Ernst and Wehenkel 2006, Machine Learning 63)
 for each design of a campaign, grown by ``docs/studies/gap_learning.py`` and frozen in a file. Here
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.case import Case
+from sassgis.gap.observations.case import Case
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Causes besides the families and NONE: an effect that is no family, and two families at once.
@@ -21,13 +21,13 @@ UNKNOWN, PAIR = "unknown", "pair"
 DESIGNS = ("everything", "both", "stations", "stops")
 #: Confidence from which on an answer is meant to be right nine times in ten.
 SURE = 0.6
-#: Share of its numbers below which a judge is not asked, and impacts that are too few to count.
+#: Share of its numbers below which a classifier is not used, and impacts too few to count.
 LEAST_SEEN, FEWEST_IMPACTS = 0.3, 8
 _FLOOR = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Trees:
+class TreeEnsemble:
     """Binary trees in one table of nodes; a leaf is its own child.
 
     Attributes
@@ -73,12 +73,12 @@ class Classifier:
         NONE, families, UNKNOWN and PAIR.
     centre, scale : float32, shape (p,)
         A number that a signature lacks counts as its centre.
-    trees : Trees
+    trees : TreeEnsemble
     power : float
         Power to which shares are raised, and
     weight : float64, shape (n_causes,)
         what they are multiplied by, so that a probability is how often the cause is right.
-    caution : float
+    confidence_calibration : float
         By how much the logarithm of the odds must exceed that of SURE for a confidence of SURE.
     """
 
@@ -86,7 +86,7 @@ class Classifier:
     causes: tuple[str, ...]
     centre: NDArray[np.float32]
     scale: NDArray[np.float32]
-    trees: Trees
+    trees: TreeEnsemble
     power: float
     weight: FloatArray
     confidence_calibration: float = 0.0
@@ -140,14 +140,15 @@ def calibrated(shares: FloatArray, power: float, weight: FloatArray) -> FloatArr
 def cautious(probability: FloatArray | float, confidence_calibration: float) -> FloatArray:
     """Confidence that is stated for a probability.
 
-    It is SURE where the logarithm of the odds exceeds that of SURE by ``caution``, and straight
+    It is SURE where the logarithm of the odds exceeds that of SURE by
+    ``confidence_calibration``, and straight
     below and above.
 
     Parameters
     ----------
     probability : float64
         0 to 1.
-    caution : float
+    confidence_calibration : float
         0: the confidence is the probability.
     """
     p = np.asarray(probability, np.float64)
@@ -158,7 +159,7 @@ def cautious(probability: FloatArray | float, confidence_calibration: float) -> 
 
 
 def designs_of(case: Case) -> tuple[str, ...]:
-    """Designs by which a campaign may be judged, by the tables that were observed, best first."""
+    """Designs by which a campaign may be classified, by the observed tables, best first."""
     seen = case.observations
     stations = len(seen.passages) > 0 and bool(case.station_names)
     stops = len(seen.deposits) > 0

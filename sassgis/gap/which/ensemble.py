@@ -1,6 +1,6 @@
-"""The library of a diagnosis: campaigns of every contender, scored against the observed rocks.
+"""The ensemble of a diagnosis: campaigns of every hypothesis, scored against the observed rocks.
 
-Each campaign lets all observed rocks go once with one set of parameters. What it shows is kept as
+Each campaign releases all observed rocks once with one set of parameters. What it shows is kept as
 one row per rock, from which it is scored against the rock that was observed.
 """
 
@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.case import Case
-from sassgis.gap.replicas import Ways, campaigns, ways_of
-from sassgis.gap.sample import Sample, errors_of, observed_sample
+from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.which.features import Covariates, covariates_of, rock_quantities
 from sassgis.gap.which.hypotheses import NONE, Draw, ParameterDraws, draw
 from sassgis.model.grid import FloatArray, IntArray
@@ -79,32 +80,32 @@ class CalibrationProblem:
     Attributes
     ----------
     case : Case
-    ways : Ways
+    rock_lines : RockLines
     given : Covariates
     scale : Scale
-    observed : Sample
+    observed : Campaign
     rows : float64, shape (n_rocks, 2 k)
         Of the observed rocks.
     seed : int
     """
 
     case: Case
-    ways: Ways
+    rock_lines: RockLines
     given: Covariates
     scale: Scale
-    observed: Sample
+    observed: Campaign
     rows: FloatArray
     seed: int
 
 
 def problem_of(case: Case, seed: int) -> CalibrationProblem:
     """Prepare a case."""
-    observed = observed_sample(case)
+    observed = observed_campaign(case)
     given = covariates_of(case)
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities)
     return CalibrationProblem(
-        case, ways_of(case), given, scale, observed, scale.rows(quantities), seed
+        case, rock_lines_of(case), given, scale, observed, scale.rows(quantities), seed
     )
 
 
@@ -142,7 +143,7 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
 def try_draw(problem: CalibrationProblem, made: Draw, number: int) -> Tried:
     """Make campaigns of one draw and score them; ``number`` tells them from others."""
     samples = campaigns(
-        problem.case, problem.ways, made.model,
+        problem.case, problem.rock_lines, made.model,
         count=COUNT, seed=problem.seed, number=number, impacts=False,
     )  # fmt: skip
     return Tried(
@@ -151,13 +152,13 @@ def try_draw(problem: CalibrationProblem, made: Draw, number: int) -> Tried:
     )
 
 
-def rows_of(problem: CalibrationProblem, sample: Sample) -> FloatArray:
+def rows_of(problem: CalibrationProblem, sample: Campaign) -> FloatArray:
     """Rows per rock of another campaign of the same rocks."""
     return problem.scale.rows(rock_quantities(problem.case, sample))
 
 
 def tasks_of(effects: Iterable[str], draws: int) -> list[tuple[str, int]]:
-    """What a library is made of besides the base: effect and number of each draw."""
+    """What an ensemble is made of besides the base: effect and number of each draw."""
     return [(effect, i) for effect in effects for i in range(draws)]
 
 
@@ -195,7 +196,7 @@ class Ensemble:
         return np.flatnonzero(self.effect == effect)
 
     def with_more(self, problem: CalibrationProblem, more: Sequence[Tried]) -> Ensemble:
-        """The library with further draws."""
+        """The ensemble with further draws."""
         return ensemble_of(problem, [*self.tried, *more])
 
 

@@ -1,4 +1,4 @@
-"""Numbers that tell campaigns apart: first one row per rock, then one row per campaign."""
+"""Numbers that distinguish campaigns: first one row per rock, then one row per campaign."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.case import Case
-from sassgis.gap.sample import LOOSE, PIECE, WHOLE, ImpactRows, Sample, main_blocks
+from sassgis.gap.observations.campaign import LOOSE, PIECE, WHOLE, Campaign, ImpactRows, main_blocks
+from sassgis.gap.observations.case import Case
 from sassgis.model.grid import FloatArray, IntArray
 
 GRAVITY = 9.81
-#: Impacts below this speed are too gentle to be told from rolling (m/s).
+#: Impacts below this speed are too gentle to be distinguished from rolling (m/s).
 _GENTLE_MPS = 2.0
 #: Share of the energy whose loss between two impacts is a jump: a stem, or rolling.
 JUMP = 0.35
@@ -49,14 +49,14 @@ def _standard(values: FloatArray) -> FloatArray:
 
 
 def rock_quantities(
-    case: Case, sample: Sample, table: Mapping[str, FloatArray] | None = None
+    case: Case, sample: Campaign, table: Mapping[str, FloatArray] | None = None
 ) -> dict[str, FloatArray]:
     """One number per rock and quantity, NaN where there is none.
 
     Parameters
     ----------
     case : Case
-    sample : Sample
+    sample : Campaign
     table : mapping, optional
         ``impact_table`` of the sample, where it has been made already.
 
@@ -76,14 +76,14 @@ def rock_quantities(
     return found
 
 
-def _stops(sample: Sample) -> dict[str, FloatArray]:
+def _stops(sample: Campaign) -> dict[str, FloatArray]:
     rows, n = sample.deposits, sample.n_rocks
     assert rows is not None
     main = main_blocks(rows, n)
     has = main >= 0
     out = {name: np.full(n, np.nan) for name in ("runout", "aside", "mass", "pieces_apart")}
     out["runout"][has] = rows.s[main[has]]
-    out["aside"][has] = rows.aside_m[main[has]]
+    out["aside"][has] = rows.lateral_m[main[has]]
     out["mass"][has] = rows.mass_kg[main[has]]
     own = rows.rock >= 0
     out["blocks"] = np.bincount(rows.rock[own], minlength=n).astype(np.float64)
@@ -94,7 +94,7 @@ def _stops(sample: Sample) -> dict[str, FloatArray]:
     return {f"stop:{k}": v for k, v in out.items()}
 
 
-def _passages(case: Case, sample: Sample) -> dict[str, FloatArray]:
+def _passages(case: Case, sample: Campaign) -> dict[str, FloatArray]:
     rows, n = sample.passages, sample.n_rocks
     assert rows is not None
     out: dict[str, FloatArray] = {}
@@ -120,7 +120,7 @@ def _passages(case: Case, sample: Sample) -> dict[str, FloatArray]:
         out[f"{name}:rotation"] = rotation
         out[f"{name}:spin_ratio"] = 2.0 * np.pi * rotation * radius / np.maximum(speed, 0.5)
         out[f"{name}:height"] = column(rows.height_m)
-        out[f"{name}:aside"] = column(rows.aside_m)
+        out[f"{name}:aside"] = column(rows.lateral_m)
         out[f"{name}:mass"] = column(rows.mass_kg)
         pieces = rows.rock[(rows.station == k) & (rows.kind == PIECE) & (rows.rock >= 0)]
         out[f"{name}:pieces"] = np.bincount(pieces, minlength=n).astype(float)
@@ -215,7 +215,7 @@ def impact_table(case: Case, rows: ImpactRows) -> dict[str, FloatArray]:
     energy = 0.5 * np.concatenate([[np.nan], v2_out[:-1]]) + np.maximum(GRAVITY * fall, 0.0)
     lost = (GRAVITY * fall - gain) / np.maximum(energy, 2.0)
     return {
-        "leg": case.leg_of(rows.rock, rows.s).astype(float),
+        "leg": case.reach_of(rows.rock, rows.s).astype(float),
         "kept": kept,
         "restitution": restitution,
         "scatter": np.abs(restitution - _median(restitution)),
@@ -232,14 +232,14 @@ def impact_table(case: Case, rows: ImpactRows) -> dict[str, FloatArray]:
 
 
 def summary(
-    case: Case, sample: Sample, given: Covariates
+    case: Case, sample: Campaign, given: Covariates
 ) -> tuple[dict[str, float], dict[str, FloatArray]]:
     """One row of numbers for a campaign.
 
     Parameters
     ----------
     case : Case
-    sample : Sample
+    sample : Campaign
     given : Covariates
 
     Returns
@@ -266,8 +266,8 @@ def summary(
         out["loose:mass"] = _log_mean(rows.mass_kg[loose])
         pieces = rows.kind == PIECE
         out["pieces:mass"] = _log_mean(rows.mass_kg[pieces])
-        aside = quantities["stop:aside"]
-        out |= _aside_shape("stop", aside, quantities["stop:runout"], given)
+        lateral = quantities["stop:aside"]
+        out |= _lateral_shape("stop", lateral, quantities["stop:runout"], given)
     if sample.passages is not None:
         passed = sample.passages
         for k in range(len(case.station_names)):
@@ -276,7 +276,7 @@ def summary(
             out[f"S{k}:loose"] = _log_share(loose_here)
             pieces_here = float((here & (passed.kind == PIECE)).sum()) / sample.n_rocks
             out[f"S{k}:pieces_per_rock"] = _log_share(pieces_here)
-            out |= _aside_shape(
+            out |= _lateral_shape(
                 f"S{k}", quantities[f"S{k}:aside"], quantities[f"S{k}:speed"], given
             )
             whole = here & (passed.kind == WHOLE)
@@ -364,13 +364,13 @@ def _moments(
             out[f"{name}~{other}"] = float(z[i, j])
 
 
-def _aside_shape(
-    name: str, aside: FloatArray, along: FloatArray, given: Covariates
+def _lateral_shape(
+    name: str, lateral: FloatArray, along: FloatArray, given: Covariates
 ) -> dict[str, float]:
-    known = np.isfinite(aside)
+    known = np.isfinite(lateral)
     if known.sum() < 5:
         return {}
-    values = np.abs(aside[known] - np.median(aside[known]))
+    values = np.abs(lateral[known] - np.median(lateral[known]))
     tail = np.sort(values)[int(0.95 * (values.size - 1))]
     out = {
         f"{name}:aside|spread": float(np.log(np.mean(values) + 0.02)),
@@ -417,7 +417,7 @@ _TREND_WITH = ("approach", "speed", "size", "flatness")
 def _impact_trends(
     case: Case, rows: ImpactRows, table: Mapping[str, FloatArray], given: Covariates
 ) -> dict[str, float]:
-    """Means over impacts and their trends: all together, on each kind of ground, in each leg."""
+    """Means over impacts and their trends: all together, on each kind of ground, in each reach."""
     ground = case.ground_at(rows.rock, rows.s)[0]
     y = np.column_stack([table[key] for key in _TREND_OF])
     x = np.column_stack(
@@ -428,7 +428,7 @@ def _impact_trends(
     for k in np.unique(case.profiles.ground).tolist():
         mask = ground == k
         _group(f"hit@{case.table.names[k]}", y[mask], x[mask], out)
-    for k in range(len(case.legs)):
+    for k in range(len(case.reaches)):
         mask = table["leg"] == k
         _group(f"hit{k}", y[mask], None, out)
     return out

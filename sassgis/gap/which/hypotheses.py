@@ -1,8 +1,8 @@
-"""Contenders: the base model calibrated anew, and with each family of effects added.
+"""Hypotheses: the base model calibrated anew, and with each family of effects added.
 
-A contender is a set of ranges from which its parameters are drawn. Every draw has its own
+A hypothesis is a set of ranges from which its parameters are drawn. Every draw has its own
 calibration of the ground, so that an effect has to explain what calibration cannot, and has some
-scatter aside where nature would make some with it.
+lateral scatter where nature would make some with it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,14 @@ from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
-from sassgis.gap.case import Case
-from sassgis.gap.replicas import Aside, Measurement, Model, Release, Stand
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import (
+    ForestStand,
+    HypothesisModel,
+    LateralWalk,
+    MeasurementError,
+    ReleaseError,
+)
 from sassgis.gap.which.families import FAMILIES, calibration_of
 from sassgis.model.effects import EffectSection
 from sassgis.model.ground import GroundTable
@@ -99,7 +105,7 @@ NONE = "none"
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """One set of parameters of a contender.
+    """One set of parameters of a hypothesis.
 
     Attributes
     ----------
@@ -107,18 +113,18 @@ class Draw:
         "none", a family, or two joined by "+".
     form : str
         Functional form.
-    model : Model
+    model : HypothesisModel
     parameters : mapping
         Calibrated parameters by name, as they are reported.
     sections : mapping
         What goes into a configuration, family by family.
-    dials : mapping
+    parameter_draws : mapping
         To make the same draw again, or one near it.
     """
 
     effect: str
     form: str
-    model: Model
+    model: HypothesisModel
     parameters: Mapping[str, float]
     sections: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     parameter_draws: Mapping[str, float] = field(default_factory=dict)
@@ -129,7 +135,7 @@ class _Part:
     """What one family sets of a model."""
 
     form: str
-    change: Callable[[Model], Model]
+    change: Callable[[HypothesisModel], HypothesisModel]
     parameters: Mapping[str, float]
     section: Mapping[str, object]
 
@@ -142,7 +148,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     case : Case
     families : tuple of str
         None, one or more.
-    dials : Dials
+    parameter_draws : ParameterDraws
 
     Returns
     -------
@@ -152,10 +158,10 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     made = Draw(
         NONE,
         "calibrated ground",
-        Model(
+        HypothesisModel(
             table,
             case.effects.without(LateralDeflection),
-            aside=_configured_aside(case) or _little_aside(parameter_draws),
+            lateral_walk=_configured_walk(case) or _little_walk(parameter_draws),
             turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
         ),
         parameters,
@@ -167,17 +173,17 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
             made,
             effect=family if first else f"{made.effect}+{family}",
             form=part.form if first else f"{made.form} + {part.form}",
-            model=_wider_aside(made.model.aside, part.change(made.model)),
+            model=_wider_walk(made.model.lateral_walk, part.change(made.model)),
             parameters={**made.parameters, **part.parameters},
             sections={**made.sections, **({family: part.section} if part.section else {})},
         )
     return replace(made, parameter_draws=dict(parameter_draws.used))
 
 
-def _wider_aside(before: Aside, model: Model) -> Model:
-    """Of two effects that scatter rocks aside, keep the wider scatter."""
-    if before.angle_deg > model.aside.angle_deg and model.aside.width_percent == 0.0:
-        return replace(model, aside=before)
+def _wider_walk(before: LateralWalk, model: HypothesisModel) -> HypothesisModel:
+    """Of two effects that scatter rocks sideways, keep the wider scatter."""
+    if before.angle_deg > model.lateral_walk.angle_deg and model.lateral_walk.width_percent == 0.0:
+        return replace(model, lateral_walk=before)
     return model
 
 
@@ -205,34 +211,34 @@ def _calibrated(
     return GroundTable(tuple(classes)), parameters
 
 
-def _little_aside(parameter_draws: ParameterDraws) -> Aside:
+def _little_walk(parameter_draws: ParameterDraws) -> LateralWalk:
     """Fall lines of a survey are not exact: a heading that is a degree or so off."""
     if parameter_draws.share("little_aside") < 0.5:
-        return Aside()
-    return Aside(angle_deg=parameter_draws.log("little_aside_deg", 0.05, 1.0))
+        return LateralWalk()
+    return LateralWalk(angle_deg=parameter_draws.log("little_aside_deg", 0.05, 1.0))
 
 
-def _configured_aside(case: Case) -> Aside | None:
+def _configured_walk(case: Case) -> LateralWalk | None:
     """Deflection that the configuration has already, as a walk beside the line."""
     sideways = case.effects.get(LateralDeflection)
     if sideways is None:
         return None
     if sideways.form == "constant":
-        return Aside(width_percent=sideways.width_percent)
-    return Aside(angle_deg=sideways.angle_deg, hop_m=sideways.hop_m)
+        return LateralWalk(width_percent=sideways.width_percent)
+    return LateralWalk(angle_deg=sideways.angle_deg, hop_m=sideways.hop_m)
 
 
-def _aside_too(
+def _walk_too(
     parameter_draws: ParameterDraws, most_deg: float, low: float = -math.inf, high: float = math.inf
-) -> Aside:
-    """Scatter aside that an effect makes besides what it is named for.
+) -> LateralWalk:
+    """Lateral scatter that an effect makes besides what it is named for.
 
     It goes with the strength of the effect: an effect that does nothing along the line scatters
-    nothing aside either, and is no other name for lateral deflection.
+    nothing sideways either, and is no other name for lateral deflection.
     """
     if parameter_draws.share("aside_too") < 0.3:
-        return _little_aside(parameter_draws)
-    return Aside(
+        return _little_walk(parameter_draws)
+    return LateralWalk(
         angle_deg=parameter_draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg, s0=low, s1=high
     )
 
@@ -265,7 +271,7 @@ def _loose_classes(case: Case, parameter_draws: ParameterDraws) -> tuple[str, ..
     return tuple(loose)
 
 
-def _with_effect(model: Model, effect: EffectSection) -> Model:
+def _with_effect(model: HypothesisModel, effect: EffectSection) -> HypothesisModel:
     return replace(model, effects=model.effects.having(effect))
 
 
@@ -303,20 +309,22 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
     if parameter_draws.share("lateral.form") < fit.forms["kicks"]:
         angle = parameter_draws.within("lateral.angle", fit.ranges["angle_deg"])
         hop = parameter_draws.within("lateral.hop", fit.ranges["hop_m"])
-        aside = Aside(angle_deg=angle, hop_m=hop)
+        walk = LateralWalk(angle_deg=angle, hop_m=hop)
         form, values = "kicks", {"angle_deg": angle, "hop_m": hop}
     else:
         width = parameter_draws.within("lateral.width", fit.ranges["width_percent"])
-        aside = Aside(width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0))
+        walk = LateralWalk(
+            width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0)
+        )
         form, values = "constant", {"width_percent": width}
-    # Ground that throws rocks aside is not even along their way either.
+    # Ground that throws rocks sideways is not even along their path either.
     lean = math.tan(
-        math.radians(min(aside.angle_deg, 25.0) * parameter_draws.uniform("lateral.lean", 0, 0.6))
+        math.radians(min(walk.angle_deg, 25.0) * parameter_draws.uniform("lateral.lean", 0, 0.6))
     )
     bumps = Roughness(obstacle_m=min(float(np.median(case.radius_m)) * lean, 1.0))
 
-    def change(model: Model) -> Model:
-        changed = replace(model, aside=aside)
+    def change(model: HypothesisModel) -> HypothesisModel:
+        changed = replace(model, lateral_walk=walk)
         if model.effects.get(Roughness) is None and parameter_draws.share("lateral.uneven") < 0.6:
             changed = _with_effect(changed, bumps)
         return changed
@@ -341,8 +349,10 @@ def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
     section = {"form": form, "smallest_m3": smallest, **values}
     effect = Fragmentation(**section)  # type: ignore[arg-type]
     # The more blocks break, the more of what is seen are pieces that flew apart.
-    aside = _aside_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
-    return _Part(form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section)
+    walk = _walk_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
+    return _Part(
+        form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values, section
+    )
 
 
 def _soft_ground(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -372,15 +382,17 @@ def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
         **values,
     }
     effect = Entrainment(**section)  # type: ignore[arg-type]
-    aside = _little_aside(parameter_draws)
-    return _Part(form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section)
+    walk = _little_walk(parameter_draws)
+    return _Part(
+        form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values, section
+    )
 
 
 def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     fit = calibration_of("trees")
     length = _length(case)
     low = parameter_draws.uniform("stand.from", 0.0, 0.75 * length)
-    stand = Stand(
+    stand = ForestStand(
         low,
         low + parameter_draws.uniform("stand.length", 0.15, 1.0) * length,
         parameter_draws.within("stand.stems", fit.ranges["stems_per_ha"]),
@@ -401,12 +413,12 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
         )
         values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}
     effect = Trees(**section)  # type: ignore[arg-type]
-    # Stems that are hit off their middle throw rocks aside.
+    # Stems that are hit off their middle throw rocks sideways.
     hits = stand.stems_per_ha * values.get("efficiency", 0.3) / 300.0
-    aside = _aside_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
+    walk = _walk_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
     return _Part(
         form,
-        lambda m: replace(_with_effect(m, effect), stand=stand, aside=aside),
+        lambda m: replace(_with_effect(m, effect), stand=stand, lateral_walk=walk),
         values,
         section,
     )
@@ -431,8 +443,10 @@ def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
     effect = Roughness(**section)  # type: ignore[arg-type]
     # Bumps lean sideways as well, if less often than against the way of the rock.
     tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
-    aside = _aside_too(parameter_draws, 0.6 * tilt)
-    return _Part(form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section)
+    walk = _walk_too(parameter_draws, 0.6 * tilt)
+    return _Part(
+        form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values, section
+    )
 
 
 def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -441,8 +455,10 @@ def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
     )
     section: dict[str, object] = {"form": form, **values}
     effect = RockShape(**section)  # type: ignore[arg-type]
-    aside = _aside_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
-    return _Part(form, lambda m: replace(_with_effect(m, effect), aside=aside), values, section)
+    walk = _walk_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
+    return _Part(
+        form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values, section
+    )
 
 
 def _release_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -451,7 +467,7 @@ def _release_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
     ]
     if not any(wrong):
         wrong[int(parameter_draws.share("release.one") * 3)] = True
-    release = Release(
+    release = ReleaseError(
         ahead_m=parameter_draws.log("release.ahead_m", 0.5, 12.0) if wrong[0] else 0.0,
         faster_mps=parameter_draws.log("release.faster_mps", 0.5, 12.0) if wrong[1] else 0.0,
         shift_m=parameter_draws.normal("release.shift_m", 4.0) if wrong[2] else 0.0,
@@ -470,7 +486,7 @@ def _measurement_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
     if not any(kinds):
         kinds[int(parameter_draws.share("seen.one") * 4)] = True
     scale = math.exp(parameter_draws.uniform("seen.log_scale", -0.35, 0.35)) if kinds[0] else 1.0
-    measurement = Measurement(
+    measurement = MeasurementError(
         scale=scale,
         clock_sd=parameter_draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
         rotation_scale=math.exp(parameter_draws.uniform("seen.log_turns", -0.3, 0.3))

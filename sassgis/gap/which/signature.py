@@ -3,7 +3,7 @@
 Each number of a campaign is taken twice: as it lies among campaigns of the base model whose ground
 is drawn anew each time, and as what is left of it after the ground has been calibrated on all
 numbers together (linear in the parameters, Gaussian). Numbers of the same kind at several
-stations, legs or kinds of ground become their mean and their change down the slope, so that
+stations, reaches or kinds of ground become their mean and their change down the slope, so that
 signatures of any two cases can be compared.
 """
 
@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.replicas import campaigns
-from sassgis.gap.residuals.steps import Steps, step_features, steps_of
-from sassgis.gap.sample import Sample, as_seen
+from sassgis.gap.observations.campaign import Campaign, as_seen
+from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.which.ensemble import COUNT, CalibrationProblem, Tried
 from sassgis.gap.which.features import summary
 from sassgis.gap.which.hypotheses import Draw, ParameterDraws, draw
+from sassgis.gap.which.step_features import Steps, step_features, steps_of
 from sassgis.model.grid import FloatArray
 
 #: Numbers beyond this many units count by their logarithm: what is far off is far off.
@@ -75,7 +75,7 @@ class Base:
 
     Attributes
     ----------
-    bench : Bench
+    problem : CalibrationProblem
     steps : Steps
     names : tuple of str
         Numbers that any of the campaigns has.
@@ -103,16 +103,16 @@ BASE_DRAWS = 80
 
 
 def base_of(problem: CalibrationProblem, draws: int = BASE_DRAWS) -> tuple[Base, list[Tried]]:
-    """Let the rocks go in the base model, its ground drawn anew ``draws`` times.
+    """Release the rocks in the base model, its ground drawn anew ``draws`` times.
 
     Returns
     -------
     Base
     list of Tried
-        The same campaigns for a library.
+        The same campaigns for an ensemble.
     """
     made: list[Draw] = []
-    samples: list[Sample] = []
+    samples: list[Campaign] = []
     for i in range(draws):
         one = draw(
             problem.case,
@@ -124,7 +124,7 @@ def base_of(problem: CalibrationProblem, draws: int = BASE_DRAWS) -> tuple[Base,
             as_seen(sample, problem.observed)
             for sample in campaigns(
                 problem.case,
-                problem.ways,
+                problem.rock_lines,
                 one.model,
                 count=COUNT,
                 seed=problem.seed,
@@ -190,7 +190,7 @@ def reference_of(
     )
 
 
-def features_of(base: Base, sample: Sample) -> dict[str, float]:
+def features_of(base: Base, sample: Campaign) -> dict[str, float]:
     """All numbers of a campaign of the case."""
     problem = base.problem
     told, quantities = summary(problem.case, sample, problem.given)
@@ -287,7 +287,7 @@ def _without_places(
 
 
 def kind_and_place(name: str, soft: Sequence[str] = ()) -> tuple[str, int]:
-    """A number's name without station, leg or ground class, and which of them it was.
+    """A number's name without station, reach or ground class, and which of them it was.
 
     Ground classes become "hit_soft:" and "hit_hard:", all at one place.
     """

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.case import Case
-from sassgis.gap.diagnosis import Finding, Verdict
+from sassgis.gap.diagnosis import GapFinding, Verdict
+from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
 from sassgis.gap.which.classifier import PAIR, UNKNOWN, cautious
 from sassgis.gap.which.families import PHASES
@@ -114,7 +114,7 @@ def decide(
 def confusion_set(
     effect: str, shares: Mapping[str, float], thresholds: Thresholds
 ) -> tuple[str, ...]:
-    """What cannot be told from the answer: together the probability that is asked for.
+    """What cannot be distinguished from the answer: together the probability that is asked for.
 
     The answer comes first. Pairs have no place of their own: their families have.
     """
@@ -135,9 +135,9 @@ def place_of(
     effect: str,
     case: Case,
     fitted: Sequence[Draw],
-    findings: Sequence[Finding],
+    findings: Sequence[GapFinding],
 ) -> tuple[str, tuple[str, ...]]:
-    """Phase of motion and legs in which an effect acts.
+    """Phase of motion and reaches in which an effect acts.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def place_of(
     case : Case
     fitted : sequence of Draw
         Calibrated draws of the effect.
-    findings : sequence of Finding
+    findings : sequence of GapFinding
         Where the gap lies, for effects without a place of their own.
     """
     if effect == NONE:
@@ -156,18 +156,18 @@ def place_of(
     family = effect.split("+")[0]
     phase = PHASES[family]
     if family == "release_error":
-        return phase, case.legs[:1]
+        return phase, case.reaches[:1]
     if family == "trees":
         stands = [d.model.stand for d in fitted if d.model.stand is not None]
         if stands:
             low = float(np.median([s.s0 for s in stands]))
             high = float(np.median([s.s1 for s in stands]))
-            return phase, legs_between(case, low, high)
+            return phase, reaches_between(case, low, high)
     if family in ("soft_ground", "entrainment", "roughness") and fitted:
         classes = _classes_of(family, fitted)
         if classes:
-            return phase, legs_on(case, classes)
-    return phase, case.legs
+            return phase, reaches_on(case, classes)
+    return phase, case.reaches
 
 
 def _classes_of(family: str, fitted: Sequence[Draw]) -> tuple[str, ...]:
@@ -179,24 +179,24 @@ def _classes_of(family: str, fitted: Sequence[Draw]) -> tuple[str, ...]:
     return tuple(name for name, n in counts.items() if 2 * n > len(fitted))
 
 
-def _leg_bounds(case: Case) -> FloatArray:
-    """Chainages of the ends of the legs, median over the rocks (m), shape (n_legs + 1,)."""
+def _reach_bounds(case: Case) -> FloatArray:
+    """Chainages of the ends of the reaches, median over the rocks (m), shape (n_reaches + 1,)."""
     inner = np.nanmedian(case.station_s, axis=0) if case.station_names else np.empty(0)
     return np.concatenate([[-np.inf], inner, [np.inf]])
 
 
-def legs_between(case: Case, low: float, high: float) -> tuple[str, ...]:
-    """Legs that a stretch of chainage touches."""
-    edges = _leg_bounds(case)
+def reaches_between(case: Case, low: float, high: float) -> tuple[str, ...]:
+    """Reaches that a stretch of chainage touches."""
+    edges = _reach_bounds(case)
     return tuple(
         name
-        for name, start, end in zip(case.legs, edges[:-1], edges[1:], strict=True)
+        for name, start, end in zip(case.reaches, edges[:-1], edges[1:], strict=True)
         if low < end and high > start
     )
 
 
-def legs_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
-    """Legs in which the profiles cross any of some ground classes."""
+def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
+    """Reaches in which the profiles cross any of some ground classes."""
     wanted = [k for k, name in enumerate(case.table.names) if name in classes]
     found: list[str] = []
     source = case.profiles
@@ -205,8 +205,8 @@ def legs_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
         ends = source.s[own.start + 1 : own.stop + 1]
         for low, high, ground in zip(source.s[own], ends, source.ground[own], strict=True):
             if int(ground) in wanted and high > 0.0:
-                found.extend(legs_between(case, float(low), float(high)))
-    return tuple(name for name in case.legs if name in set(found))
+                found.extend(reaches_between(case, float(low), float(high)))
+    return tuple(name for name in case.reaches if name in set(found))
 
 
 def verdict_of(
@@ -215,12 +215,12 @@ def verdict_of(
     thresholds: Thresholds,
     case: Case,
     fitted: Sequence[Draw],
-    findings: Sequence[Finding],
+    findings: Sequence[GapFinding],
     confidence_calibration: float = 0.0,
 ) -> Verdict:
     """Put the answer together; parameters as for ``decide`` and ``place_of``.
 
-    ``caution`` lowers the confidence that is stated, as ``judge.cautious`` has it.
+    ``confidence_calibration`` lowers the stated confidence, as ``classifier.cautious`` has it.
     """
     effect, probability, reason = decide(shares, closes_at_most, thresholds)
     confidence = float(cautious(probability, confidence_calibration))
@@ -267,7 +267,7 @@ _SHOWN_BY: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("impacts", "omega_out_radps", "spin before and after impacts"),
     ),
     "release_error": (
-        ("rocks", "release_speed_mps", "the speed and the place at which each rock is let go"),
+        ("rocks", "release_speed_mps", "the speed and the place at which each rock is released"),
     ),
     "measurement_error": (
         ("trajectories", "t_s", "paths of free flights: they must give g = 9.81 m/s²"),
@@ -276,7 +276,7 @@ _SHOWN_BY: Mapping[str, tuple[tuple[str, str, str], ...]] = {
 
 
 def measure_next(case: Case, confused: Sequence[str]) -> tuple[str, ...]:
-    """What further measurement would tell confused effects apart, from what each shows itself by.
+    """What further measurement would separate confused effects, from what each shows itself by.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ def measure_next(case: Case, confused: Sequence[str]) -> tuple[str, ...]:
     for name in named if len(confused) > 1 else []:
         for table, column, how in _SHOWN_BY[name]:
             if column not in present.get(table, frozenset()):
-                out.append(f"To tell {name.replace('_', ' ')} from the others: {how}.")
+                out.append(f"To separate {name.replace('_', ' ')} from the others: {how}.")
                 break
     if len(named) > 1 and not out:
         out.append(

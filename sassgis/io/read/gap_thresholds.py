@@ -13,14 +13,14 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from sassgis.gap.which.classifier import DESIGNS, Classifier, Trees
+from sassgis.gap.which.classifier import DESIGNS, Classifier, TreeEnsemble
 from sassgis.gap.which.verdict import Thresholds
 from sassgis.model.errors import InputError
 
 #: Chosen on batteries of development, and frozen for all that is reported.
 THRESHOLDS = Path(str(files("sassgis").joinpath("data/gap_thresholds.json")))
 #: Grown on the same worlds, and frozen with them.
-CLASSIFIERS = Path(str(files("sassgis").joinpath("data/gap_judges.npz")))
+CLASSIFIERS = Path(str(files("sassgis").joinpath("data/gap_classifiers.npz")))
 
 
 def read_thresholds(file: Path | None = None) -> dict[str, Any]:
@@ -58,14 +58,14 @@ def thresholds_of(content: dict[str, Any]) -> Thresholds:
 
 
 def frozen_digest(file: Path | None = None) -> str:
-    """SHA-256 of thresholds and judges together."""
+    """SHA-256 of thresholds and classifiers together."""
     digest = hashlib.sha256((file or THRESHOLDS).read_bytes())
     digest.update(CLASSIFIERS.read_bytes())
     return digest.hexdigest()
 
 
 def read_classifier(design: str, file: Path | None = None) -> Classifier:
-    """The judge of one design.
+    """The classifier of one design.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def read_classifier(design: str, file: Path | None = None) -> Classifier:
             }
             right = held["right"].astype(np.int64)
             own = np.arange(right.size)
-            trees = Trees(
+            trees = TreeEnsemble(
                 held["root"].astype(np.int64),
                 held["number"].astype(np.int64),
                 held["limit"].astype(np.float32),
@@ -110,7 +110,7 @@ def read_classifier(design: str, file: Path | None = None) -> Classifier:
 
 
 def write_classifiers(file: Path, classifiers: dict[str, Classifier]) -> None:
-    """Write the judges of all designs: shares rounded to 1/255, limits to half precision.
+    """Write the classifiers of all designs: shares rounded to 1/255, limits to half precision.
 
     Raises
     ------

@@ -27,20 +27,9 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj.exceptions import CRSError
 
 from sassgis.gap.observations.checks import check_observations, empty_tables
-from sassgis.gap.observations.tables import (
-    METADATA_KEYS,
-    TABLE_TYPES,
-    TABLES,
-    Column,
-    Finding,
-    LeftOut,
-    Level,
-    Metadata,
-    Observations,
-    Stations,
-    Table,
-    without,
-)
+from sassgis.gap.observations.observation_finding import LeftOut, Level, ObservationFinding
+from sassgis.gap.observations.observed import METADATA_KEYS, Metadata, Observations, without
+from sassgis.gap.observations.tables import TABLE_TYPES, TABLES, Column, Stations, Table
 from sassgis.io.read.csv_table import csv_cells, read_text
 from sassgis.io.read.features import nearest, onto_grid
 from sassgis.io.write.geopackage import register_columns, register_table
@@ -56,7 +45,7 @@ log = logging.getLogger(__name__)
 #: Name under which messages speak of the observations.
 _KEY = "observations"
 _METADATA = "metadata"
-#: Ways to say that a cell is empty, in lower case.
+#: RockLines to say that a cell is empty, in lower case.
 _EMPTY = frozenset({"", "-", "na", "n/a", "nan", "null", "none", "<na>", "?", "-9999", "-9999.0"})
 #: Tables of a GeoPackage that are not about rocks.
 _FOREIGN = frozenset({"layer_styles", "run_metadata"})
@@ -92,7 +81,7 @@ class _Findings:
     """Collects what is found while reading."""
 
     def __init__(self) -> None:
-        self.all: list[Finding] = []
+        self.all: list[ObservationFinding] = []
 
     def add(
         self,
@@ -108,7 +97,7 @@ class _Findings:
         left_out: LeftOut = "",
     ) -> None:
         self.all.append(
-            Finding(
+            ObservationFinding(
                 level,
                 problem,
                 str(file or (raw.file if raw else "")),
@@ -200,7 +189,9 @@ def read_observations(
     return observations
 
 
-def validate_observations(observations: Observations, grid: Grid | None = None) -> list[Finding]:
+def validate_observations(
+    observations: Observations, grid: Grid | None = None
+) -> list[ObservationFinding]:
     """All that their owner should know about observations.
 
     Parameters
@@ -212,7 +203,7 @@ def validate_observations(observations: Observations, grid: Grid | None = None) 
 
     Returns
     -------
-    list of Finding
+    list of ObservationFinding
         Errors first; ``str`` gives one line that names file, table, column and row.
     """
     fresh = [f for f in check_observations(observations, grid) if f not in observations.findings]
@@ -222,7 +213,9 @@ def validate_observations(observations: Observations, grid: Grid | None = None) 
     return sorted((*observations.findings, *fresh), key=lambda f: f.level != "error")
 
 
-def _refuse_elsewhere(observations: Observations, checked: Sequence[Finding], path: Path) -> None:
+def _refuse_elsewhere(
+    observations: Observations, checked: Sequence[ObservationFinding], path: Path
+) -> None:
     """Raise InputError where every table that has places lies beside the DEM."""
     beside = {f.table: f for f in checked if f.problem.startswith("no row lies on the DEM")}
     placed = {
@@ -357,13 +350,6 @@ def _table(raw: _Raw, grid: Grid | None, crs: str | None, findings: _Findings) -
     keep = _identified(raw, data, findings)
     if raw.name == "stations":
         return _stations(raw, data, keep, findings)
-    if raw.name == "trajectories" and "t_s" in data:
-        timeless = keep & ~np.isfinite(data["t_s"])
-        if timeless.any():
-            findings.add(
-                "error", "point has no time", raw, "t_s", raw.rows[timeless], left_out="row"
-            )
-        keep &= ~timeless
     table = TABLE_TYPES[raw.name].of(**data).take(keep)
     if raw.name == "trajectories" and len(table):
         return _by_time(table)
@@ -471,13 +457,17 @@ def _numbers(raw: _Raw, column: Column, values: NDArray[Any], findings: _Finding
 def _identified(raw: _Raw, data: Mapping[str, Any], findings: _Findings) -> NDArray[np.bool_]:
     """Rows that say what they are about."""
     keep = np.ones(raw.rows.size, np.bool_)
-    # A block or a passage without a name is an unattributed one.
-    required = {"rocks": "rock_id", "stations": "station", "trajectories": "rock_id"}
-    if raw.name in required:
-        column = required[raw.name]
-        keep = np.array([bool(v) for v in data[column]], np.bool_)
-        if not keep.all():
-            findings.add("error", "has no name", raw, column, raw.rows[~keep], left_out="row")
+    # A block or a passage without a name is an unattributed one: its table requires none.
+    for column in TABLE_TYPES[raw.name].required:
+        if column not in data:
+            continue
+        values = np.asarray(data[column])
+        there = np.isfinite(values) if values.dtype.kind == "f" else values != ""
+        lost = keep & ~there
+        if lost.any():
+            problem = "point has no time" if column == "t_s" else "has no name"
+            findings.add("error", problem, raw, column, raw.rows[lost], left_out="row")
+        keep &= there
     return keep
 
 
@@ -686,7 +676,7 @@ def observations_template(path: Path | str, *, crs: str | None = None) -> Path:
     if path.suffix.lower() == ".gpkg":
         return _gpkg_template(path, crs)
     if path.suffix:
-        raise OutputError(f"{path}: cannot tell what to write; expected a folder or a .gpkg file")
+        raise OutputError(f"{path}: cannot see what to write; expected a folder or a .gpkg file")
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise OutputError(f"{path}: exists already and is not empty")
     with writing(path):

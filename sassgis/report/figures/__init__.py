@@ -4,10 +4,9 @@ from sassgis.report.figures.energy_figure import energy_profile_figure
 from sassgis.report.figures.gap_figures import (
     gap_distributions_figure,
     gap_hypotheses_figure,
-    gap_map_figure,
     gap_where_figure,
-    map_change_figure,
 )
+from sassgis.report.figures.gap_map_figures import gap_map_figure, map_change_figure
 from sassgis.report.figures.hazard_curve import hazard_curve_figure
 from sassgis.report.figures.hazard_map_figures import (
     change_figure,

@@ -9,14 +9,16 @@ import pytest
 
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.gap.check.worlds import motion as m
+from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds.forces import Forces
-from sassgis.gap.check.worlds.motion import Field, Tables
-from sassgis.gap.check.worlds.world import World, _base_world, _place, with_effects
+from sassgis.gap.check.worlds.make import base_world, place_effect
+from sassgis.gap.check.worlds.motion_state import Field, Tables
+from sassgis.gap.check.worlds.world import World, with_effects
 
 
 @pytest.fixture(scope="session")
 def null_world() -> World:
-    return _base_world(WorldSpec("cliff_talus_meadow"), 5)
+    return base_world(WorldSpec("cliff_talus_meadow"), 5)
 
 
 @pytest.fixture(scope="session")
@@ -24,7 +26,7 @@ def with_magnitude(null_world: World) -> Callable[[str, float], World]:
     """The null world with one effect of a given magnitude, not calibrated."""
 
     def make(name: str, magnitude: float) -> World:
-        effect = _place(null_world, EffectSpec(name), 5)  # type: ignore[arg-type]
+        effect = place_effect(null_world, EffectSpec(name), 5)  # type: ignore[arg-type]
         return with_effects(null_world, (replace(effect, magnitude=magnitude),))
 
     return make
@@ -59,13 +61,13 @@ class Plane:
 
     def rock(self, a: float, b: float, along: float, normal: float, spin: float = 0.0):  # type: ignore[no-untyped-def]
         """State of a rock with a velocity along and away from the slope, at 50 m."""
-        st = np.zeros(m.N_STATE)
+        st = np.zeros(ms.N_STATE)
         c, s = math.cos(self.slope), math.sin(self.slope)
-        st[m.X], st[m.Y], st[m.Z] = 50.0, 40.0, -math.tan(self.slope) * 50.0 + a / c
-        st[m.VX], st[m.VZ] = along * c + normal * s, -along * s + normal * c
-        st[m.HX] = 1.0
-        st[m.SPIN] = spin
-        st[m.A], st[m.B], st[m.C], st[m.DENSITY], st[m.HAND] = a, b, b, 2700.0, 1.0
+        st[ms.X], st[ms.Y], st[ms.Z] = 50.0, 40.0, -math.tan(self.slope) * 50.0 + a / c
+        st[ms.VX], st[ms.VZ] = along * c + normal * s, -along * s + normal * c
+        st[ms.HX] = 1.0
+        st[ms.SPIN] = spin
+        st[ms.A], st[ms.B], st[ms.C], st[ms.DENSITY], st[ms.HAND] = a, b, b, 2700.0, 1.0
         return st
 
     def run(self, st, dt: float = 0.002, forces: Forces | None = None):  # type: ignore[no-untyped-def]

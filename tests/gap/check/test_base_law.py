@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sassgis.gap.check.worlds import motion as m
+from sassgis.gap.check.worlds import motion_state as ms
 from sassgis.gap.check.worlds.forces import Forces, Local
 from sassgis.gap.check.worlds.law import kinetic, lever, rebound
 
@@ -86,11 +87,11 @@ def test_sphere_that_falls_on_a_slope_met_less_steep(plane) -> None:  # type: ig
 def test_rolling_and_sliding_to_rest(plane) -> None:  # type: ignore[no-untyped-def]
     beta = math.radians(20)
     ground = plane(beta, [0.5, 0.0, 0.0, 0.8, 0.6, 0.0, 0.0])
-    for mode, a, length in ((m.ROLL, 0.5, 5.744979), (m.SLIDE, 0.5, 3.109847)):
+    for mode, a, length in ((ms.ROLL, 0.5, 5.744979), (ms.SLIDE, 0.5, 3.109847)):
         errors = []
         for dt in (0.002, 0.001, 0.0005):
             st = ground.rock(a, 0.5, 5.0, 0.0, 10.0)
-            st[m.MODE] = mode
+            st[ms.MODE] = mode
             stop = ground.run(st, dt).deposits[0]
             errors.append(abs((stop[3] - 50.0) / math.cos(beta) - length))
         assert errors[-1] < 0.004
@@ -102,17 +103,17 @@ def test_flight_keeps_energy_and_follows_the_parabola(plane) -> None:  # type: i
     angle = math.radians(10)
     st = ground.rock(0.5, 0.4, 10 * math.cos(angle), 10 * math.sin(angle), 7.0)
     energy = [
-        0.5 * (st[m.VX] ** 2 + st[m.VZ] ** 2) + 9.81 * st[m.Z],
+        0.5 * (st[ms.VX] ** 2 + st[ms.VZ] ** 2) + 9.81 * st[ms.Z],
     ]
-    x0, z0 = st[m.X], st[m.Z]
+    x0, z0 = st[ms.X], st[ms.Z]
     for _ in range(1000):
         m.flight_step(Forces(), st, 0.492150 / 1000)
-        energy.append(0.5 * (st[m.VX] ** 2 + st[m.VZ] ** 2) + 9.81 * st[m.Z])
+        energy.append(0.5 * (st[ms.VX] ** 2 + st[ms.VZ] ** 2) + 9.81 * st[ms.Z])
     assert np.ptp(energy) < 1e-9
-    assert st[m.SPIN] == 7.0
-    along = math.hypot(st[m.X] - x0, st[m.Z] - z0)
+    assert st[ms.SPIN] == 7.0
+    along = math.hypot(st[ms.X] - x0, st[ms.Z] - z0)
     assert along == pytest.approx(5.672013, abs=2e-5)
-    assert math.degrees(math.atan2(z0 - st[m.Z], st[m.X] - x0)) == pytest.approx(44, abs=1e-3)
+    assert math.degrees(math.atan2(z0 - st[ms.Z], st[ms.X] - x0)) == pytest.approx(44, abs=1e-3)
 
 
 def test_flight_through_air_converges_in_the_step(plane) -> None:  # type: ignore[no-untyped-def]
@@ -122,6 +123,6 @@ def test_flight_through_air_converges_in_the_step(plane) -> None:  # type: ignor
         st = ground.rock(0.3, 0.3, 20.0, 10.0)
         for _ in range(n):
             m.flight_step(Forces(air=Local(q=50.0)), st, 1.0 / n)
-        ends.append(st[m.X])
+        ends.append(st[ms.X])
     errors = [abs(end - ends[-1]) for end in ends[:3]]
     assert errors[1] < errors[0] / 10 and errors[2] < errors[1] / 10

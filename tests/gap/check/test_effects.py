@@ -9,11 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sassgis.gap.check.worlds import motion as m
+from sassgis.gap.check.worlds import motion_state as ms
+from sassgis.gap.check.worlds import new_blocks
 from sassgis.gap.check.worlds.forces import Local, indent, strike
-from sassgis.gap.check.worlds.motion import Tables
+from sassgis.gap.check.worlds.motion_state import Tables
 from sassgis.gap.check.worlds.observe import distort
-from sassgis.gap.check.worlds.world import LIMITS, World, draw_rocks, simulate, with_effects
+from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
+from sassgis.gap.check.worlds.world import LIMITS, World, with_effects
 
 Make = Callable[[str, float], World]
 # These give energy from outside, or change what is written down rather than what happens.
@@ -50,8 +52,8 @@ def test_energy_is_never_made(name: str, with_magnitude: Make) -> None:
     run = simulate(world, draw_rocks(world, 30, 3))
     assert run.energy_gain.max() <= 1e-9
     # Along the path of each rock, energy rises by no more than its centre does as it turns over.
-    axes = run.rocks.state[:, [m.A, m.B]]
-    tracks = run.tracks[run.tracks[:, 2] == m.ROCK]
+    axes = run.rocks.state[:, [ms.A, ms.B]]
+    tracks = run.tracks[run.tracks[:, 2] == ms.ROCK]
     rock = tracks[:, 0].astype(int)
     inertia = (axes**2).sum(axis=1)[rock] / 5.0
     spin = 2 * math.pi * tracks[:, 8]
@@ -68,8 +70,8 @@ def test_pieces_have_the_mass_of_their_rock(magnitude: float, with_magnitude: Ma
     world = with_magnitude("fragmentation", magnitude)
     rocks = draw_rocks(world, 40, 3)
     run = simulate(world, rocks)
-    axes = rocks.state[:, [m.A, m.B, m.C]]
-    mass = rocks.state[:, m.DENSITY] * 4 / 3 * math.pi * axes.prod(axis=1)
+    axes = rocks.state[:, [ms.A, ms.B, ms.C]]
+    mass = rocks.state[:, ms.DENSITY] * 4 / 3 * math.pi * axes.prod(axis=1)
     stopped = np.bincount(run.deposits[:, 0].astype(int), run.deposits[:, 6], minlength=40)
     assert len(run.deposits) > 40
     assert stopped == pytest.approx(mass, rel=1e-9)
@@ -79,19 +81,21 @@ def test_a_breaking_rock_keeps_its_momentum(plane) -> None:  # type: ignore[no-u
     ground = plane(0.6, [0.5, 0, 0.3, 0.7, 0.5, 0, 0])
     st = ground.rock(0.6, 0.5, 12.0, 3.0, 9.0)
     for n in range(1, 40):
-        stack = np.zeros((m.MAX_PIECES, m.N_STATE))
+        stack = np.zeros((new_blocks.MAX_PIECES, ms.N_STATE))
         counts = np.array([0, 1])
         tables = Tables(*(np.zeros((1, 1)) for _ in range(4)), np.zeros(4, np.int64), np.zeros(1))
         state = st.copy()
-        keys = np.zeros(m.MAX_PIECES, np.uint64)
+        keys = np.zeros(new_blocks.MAX_PIECES, np.uint64)
         lost = 30.0
-        m._shatter(ground.field, state, np.uint64(3), n, lost, stack, keys, counts, tables, 0)
+        new_blocks.shatter(
+            ground.field, state, np.uint64(3), n, lost, stack, keys, counts, tables, 0
+        )
         pieces = stack[: counts[0]]
-        assert 2 <= len(pieces) <= 5 and state[m.MODE] == m.BROKEN
-        mass = pieces[:, [m.A, m.B, m.C]].prod(axis=1)
+        assert 2 <= len(pieces) <= 5 and state[ms.MODE] == ms.BROKEN
+        mass = pieces[:, [ms.A, ms.B, ms.C]].prod(axis=1)
         assert mass.sum() == pytest.approx(0.6 * 0.5 * 0.5, rel=1e-12)
-        velocity = pieces[:, m.VX : m.VZ + 1]
-        before = st[m.VX : m.VZ + 1]
+        velocity = pieces[:, ms.VX : ms.VZ + 1]
+        before = st[ms.VX : ms.VZ + 1]
         assert (mass[:, None] * velocity).sum(axis=0) / mass.sum() == pytest.approx(
             before, abs=1e-9
         )
@@ -126,12 +130,17 @@ def test_a_loosened_block_takes_its_momentum_from_the_rock(plane) -> None:  # ty
     forces = Forces(loose=Local(q=1e9))
     for n in range(1, 30):
         st = ground.rock(0.6, 0.5, 12.0, 0.0, 9.0)
-        before = st[m.VX : m.VZ + 1].copy()
-        stack, keys = np.zeros((m.MAX_PIECES, m.N_STATE)), np.zeros(m.MAX_PIECES, np.uint64)
+        before = st[ms.VX : ms.VZ + 1].copy()
+        stack, keys = (
+            np.zeros((new_blocks.MAX_PIECES, ms.N_STATE)),
+            np.zeros(new_blocks.MAX_PIECES, np.uint64),
+        )
         counts = np.array([0, 1])
-        m._loosen(ground.field, forces, st, np.uint64(5), n, 5.0, 50.0, 40.0, stack, keys, counts)
+        new_blocks.loosen(
+            ground.field, forces, st, np.uint64(5), n, 5.0, 50.0, 40.0, stack, keys, counts
+        )
         assert counts[0] == 1
-        ratio = (stack[0, m.A] / st[m.A]) ** 3
-        small, large = stack[0, m.VX : m.VZ + 1], st[m.VX : m.VZ + 1]
+        ratio = (stack[0, ms.A] / st[ms.A]) ** 3
+        small, large = stack[0, ms.VX : ms.VZ + 1], st[ms.VX : ms.VZ + 1]
         assert large + ratio * small == pytest.approx(before, abs=1e-9)
         assert (large**2).sum() + ratio * (small**2).sum() <= (before**2).sum() + 1e-9

@@ -20,23 +20,17 @@ from sassgis.gap.check.worlds import (
     setup,
 )
 from sassgis.gap.check.worlds.battery import FULL, MODEST, quick_battery, world_seeds
+from sassgis.gap.check.worlds.make import base_world, nominal_law
+from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES, descent, guide
 from sassgis.gap.check.worlds.strength import BANDS, inhomogeneity
-from sassgis.gap.check.worlds.world import (
-    FAMILIES,
-    World,
-    _base_world,
-    draw_rocks,
-    nominal_law,
-    simulate,
-    with_effects,
-)
+from sassgis.gap.check.worlds.world import FAMILIES, World, with_effects
 from sassgis.model.errors import InputError
 
 
 @pytest.mark.parametrize("slope", SLOPE_TYPES)
 def test_without_effects_rocks_keep_to_the_fall_line(slope: str) -> None:
-    world = _base_world(WorldSpec(slope), 4)
+    world = base_world(WorldSpec(slope), 4)
     rocks = draw_rocks(world, 24, 3)
     run = simulate(world, rocks)
     grid = world.relief.grid
@@ -127,7 +121,7 @@ def test_each_kind_shows_what_it_says(null_world: World) -> None:
     impacts = seen.tables["impacts"]
     assert (impacts["vn_in_mps"] < 0).all()
     assert (np.abs(impacts["turn_deg"]) <= 180.0).all()
-    # Where the centre was let go, not the ground beneath it.
+    # Where the centre was released, not the ground beneath it.
     rocks = seen.tables["rocks"]
     ground = setup(null_world).releases[np.arange(12) % 12, 2]
     assert (rocks["z"] - ground > rocks["semi_axis_a_m"]).all()
@@ -143,12 +137,12 @@ def test_measured_speeds_have_the_stated_error(null_world: World) -> None:
 
 
 def test_the_setup_tells_no_true_parameter(null_world: World) -> None:
-    told = setup(null_world)
+    known = setup(null_world)
     assert not np.allclose(null_world.law, nominal_law())
-    assert told.class_codes.shape == told.dem.shape
-    assert told.class_codes.max() < len(told.class_names)
-    assert told.dem is null_world.relief.grid
-    col, row = told.dem.col_row(told.releases[:, 0], told.releases[:, 1])
+    assert known.class_codes.shape == known.dem.shape
+    assert known.class_codes.max() < len(known.class_names)
+    assert known.dem is null_world.relief.grid
+    col, row = known.dem.col_row(known.releases[:, 0], known.releases[:, 1])
     assert (col > 2).all() and (row > 2).all()
 
 

@@ -38,7 +38,7 @@ _STRENGTHS: tuple[Strength, ...] = ("weak", "medium", "strong", "medium", "stron
 
 
 def battery(seed: int, n: int) -> list[WorldSpec]:
-    """Specifications of a battery of worlds, in an order that tells nothing.
+    """Specifications of a battery of worlds, in an order that says nothing.
 
     A third has no effect, two fifths a single one, two fifteenths a pair, the rest an unknown one.
     Of the single ones two fifths are observed as in ``FULL`` and a third as in ``MODEST``; of the

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.gap.check.worlds import draws
+from sassgis.gap.check.worlds import random_draws as draws
 from sassgis.gap.check.worlds.law import GRAVITY
 from sassgis.model.jit import kernel
 
@@ -117,9 +117,9 @@ def cap_tilts(bumps: Local, key: np.uint64, count: int, radius: float) -> tuple[
     if draws.uniform(key, draws.BUMP, 4 * count) > 0.9:
         return 0.0, 0.0
     off = 2.0 * draws.uniform(key, draws.BUMP, 4 * count + 1) - 1.0
-    aside = 2.0 * draws.uniform(key, draws.BUMP, 4 * count + 2) - 1.0
+    sideways = 2.0 * draws.uniform(key, draws.BUMP, 4 * count + 2) - 1.0
     sine = bumps.q / (radius + 1.05 * bumps.q)
-    return math.asin(off * sine), 0.3 * math.asin(aside * sine)
+    return math.asin(off * sine), 0.3 * math.asin(sideways * sine)
 
 
 @kernel

@@ -9,12 +9,10 @@ deviation that only effects create and that half of each contact takes away.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sassgis.gap.check.worlds import draws
+from sassgis.gap.check.worlds import random_draws as draws
 from sassgis.gap.check.worlds.forces import (
     Forces,
     active,
@@ -35,39 +33,53 @@ from sassgis.gap.check.worlds.law import (
     rebound,
     rolling_friction,
 )
+from sassgis.gap.check.worlds.motion_records import (
+    write_deposit,
+    write_impact,
+    write_passage,
+    write_track,
+)
+from sassgis.gap.check.worlds.motion_state import (
+    ASIDE,
+    BROKEN,
+    COUNT,
+    DENSITY,
+    FLY,
+    HAND,
+    HX,
+    HY,
+    KIND,
+    MODE,
+    N_STATE,
+    PHI,
+    ROCK,
+    ROLL,
+    SLIDE,
+    SPIN,
+    STOPPED,
+    TIME,
+    VX,
+    VY,
+    VZ,
+    A,
+    B,
+    C,
+    Field,
+    KeyArray,
+    Tables,
+    X,
+    Y,
+    Z,
+    chainage_of,
+    face_velocity,
+    law_at,
+    mass_of,
+)
+from sassgis.gap.check.worlds.new_blocks import MAX_PIECES, loosen, shatter
 from sassgis.gap.check.worlds.slopes import descent, fall_line_chord, height_at, surface_at
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
 
-KeyArray = NDArray[np.uint64]
-
-# Columns of a moving block.
-X, Y, Z, VX, VY, VZ, HX, HY, PHI, SPIN, ASIDE = range(11)
-A, B, C, DENSITY, TIME, MODE, COUNT, PIECE, KIND, GENERATION, HAND = range(11, 22)
-N_STATE = 22
-FLY, ROLL, SLIDE, STOPPED, LEFT, BROKEN = range(6)
-ROCK, FRAGMENT, LOOSENED = range(3)
-# Columns of the tables; the first three are rock, number of the piece, kind of block.
-DEPOSIT_COLUMNS = ("x", "y", "z", "mass_kg", "volume_m3")
-PASSAGE_COLUMNS = ("station", "x", "y", "z", "speed_mps", "rotation_hz", "height_m", "mass_kg")
-IMPACT_COLUMNS = (
-    "impact",
-    "x",
-    "y",
-    "z",
-    "slope_deg",
-    "vt_in_mps",
-    "vn_in_mps",
-    "omega_in_radps",
-    "vt_out_mps",
-    "vn_out_mps",
-    "omega_out_radps",
-    "turn_deg",
-    "mass_kg",
-)
-TRACK_COLUMNS = ("t_s", "x", "y", "z", "speed_mps", "rotation_hz")
-
-MAX_PIECES = 64
 _LONGEST_S = 240.0
 _SLOW = 0.05
 _TRACK_EVERY_S = 0.1
@@ -76,38 +88,6 @@ _HALF = 0.5
 _TOUCH = 0.02
 # A rolling rock leaves where its free path is above the ground after this time (s).
 _LOOK_AHEAD = 0.06
-
-
-class Field(NamedTuple):
-    """Ground and obstacles as the kernels read them."""
-
-    z: FloatArray
-    gx: FloatArray
-    gy: FloatArray
-    west: float
-    north: float
-    cell: float
-    ground: IntArray
-    law: FloatArray
-    x0: float
-    y0: float
-    ux: float
-    uy: float
-    stations: FloatArray
-    ob_start: IntArray
-    ob_near: IntArray
-    obstacles: FloatArray
-
-
-class Tables(NamedTuple):
-    """Room for what is recorded, and how many rows are used."""
-
-    deposits: FloatArray
-    passages: FloatArray
-    impacts: FloatArray
-    tracks: FloatArray
-    used: IntArray
-    gain: FloatArray
 
 
 @kernel
@@ -120,7 +100,7 @@ def run_rocks(
     dt: float,
     tables: Tables,
 ) -> None:
-    """Let all rocks go, with the pieces and loosened blocks that they make."""
+    """Release all rocks, with the pieces and loosened blocks that they make."""
     stack = np.empty((MAX_PIECES, N_STATE))
     stack_keys = np.empty(MAX_PIECES, np.uint64)
     for rock in range(starts.shape[0]):
@@ -155,10 +135,10 @@ def _run_block(
     n_rows, n_cols = f.z.shape
     last_hit = np.array([-1])
     next_track = st[TIME]
-    s = _s(f, st)
+    s = chainage_of(f, st)
     while True:
         if st[TIME] >= next_track:
-            _write_track(st, rock, tables)
+            write_track(st, rock, tables)
             next_track += _TRACK_EVERY_S
         if st[MODE] == FLY:
             _fly(f, forces, st, key, rock, campaign, dt, stack, stack_keys, counts, tables)
@@ -171,35 +151,16 @@ def _run_block(
         u = (st[X] - f.west) / f.cell
         v = (f.north - st[Y]) / f.cell
         before = s
-        s = _s(f, st)
+        s = chainage_of(f, st)
         for k in range(f.stations.shape[0]):
             if before < f.stations[k] <= s:
-                _write_passage(f, st, rock, k, tables)
+                write_passage(f, st, rock, k, tables)
         if st[MODE] == STOPPED or st[TIME] > _LONGEST_S:
-            _write_track(st, rock, tables)
-            _write_deposit(f, st, rock, tables)
+            write_track(st, rock, tables)
+            write_deposit(f, st, rock, tables)
             return
         if u < 1.5 or v < 1.5 or u > n_cols - 1.5 or v > n_rows - 1.5:
             return
-
-
-@kernel
-def _s(f: Field, st: FloatArray) -> float:
-    return float((st[X] - f.x0) * f.ux + (st[Y] - f.y0) * f.uy)
-
-
-@kernel
-def _mass(st: FloatArray) -> float:
-    return float(st[DENSITY] * 4.0 / 3.0 * math.pi * st[A] * st[B] * st[C])
-
-
-@kernel
-def _law_at(f: Field, x: float, y: float) -> FloatArray:
-    n_rows, n_cols = f.ground.shape
-    i = min(max(int((f.north - y) / f.cell), 0), n_rows - 1)
-    j = min(max(int((x - f.west) / f.cell), 0), n_cols - 1)
-    law: FloatArray = f.law[f.ground[i, j]]
-    return law
 
 
 @kernel
@@ -240,16 +201,7 @@ def flight_step(forces: Forces, st: FloatArray, h: float) -> None:
     st[VZ] = vz + h / 6.0 * (c1 + 2.0 * c2 + 2.0 * c3 + c4)
     st[PHI] = last
     st[TIME] += h
-    _face_velocity(st)
-
-
-@kernel
-def _face_velocity(st: FloatArray) -> None:
-    """The plane of motion is that of the velocity."""
-    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
-    if along > 1e-6:
-        st[HX] = st[VX] / along
-        st[HY] = st[VY] / along
+    face_velocity(st)
 
 
 @kernel
@@ -349,7 +301,7 @@ def _contact(
     radius = math.sqrt(a * b)
     inertia = (a * a + b * b) / 5.0
     flat = 0.0
-    law = _law_at(f, px, py)
+    law = law_at(f, px, py)
     s = (px - f.x0) * f.ux + (py - f.y0) * f.uy
     along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
     vt_in = along * math.cos(slope) - st[VZ] * math.sin(slope)
@@ -388,7 +340,7 @@ def _contact(
         vt, vn, spin, _ = rebound(x, y, inertia, vt, vn, spin_in, eta_max)
         if active(forces.soft, s):
             vt, vn, spin = indent(
-                forces.soft, _mass(st), radius, inertia, vn_in, spin_in, vt, vn, spin
+                forces.soft, mass_of(st), radius, inertia, vn_in, spin_in, vt, vn, spin
             )
     if active(forces.plates, s):
         flat = 1.0 - st[C] / b
@@ -436,20 +388,20 @@ def _contact(
     st[VX] = v_along * st[HX]
     st[VY] = v_along * st[HY]
     st[VZ] = -vt_out * math.sin(slope) + vn_out * math.cos(slope)
-    _face_velocity(st)
+    face_velocity(st)
     if vn_in < 0.0:
         # A tip that strikes while the centre already leaves is no impact to an observer.
-        _write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
+        write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
     if active(forces.breaking, s):
-        volume = _mass(st) / st[DENSITY]
+        volume = mass_of(st) / st[DENSITY]
         if volume > 0.01 and draws.uniform(key, draws.BREAK, n) < break_chance(
             forces.breaking, volume, vn_in
         ):
-            _shatter(f, st, key, n, before - after, stack, stack_keys, counts, tables, rock)
+            shatter(f, st, key, n, before - after, stack, stack_keys, counts, tables, rock)
             if st[MODE] == BROKEN:
                 return
     if active(forces.loose, s) and st[KIND] == ROCK:
-        _loosen(f, forces, st, key, n, abs(vt_out - vt_in), px, py, stack, stack_keys, counts)
+        loosen(f, forces, st, key, n, abs(vt_out - vt_in), px, py, stack, stack_keys, counts)
     if vn_out <= 0.0:
         # P is behind the centre: the rock flies where the ground cannot push it, else it rolls.
         theta = st[PHI] + slope
@@ -516,8 +468,8 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
     """One step along the ground, rolling or sliding; may leave the ground or come to rest."""
     a, b = st[A], st[B]
     radius = math.sqrt(a * b)
-    law = _law_at(f, st[X], st[Y])
-    s = _s(f, st)
+    law = law_at(f, st[X], st[Y])
+    s = chainage_of(f, st)
     st[ASIDE] *= 1.0 - min(1.0, dt / 0.6)
     dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
     facing = dx * st[HX] + dy * st[HY]
@@ -605,129 +557,6 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
 
 
 @kernel
-def _shatter(
-    f: Field,
-    st: FloatArray,
-    key: np.uint64,
-    n: int,
-    lost: float,
-    stack: FloatArray,
-    stack_keys: KeyArray,
-    counts: IntArray,
-    tables: Tables,
-    rock: int,
-) -> None:
-    """Break a rock: stick-breaking sizes, a cone of velocities that keeps the momentum.
-
-    A tenth of the energy lost in the impact drives the pieces apart.
-    """
-    pieces = 2 + int(4.0 * draws.uniform(key, draws.PIECES, 64 * n))
-    # A waiting list that is full breaks no more: mass is never dropped.
-    if counts[0] + pieces > MAX_PIECES or counts[1] + pieces > MAX_PIECES:
-        return
-    share = np.empty(pieces)
-    apart = np.empty((pieces, 3))
-    rest = 1.0
-    for i in range(pieces):
-        # Beta(1, 2): the stick is broken nearer to its beginning.
-        cut = 1.0 - math.sqrt(draws.uniform(key, draws.PIECES, 64 * n + 1 + i))
-        share[i] = rest if i == pieces - 1 else rest * max(0.05, cut)
-        rest -= share[i]
-        for k in range(3):
-            apart[i, k] = draws.normal(key, draws.SIZE, 64 * n + 3 * i + k)
-    mean = np.zeros(3)
-    for i in range(pieces):
-        for k in range(3):
-            mean[k] += share[i] * apart[i, k]
-    spread = 0.0
-    for i in range(pieces):
-        for k in range(3):
-            apart[i, k] -= mean[k]
-            spread += 0.5 * share[i] * apart[i, k] ** 2
-    scale = math.sqrt(0.1 * max(lost, 0.0) / max(spread, 1e-12))
-    for i in range(pieces):
-        child = stack[counts[0]]
-        child[:] = st
-        # The pieces are rounder than a long parent, and together have its volume.
-        size = share[i] ** (1.0 / 3.0)
-        round_ = (st[A] * st[B] * st[C]) ** (1.0 / 3.0)
-        child[A] = size * math.sqrt(st[A] * round_)
-        child[B] = size * math.sqrt(st[B] * round_)
-        child[C] = size * math.sqrt(st[C] * round_)
-        child[VX] = st[VX] + scale * apart[i, 0]
-        child[VY] = st[VY] + scale * apart[i, 1]
-        child[VZ] = st[VZ] + scale * apart[i, 2]
-        _face_velocity(child)
-        dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
-        child[ASIDE] = math.atan2(dx * child[HY] - dy * child[HX], dx * child[HX] + dy * child[HY])
-        if abs(child[ASIDE]) > 0.5 * math.pi:
-            child[ASIDE] = 0.0
-        child[MODE] = FLY
-        child[PIECE] = counts[1]
-        child[KIND] = FRAGMENT
-        child[GENERATION] = st[GENERATION] + 1.0
-        stack_keys[counts[0]] = draws.child_key(key, counts[1])
-        counts[0] += 1
-        counts[1] += 1
-    st[MODE] = BROKEN
-
-
-@kernel
-def _loosen(
-    f: Field,
-    forces: Forces,
-    st: FloatArray,
-    key: np.uint64,
-    n: int,
-    impulse: float,
-    px: float,
-    py: float,
-    stack: FloatArray,
-    stack_keys: KeyArray,
-    counts: IntArray,
-) -> None:
-    """Set a lying block in motion, by chance, with momentum taken from the rock.
-
-    The chance grows with the tangential impulse over what the lying block needs.
-    """
-    if counts[0] >= MAX_PIECES or counts[1] >= MAX_PIECES:
-        return
-    size = min(0.8, 0.45 * math.exp(0.35 * draws.normal(key, draws.LOOSE, 2 * n)))
-    mass_ratio = size**3
-    hazard = forces.loose.q * impulse / (20.0 * mass_ratio)
-    if draws.uniform(key, draws.LOOSE, 4 * n + 3) > 1.0 - math.exp(-hazard):
-        return
-    given = 0.5 * draws.uniform(key, draws.LOOSE, 4 * n + 2)
-    child = stack[counts[0]]
-    child[:] = st
-    child[A] *= size
-    child[B] *= size
-    child[C] *= size
-    child[X] = px
-    child[Y] = py
-    zg, gx, gy = surface_at(f.z, f.west, f.north, f.cell, px, py)
-    slope = math.atan(-(gx * st[HX] + gy * st[HY]))
-    child[Z] = zg + 1.02 * child[A] / math.cos(slope)
-    vt = given * max(
-        0.0,
-        math.sqrt(st[VX] ** 2 + st[VY] ** 2) * math.cos(slope) - st[VZ] * math.sin(slope),
-    )
-    child[VX] = vt * math.cos(slope) * st[HX]
-    child[VY] = vt * math.cos(slope) * st[HY]
-    child[VZ] = -vt * math.sin(slope)
-    child[SPIN] = 0.0
-    child[MODE] = FLY
-    child[PIECE] = counts[1]
-    child[KIND] = LOOSENED
-    st[VX] -= mass_ratio * child[VX]
-    st[VY] -= mass_ratio * child[VY]
-    st[VZ] -= mass_ratio * child[VZ]
-    stack_keys[counts[0]] = draws.child_key(key, counts[1])
-    counts[0] += 1
-    counts[1] += 1
-
-
-@kernel
 def _meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
     """Blow against the first stem or lying block that a rock reaches."""
     n_rows, n_cols = f.ground.shape
@@ -763,7 +592,7 @@ def _meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
             ey / distance,
             st[VX],
             st[VY],
-            _mass(st),
+            mass_of(st),
             f.obstacles[k, 3],
             f.obstacles[k, 5],
         )
@@ -777,7 +606,7 @@ def _meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
         st[VX] = vx
         st[VY] = vy
         old_x, old_y = st[HX], st[HY]
-        _face_velocity(st)
+        face_velocity(st)
         turned = math.atan2(old_x * st[HY] - old_y * st[HX], old_x * st[HX] + old_y * st[HY])
         if abs(turned) < 0.5 * math.pi:
             st[ASIDE] += turned
@@ -789,90 +618,3 @@ def _meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
 
 
 FAR_UP = 100.0
-
-
-@kernel
-def _name_block(row: FloatArray, st: FloatArray, rock: int) -> None:
-    row[0] = rock
-    row[1] = st[PIECE]
-    row[2] = st[KIND]
-
-
-@kernel
-def _speed(st: FloatArray) -> float:
-    return math.sqrt(st[VX] ** 2 + st[VY] ** 2 + st[VZ] ** 2)
-
-
-@kernel
-def _write_deposit(f: Field, st: FloatArray, rock: int, tables: Tables) -> None:
-    k = tables.used[0]
-    tables.used[0] += 1
-    if k < tables.deposits.shape[0]:
-        row = tables.deposits[k]
-        _name_block(row, st, rock)
-        row[3] = st[X]
-        row[4] = st[Y]
-        row[5] = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
-        row[6] = _mass(st)
-        row[7] = _mass(st) / st[DENSITY]
-
-
-@kernel
-def _write_passage(f: Field, st: FloatArray, rock: int, station: int, tables: Tables) -> None:
-    k = tables.used[1]
-    tables.used[1] += 1
-    if k < tables.passages.shape[0]:
-        row = tables.passages[k]
-        _name_block(row, st, rock)
-        row[3] = station
-        row[4] = st[X]
-        row[5] = st[Y]
-        row[6] = st[Z]
-        row[7] = _speed(st)
-        row[8] = abs(st[SPIN]) / (2.0 * math.pi)
-        row[9] = st[Z] - height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
-        row[10] = _mass(st)
-
-
-@kernel
-def _write_impact(
-    f: Field,
-    st: FloatArray,
-    rock: int,
-    px: float,
-    py: float,
-    speeds: FloatArray,
-    old_hx: float,
-    old_hy: float,
-    tables: Tables,
-) -> None:
-    k = tables.used[2]
-    tables.used[2] += 1
-    if k < tables.impacts.shape[0]:
-        row = tables.impacts[k]
-        _name_block(row, st, rock)
-        row[3] = st[COUNT]
-        row[4] = px
-        row[5] = py
-        row[6] = height_at(f.z, f.west, f.north, f.cell, px, py)
-        row[7:14] = speeds
-        # Azimuths grow clockwise: to the right is positive.
-        row[14] = math.degrees(
-            math.atan2(old_hy * st[HX] - old_hx * st[HY], old_hx * st[HX] + old_hy * st[HY])
-        )
-        row[15] = _mass(st)
-
-
-@kernel
-def _write_track(st: FloatArray, rock: int, tables: Tables) -> None:
-    k = tables.used[3]
-    tables.used[3] += 1
-    if k < tables.tracks.shape[0]:
-        row = tables.tracks[k]
-        _name_block(row, st, rock)
-        row[3] = st[TIME]
-        row[4] = st[X]
-        row[5] = st[Y]
-        row[6] = st[Z]
-        row[7] = _speed(st)
-        row[8] = abs(st[SPIN]) / (2.0 * math.pi)

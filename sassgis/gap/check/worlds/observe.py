@@ -9,9 +9,10 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.check.worlds import motion
+from sassgis.gap.check.worlds import motion_state
+from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.slopes import CLASSES
-from sassgis.gap.check.worlds.world import Rocks, Run, World, draw_rocks, simulate
+from sassgis.gap.check.worlds.world import Run, World, WorldRocks
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 
@@ -48,7 +49,7 @@ class ObservedTables:
 
 
 def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables:
-    """Let rocks go in a world and write down what is seen.
+    """Release rocks in a synthetic site and write down what is seen.
 
     Parameters
     ----------
@@ -133,8 +134,8 @@ def _names(table: FloatArray) -> NDArray[Any]:
     return np.array(
         [
             f"R{r + 1}"
-            if k == motion.ROCK
-            else (f"R{r + 1}.{p}" if k == motion.FRAGMENT else f"U{r * 64 + p}")
+            if k == motion_state.ROCK
+            else (f"R{r + 1}.{p}" if k == motion_state.FRAGMENT else f"U{r * 64 + p}")
             for r, p, k in zip(rock, piece, kind, strict=True)
         ],
         dtype=np.str_,
@@ -177,10 +178,10 @@ def _place(
     return x, y, z
 
 
-def _rocks(rocks: Rocks, rng: np.random.Generator) -> Table:
+def _rocks(rocks: WorldRocks, rng: np.random.Generator) -> Table:
     n = len(rocks.state)
-    a, b, c = (rocks.state[:, k] for k in (motion.A, motion.B, motion.C))
-    density = rocks.state[:, motion.DENSITY]
+    a, b, c = (rocks.state[:, k] for k in (motion_state.A, motion_state.B, motion_state.C))
+    density = rocks.state[:, motion_state.DENSITY]
     volume = 4.0 / 3.0 * math.pi * a * b * c
     return {
         "rock_id": np.array([f"R{k + 1}" for k in range(n)]),
@@ -279,7 +280,7 @@ def _tracks(run: Run, rng: np.random.Generator) -> Table:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What the diagnosing side is told besides the observations: enough to write a configuration.
+    """What the diagnosing side knows besides the observations: enough to write a configuration.
 
     Attributes
     ----------

@@ -13,15 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sassgis.gap.check.worlds.world import (
-    LIMITS,
-    Effect,
-    Run,
-    World,
-    draw_rocks,
-    simulate,
-    with_effects,
-)
+from sassgis.gap.check.worlds.observe import distort
+from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
+from sassgis.gap.check.worlds.world import LIMITS, Effect, Run, World, with_effects
 from sassgis.model.grid import FloatArray
 
 # Sizes that go by each name, as (lowest, aimed at, highest).
@@ -67,12 +61,10 @@ def _mean_distance(one: FloatArray, other: FloatArray) -> float:
 def features(world: World, run: Run) -> list[FloatArray]:
     """What is compared: a table of the stops, and one of the passages of each station.
 
-    Stops: distance down the slope and aside, and number of blocks that a rock has become.
+    Stops: distance down the slope and lateral, and number of blocks that a rock has become.
     Stations: speed, rotation, and place across the slope. Errors of measurement that are the
     world's truth are in them.
     """
-    from sassgis.gap.check.worlds.observe import distort
-
     run = distort(world, run)
     frame = world.relief.frame
     d, p = run.deposits, run.passages
@@ -89,8 +81,8 @@ def features(world: World, run: Run) -> list[FloatArray]:
     ]
     for k in range(len(world.stations_s)):
         q = p[p[:, 3] == k]
-        aside = frame.c(q[:, 4], q[:, 5]) - starts[q[:, 0].astype(int)]
-        tables.append(np.column_stack([q[:, 7], q[:, 8], aside]))
+        lateral = frame.c(q[:, 4], q[:, 5]) - starts[q[:, 0].astype(int)]
+        tables.append(np.column_stack([q[:, 7], q[:, 8], lateral]))
     # Nobody sees sharper than this: without it a shift of decimetres counts where paths lie close.
     rng = np.random.default_rng([world.seed, 515, int(run.rocks.keys[0] >> np.uint64(32))])
     for k, table in enumerate(tables):

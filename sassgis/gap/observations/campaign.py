@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.case import Case
+from sassgis.gap.observations.case import Case
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Kinds of block: the rock itself, a piece of it, a block that belongs to no rock.
@@ -26,14 +26,14 @@ class PassageRows:
     station : int64, shape (n,)
         Position in ``Case.station_names``.
     kind : int64, shape (n,)
-    aside_m, speed_mps, rotation_hz, height_m, mass_kg : float64, shape (n,)
+    lateral_m, speed_mps, rotation_hz, height_m, mass_kg : float64, shape (n,)
         Height: of the centre above the ground.
     """
 
     rock: IntArray
     station: IntArray
     kind: IntArray
-    aside_m: FloatArray
+    lateral_m: FloatArray
     speed_mps: FloatArray
     rotation_hz: FloatArray
     height_m: FloatArray
@@ -47,7 +47,7 @@ class DepositRows:
     rock: IntArray
     kind: IntArray
     s: FloatArray
-    aside_m: FloatArray
+    lateral_m: FloatArray
     mass_kg: FloatArray
 
 
@@ -81,7 +81,7 @@ _Rows = TypeVar("_Rows", PassageRows, DepositRows, ImpactRows)
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class Campaign:
     """One campaign; a table that was not observed is None."""
 
     n_rocks: int
@@ -117,10 +117,10 @@ def errors_of(case: Case) -> Errors:
     )
 
 
-def observed_sample(case: Case) -> Sample:
+def observed_campaign(case: Case) -> Campaign:
     """The observed campaign of a case."""
     seen = case.observations
-    return Sample(
+    return Campaign(
         case.n_rocks,
         _passages(case) if len(seen.passages) and case.station_names else None,
         _deposits(case) if len(seen.deposits) else None,
@@ -144,7 +144,7 @@ def _passages(case: Case) -> PassageRows:
         rock[known],
         station[known],
         kind[known],
-        case.projected["passages"].aside_m[known],
+        case.projected["passages"].lateral_m[known],
         table.speed_mps[known],
         table.rotation_hz[known],
         table.height_m[known],
@@ -158,7 +158,7 @@ def _deposits(case: Case) -> DepositRows:
     put = case.projected["deposits"]
     density = 2700.0
     mass = np.where(np.isfinite(table.mass_kg), table.mass_kg, density * table.volume_m3)
-    return DepositRows(rock, kind, put.s, put.aside_m, mass)
+    return DepositRows(rock, kind, put.s, put.lateral_m, mass)
 
 
 def _impacts(case: Case) -> ImpactRows:
@@ -188,7 +188,7 @@ def _number(name: str) -> float:
         return float("nan")
 
 
-def as_seen(sample: Sample, observed: Sample) -> Sample:
+def as_seen(sample: Campaign, observed: Campaign) -> Campaign:
     """A simulated campaign without the columns that were not measured in the observed one."""
 
     def masked(rows: _Rows | None, seen: _Rows | None) -> _Rows | None:
@@ -202,7 +202,7 @@ def as_seen(sample: Sample, observed: Sample) -> Sample:
         }
         return replace(rows, **blind) if blind else rows
 
-    return Sample(
+    return Campaign(
         sample.n_rocks,
         masked(sample.passages, observed.passages),
         masked(sample.deposits, observed.deposits),

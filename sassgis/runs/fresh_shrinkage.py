@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from sassgis.gap.ladder.calibration import distances
-from sassgis.gap.model_json import model_from_json
-from sassgis.gap.replicas import campaigns, ways_of
-from sassgis.gap.sample import observed_sample
+from sassgis.gap.observations.campaign import observed_campaign
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.model_json import model_from_json
+from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.which.ensemble import COUNT, Scale
 from sassgis.gap.which.features import rock_quantities
 from sassgis.model.errors import InputError
@@ -26,8 +27,8 @@ def measured_shrinkage(
 ) -> dict[str, float | None]:
     """Measure how far the gap shrinks on other rocks of the same slope.
 
-    The calibrated models of a diagnosis, without and with the effect that it names, let the new
-    rocks go; nothing is calibrated again. As many times each as when they were calibrated, so that
+    The calibrated models of a diagnosis, without and with the effect that it names, release the
+    new rocks; nothing is calibrated again. As many times each as when they were calibrated, so that
     the floor is one of the same kind.
 
     Parameters
@@ -61,14 +62,16 @@ def measured_shrinkage(
             "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
         ) from error
     case = read_case(config, observations)
-    ways = ways_of(case)
-    observed = scale.rows(rock_quantities(case, observed_sample(case)))
+    rock_lines = rock_lines_of(case)
+    observed = scale.rows(rock_quantities(case, observed_campaign(case)))
     rows: dict[str, FloatArray] = {
         name: np.stack(
             [
                 scale.rows(rock_quantities(case, sample))
                 for k, model in enumerate(own)
-                for sample in campaigns(case, ways, model, count=COUNT, seed=kept["seed"], number=k)
+                for sample in campaigns(
+                    case, rock_lines, model, count=COUNT, seed=kept["seed"], number=k
+                )
             ]
         )
         for name, own in models.items()

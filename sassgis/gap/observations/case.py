@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import Projected, StationChainages
-from sassgis.gap.observations.tables import Observations
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
@@ -102,13 +102,13 @@ class Case:
         return s
 
     @property
-    def legs(self) -> tuple[str, ...]:
+    def reaches(self) -> tuple[str, ...]:
         """Names of the stretches between release, stations and the end of the run-out."""
         stops = ("release", *self.station_names, "end")
         return tuple(f"{a}-{b}" for a, b in itertools.pairwise(stops))
 
-    def leg_of(self, rock: IntArray, s: FloatArray) -> IntArray:
-        """Number of the leg in which points at chainage ``s`` of the lines of rocks lie."""
+    def reach_of(self, rock: IntArray, s: FloatArray) -> IntArray:
+        """Number of the reach in which points at chainage ``s`` of the lines of rocks lie."""
         edges = self.station_s[rock]
         return np.asarray((edges <= np.asarray(s)[:, None]).sum(axis=1), np.int64)
 

@@ -8,12 +8,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.gap.replicas import Aside, Measurement, Model, Release, Stand
+from sassgis.gap.replicas.hypothesis_model import (
+    ForestStand,
+    HypothesisModel,
+    LateralWalk,
+    MeasurementError,
+    ReleaseError,
+)
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundClass, GroundTable
 
 
-def model_as_json(model: Model) -> dict[str, Any]:
+def model_as_json(model: HypothesisModel) -> dict[str, Any]:
     """A model as dictionaries, lists, texts and numbers; infinite limits become None."""
     effects = {own.name: dataclasses.asdict(own) for own in model.effects}
     plain: dict[str, Any] = _plain({**dataclasses.asdict(model), "effects": effects})
@@ -30,7 +36,7 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def model_from_json(plain: Mapping[str, Any]) -> Model:
+def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
     """The model of ``model_as_json``.
 
     Raises
@@ -44,16 +50,16 @@ def model_from_json(plain: Mapping[str, Any]) -> Model:
         )
         for name, own in plain["effects"].items()
     ]
-    aside = dict(plain["aside"])
-    aside["s0"] = -math.inf if aside["s0"] is None else aside["s0"]
-    aside["s1"] = math.inf if aside["s1"] is None else aside["s1"]
+    walk = dict(plain["lateral_walk"])
+    walk["s0"] = -math.inf if walk["s0"] is None else walk["s0"]
+    walk["s1"] = math.inf if walk["s1"] is None else walk["s1"]
     stand = plain["stand"]
-    return Model(
+    return HypothesisModel(
         GroundTable(tuple(GroundClass(**own) for own in plain["table"]["classes"])),
         EffectSettings(*effects),
-        None if stand is None else Stand(**stand),
-        Aside(**aside),
-        Release(**plain["release"]),
-        Measurement(**plain["measurement"]),
+        None if stand is None else ForestStand(**stand),
+        LateralWalk(**walk),
+        ReleaseError(**plain["release"]),
+        MeasurementError(**plain["measurement"]),
         float(plain["turn_noise_deg"]),
     )

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.case import Case
-from sassgis.gap.sample import ImpactRows, Sample
+from sassgis.gap.observations.campaign import Campaign, ImpactRows
+from sassgis.gap.observations.case import Case
 from sassgis.gap.which.features import GRAVITY, JUMP, Covariates, correlations
 from sassgis.model.grid import FloatArray, IntArray
 
-#: Impacts below these speeds, in all and towards the ground, are not told from rolling (m/s).
+#: Impacts below these speeds, in all and towards the ground, count as rolling (m/s).
 _HARD_MPS, _APPROACH_MPS = 3.0, 1.0
 #: A flight is what leaves the ground faster than this and goes further than that (m/s, m).
 _LEAVING_MPS, _FLOWN_M = 0.5, 1.0
@@ -73,7 +73,7 @@ class Steps:
 def steps_of(
     case: Case,
     given: Covariates,
-    samples: Sequence[Sample],
+    samples: Sequence[Campaign],
     quantities: Sequence[Mapping[str, FloatArray]],
 ) -> Steps:
     """Learn what the base model foresees from its campaigns.
@@ -82,7 +82,7 @@ def steps_of(
     ----------
     case : Case
     given : Covariates
-    samples : sequence of Sample
+    samples : sequence of Campaign
         Campaigns of the base model, its ground calibrated anew in each draw.
     quantities : sequence of dict
         Of each sample, as ``features.rock_quantities`` returns them.
@@ -104,7 +104,7 @@ def step_features(
     case: Case,
     given: Covariates,
     steps: Steps,
-    sample: Sample,
+    sample: Campaign,
     quantities: Mapping[str, FloatArray],
 ) -> dict[str, float]:
     """What is left over of the steps of a campaign, in means, scatters and correlations.
@@ -114,14 +114,14 @@ def step_features(
     case : Case
     given : Covariates
     steps : Steps
-    sample : Sample
+    sample : Campaign
     quantities : mapping
         As ``features.rock_quantities`` returns them.
 
     Returns
     -------
     dict of name to float
-        "step_hit:..." and "step_fly:...", also on soft and hard ground and by leg;
+        "step_hit:..." and "step_fly:...", also on soft and hard ground and by reach;
         "leg<k>:step:..." of rocks from one station to the next.
     """
     out: dict[str, float] = {}
@@ -213,8 +213,8 @@ def _legs(quantities: Mapping[str, FloatArray], given: Covariates, k: int) -> _R
         columns = [quantities[f"S{k}:{what}"] for what in ("speed", "spin_ratio", "height")]
         columns += [np.abs(quantities[f"S{k}:aside"]), quantities[f"S{k}:passed"]]
     else:
-        aside = np.abs(quantities["stop:aside"])
-        columns = [quantities["stop:runout"], nothing, nothing, aside, nothing]
+        lateral = np.abs(quantities["stop:aside"])
+        columns = [quantities["stop:runout"], nothing, nothing, lateral, nothing]
     y = np.column_stack(columns)
     size, flat, long, order = (given.values[:, j] for j in range(4))
     x = [np.ones(n), size, flat, long]
@@ -227,11 +227,11 @@ def _legs(quantities: Mapping[str, FloatArray], given: Covariates, k: int) -> _R
         was_there = np.isfinite(seen["speed"])
         y = np.where(was_there[:, None], y, np.nan)
         speed = np.where(was_there, seen["speed"], 0.0)
-        spin, height, aside = (
+        spin, height, lateral = (
             seen[what] if np.isfinite(seen[what]).any() else np.zeros(n)
             for what in ("spin_ratio", "height", "aside")
         )
-        x = [*x, speed, speed**2, spin, height, np.abs(aside)]
+        x = [*x, speed, speed**2, spin, height, np.abs(lateral)]
         x = [np.where(was_there, column, 0.0) for column in x]
     trend = np.column_stack([speed, size, flat, long, order])
     return _Rows(y, np.column_stack(x), trend, np.arange(n, dtype=np.int64), np.zeros(n))
@@ -280,8 +280,8 @@ def _tell_steps(
     on_soft = np.isin(case.ground_at(rows.rock, rows.s)[0], list(soft))
     for where, mine in (("soft", on_soft), ("hard", ~on_soft)):
         _tell(f"{name}_{where}", left[mine], rows.trend[mine], outcomes, trends, out)
-    leg = case.leg_of(rows.rock, rows.s)
-    for k in range(len(case.legs)):
+    leg = case.reach_of(rows.rock, rows.s)
+    for k in range(len(case.reaches)):
         _tell(f"leg{k}:{name}", left[leg == k], None, outcomes, (), out)
 
 

@@ -1,0 +1,76 @@
+"""Labels of synthetic sites: their truth as plain values, and the hash that blinds it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from typing import Any
+
+from sassgis.gap.check.check_scores import Truth
+from sassgis.gap.check.worlds import World
+
+
+def label_of(world: World, case: str) -> dict[str, Any]:
+    """The truth of a world as plain values.
+
+    Numbers have six digits: the last ones of a sum may differ from one processor to another.
+    """
+    spec = world.spec
+    return {
+        "case": case,
+        "seed": world.seed,
+        "slope": spec.slope,
+        "rocks": spec.n_rocks,
+        "kind": spec.kind,
+        "asked": [[e.name, e.strength] for e in spec.effects],
+        "verdict": spec.verdict,
+        "reaches": list(world.segments),
+        "effects": [
+            {
+                "name": effect.name,
+                "strength": effect.strength,
+                "magnitude": _rounded(effect.magnitude),
+                "size": _rounded(effect.size),
+                "phase": effect.phase,
+                "s0_m": _rounded(effect.s0_m),
+                "s1_m": _rounded(effect.s1_m),
+                "segments": list(effect.segments),
+                "ground": effect.ground,
+            }
+            for effect in world.effects
+        ],
+    }
+
+
+def truth_of(label: dict[str, Any]) -> Truth:
+    """A label in the form in which answers are scored."""
+    effects = label["effects"]
+    one: dict[str, Any] = effects[0] if len(effects) == 1 else {"phase": "", "segments": ()}
+    return Truth(
+        case=label["case"],
+        verdict=label["verdict"],
+        effects=tuple(effect["name"] for effect in effects),
+        strengths=tuple(effect["strength"] for effect in effects),
+        phase=one["phase"],
+        segments=tuple(one["segments"]),
+        reaches=tuple(label["reaches"]),
+        slope=label["slope"],
+        rocks=label["rocks"],
+        kind=label["kind"],
+    )
+
+
+def labels_text(labels: list[dict[str, Any]]) -> str:
+    """Labels as JSON that is the same for the same labels."""
+    ordered = sorted(labels, key=lambda label: str(label["case"]))
+    return json.dumps(ordered, sort_keys=True, indent=1) + "\n"
+
+
+def blinding_hash(salt: str, text: str) -> str:
+    """SHA-256 of salt and labels; the salt keeps anyone from trying out what labels may be."""
+    return hashlib.sha256(f"{salt}\n{text}".encode()).hexdigest()
+
+
+def _rounded(value: float) -> float | None:
+    return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -1,0 +1,177 @@
+"""Synthetic sites drawn from a seed, with effects brought to the strengths asked for."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from importlib import resources
+
+import numpy as np
+
+from sassgis.gap.check.worlds.forces import FAR
+from sassgis.gap.check.worlds.simulation import draw_rocks, heights_of, simulate
+from sassgis.gap.check.worlds.slopes import CLASSES, make_relief
+from sassgis.gap.check.worlds.strength import calibrated
+from sassgis.gap.check.worlds.world import (
+    Blocks,
+    Effect,
+    EffectSpec,
+    World,
+    WorldSpec,
+    with_effects,
+)
+from sassgis.model.grid import FloatArray
+
+N_STATIONS = 4
+
+
+_N_RELEASES = 12
+
+
+_PHASES: dict[str, str] = {
+    "lateral_deflection": "impact",
+    "fragmentation": "impact",
+    "soft_ground": "impact",
+    "entrainment": "impact",
+    "trees": "flight",
+    "air_drag": "flight",
+    "roughness": "impact",
+    "rock_shape": "impact",
+    "release_error": "release",
+    "measurement_error": "observation",
+    "wind": "flight",
+    "snow": "rolling",
+    "ice": "rolling",
+    "wetting": "impact",
+    "terrace": "impact",
+    "magnus": "flight",
+    "collisions": "rolling",
+}
+
+
+def nominal_law() -> FloatArray:
+    """Parameters of the classes as the package states them, in the order of CLASSES."""
+    text = resources.files("sassgis").joinpath("data/ground_classes.csv").read_text("utf-8")
+    rows = {row["name"]: row for row in csv.DictReader(text.splitlines())}
+    names = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
+    return np.array([[float(rows[name][key]) for key in names] for name in CLASSES])
+
+
+def make_world(spec: WorldSpec, seed: int) -> World:
+    """Draw a world; its effects are brought to the strengths that are asked for.
+
+    Parameters
+    ----------
+    spec : WorldSpec
+    seed : int
+        Same specification and seed, same world.
+
+    Raises
+    ------
+    InputError
+        If the specification names a slope, an effect or a strength that there is not.
+    """
+    world = base_world(spec, seed)
+    for number, wanted in enumerate(spec.effects):
+        effect = place_effect(world, wanted, seed + 7919 * (number + 1))
+        world = with_effects(world, (*world.effects, calibrated(world, effect)))
+    return with_effects(world, world.effects)
+
+
+def base_world(spec: WorldSpec, seed: int) -> World:
+    """A site without effects: relief, laws of the ground, stations, release points, blocks."""
+    relief = make_relief(spec.slope, seed)
+    rng = np.random.default_rng([seed, 202])
+    law = nominal_law()
+    n = len(law)
+    law[:, 0] = np.clip(law[:, 0] + rng.uniform(-0.06, 0.06, n), 0.2, 0.85)
+    law[:, 1] = np.clip(law[:, 1] + rng.uniform(-0.05, 0.05, n), 0.0, 0.5)
+    law[:, 2] = np.clip(law[:, 2] + rng.uniform(-0.08, 0.08, n), law[:, 1] + 0.05, 0.8)
+    law[:, 3] += rng.uniform(-0.08, 0.08, n)
+    law[:, 4] += rng.uniform(-0.06, 0.06, n)
+    low, high = relief.release_s
+    s = rng.uniform(low, high, _N_RELEASES)
+    width = rng.uniform(10.0, 25.0)
+    c = np.linspace(-width, width, _N_RELEASES)
+    x, y = relief.frame.xy(s, c)
+    size = rng.uniform(0.8, 1.25)
+    blocks = Blocks(
+        axis_1_m=(0.45 * size, 0.65 * size),
+        axis_2_m=(0.35 * size, 0.48 * size),
+        axis_3_m=(0.18 * size, 0.40 * size),
+        density_kgm3=(2600.0, 2750.0),
+        speed_mps=(0.5, 2.0),
+        drop_m=(0.2, 1.0),
+    )
+    world = World(
+        spec=spec,
+        seed=seed,
+        relief=relief,
+        true_grid=relief.grid,
+        law=law,
+        stations_s=np.zeros(0),
+        releases=np.column_stack([x, y, heights_of(relief.grid, x, y)]),
+        blocks=blocks,
+    )
+    # Stations where four fifths to a third of the rocks still pass, evenly over the distance.
+    run = simulate(world, draw_rocks(world, 200, 11))
+    ends = np.sort(relief.frame.s(run.deposits[:, 3], run.deposits[:, 4]))
+    first = float(relief.breaks_m[2]) - rng.uniform(0.0, 6.0)
+    last = max(float(np.quantile(ends, 0.65)), first + 30.0)
+    return replace(world, stations_s=np.linspace(first, last, N_STATIONS), _fields={})
+
+
+def place_effect(world: World, wanted: EffectSpec, seed: int) -> Effect:
+    """Say where an effect acts."""
+    rng = np.random.default_rng([seed, 707])
+    breaks = world.relief.breaks_m
+    grounds = world.relief.stretches
+    low, high = -FAR, FAR
+    ground = ""
+    # The stretches below the cliffs: where rocks lie, trees stand and ground is soft.
+    below = [k for k, name in enumerate(grounds) if name in ("debris", "talus", "forest_soil")]
+    meadow = next(k for k, name in enumerate(grounds) if name == "soft_meadow")
+    first, last = float(world.stations_s[0]), float(world.stations_s[-1])
+    if wanted.name == "soft_ground":
+        # Wet meadow, and the foot of the slope above it.
+        low = min(float(breaks[meadow]) - 15.0, 0.5 * float(world.stations_s[1:3].sum()))
+        high = FAR
+        ground = "soft_meadow"
+    elif wanted.name == "trees":
+        low = float(breaks[below[0]]) + rng.uniform(0.0, 25.0)
+        high = min(float(breaks[meadow]) + 10.0, low + rng.uniform(45.0, 90.0))
+    elif wanted.name in ("entrainment", "roughness"):
+        low, high = float(breaks[below[0]]), float(breaks[meadow])
+        if wanted.name == "roughness":
+            # Blocks of the slope also strew the edge of the meadow.
+            high += 20.0
+        ground = grounds[below[0]]
+    elif wanted.name in ("snow", "ice", "collisions"):
+        low = rng.uniform(float(world.stations_s[0]), float(world.stations_s[1]))
+        high = FAR if wanted.name == "snow" else float(breaks[-1])
+    elif wanted.name == "terrace":
+        low = rng.uniform(first + 5.0, max(first + 6.0, 0.6 * first + 0.4 * last))
+        high = low + rng.uniform(14.0, 22.0)
+    return Effect(
+        name=wanted.name,
+        strength=wanted.strength,
+        magnitude=0.0,
+        phase=_PHASES[wanted.name],
+        s0_m=low,
+        s1_m=high,
+        segments=_touched(world, wanted.name, low, high),
+        ground=ground,
+        seed=seed,
+    )
+
+
+def _touched(world: World, name: str, low: float, high: float) -> tuple[str, ...]:
+    if name == "release_error":
+        return (world.segments[0],)
+    edges = np.concatenate(([-math.inf], world.stations_s, [math.inf]))
+    return tuple(
+        segment
+        for segment, start, end in zip(world.segments, edges[:-1], edges[1:], strict=True)
+        if low < end and high > start
+    )

@@ -1,0 +1,1 @@
+"""Distances of distributions, tests and intervals, with rocks as the unit."""

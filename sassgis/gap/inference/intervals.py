@@ -1,0 +1,148 @@
+"""Intervals of estimates; rocks are the unit of resampling."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from sassgis.model.grid import IntArray
+
+
+def bootstrap_rows(
+    rock: IntArray, draws: int, rng: np.random.Generator
+) -> Iterator[tuple[IntArray, IntArray]]:
+    """Rows of bootstrap samples in which whole rocks are drawn with replacement.
+
+    Parameters
+    ----------
+    rock : int64, shape (n,)
+        Rock of each row.
+    draws : int
+        Number of samples.
+    rng : numpy.random.Generator
+
+    Yields
+    ------
+    rows : int64, shape (n_rows,)
+        All rows of the drawn rocks; a rock drawn twice brings its rows twice.
+    rock : int64, shape (n_rows,)
+        New numbers of the rocks, under which one drawn twice counts as two.
+    """
+    names, index = np.unique(np.asarray(rock), return_inverse=True)
+    order = np.argsort(index, kind="stable")
+    size = np.bincount(index, minlength=names.size)
+    start = np.concatenate([[0], np.cumsum(size)[:-1]])
+    for _ in range(draws):
+        drawn = rng.integers(names.size, size=names.size)
+        length = size[drawn]
+        new = np.repeat(np.arange(names.size, dtype=np.int64), length)
+        within = np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)
+        yield order[np.repeat(start[drawn], length) + within].astype(np.int64), new
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An estimate with its interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def bootstrap_interval(
+    statistic: Callable[[IntArray], float],
+    rock: IntArray,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+    level: float = 0.95,
+    method: Literal["percentile", "basic", "BCa"] = "BCa",
+) -> Interval:
+    """Interval of a statistic by resampling rocks (``scipy.stats.bootstrap``).
+
+    What is resampled are the numbers of the rocks; each brings all its rows.
+
+    Parameters
+    ----------
+    statistic : callable
+        Takes rows (int64; repeated ones count as often) and returns a number.
+    rock : int64, shape (n,)
+        Rock of each row.
+    draws : int
+    rng : numpy.random.Generator
+    level : float
+        Nominal coverage.
+    method : {"percentile", "basic", "BCa"}
+        ``BCa`` corrects the percentiles for bias and skewness by a jackknife over rocks (B. Efron,
+        1987, Better bootstrap confidence intervals, J. Am. Stat. Assoc. 82, 171-185).
+
+    Returns
+    -------
+    Interval
+        Limits are NaN if there are fewer than two rocks. With fewer than about twenty the interval
+        is too narrow: the coverage of 95 % intervals is then nearer to 90 %.
+    """
+    value = float(statistic(np.arange(np.size(rock), dtype=np.int64)))
+    names, index = np.unique(np.asarray(rock), return_inverse=True)
+    rows = np.split(np.argsort(index, kind="stable"), np.cumsum(np.bincount(index))[:-1])
+    if names.size < 2:
+        return Interval(value, math.nan, math.nan)
+    with warnings.catch_warnings():
+        # A statistic without scatter has no limits: NaN says so.
+        warnings.simplefilter("ignore", stats.DegenerateDataWarning)
+        found = stats.bootstrap(
+            (np.arange(names.size),),
+            lambda drawn: statistic(np.concatenate([rows[i] for i in drawn])),
+            n_resamples=draws,
+            vectorized=False,
+            confidence_level=level,
+            method=method,
+            rng=rng,
+        ).confidence_interval
+    return Interval(value, float(found.low), float(found.high))
+
+
+def share_interval(
+    hits: int,
+    trials: int,
+    *,
+    level: float = 0.95,
+    method: Literal["wilson", "exact"] = "wilson",
+) -> Interval:
+    """Interval of a share of independent trials (``scipy.stats.binomtest``).
+
+    Parameters
+    ----------
+    hits, trials : int
+    level : float
+    method : {"wilson", "exact"}
+        E. B. Wilson (1927, J. Am. Stat. Assoc. 22, 209-212): right on the average. C. J. Clopper
+        and E. S. Pearson (1934, Biometrika 26, 404-413): never too narrow.
+
+    Returns
+    -------
+    Interval
+        NaN, 0, 1 without trials.
+
+    Raises
+    ------
+    ValueError
+        If there are more hits than trials or either is negative.
+    """
+    if not 0 <= hits <= trials:
+        raise ValueError(f"{hits} hits in {trials} trials")
+    if trials == 0:
+        return Interval(math.nan, 0.0, 1.0)
+    found = stats.binomtest(hits, trials).proportion_ci(level, method)
+    return Interval(hits / trials, float(found.low), float(found.high))

@@ -1,0 +1,186 @@
+"""Tests of many mean gaps at once; one row per rock."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from sassgis.gap.inference.distances import PAIRS, as_matrix
+from sassgis.model.grid import FloatArray, IntArray
+
+
+def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray]:
+    """Mean of each quantity over the rows of each rock, missing ones left out.
+
+    Parameters
+    ----------
+    values : float64, shape (n, k) or (n,)
+    rock : int64, shape (n,)
+
+    Returns
+    -------
+    means : float64, shape (n_rocks, k)
+        NaN where a rock has no value.
+    rocks : int64, shape (n_rocks,)
+        Their numbers, rising.
+    """
+    data = as_matrix(values)
+    rocks, index = np.unique(np.asarray(rock, np.int64), return_inverse=True)
+    known = np.isfinite(data)
+    sums, counts = np.zeros((2, rocks.size, data.shape[1]))
+    np.add.at(sums, index, np.where(known, data, 0.0))
+    np.add.at(counts, index, known)
+    with np.errstate(invalid="ignore"):
+        return sums / counts, rocks
+
+
+def t_statistics(values: FloatArray) -> FloatArray:
+    """Mean over its standard error, column by column, missing entries left out.
+
+    Parameters
+    ----------
+    values : float64, shape (n, k)
+        One row per rock (see ``rock_means``).
+
+    Returns
+    -------
+    float64, shape (k,)
+        NaN with fewer than three rocks; infinite for equal values other than zero.
+    """
+    data = as_matrix(values)
+    known = np.isfinite(data)
+    count = known.sum(axis=0)
+    filled = np.where(known, data, 0.0)
+    return _t(filled.sum(axis=0), (filled**2).sum(axis=0), count)
+
+
+def _t(sums: FloatArray, squares: FloatArray, count: FloatArray | IntArray) -> FloatArray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = sums / count
+        variance = np.maximum(squares / count - mean**2, 0.0) * count / (count - 1)
+        # What is left of equal values is rounding.
+        variance = np.where(variance < 1e-14 * mean**2, 0.0, variance)
+        t = mean / np.sqrt(variance / count)
+    t = np.where(sums == 0.0, 0.0, t)
+    return np.where(count >= 3, t, np.nan)
+
+
+def max_t_adjusted(
+    statistic: FloatArray, null: FloatArray, *, step_down: bool = True
+) -> FloatArray:
+    """P-values adjusted for the number of comparisons, by the largest statistic under the null.
+
+    P. H. Westfall and S. S. Young (1993, Resampling-based multiple testing): the chance of even one
+    false finding is kept below the level, and what the comparisons have in common is used.
+
+    Parameters
+    ----------
+    statistic : float64, shape (k,)
+        The larger, the stronger (take absolute values for two sides); NaN where there is none.
+    null : float64, shape (draws, k)
+        The same from data in which there is nothing to find. NaN never wins.
+    step_down : bool
+        Compare each statistic with the largest of those not stronger than itself only, which finds
+        more at the same level.
+
+    Returns
+    -------
+    float64, shape (k,)
+        At least 1 / (draws + 1); NaN where the statistic is.
+    """
+    observed = np.asarray(statistic, np.float64)
+    p = np.full(observed.shape, np.nan)
+    use = np.flatnonzero(np.isfinite(observed) | np.isposinf(observed))
+    if not use.size:
+        return p
+    order = use[np.argsort(-observed[use], kind="stable")]
+    drawn = np.where(np.isnan(null), -np.inf, null)[:, order]
+    if step_down:
+        largest = np.maximum.accumulate(drawn[:, ::-1], axis=1)[:, ::-1]
+    else:
+        largest = np.repeat(drawn.max(axis=1, keepdims=True), order.size, axis=1)
+    reached = (largest >= observed[order]).sum(axis=0)
+    p[order] = np.maximum.accumulate((reached + 1.0) / (len(null) + 1.0))
+    return p
+
+
+def mean_gap_tests(
+    values: FloatArray,
+    *,
+    draws: int,
+    rng: np.random.Generator,
+    method: Literal["sign_flip", "bootstrap"] = "sign_flip",
+    step_down: bool = True,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Which mean gaps differ from zero, adjusted for the number of them.
+
+    Of our own making: ``scipy.stats.permutation_test`` flips signs as well, but knows no missing
+    entries and no maximum over columns, which draws the same flips for all of them.
+
+    Parameters
+    ----------
+    values : float64, shape (n, k)
+        Observed minus predicted, one row per rock; NaN where not measured.
+    draws : int
+    rng : numpy.random.Generator
+    method : {"sign_flip", "bootstrap"}
+        ``sign_flip``: under the null the signs of all entries of a rock may be flipped together;
+        exact if gaps are symmetric about zero. ``bootstrap``: rocks are drawn from the values less
+        their means; for skewed gaps of many rocks.
+    step_down : bool
+        See ``max_t_adjusted``.
+
+    Returns
+    -------
+    t, p, p_adjusted : float64, shape (k,)
+        Two-sided. NaN with fewer than three rocks.
+    """
+    data = as_matrix(values)
+    n = len(data)
+    known = np.isfinite(data)
+    filled = np.where(known, data, 0.0)
+    t = t_statistics(data)
+    null = np.empty((draws, data.shape[1]))
+    step = max(1, PAIRS // max(1, n))
+    count = known.sum(axis=0)
+    squares = (filled**2).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        centred = np.where(known, data - filled.sum(axis=0) / count, 0.0)
+    for first in range(0, draws, step):
+        rows = min(step, draws - first)
+        if method == "sign_flip":
+            signs = rng.choice((-1.0, 1.0), size=(rows, n))
+            null[first : first + rows] = _t(signs @ filled, squares, count)
+        else:
+            times = rng.multinomial(n, np.full(n, 1.0 / n), size=rows).astype(np.float64)
+            null[first : first + rows] = _t(times @ centred, times @ centred**2, times @ known)
+    # A draw that repeats the data must not miss it by rounding.
+    size = np.abs(null) * (1.0 + 1e-12)
+    reached = (np.where(np.isnan(size), -np.inf, size) >= np.abs(t)).sum(axis=0)
+    p = np.where(np.isnan(t), np.nan, (reached + 1.0) / (draws + 1.0))
+    return t, p, max_t_adjusted(np.abs(t), size, step_down=step_down)
+
+
+def false_discovery_adjusted(p: FloatArray) -> FloatArray:
+    """P-values adjusted so that the share of false ones among the findings stays below the level.
+
+    Y. Benjamini and Y. Hochberg (1995, Controlling the false discovery rate, J. R. Stat. Soc. B
+    57, 289-300), by ``scipy.stats.false_discovery_control``; for independent or positively
+    dependent comparisons.
+
+    Parameters
+    ----------
+    p : float64, shape (k,)
+        NaN is left out and stays.
+
+    Returns
+    -------
+    float64, shape (k,)
+    """
+    adjusted = np.array(p, np.float64)
+    known = np.isfinite(adjusted)
+    if known.any():
+        adjusted[known] = stats.false_discovery_control(adjusted[known])
+    return adjusted

@@ -1,0 +1,64 @@
+"""Room for errors of measurement, and heights, as the checks take them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+
+from sassgis.gap.observations.observed import (
+    Observations,
+    rock_radii_m,
+)
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.terrain.heights import heights_at
+
+#: Room for errors of measurement where none are stated.
+SPEED_ERROR_REL, HEIGHT_ERROR_M, POSITION_ERROR_M = 0.05, 0.25, 0.5
+
+
+#: Errors in units of the standard error that are still put down to the measurement.
+SIGMAS = 3.0
+
+
+def stated_or(value: float, otherwise: float) -> float:
+    """A stated error, or what is usual."""
+    return value if math.isfinite(value) else otherwise
+
+
+def tops_m(obs: Observations, grid: Grid | None) -> FloatArray:
+    """Height from which each rock came, at most; the last one for unattributed blocks."""
+    n = len(obs.rock_names)
+    top = np.full(n + 1, np.nan)
+    rocks = obs.rocks
+    z = rocks.z
+    if grid is not None:
+        z = np.fmax(z, heights_at(grid, rocks.x, rocks.y))
+    place = {name: i for i, name in enumerate(obs.rock_names)}
+    radius = np.nan_to_num(rock_radii_m(obs))
+    for name, height in zip(rocks.rock_id.tolist(), z.tolist(), strict=True):
+        if name in place:
+            top[place[name]] = height + radius[place[name]]
+    summit = float(np.nanmax(z)) if np.isfinite(z).any() else math.nan
+    if grid is not None and not math.isfinite(summit) and np.isfinite(grid.values).any():
+        summit = float(np.nanmax(grid.values))
+    if math.isfinite(summit):
+        # Blocks torn out of the slope start below the releases.
+        top[~np.isfinite(top)] = summit
+    return top
+
+
+def station_heights_m(obs: Observations, grid: Grid | None, *, lowest: bool) -> FloatArray:
+    """Ground at the station of each passage: its lowest or middle point."""
+    heights = {}
+    for name, vertices in zip(obs.stations.station.tolist(), obs.stations.vertices, strict=True):
+        if grid is None or vertices.shape[0] < 2:
+            continue
+        line = shapely.LineString(vertices)
+        at = np.linspace(0.0, 1.0, 21) if lowest else np.array([0.5])
+        points = shapely.get_coordinates(line.interpolate(at, normalized=True))
+        z = heights_at(grid, points[:, 0], points[:, 1])
+        if np.isfinite(z).any():
+            heights[name] = float(np.nanmin(z))
+    return np.array([heights.get(s, math.nan) for s in obs.passages.station.tolist()], np.float64)

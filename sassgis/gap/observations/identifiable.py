@@ -1,0 +1,192 @@
+"""What observations support: the quantities and phases of motion that are identifiable."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sassgis.gap.observations.observed import Observations, rock_masses_kg
+
+#: A gap of this many standard errors is found four times in five at the level of 5 %.
+_DETECTABLE = 1.96 + 0.84
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A quantity that the observations hold.
+
+    Attributes
+    ----------
+    phases : tuple of str
+        Phases of motion that it speaks of: release, flight, impact, rolling, stopping.
+    name, unit : str
+    table : str
+    rocks, values : int
+        On how many rocks (unattributed blocks not counted), and how many values.
+    """
+
+    phases: tuple[str, ...]
+    name: str
+    unit: str
+    table: str
+    rocks: int
+    values: int
+
+
+@dataclass(frozen=True, slots=True)
+class Identifiable:
+    """What observations support, and what not.
+
+    Attributes
+    ----------
+    rocks, unattributed : int
+        Rocks, and blocks and passages that belong to none of them.
+    quantities : tuple of Quantity
+    not_identifiable : tuple of str
+        Sentences: what is missing, and what is therefore not identifiable.
+    """
+
+    rocks: int
+    unattributed: int
+    quantities: tuple[Quantity, ...]
+    not_identifiable: tuple[str, ...]
+
+    def has(self, name: str, table: str | None = None) -> bool:
+        """Whether a quantity is there, in one table or in any."""
+        return any(q.name == name and table in (None, q.table) for q in self.quantities)
+
+
+#: Quantities with the columns that they need, by table; the phases they speak of.
+_QUANTITIES: tuple[tuple[str, str, str, tuple[str, ...], tuple[str, ...]], ...] = (
+    ("rocks", "release_speed_mps", "m/s", ("release_speed_mps",), ("release",)),
+    ("passages", "speed_mps", "m/s", ("speed_mps",), ("flight", "rolling")),
+    ("passages", "rotation_hz", "1/s", ("rotation_hz",), ("flight", "rolling")),
+    ("passages", "height_m", "m", ("height_m",), ("flight",)),
+    ("passages", "lateral_m", "m", ("x", "y"), ("flight", "rolling")),
+    (
+        "impacts",
+        "energy_kept",
+        "",
+        ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"),
+        ("impact",),
+    ),
+    ("impacts", "spin_out_radps", "rad/s", ("omega_in_radps", "omega_out_radps"), ("impact",)),
+    ("impacts", "turn_deg", "°", ("turn_deg",), ("impact",)),
+    ("deposits", "runout_m", "m", ("x", "y"), ("stopping",)),
+    ("deposits", "lateral_m", "m", ("x", "y"), ("stopping",)),
+    ("deposits", "block_mass_kg", "kg", ("mass_kg",), ("stopping",)),
+    ("deposits", "block_volume_m3", "m³", ("volume_m3",), ("stopping",)),
+    ("trajectories", "path_m", "m", ("t_s", "x", "y"), ("flight", "rolling")),
+    ("trajectories", "flight_fit", "m/s²", ("t_s", "x", "y", "z"), ("flight",)),
+    ("trajectories", "speed_mps", "m/s", ("speed_mps",), ("flight", "rolling")),
+    ("trajectories", "rotation_hz", "1/s", ("rotation_hz",), ("flight", "rolling")),
+)
+
+
+def what_is_identifiable(observations: Observations) -> Identifiable:
+    """Which quantities and phases the data support, and what they do not identify.
+
+    Parameters
+    ----------
+    observations : Observations
+
+    Returns
+    -------
+    Identifiable
+    """
+    quantities = []
+    for table, name, unit, columns, phases in _QUANTITIES:
+        data = observations.tables[table]
+        known = np.all([np.isfinite(data.numbers[c]) for c in columns], axis=0)
+        if not known.any():
+            continue
+        owner = observations.rock_of(table)[known]
+        rocks = int(np.unique(owner[owner >= 0]).size)
+        quantities.append(Quantity(phases, name, unit, table, rocks, int(known.sum())))
+    unattributed = sum(
+        int((observations.rock_of(table) < 0).sum()) for table in ("passages", "deposits")
+    )
+    told = Identifiable(len(observations.rock_names), unattributed, tuple(quantities), ())
+    return replace(told, not_identifiable=tuple(_cannot_tell(observations, told)))
+
+
+def _cannot_tell(observations: Observations, told: Identifiable) -> Iterable[str]:
+    rocks = observations.rocks
+    masses = rock_masses_kg(observations)
+    known = masses[np.isfinite(masses)]
+    yield _sample_size(told.rocks)
+    if not len(rocks):
+        yield (
+            "No table of rocks: which block is a piece and which belongs to no release is not "
+            "known, so entrainment cannot be distinguished from fragmentation."
+        )
+    if not {"x", "y"} <= rocks.present:
+        yield (
+            "No release points: rocks have no fall line of their own, and an error of the release "
+            "cannot be distinguished from one of the motion."
+        )
+    if not told.has("release_speed_mps"):
+        yield "No release speeds: a wrong initial speed can only be inferred from further down."
+    if not len(observations.stations) or not told.has("speed_mps", "passages"):
+        yield (
+            "No speeds at stations: the slope cannot be cut into reaches, and where between the "
+            "release and the stop a gap begins is not known."
+        )
+    elif len(observations.stations) == 1:
+        yield "One station: a gap lies above or below it, no closer than that."
+    if told.has("speed_mps", "passages") and not told.has("rotation_hz", "passages"):
+        yield "No rotation at stations: spin and the energy in it are not compared."
+    if told.has("speed_mps", "passages") and not told.has("height_m"):
+        yield "No heights at stations: flying and rolling passages are not kept apart."
+    if not told.has("energy_kept"):
+        yield (
+            "No velocities before and after impacts: whether energy is lost in impacts, in flight "
+            "or in rolling is not seen directly, and soft ground, roughness and trees are kept "
+            "apart by their trends down the slope alone."
+        )
+    elif not told.has("spin_out_radps"):
+        yield "No spin before and after impacts: slip at the contact is not seen."
+    if not told.has("runout_m"):
+        yield "No deposits: run-out, its spread and stopping are not compared."
+    elif not (told.has("block_mass_kg") or told.has("block_volume_m3")):
+        yield "No sizes of deposited blocks: whether pieces sum up to their rock is not known."
+    if not (told.has("lateral_m") or told.has("turn_deg") or told.has("path_m")):
+        yield "No positions beside the fall line: lateral deflection is not seen."
+    if not told.has("flight_fit"):
+        yield (
+            "No trajectories in time: air drag and a wrong time base or scale of the measurement "
+            "are not seen in flight."
+        )
+    if known.size < 3:
+        yield "Fewer than three rocks with a mass: effects that go with mass are not identifiable."
+    elif float(np.std(np.log(known))) < 0.1:
+        yield (
+            f"All rocks have about the same mass ({np.median(known):.3g} kg): effects that go "
+            "with mass are not identifiable."
+        )
+    if not {"semi_axis_a_m", "semi_axis_b_m", "semi_axis_c_m"} <= rocks.present:
+        yield "No semi-axes of the rocks: an effect of rock shape is not identifiable."
+    meta = observations.metadata
+    if all(
+        math.isnan(e) for e in (meta.speed_error_rel, meta.rotation_error_rel, meta.height_error_m)
+    ):
+        yield (
+            "Errors of measurement are not stated: noise of the measurement and scatter of the "
+            "rocks are kept apart by assumption only."
+        )
+
+
+def _sample_size(rocks: int) -> str:
+    if rocks == 0:
+        return "No rocks: nothing can be compared rock by rock."
+    if rocks == 1:
+        return "One rock: its scatter is unknown, and no gap can be distinguished from chance."
+    return (
+        f"{rocks} rocks: a gap of the mean below {_DETECTABLE / math.sqrt(rocks):.2f} standard "
+        f"deviations, or of a share of half of the rocks below "
+        f"{100.0 * min(1.0, _DETECTABLE * 0.5 / math.sqrt(rocks)):.0f} percentage points, is "
+        "likely to go unseen (power 80 %, level 5 %, one comparison)."
+    )

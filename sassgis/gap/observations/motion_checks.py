@@ -1,0 +1,236 @@
+"""Whether observed motion can be true: impacts, spins, speeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.gap.observations.allowances import (
+    HEIGHT_ERROR_M,
+    POSITION_ERROR_M,
+    SIGMAS,
+    SPEED_ERROR_REL,
+    stated_or,
+    station_heights_m,
+    tops_m,
+)
+from sassgis.gap.observations.observation_finding import ObservationFinding
+from sassgis.gap.observations.observed import (
+    Observations,
+    rock_masses_kg,
+    rock_radii_m,
+)
+from sassgis.gap.observations.rules import RULES
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.terrain.heights import heights_at
+
+_GRAVITY = 9.81
+
+
+_KMH = 3.6
+
+
+#: Surface speed of a rock over its own speed: rolling is 1, a median of twice that is another unit.
+_SPIN_RATIO = 2.0
+
+
+def check_impacts(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+    """Directions, energies and slopes of impacts."""
+    impacts = obs.impacts
+    inward = impacts.vn_in_mps > 0.0
+    known = np.isfinite(impacts.vn_in_mps)
+    if inward.any():
+        every = bool(inward.sum() > 0.5 * known.sum())
+        yield from RULES["inward"].at(
+            obs,
+            "impacts",
+            inward,
+            f"vn_in = {impacts.vn_in_mps[inward].max():.3g} m/s",
+            hint=": the normal seems to point into the ground" if every else "",
+        )
+    yield from _energy_gain(obs, ~inward)
+    slopes = np.abs(impacts.slope_deg[np.isfinite(impacts.slope_deg)])
+    if slopes.size >= 5 and 0.0 < slopes.max() <= 0.5 * math.pi:
+        yield from RULES["radians"].at(
+            obs, "impacts", np.isfinite(impacts.slope_deg), f"at most {slopes.max():.3g}"
+        )
+
+
+def _energy_gain(obs: Observations, usable: NDArray[np.bool_]) -> Iterator[ObservationFinding]:
+    impacts = obs.impacts
+    before = impacts.vt_in_mps**2 + impacts.vn_in_mps**2
+    after = impacts.vt_out_mps**2 + impacts.vn_out_mps**2
+    rock = obs.rock_of("impacts")
+    radius = np.append(rock_radii_m(obs), np.nan)[rock]
+    # A piece is smaller than its rock; of unknown mass, its spin says nothing.
+    share = impacts.mass_kg / np.append(rock_masses_kg(obs), np.nan)[rock]
+    radius = np.where(obs.is_piece("impacts"), radius * np.cbrt(share), radius)
+    # A sphere's 2/5 r²: the rock may turn spin into speed.
+    spins = np.isfinite(radius + impacts.omega_in_radps + impacts.omega_out_radps)
+    with np.errstate(invalid="ignore"):
+        turn = 0.4 * radius**2
+        before = np.where(spins, before + turn * impacts.omega_in_radps**2, before)
+        after = np.where(spins, after + turn * impacts.omega_out_radps**2, after)
+    known = usable & np.isfinite(before) & np.isfinite(after) & (before > 0.0)
+    error = stated_or(obs.metadata.speed_error_rel, SPEED_ERROR_REL)
+    # Twice the relative error of a speed on each side.
+    room = 1.0 + SIGMAS * 2.0 * math.sqrt(2.0) * error
+    gain = known & (after > room * before)
+    if not gain.any():
+        return
+    worst = float((after[gain] / before[gain]).max())
+    # Without spin, a rock that spins before the impact may go faster after it.
+    blind = bool((gain & ~spins).any())
+    swapped = gain.sum() > 0.5 * known.sum() and known.sum() >= 3
+    yield from RULES["swapped" if swapped else "energy gain"].at(
+        obs,
+        "impacts",
+        gain,
+        f"{worst:.2f} times" + (" without the spin, which is not known" if blind else ""),
+        room=room,
+    )
+
+
+def check_spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+    """Spins against speeds: the unit of rotation."""
+    radii = np.append(rock_radii_m(obs), np.nan)
+    places = (
+        ("passages", "rotation_hz", "speed_mps", 2.0 * math.pi, "turns per second"),
+        ("trajectories", "rotation_hz", "speed_mps", 2.0 * math.pi, "turns per second"),
+        ("impacts", "omega_in_radps", "vt_in_mps", 1.0, "radians per second"),
+        ("impacts", "omega_out_radps", "vt_out_mps", 1.0, "radians per second"),
+    )
+    for table, column, speed, factor, unit in places:
+        numbers = obs.tables[table].numbers
+        radius = radii[obs.rock_of(table)] if len(obs.tables[table]) else np.empty(0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = factor * np.abs(numbers[column]) * radius / np.abs(numbers[speed])
+        known = np.isfinite(ratio) & (np.abs(numbers[speed]) > 1.0)
+        if known.sum() < 3:
+            continue
+        middle = float(np.median(ratio[known]))
+        if middle <= _SPIN_RATIO:
+            continue
+        guess = "degrees per second"
+        if factor > 1.0 and middle < 30.0:
+            guess = "radians per second or turns per minute"
+        yield from RULES["spin"].at(
+            obs,
+            table,
+            known,
+            f"rims {middle:.1f} times as fast as the rocks",
+            column,
+            guess=guess,
+            unit=unit,
+        )
+
+
+def check_trajectory_speeds(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+    """Speeds along a path against the path and the clock."""
+    path = obs.trajectories
+    # Nearer points are apart by the errors of their positions.
+    span = max(2.0, 8.0 * stated_or(obs.metadata.position_error_m, POSITION_ERROR_M))
+    ratios = []
+    known = np.flatnonzero(np.isfinite(path.t_s + path.x + path.y + path.speed_mps))
+    _, rock = np.unique(path.rock_id[known], return_inverse=True)
+    order = np.lexsort((path.t_s[known], rock))
+    borders = np.flatnonzero(np.diff(rock[order])) + 1
+    for rows in np.split(known[order], borders):
+        if rows.size < 3:
+            continue
+        z = path.z[rows]
+        height = z if np.isfinite(z).all() else np.zeros(rows.size)
+        points = np.column_stack([path.x[rows], path.y[rows], height])
+        kept = _apart(points, span)
+        speed = path.speed_mps[rows]
+        steps = np.diff(path.t_s[rows]) * 0.5 * (speed[1:] + speed[:-1])
+        stated = np.diff(np.concatenate([[0.0], np.cumsum(steps)])[kept])
+        far = np.sqrt((np.diff(points[kept], axis=0) ** 2).sum(axis=1))
+        if far.size:
+            # One number per rock: errors of single positions cancel along the path.
+            ratios.append(float(stated.sum() / far.sum()))
+    if not ratios:
+        return
+    middle = float(np.median(ratios))
+    if 0.7 <= middle <= 1.4:
+        return
+    named = {_KMH: "km/h", 1.0 / 0.3048: "feet per second", 1e-3: "km/s"}
+    unit = next((u for f, u in named.items() if 0.93 * f < middle < 1.07 * f), None)
+    yield from RULES["unit of speed" if unit else "speed and time"].at(
+        obs,
+        "trajectories",
+        np.isfinite(path.speed_mps),
+        f"{middle:.2f} times the distance over the time",
+        unit=unit,
+    )
+
+
+def _apart(points: FloatArray, span: float) -> IntArray:
+    """Points of a path of which each is ``span`` or more from the one before, with the first."""
+    kept = [0]
+    for i in range(1, len(points)):
+        if ((points[i] - points[kept[-1]]) ** 2).sum() >= span**2:
+            kept.append(i)
+    return np.array(kept, np.int64)
+
+
+def check_drops(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
+    """Speeds that no drop explains."""
+    top = tops_m(obs, grid)
+    start = start_speeds_mps(obs)
+    error = stated_or(obs.metadata.speed_error_rel, SPEED_ERROR_REL)
+    slack = SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M)
+    for table, column in (
+        ("passages", "speed_mps"),
+        ("trajectories", "speed_mps"),
+        ("impacts", "vt_in_mps"),
+    ):
+        data = obs.tables[table]
+        if not len(data):
+            continue
+        numbers = data.numbers
+        speed = numbers[column]
+        if table == "impacts":
+            speed = np.hypot(speed, numbers["vn_in_mps"])
+        owner = obs.rock_of(table)
+        z = numbers["z"].copy()
+        if grid is not None:
+            ground = heights_at(grid, numbers["x"], numbers["y"])
+            z = np.where(np.isfinite(z), z, ground)
+        if table == "passages" and len(obs.stations):
+            z = np.where(np.isfinite(z), z, station_heights_m(obs, grid, lowest=True))
+        drop = np.maximum(top[owner] - z, 0.0) + slack
+        fastest = np.sqrt(2.0 * _GRAVITY * drop + start[owner] ** 2)
+        ratio = speed / fastest
+        known = np.isfinite(ratio)
+        too_fast = known & (ratio > 1.0 + SIGMAS * error)
+        if not too_fast.any():
+            continue
+        worst = int(np.flatnonzero(too_fast)[np.argmax(ratio[too_fast])])
+        says = (
+            f"{speed[worst]:.1f} m/s after a drop of {drop[worst]:.1f} m"
+            f" in row {data.row[worst]}"  # type: ignore[attr-defined]
+        )
+        many = too_fast.sum() > 0.4 * known.sum() and known.sum() >= 3
+        explained = np.mean(ratio[known] / _KMH <= 1.0 + SIGMAS * error) > 0.9
+        if many and explained:
+            rule, rows = RULES["km/h"], known
+            says = f"median {np.median(speed[known]):.1f}; {says}"
+        else:
+            rule, rows = RULES["mostly too fast" if many else "too fast"], too_fast
+        yield from rule.at(obs, table, rows, says, column, fastest=fastest[worst])
+
+
+def start_speeds_mps(obs: Observations) -> FloatArray:
+    """Speed at the release of each rock (m/s); the last one for unattributed blocks."""
+    start = np.zeros(len(obs.rock_names) + 1)
+    place = {name: i for i, name in enumerate(obs.rock_names)}
+    for name, speed in zip(
+        obs.rocks.rock_id.tolist(), obs.rocks.release_speed_mps.tolist(), strict=True
+    ):
+        if name in place and math.isfinite(speed):
+            start[place[name]] = speed
+    return start

@@ -1,0 +1,71 @@
+"""What the owner of observations should know about them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Level = Literal["error", "warning"]
+
+
+LeftOut = Literal["", "value", "row", "table"]
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationFinding:
+    """Something about the observations that their owner should know.
+
+    Attributes
+    ----------
+    level : {"error", "warning"}
+        error: wrong, and to be mended; warning: usable, but deserves a look.
+    problem : str
+    file, table, column : str
+        Where; empty where it does not apply.
+    rows : tuple of int
+        Rows of the table: lines of a CSV counted with the header, or feature ids.
+    found, expected : str
+    left_out : {"", "value", "row", "table"}
+        What is not used because of it.
+    """
+
+    level: Level
+    problem: str
+    file: str = ""
+    table: str = ""
+    column: str = ""
+    rows: tuple[int, ...] = ()
+    found: str = ""
+    expected: str = ""
+    left_out: LeftOut = ""
+
+    def __str__(self) -> str:
+        """One line that names file, table, column and row."""
+        place = ".".join(part for part in (self.table, self.column) if part)
+        where = ": ".join(part for part in (self.file, place, _rows(self.rows)) if part)
+        detail = "; ".join(
+            part
+            for part in (
+                f"found {self.found}" if self.found else "",
+                f"expected {self.expected}" if self.expected else "",
+            )
+            if part
+        )
+        line = (
+            f"{self.level}: {where}: {self.problem}" if where else f"{self.level}: {self.problem}"
+        )
+        if detail:
+            line += f" ({detail})"
+        if self.left_out:
+            what = self.left_out + ("s" if len(self.rows) > 1 and self.left_out != "table" else "")
+            line += f"; {what} left out"
+        return " ".join(line.split())
+
+
+def _rows(rows: Sequence[int]) -> str:
+    if not rows:
+        return ""
+    shown = ", ".join(str(r) for r in rows[:5])
+    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
+    return f"row{'s' if len(rows) > 1 else ''} {shown}{more}"

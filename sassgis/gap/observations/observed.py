@@ -1,0 +1,223 @@
+"""All that was observed on a slope: tables, metadata, and what was found wrong with them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.gap.observations.observation_finding import ObservationFinding
+from sassgis.gap.observations.tables import (
+    TABLES,
+    Deposits,
+    Impacts,
+    Passages,
+    Rocks,
+    Stations,
+    Table,
+    Trajectories,
+)
+from sassgis.model.grid import FloatArray, IntArray
+
+#: Density where none is observed (kg/m³), to get a size from a mass.
+DENSITY_KGM3 = 2700.0
+
+
+#: Keys of ``metadata`` with their units and meaning.
+METADATA_KEYS: Mapping[str, tuple[str, str]] = {
+    "fps": ("1/s", "pictures per second"),
+    "speed_error_rel": ("", "standard error of a speed, as a share of it (0.05: 5 %)"),
+    "rotation_error_rel": ("", "standard error of a rotation, as a share of it"),
+    "height_error_m": ("m", "standard error of a height of flight"),
+    "position_error_m": ("m", "standard error of a position"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """How well was measured; NaN where it is not stated. See ``METADATA_KEYS``.
+
+    ``others`` holds the keys that are only passed on.
+    """
+
+    fps: float = math.nan
+    speed_error_rel: float = math.nan
+    rotation_error_rel: float = math.nan
+    height_error_m: float = math.nan
+    position_error_m: float = math.nan
+    others: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Observations:
+    """All that was observed, in the coordinates of the DEM.
+
+    Attributes
+    ----------
+    rocks, stations, passages, impacts, deposits, trajectories
+        Tables; of length 0 where there is none.
+    metadata : Metadata
+    files : mapping of table to file
+        For messages; empty for observations that come from no file.
+    findings : tuple of ObservationFinding
+        What was found, and left out, while reading.
+    """
+
+    rocks: Rocks = field(default_factory=Rocks.of)
+    stations: Stations = field(default_factory=Stations.of)
+    passages: Passages = field(default_factory=Passages.of)
+    impacts: Impacts = field(default_factory=Impacts.of)
+    deposits: Deposits = field(default_factory=Deposits.of)
+    trajectories: Trajectories = field(default_factory=Trajectories.of)
+    metadata: Metadata = field(default_factory=Metadata)
+    files: Mapping[str, str] = field(default_factory=dict)
+    findings: tuple[ObservationFinding, ...] = ()
+
+    @property
+    def tables(self) -> Mapping[str, Table]:
+        """Tables by name."""
+        return {name: getattr(self, name) for name in TABLES}
+
+    @property
+    def present(self) -> Mapping[str, frozenset[str]]:
+        """Columns of numbers that hold any, by table; tables without rows are not named."""
+        return {name: table.present for name, table in self.tables.items() if len(table)}
+
+    @property
+    def rock_names(self) -> tuple[str, ...]:
+        """Names of the rocks, which are the units of resampling.
+
+        Those of the table of rocks, less the pieces listed there; if there is no such table, all
+        that turn up anywhere.
+        """
+        if len(self.rocks):
+            known = set(self.rocks.rock_id.tolist())
+            return tuple(n for n in self.rocks.rock_id.tolist() if root_of(n, known) == n)
+        ids = [
+            name
+            for table in (self.passages, self.impacts, self.deposits, self.trajectories)
+            for name in table.rock_id.tolist()
+            if name
+        ]
+        known = set(ids)
+        return tuple(dict.fromkeys(root_of(name, known) for name in ids))
+
+    def rock_of(self, table: str) -> IntArray:
+        """Place in ``rock_names`` of the rock that each row of a table belongs to.
+
+        Pieces belong to the rock they broke from. -1: an unattributed block.
+        """
+        names = self.rock_names
+        place = {name: i for i, name in enumerate(names)}
+        ids = getattr(self.tables[table], "rock_id", None)
+        if ids is None:
+            raise ValueError(f"table {table} is not about rocks")
+        known = set(names)
+        found = {name: place.get(root_of(name, known), -1) for name in set(ids.tolist())}
+        return np.array([found[name] for name in ids.tolist()], np.int64)
+
+    def is_piece(self, table: str) -> NDArray[np.bool_]:
+        """Whether each row of a table is about a piece of a rock rather than a whole rock."""
+        names = self.rock_names
+        ids = self.tables[table].rock_id.tolist()  # type: ignore[attr-defined]
+        owner = self.rock_of(table)
+        return np.array(
+            [i >= 0 and names[i] != name for i, name in zip(owner.tolist(), ids, strict=True)],
+            np.bool_,
+        )
+
+    def units(self, table: str) -> IntArray:
+        """Unit of resampling of each row: its rock, or a number of its own for each unattributed
+        block (counted on from the number of rocks; rows of one name share it).
+        """
+        owner = self.rock_of(table)
+        ids = self.tables[table].rock_id.tolist()  # type: ignore[attr-defined]
+        others: dict[str, int] = {}
+        count = len(self.rock_names)
+        for i in np.flatnonzero(owner < 0).tolist():
+            # Blocks without a name have nothing in common.
+            key = ids[i].split(".")[0] or f"\0{i}"
+            owner[i] = others.setdefault(key, count + len(others))
+        return owner
+
+
+def parent_of(rock_id: str) -> str | None:
+    """Rock that a piece broke from, by its name alone: R7 for R7.2; None without a suffix."""
+    stem, dot, suffix = rock_id.rpartition(".")
+    return stem if dot and stem and suffix else None
+
+
+def root_of(rock_id: str, known: Iterable[str]) -> str:
+    """The whole rock that a name goes back to.
+
+    Parameters
+    ----------
+    rock_id
+        Of a rock, a piece, or a piece of a piece (R7.2.1).
+    known
+        Names in use; a set makes it fast.
+
+    Returns
+    -------
+    str
+        The shortest name in use that is left when suffixes are taken off; the name itself if
+        there is none.
+    """
+    found, name = rock_id, rock_id
+    while (parent := parent_of(name)) is not None:
+        name = parent
+        if name in known:
+            found = name
+    return found
+
+
+def rock_masses_kg(observations: Observations) -> FloatArray:
+    """Mass of each rock of ``rock_names`` (kg): as weighed, else from its volume; NaN unknown."""
+    names = observations.rock_names
+    rocks = observations.rocks
+    if not len(rocks):
+        return np.full(len(names), np.nan)
+    density = np.where(np.isfinite(rocks.density_kgm3), rocks.density_kgm3, DENSITY_KGM3)
+    axes = rocks.semi_axis_a_m * rocks.semi_axis_b_m * rocks.semi_axis_c_m
+    volume = np.where(np.isfinite(rocks.volume_m3), rocks.volume_m3, 4.0 / 3.0 * math.pi * axes)
+    mass = np.where(np.isfinite(rocks.mass_kg), rocks.mass_kg, density * volume)
+    place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
+    return mass[[place[name] for name in names]]
+
+
+def rock_radii_m(observations: Observations) -> FloatArray:
+    """Radius of the sphere of equal mass of each rock of ``rock_names`` (m); NaN unknown."""
+    masses = rock_masses_kg(observations)
+    rocks = observations.rocks
+    density = dict(zip(rocks.rock_id.tolist(), rocks.density_kgm3.tolist(), strict=True))
+    own = np.array([density.get(name, math.nan) for name in observations.rock_names], np.float64)
+    own = np.where(np.isfinite(own), own, DENSITY_KGM3)
+    radii: FloatArray = np.cbrt(3.0 * masses / (4.0 * math.pi * own))
+    return radii
+
+
+def without(observations: Observations, findings: Iterable[ObservationFinding]) -> Observations:
+    """Leave out what findings say is left out: values, rows or tables.
+
+    The findings are kept with the observations.
+    """
+    tables: dict[str, Table] = dict(observations.tables)
+    new = tuple(f for f in findings if f not in observations.findings)
+    for finding in new:
+        if finding.table not in tables or not finding.left_out:
+            continue
+        table = tables[finding.table]
+        hit = np.isin(table.row, finding.rows)  # type: ignore[attr-defined]
+        if finding.left_out == "table":
+            tables[finding.table] = table.take(np.zeros(len(table), np.bool_))
+        elif finding.left_out == "row":
+            tables[finding.table] = table.take(~hit)
+        else:
+            values = {
+                c: np.where(hit, np.nan, getattr(table, c)) for c in finding.column.split(", ")
+            }
+            tables[finding.table] = replace(table, **values)  # type: ignore[type-var]
+    return replace(observations, **tables, findings=(*observations.findings, *new))  # type: ignore[arg-type]

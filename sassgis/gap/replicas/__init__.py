@@ -1,0 +1,1 @@
+"""Simulated campaigns: the observed rocks released again in a model of a hypothesis."""

@@ -1,0 +1,178 @@
+"""Fall lines of the rocks of a case, made ready once for many campaigns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.gap.observations.campaign import Errors, errors_of
+from sassgis.gap.observations.case import Case
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.map_run import Forest
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet
+from sassgis.model.results import ControlLine
+from sassgis.terrain.release import point_keys
+
+#: Length of the stretches on which a forest stands or not (m).
+STRETCH_M = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class RockLines:
+    """Lines of the rocks of a case, made ready once for many campaigns.
+
+    Attributes
+    ----------
+    unforested, forested : ProfileSet
+        One profile per rock, without stretches and with stretches of STRETCH_M.
+    wood : Forest or None
+        The configured forest on the stretches.
+    first_m : float
+        Chainage at which the first stretch begins (m).
+    n_stretches : int
+    keys : uint64, shape (n_rocks,)
+    gates : GateCrossings
+    end : float64, shape (n_rocks,)
+        Where each profile ends (m).
+    errors : Errors
+    """
+
+    unforested: ProfileSet
+    forested: ProfileSet
+    wood: Forest | None
+    first_m: float
+    n_stretches: int
+    keys: NDArray[np.uint64]
+    control_lines: ControlLineCrossings
+    end: FloatArray
+    errors: Errors
+
+
+def rock_lines_of(case: Case) -> RockLines:
+    """Prepare the lines of the rocks of a case."""
+    first = float(np.floor(case.profiles.s.min() / STRETCH_M) * STRETCH_M)
+    n_stretches = int(np.ceil((case.profiles.s.max() - first) / STRETCH_M)) + 1
+    names = case.observations.rock_names
+    return RockLines(
+        unforested=_profiles_of(case, first, stretches=False),
+        forested=_profiles_of(case, first, stretches=True),
+        wood=_configured_wood(case, first, n_stretches),
+        first_m=first,
+        n_stretches=n_stretches,
+        keys=np.concatenate([point_keys(name, 1) for name in names]),
+        control_lines=_control_lines(case),
+        end=case.profiles.s[case.profiles.offset[1:] - 1][case.line],
+        errors=errors_of(case),
+    )
+
+
+def _profiles_of(case: Case, first: float, *, stretches: bool) -> ProfileSet:
+    """The profile of each rock, cut into stretches for a forest or not at all."""
+    source = case.profiles
+    s, z, ground, borders, cells = [], [], [], [], []
+    for line in case.line.tolist():
+        own = slice(int(source.offset[line]), int(source.offset[line + 1]))
+        s.append(source.s[own])
+        z.append(source.z[own])
+        ground.append(source.ground[own])
+        low, high = float(s[-1][0]), float(s[-1][-1])
+        if stretches:
+            n0 = int(np.floor((low - first) / STRETCH_M)) + 1
+            n1 = int(np.ceil((high - first) / STRETCH_M)) - 1
+            inner = first + STRETCH_M * np.arange(n0, n1 + 1)
+            inner = inner[(inner > low + 1e-6) & (inner < high - 1e-6)]
+            border = np.concatenate([[low], inner, [high]])
+            middle = 0.5 * (border[1:] + border[:-1])
+            cells.append(np.floor((middle - first) / STRETCH_M).astype(np.int64))
+        else:
+            border = np.array([low, high])
+            cells.append(np.full(1, -1, np.int64))
+        borders.append(border)
+    return ProfileSet(
+        _offsets([v.size for v in s]),
+        np.concatenate(s),
+        np.concatenate(z),
+        np.concatenate(ground),
+        _offsets([v.size for v in cells]),
+        np.concatenate(borders),
+        np.concatenate(cells),
+    )
+
+
+def _offsets(sizes: list[int]) -> IntArray:
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+
+def _configured_wood(case: Case, first: float, n: int) -> Forest | None:
+    """The forest of the configuration on the stretches: the mean over the lines."""
+    if case.forest is None:
+        return None
+    source = case.profiles
+    stems, girth, seen = np.zeros(n), np.zeros(n), np.zeros(n)
+    for i in range(len(source)):
+        own = slice(int(source.cell_offset[i]), int(source.cell_offset[i + 1]))
+        border = source.cell_s[own.start + i : own.stop + i + 1]
+        k = np.floor((0.5 * (border[1:] + border[:-1]) - first) / STRETCH_M).astype(np.int64)
+        known = source.cell[own] >= 0
+        cell = source.cell[own][known]
+        np.add.at(stems, k[known], case.forest.stems_per_m2[cell])
+        np.add.at(girth, k[known], case.forest.diameter_m[cell])
+        np.add.at(seen, k[known], 1.0)
+    seen = np.maximum(seen, 1.0)
+    return Forest(stems / seen, girth / seen)
+
+
+def _control_lines(case: Case) -> ControlLineCrossings:
+    """Stations on the line of each rock."""
+    s = case.station_s
+    control_lines = tuple(ControlLine(name, "station") for name in case.station_names)
+    offset, chainage, control_line = [0], [], []
+    for row in s:
+        known = np.flatnonzero(np.isfinite(row))
+        known = known[np.argsort(row[known], kind="stable")]
+        chainage.append(row[known])
+        control_line.append(known)
+        offset.append(offset[-1] + known.size)
+    return ControlLineCrossings(
+        control_lines,
+        np.array(offset, np.int64),
+        np.concatenate([np.empty(0), *chainage]),
+        np.concatenate([np.empty(0, np.int64), *control_line]).astype(np.int64),
+    )
+
+
+def dips_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArray:
+    """Dip of the segment of a profile at a chainage (rad), below zero downhill.
+
+    Parameters
+    ----------
+    profiles : ProfileSet
+    profile : int64, shape (n,)
+    s : float64, shape (n,)
+        Chainage (m).
+    """
+    k = _segments_at(profiles, profile, s)
+    dips: FloatArray = np.arctan2(
+        profiles.z[k + 1] - profiles.z[k], profiles.s[k + 1] - profiles.s[k]
+    )
+    return dips
+
+
+def heights_at_chainage(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> FloatArray:
+    """Height of profiles at chainages (m); parameters as ``dips_at``."""
+    k = _segments_at(profiles, profile, s)
+    share = (np.asarray(s) - profiles.s[k]) / (profiles.s[k + 1] - profiles.s[k])
+    heights: FloatArray = profiles.z[k] + share * (profiles.z[k + 1] - profiles.z[k])
+    return heights
+
+
+def _segments_at(profiles: ProfileSet, profile: IntArray, s: FloatArray) -> IntArray:
+    # All profiles on one axis: each is shifted behind the one before.
+    low = float(profiles.s.min()) - 1.0
+    span = float(profiles.s.max()) - low + 1.0
+    owner = np.repeat(np.arange(len(profiles)), np.diff(profiles.offset))
+    axis = profiles.s - low + span * owner
+    k = np.searchsorted(axis, np.asarray(s) - low + span * profile, side="right") - 1
+    return np.clip(k, profiles.offset[profile], profiles.offset[profile + 1] - 2)

@@ -1,0 +1,371 @@
+"""Runs from the release against what was observed at stations and of the stops."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.effects.trees import Trees
+from sassgis.engine.simulate import Simulated, simulate
+from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.rock_lines import RockLines, dips_at, rock_lines_of
+from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import Forest
+from sassgis.model.profiles import ProfileSet
+from sassgis.model.results import StopReason
+from sassgis.model.settings import LateralDeflection
+
+BoolArray = NDArray[np.bool_]
+
+
+#: Height above the resting position from which most rocks at a station count as flying (m).
+FLYING_M = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class AtStations:
+    """Rocks at stations; NaN where one was not measured, or did not come.
+
+    Attributes
+    ----------
+    speed_mps, rotation_hz, height_m : float64, shape (n_rocks, ..., n_stations)
+        ``height_m`` is that of the centre above the ground.
+    came : float64, shape (n_rocks, ..., n_stations)
+        1 or 0; NaN where it is not known.
+    """
+
+    speed_mps: FloatArray
+    rotation_hz: FloatArray
+    height_m: FloatArray
+    came: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class FreeRun:
+    """Replicates of the rocks of a case, released where they were.
+
+    Attributes
+    ----------
+    at : AtStations
+        Arrays of shape (n_rocks, replicates, n_stations).
+    ground : bool, shape (n_rocks, replicates, n_stations)
+        Whether they rolled or slid there.
+    way : float64, shape (n_rocks, replicates, n_stations)
+        Angle of the velocity above the ground (rad).
+    runout_m : float64, shape (n_rocks, replicates)
+        Of the largest block.
+    stops, largest : float64, shape (n_rocks, replicates)
+        Blocks left of each rock, mass of the largest over that of the rock.
+    axes_m : float64, shape (n_rocks, replicates, 3)
+        Semi-axes, longest first.
+    """
+
+    at: AtStations
+    ground: BoolArray
+    way: FloatArray
+    runout_m: FloatArray
+    stops: FloatArray
+    largest: FloatArray
+    axes_m: FloatArray
+
+    @property
+    def radius_m(self) -> FloatArray:
+        """Of the sphere of equal volume, mean over replicates, shape (n_rocks,)."""
+        radius: FloatArray = np.cbrt(self.axes_m.prod(axis=2)).mean(axis=1)
+        return radius
+
+
+@dataclass(frozen=True, slots=True)
+class RunModel:
+    """What the rocks of a case are run with; see ``sassgis.engine.simulate.simulate``."""
+
+    table: GroundTable
+    effects: EffectSettings
+    forest: Forest | None
+    rock_lines: RockLines
+    seed: int
+
+    @classmethod
+    def of(
+        cls,
+        case: Case,
+        table: GroundTable,
+        effects: EffectSettings | None,
+        forest: Forest | None,
+        seed: int,
+    ) -> RunModel:
+        """The model of a case; what is not given is as its configuration has it."""
+        rock_lines = rock_lines_of(case if forest is None else replace(case, forest=forest))
+        used = case.effects if effects is None else effects
+        return cls(table, used, rock_lines.wood if used.get(Trees) else None, rock_lines, seed)
+
+    @property
+    def profiles(self) -> ProfileSet:
+        """One for each rock."""
+        return self.rock_lines.unforested if self.forest is None else self.rock_lines.forested
+
+
+def observed_at_stations(case: Case) -> AtStations:
+    """Whole rocks at stations as they were observed; shape (n_rocks, n_stations).
+
+    A rock came to a station if it was seen there or further down; if it lies above, or was seen by
+    the others' station but not there, it did not.
+    """
+    shape = (case.n_rocks, len(case.station_names))
+    speed, rotation, height = (np.full(shape, np.nan) for _ in range(3))
+    came = np.full(shape, np.nan)
+    passages = case.observations.passages
+    seen_at = np.zeros(shape[1], bool)
+    if len(passages) and shape[1]:
+        rock = case.observations.rock_of("passages")
+        piece = case.observations.is_piece("passages")
+        place = {name: k for k, name in enumerate(case.station_names)}
+        station = np.array([place.get(name, -1) for name in passages.station.tolist()], np.int64)
+        centre = np.where(
+            np.isfinite(passages.height_m), passages.height_m, case.projected["passages"].height_m
+        )
+        own = np.flatnonzero((rock >= 0) & (station >= 0))
+        whole = own[~piece[own]][::-1]
+        # Written backwards: of two rows for one passage the first stays.
+        for column, values in (
+            (speed, passages.speed_mps),
+            (rotation, passages.rotation_hz),
+            (height, centre),
+        ):
+            column[rock[whole], station[whole]] = values[whole]
+        came[rock[own], station[own]] = 1.0
+        seen_at = (came == 1.0).any(axis=0)
+    s = case.station_s
+    below = np.maximum.accumulate((came == 1.0)[:, ::-1], axis=1)[:, ::-1]
+    came[below] = 1.0
+    end = observed_end(case)[0]
+    known = np.isfinite(end)[:, None]
+    with np.errstate(invalid="ignore"):
+        came = np.where(np.isnan(came) & known, (end[:, None] >= s).astype(float), came)
+    missed = np.isnan(came) & seen_at & ~known
+    came = np.where(missed, 0.0, came)
+    off = ~np.isfinite(s) | (s <= case.start[:, 1:2])
+    came[off] = np.nan
+    speed, rotation, height = (np.where(off, np.nan, v) for v in (speed, rotation, height))
+    return AtStations(speed, rotation, height, came)
+
+
+def observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Run-out, lateral offset, number of blocks and share of the largest, by rock.
+
+    Blocks that belong to no rock are counted with the rocks of their fall line, in turn.
+    """
+    n = case.n_rocks
+    runout, lateral, stops, largest = (np.full(n, np.nan) for _ in range(4))
+    rows = observed_campaign(case).deposits
+    if rows is None:
+        return runout, lateral, stops, largest
+    main = main_blocks(rows, n)
+    has = main >= 0
+    runout[has], lateral[has] = rows.s[main[has]], rows.lateral_m[main[has]]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        largest[has] = rows.mass_kg[main[has]] / case.mass_kg[has]
+    stops[has] = np.bincount(rows.rock[rows.rock >= 0], minlength=n)[has]
+    put = case.projected["deposits"]
+    for line in np.unique(put.line[(rows.rock < 0) & (put.line >= 0)]).tolist():
+        loose = int(((rows.rock < 0) & (put.line == line)).sum())
+        own = np.flatnonzero(has & (case.line == line))
+        if own.size:
+            stops[own] += np.bincount(np.arange(loose) % own.size, minlength=own.size)
+    return runout, lateral, stops, largest
+
+
+def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
+    """Release every rock ``replicates`` times where it was released."""
+    n, m = case.n_rocks, len(case.station_names)
+    done = simulate(
+        model.profiles,
+        model.table,
+        case.blocks,
+        case.engine,
+        seed=model.seed,
+        rocks_per_line=replicates,
+        line_keys=model.rock_lines.keys,
+        starts=case.start,
+        control_lines=model.rock_lines.control_lines,
+        effects=model.effects,
+        forest=model.forest,
+    )
+    axes = np.stack([done.rocks[f] for f in ("a_m", "b_m", "c_m")], axis=1)
+    axes = axes.reshape(n, replicates, 3)
+    rows = done.passages
+    at, ground, way = passages_of(
+        model.rock_lines.unforested, rows, rows["line"], rows["rock"], axes, m
+    )
+    off = ~np.isfinite(case.station_s) | (case.station_s <= case.start[:, 1:2])
+    at.came[np.broadcast_to(off[:, None, :], at.came.shape)] = np.nan
+    runout, stops, largest = ends_of(done, n, replicates, model.rock_lines.end)
+    return FreeRun(at, ground, way, runout, stops, largest, axes)
+
+
+def passages_of(
+    profiles: ProfileSet,
+    rows: NDArray[np.void],
+    rock: IntArray,
+    draw: IntArray,
+    axes: FloatArray,
+    n_stations: int,
+) -> tuple[AtStations, BoolArray, FloatArray]:
+    """Passages as arrays by rock, replicate and station; of a rock and its pieces the rock's."""
+    n, k, _ = axes.shape
+    speed, rotation, height = (np.full((n, k, n_stations), np.nan) for _ in range(3))
+    came = np.zeros((n, k, n_stations))
+    ground = np.zeros((n, k, n_stations), bool)
+    way = np.full((n, k, n_stations), np.nan)
+    # The rock's own rows come before those of its pieces.
+    rows, rock, draw = rows[::-1], rock[::-1], np.asarray(draw, np.int64)[::-1]
+    control_line = rows["control_line"].astype(np.int64)
+    dip = dips_at(profiles, rock, rows["chainage_m"])
+    on_ground = rows["height_m"] <= 0.0
+    a, b = axes[rock, draw, 0], axes[rock, draw, 1]
+    # A rolling rock turns about its centre at the mean radius; flights are counted from b.
+    round_ = 0.5 * (a + b)
+    rest = np.where(on_ground, round_, b) / np.cos(dip)
+    place = (rock, draw, control_line)
+    speed[place] = rows["speed_mps"]
+    rotation[place] = rows["rotation_hz"]
+    height[place] = rows["height_m"] + rest
+    came[place] = 1.0
+    ground[place] = on_ground
+    way[place] = np.arctan2(rows["vz_mps"], rows["vx_mps"]) - dip
+    return AtStations(speed, rotation, height, came), ground, way
+
+
+def ends_of(
+    done: Simulated, n: int, replicates: int, end: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Run-out of the largest block, number of blocks and share of the largest."""
+    rocks, pieces = done.rocks, done.pieces
+    runout = rocks["runout_m"].copy()
+    mass = np.where(rocks["reason"] == StopReason.BROKEN, 0.0, rocks["mass_kg"])
+    stops = (mass > 0.0).astype(float)
+    for piece in pieces[pieces["reason"] != StopReason.BROKEN]:
+        i = int(piece["line"]) * replicates + int(piece["rock"])
+        stops[i] += 1.0
+        if piece["mass_kg"] > mass[i]:
+            mass[i], runout[i] = piece["mass_kg"], piece["runout_m"]
+    shape = (n, replicates)
+    capped = np.minimum(runout.reshape(shape), end[:, None])
+    return capped, stops.reshape(shape), (mass / rocks["mass_kg"]).reshape(shape)
+
+
+def free_run_residuals(
+    case: Case, model: RunModel, seen: AtStations, run: FreeRun, *, rng: np.random.Generator
+) -> list[Residual]:
+    """Residuals of runs from the release: stations, sides, run-out and blocks."""
+    found: list[Residual] = []
+    mean_s = _column_means(case.station_s)
+    for k, name in enumerate(case.station_names):
+        where = (mean_s[k], mean_s[k])
+        found += residuals_at_station(case, seen, run, run.at, k, name, "free run", where)
+    sides = model.effects.get(LateralDeflection) is None
+    error = errors_of(case)
+    # The fall line starts where the rock was seen to start, and is known to half a cell.
+    side_error = math.hypot(math.sqrt(2.0) * error.position_m, 0.5 * case.grid.cell_size)
+    passages = observed_campaign(case).passages
+    if sides and passages is not None:
+        lateral = np.full((case.n_rocks, len(case.station_names)), np.nan)
+        own = np.flatnonzero((passages.rock >= 0) & (passages.kind == 0))[::-1]
+        lateral[passages.rock[own], passages.station[own]] = passages.lateral_m[own]
+        for k, name in enumerate(case.station_names):
+            phase = _phase(case, run, seen, k)
+            found += _sides(lateral[:, k], name, phase, (mean_s[k], mean_s[k]), side_error)
+    runout, aside_end, stops, largest = observed_end(case)
+    if np.isfinite(runout).any():
+        span = (float(np.nanmin(runout)), float(np.nanmax(runout)))
+        predicted = run.runout_m + error.position_m * rng.standard_normal(run.runout_m.shape)
+        found.append(
+            Residual(
+                "all", "stopping", "runout_m", "free run", runout, mean_of_draws(predicted), *span
+            )
+        )
+        away, usual, score = spread(runout, predicted)
+        found.append(
+            Residual("all", "stopping", "runout_m_spread", "free run", away, usual, *span, score)
+        )
+        if sides:
+            found += _sides(aside_end, "all", "stopping", span, side_error)
+        found += [
+            Residual("all", "impact", name, "free run", values, mean_of_draws(draws), *span)
+            for name, values, draws in (
+                ("stops_per_rock", stops, run.stops),
+                ("largest_share", largest, run.largest),
+            )
+        ]
+    return found
+
+
+def _sides(
+    lateral: FloatArray,
+    place: str,
+    phase: str,
+    span: tuple[float, float],
+    error: float,
+) -> list[Residual]:
+    """Lateral offset from the fall line, which a plane model cannot leave; mean and scatter."""
+    none = np.where(np.isfinite(lateral), 0.0, np.nan)
+    size = np.abs(lateral)
+    usual = error * math.sqrt(2.0 / math.pi)
+    return [
+        # Rocks of one release share the error of their fall line, which is no error of theirs.
+        Residual(
+            place, phase, "lateral_m", "free run", lateral, none, *span, beyond(lateral, error)
+        ),
+        Residual(
+            place, phase, "lateral_m_spread", "free run", size, none + usual, *span,
+            only_above(size - usual),
+        ),
+    ]  # fmt: skip
+
+
+def residuals_at_station(
+    case: Case,
+    seen: AtStations,
+    run: FreeRun,
+    predicted: AtStations,
+    k: int,
+    place: str,
+    test: str,
+    span: tuple[float, float],
+) -> list[Residual]:
+    """Speed, rotation, height and share that comes, at one station."""
+    phase = _phase(case, run, seen, k)
+    found = []
+    for name in ("speed_mps", "rotation_hz", "height_m"):
+        draws = getattr(predicted, name)[:, :, k]
+        found.append(
+            Residual(place, phase, name, test, getattr(seen, name)[:, k], mean_of_draws(draws),
+                     *span)
+        )  # fmt: skip
+    came = mean_of_draws(predicted.came[:, :, k])
+    found.append(Residual(place, "stopping", "arrived", test, seen.came[:, k], came, *span))
+    return found
+
+
+def _phase(case: Case, run: FreeRun, seen: AtStations, k: int) -> str:
+    """Whether most rocks fly or roll where they pass a station."""
+    dip = dips_at(case.profiles, np.maximum(case.line, 0), np.nan_to_num(case.station_s[:, k]))
+    above = seen.height_m[:, k] - run.axes_m[:, :, 1].mean(axis=1) / np.cos(dip)
+    if not np.isfinite(above).any():
+        above = run.at.height_m[:, :, k] - run.axes_m[:, :, 1] / np.cos(dip)[:, None]
+    known = above[np.isfinite(above)]
+    return "flight" if known.size and np.median(known) > FLYING_M else "rolling"
+
+
+def _column_means(values: FloatArray) -> list[float]:
+    return [
+        float(column[np.isfinite(column)].mean()) if np.isfinite(column).any() else math.nan
+        for column in values.T
+    ]

@@ -1,0 +1,231 @@
+"""The calibrated model of a diagnosis, to run again."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+import sassgis
+from sassgis.gap.diagnosis import Diagnosis
+from sassgis.gap.observations.case import Case
+from sassgis.gap.words import (
+    effect_name,
+)
+from sassgis.io.read.checked import is_preset_file
+from sassgis.io.read.config import declared_sections, load_config
+from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.write.geopackage import write_geopackage
+from sassgis.io.write.layers.gap_map import stand_layer
+from sassgis.io.write.staging import writing
+from sassgis.model.declared import declared, is_file
+from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.settings import ForestPlace
+
+#: Files of the calibrated model, beside its configuration.
+CLASSES_NAME = "ground_classes.csv"
+FOREST_NAME = "forest.gpkg"
+
+
+#: Keys that name files, by section; the keys of ``[[...]]`` are those of each entry.
+FILE_KEYS: Mapping[str, tuple[str, ...]] = {
+    name: tuple(key for key, own in keys.items() if is_file(own.kind))
+    for name, keys in declared_sections().items()
+}
+
+
+def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case: Case) -> Path:
+    """Write the user's configuration with the calibrated ground and the named effect.
+
+    A ground-class table and, for fitted trees, a forest are written beside it. Files that the
+    configuration names are named relative to the new place.
+
+    Parameters
+    ----------
+    path : Path
+        The new TOML file; its folder is made.
+    config_file : Path
+        The configuration that was diagnosed.
+    diagnosis : Diagnosis
+    case : Case
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ConfigError, InputError
+        If the result could not be used in a run.
+    OutputError
+        If the disk is full or not writable.
+    """
+    calibrated = diagnosis.effect
+    document = tomllib.loads(config_file.read_bytes().decode("utf-8-sig"))
+    # Symbolic links are followed: the way up from the new place counts real folders.
+    base, place = Path(os.path.realpath(config_file)).parent, Path(os.path.realpath(path)).parent
+    _move_paths(document, base, place)
+    document.setdefault("ground", {})["classes"] = CLASSES_NAME
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    effects = document.setdefault("effects", {})
+    for family, section in calibrated.sections.items():
+        own = {k: _toml_ready(v) for k, v in section.items() if v is not None}
+        if family == "trees":
+            given, known = effects.get(family, {}), declared(ForestPlace)
+            stands = {k: v for k, v in given.items() if k in known}
+            own = {**stands, **own}
+        effects[family] = own
+    stand = stand_layer(case, calibrated)
+    if stand is not None:
+        write_geopackage(path.parent / FOREST_NAME, [stand])
+        trees = effects.setdefault("trees", {})
+        for key in declared(ForestPlace):
+            trees.pop(key, None)
+        trees |= {
+            "file": FOREST_NAME,
+            "layer": stand.name,
+            "stems_field": "stems_per_ha",
+            "dbh_field": "dbh_cm",
+        }
+    if not effects:
+        del document["effects"]
+    bundled = (
+        "lateral_deflection" in effects and document.get("spread", {}).get("lines_per_point", 1) > 1
+    )
+    if bundled:
+        # One or the other: both would spread the rocks twice.
+        del document["spread"]
+    _write_text(path.parent / CLASSES_NAME, _classes_csv(calibrated.table, case.table, diagnosis))
+    _write_text(
+        path,
+        _comments(diagnosis, config_file, stand is not None, bundled) + tomli_w.dumps(document),
+    )
+    # What cannot be run again is reported now, not in the next run.
+    config = load_config(path)
+    read_ground_table(config.ground.classes)
+    return path
+
+
+def _write_text(path: Path, text: str) -> None:
+    with writing(path):
+        path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _comments(diagnosis: Diagnosis, config_file: Path, stand: bool, bundled: bool) -> str:
+    verdict = diagnosis.verdict
+    named = verdict.effect not in ("none", "unknown")
+    lines = [
+        f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_file.name} and "
+        f"observations of {diagnosis.rocks} rocks.",
+        "Ground classes are calibrated to these observations (" + CLASSES_NAME + ").",
+    ]
+    if not named:
+        lines.append(
+            "No effect was named: the model is that of the configuration, calibrated."
+            if verdict.effect == "none"
+            else "No known effect explains the gap: the model is calibrated, and a gap is left."
+        )
+    elif not diagnosis.effect.sections:
+        lines.append(
+            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}. "
+            "That is not a part of the motion, so nothing was added to the model."
+        )
+    else:
+        lines.append(
+            f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}; "
+            "section [effects." + "], [effects.".join(diagnosis.effect.sections) + "] is fitted."
+        )
+        if len(verdict.confusion_set) > 1:
+            lines.append(
+                "The observations do not separate: "
+                + ", ".join(effect_name(e) for e in verdict.confusion_set)
+                + "."
+            )
+    if stand:
+        lines.append(
+            f"The forest ({FOREST_NAME}) is where the observations ask for one, along the fall "
+            "lines of the observed rocks; it was not surveyed."
+        )
+    if bundled:
+        lines.append(
+            "Section [spread] is left out: a bundle of lines does not go with lateral deflection."
+        )
+    lines += [
+        "Calibrated for this slope and rocks of these sizes; elsewhere it is untested.",
+        "Comments of the original file are not copied.",
+    ]
+    return "".join(f"# {line}\n" for line in lines) + "\n"
+
+
+def _move_paths(document: dict[str, Any], base: Path, place: Path) -> None:
+    """Name the files of a configuration in ``base`` as seen from the folder ``place``."""
+
+    def moved(value: str) -> str:
+        file = Path(base, Path(value).expanduser())
+        try:
+            return Path(os.path.relpath(file, place)).as_posix()
+        except ValueError:  # On another drive (Windows).
+            return file.as_posix()
+
+    def change(section: Any, keys: Sequence[str]) -> None:
+        for entry in section if isinstance(section, list) else [section]:
+            for key in keys:
+                if isinstance(entry, dict) and isinstance(entry.get(key), str):
+                    entry[key] = moved(entry[key])
+
+    for name, keys in FILE_KEYS.items():
+        section, _, effect = name.partition(".")
+        table = document.get(section)
+        change(table.get(effect) if effect and isinstance(table, dict) else table, keys)
+    preset = document.get("hazard", {}).get("preset")
+    # As the configuration distinguishes a file from the name of a built-in preset.
+    if isinstance(preset, str) and is_preset_file(preset):
+        document["hazard"]["preset"] = moved(preset)
+
+
+_CLASS_COLUMNS = ("name", "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
+
+
+def _classes_csv(table: GroundTable, configured: GroundTable, diagnosis: Diagnosis) -> str:
+    before = {c.name: c for c in configured.classes}
+    out = io.StringIO()
+    rows = csv.writer(out, lineterminator="\n")
+    rows.writerow((*_CLASS_COLUMNS, "source", "verified"))
+    for own in table.classes:
+        numbers = [f"{getattr(own, c):.6g}" for c in _CLASS_COLUMNS[1:]]
+        changed = _changes(before.get(own.name), own)
+        source, verified = own.source, own.verified
+        if changed:
+            verified = False
+            source = (
+                f"Calibrated to observations of {diagnosis.rocks} rocks (sassgis gap diagnose); "
+                f"before: {changed}."
+            )
+        rows.writerow((own.name, *numbers, source, "true" if verified else "false"))
+    return out.getvalue()
+
+
+def _changes(old: GroundClass | None, new: GroundClass) -> str:
+    if old is None:
+        return ""
+    pairs = [(c, getattr(old, c), getattr(new, c)) for c in _CLASS_COLUMNS[1:]]
+    return ", ".join(f"{c} {a:g}" for c, a, b in pairs if a != b)
+
+
+def _toml_ready(value: Any) -> Any:
+    """A value of a section without numpy's types, numbers to six digits."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, list | tuple):
+        return [_toml_ready(v) for v in value]
+    return value

@@ -1,0 +1,221 @@
+"""What a diagnosis answers, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from sassgis.gap.diagnosis import Diagnosis, GapFinding, Hypothesis, Shrinkage
+from sassgis.gap.words import (
+    effect_name,
+    effect_phrase,
+    place_words,
+    quantity_name,
+    significance,
+    tested_by,
+    with_unit,
+)
+from sassgis.report.page import (
+    ReportAnswer,
+    sensible,
+)
+
+#: Findings that are stated in a sentence.
+_STATED = 4
+#: What the map shows, if it differs from chance somewhere: reach and energy before the rest.
+MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "lateral_m")
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The answer in one or two sentences."""
+    verdict = diagnosis.verdict
+    sure = f"Confidence {100 * verdict.confidence:.0f} %."
+    if verdict.effect == "none":
+        return (
+            "No effect has to be added: once the ground is calibrated, what is left between "
+            f"observed and simulated rocks is no more than chance among {diagnosis.rocks} rocks. "
+            f"{sure}"
+        )
+    if verdict.effect == "unknown":
+        return (
+            "There is a gap that calibrating the ground does not close, and none of the known "
+            f"effects can be named as its cause. {sure}"
+        )
+    return f"The gap is best explained by {effect_phrase(verdict.effect)}. {sure}"
+
+
+def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
+    """What the diagnosis says, in sentences."""
+    return (
+        _why(diagnosis),
+        _confused(diagnosis),
+        _where(diagnosis.where),
+        _how_far(diagnosis.shrinkage, diagnosis.verdict.effect),
+        ReportAnswer("What these data do not identify", (), diagnosis.not_identifiable),
+    )
+
+
+def _why(diagnosis: Diagnosis) -> ReportAnswer:
+    verdict = diagnosis.verdict
+    out = [_sentence(verdict.reason)] if verdict.reason else []
+    if verdict.phase or verdict.segments:
+        place = " and ".join(place_words(s) for s in verdict.segments)
+        acts = f"It acts in the phase “{verdict.phase}”" if verdict.phase else "It acts"
+        out.append(f"{acts}{' ' + place if place else ''}.")
+    share = round(100 * verdict.confidence)
+    out.append(
+        f"A confidence of {share} % is cautious: it is set so that on synthetic slopes whose cause "
+        "is known answers with 60 % and more are right nine times in ten (whether they were: "
+        "docs/gap_check.md). No real slope is like those: take it as what to look at first, not as "
+        "found."
+    )
+    named = hypothesis_of(diagnosis.which, verdict.effect)
+    if named is not None and verdict.effect not in ("none", "unknown"):
+        interval = (
+            f"(95 % interval {interval_text(named.ci95)}; the score of the calibrated base model "
+            f"is {sensible(named.score + named.gain)})"
+        )
+        if named.gain > 0.0:
+            gain = sensible(named.gain)
+            out.append(f"With it, single rocks left out are predicted better by {gain} {interval}.")
+        else:
+            out.append(
+                f"Single rocks left out are not predicted better with it {interval}: what speaks "
+                "for it are patterns over all rocks, such as trends, scatter and single impacts."
+            )
+    return ReportAnswer("How sure this is", tuple(out))
+
+
+def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None:
+    """The hypothesis of an effect; None if it was not tried."""
+    return next((c for c in which if c.effect == effect), None)
+
+
+def _confused(diagnosis: Diagnosis) -> ReportAnswer:
+    verdict = diagnosis.verdict
+    others = [e for e in verdict.confusion_set if e != verdict.effect]
+    if not others:
+        sentences = ["None of the other explanations that were tried remains possible."]
+    else:
+        sentences = [
+            "These data do not separate it from: " + ", ".join(effect_name(e) for e in others) + "."
+        ]
+    if diagnosis.measure_next and others:
+        sentences.append("What would separate them:")
+    elif diagnosis.measure_next:
+        sentences.append("What would make it surer:")
+    return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)
+
+
+def finding_sentence(finding: GapFinding) -> str:
+    """A finding as a reader wants it: where, what, how much, how sure."""
+    more = "more" if finding.gap > 0.0 else "less"
+    low, high = sorted(abs(v) for v in finding.ci95)
+    both = finding.ci95[0] * finding.ci95[1] > 0.0
+    span = (
+        f"{sensible(low, 2)} to {sensible(high, 2)}"
+        if both
+        else interval_text(finding.ci95, digits=2)
+    )
+    place = place_words(finding.place)
+    return (
+        f"{capital(quantity_name(finding.quantity))} {place}: observed "
+        f"{with_unit(sensible(finding.observed), finding.unit)}, predicted "
+        f"{with_unit(sensible(finding.predicted), finding.unit)}, that is "
+        f"{with_unit(sensible(abs(finding.gap), 2), finding.unit)} {more} "
+        f"(95 % interval {span}; {finding.rocks} rocks; {tested_by(finding.test)}; "
+        f"p {p_text(finding.p_adjusted)})."
+    )
+
+
+def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
+    heading = "Where the gap lies"
+    if not findings:
+        return ReportAnswer(heading, ("Nothing could be compared place by place.",))
+    sure = [f for f in findings if significance(f) == "sure"]
+    likely = [f for f in findings if significance(f) == "likely"]
+    if not sure:
+        text = (
+            f"Of {len(findings)} comparisons by place, phase and quantity none differs by more "
+            "than chance would let one of so many differ: the gap, if there is one, cannot be "
+            "placed."
+        )
+        if likely:
+            text += f" {len(likely)} are likely (see the figure)."
+        return ReportAnswer(heading, (text,))
+    stated = _one_per_quantity(sure)[:_STATED]
+    text = (
+        f"{len(sure)} of {len(findings)} comparisons differ by more than chance would let one of "
+        "so many differ"
+        + (f", {len(likely)} more are likely" if likely else "")
+        + (". The most certain, one of each quantity:" if len(sure) > len(stated) else ":")
+    )
+    return ReportAnswer(heading, (text,), tuple(finding_sentence(f) for f in stated))
+
+
+def _one_per_quantity(findings: Iterable[GapFinding]) -> list[GapFinding]:
+    """The most certain finding of each quantity; those that matter most for the hazard first."""
+    found: dict[str, GapFinding] = {}
+    for finding in sorted(findings, key=lambda f: f.p_adjusted):
+        found.setdefault(finding.quantity, finding)
+    order = [q for q in MATTERS if q in found] + [q for q in found if q not in MATTERS]
+    return [found[q] for q in order]
+
+
+def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
+    heading = "How far the gap shrinks"
+    left = (
+        f"Energy distance to the observed rocks: {sensible(shrinkage.distance_base)} with the "
+        f"calibrated base model, {sensible(shrinkage.distance_effect)} with "
+        f"{effect_name(shrinkage.effect)}, {sensible(shrinkage.distance_floor)} is the least that "
+        "chance leaves."
+    )
+    note = (_sentence(shrinkage.note),) if shrinkage.note else ()
+    if effect in ("none", "unknown") and shrinkage.effect in ("none", "unknown", ""):
+        base = (
+            f"No effect was named that could be added. The energy distance of the calibrated base "
+            f"model to the observed rocks is {sensible(shrinkage.distance_base)}; "
+            f"{sensible(shrinkage.distance_floor)} is the least that chance leaves."
+        )
+        return ReportAnswer(heading, (base, *note))
+    if shrinkage.value is None:
+        first = (
+            "By what share the gap shrinks is not given, as the gap itself is not surely above "
+            "what chance leaves."
+        )
+    else:
+        span = (
+            ""
+            if shrinkage.ci95 is None
+            else f" (95 % interval {_share(shrinkage.ci95[0])} to {_share(shrinkage.ci95[1])})"
+        )
+        first = (
+            f"With {effect_name(shrinkage.effect)} added, {_share(shrinkage.value)} of the gap "
+            f"that is not chance closes{span}, on rocks that were not used to fit it."
+        )
+    return ReportAnswer(heading, (first, left, *note))
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    text = capital(text)
+    return text if text.endswith((".", "!", "?")) else text + "."
+
+
+def capital(text: str) -> str:
+    """A text with its first letter as a capital."""
+    return text[:1].upper() + text[1:]
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.0f} %".replace("-", "\u2212")
+
+
+def interval_text(span: tuple[float, float], digits: int = 3) -> str:
+    """An interval, low to high."""
+    # Not to be broken at the end of a line.
+    return f"{sensible(span[0], digits)}\u00a0to\u00a0{sensible(span[1], digits)}"
+
+
+def p_text(value: float) -> str:
+    """A p-value, or that it is below a thousandth."""
+    return "< 0.001" if value < 0.001 else f"{value:.2g}"

@@ -1,0 +1,71 @@
+"""The side of a check that knows the truth: it makes cases, labels and fresh rocks."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+from sassgis.gap.check.labels import label_of
+from sassgis.gap.check.worlds import World, WorldSpec, fresh_rocks, make_world, observe, setup
+from sassgis.io.write.gap_case_files import folder_digest, write_case, write_observations
+
+#: The campaign that is observed; fresh rocks are another one.
+_CAMPAIGN = 0
+
+
+def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, Any]:
+    """Make a world, and write what its observers have and know.
+
+    Parameters
+    ----------
+    spec : WorldSpec
+    seed : int
+    case : str
+        Number of the site, which says nothing.
+    folder : str
+        Of the case.
+
+    Returns
+    -------
+    dict
+        ``label`` (see ``label_of``) and ``digest`` of the files.
+    """
+    world = make_world(spec, seed)
+    write_world(world, Path(folder), case, spec.kind, spec.n_rocks)
+    return {"label": label_of(world, case), "digest": folder_digest(Path(folder))}
+
+
+def write_world(world: World, folder: Path, case: str, kind: str, n_rocks: int) -> None:
+    """Release rocks in a synthetic site and write what its observers have and know."""
+    seen = observe(world, kind, n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
+    known = setup(world)
+    write_case(
+        folder,
+        title=f"World {case}",
+        dem=known.dem,
+        class_names=known.class_names,
+        class_codes=known.class_codes,
+        releases=known.releases,
+        blocks=known.blocks,
+        tables=seen.tables,
+        metadata=seen.metadata,
+    )
+
+
+def make_label(spec: WorldSpec, seed: int, case: str) -> dict[str, Any]:
+    """The label alone, from a world that is made anew."""
+    return label_of(make_world(spec, seed), case)
+
+
+def make_fresh(spec: WorldSpec, seed: int, rocks: int, folder: str) -> None:
+    """Release fresh rocks in a site that is made anew, and write what a case of it shows.
+
+    Of the same kind of observations as the case: the same quantities are compared.
+    """
+    world = make_world(spec, seed)
+    fresh = fresh_rocks(world, rocks)
+    names = observe(world, spec.kind, 1, _CAMPAIGN).tables  # type: ignore[arg-type]
+    shutil.rmtree(folder, ignore_errors=True)
+    tables = {name: table for name, table in fresh.tables.items() if name in names}
+    write_observations(Path(folder), tables, fresh.metadata)
