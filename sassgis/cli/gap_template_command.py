@@ -11,6 +11,6 @@ import click
 @click.argument("path", type=click.Path(path_type=Path))
 def template(path: Path) -> None:
     """Write empty tables of observations: a .gpkg, or a folder of CSV files."""
-    from sassgis.io.read.observation_files import observations_template
+    from sassgis.io.write.observation_template import observations_template
 
     click.echo(f"Wrote {observations_template(path)}. Leave out what you did not measure.")

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.hazard.assess import Assessment, Rules
+from sassgis.io.staging import writing
 from sassgis.io.write.batch_summary import BatchSummary
-from sassgis.io.write.staging import writing
 from sassgis.model.errors import InputError, OutputError, SassgisError
 from sassgis.model.run_config import Config
 from sassgis.runs.batch_area import AREAS_NAME, kept_areas, read_setting, run_area

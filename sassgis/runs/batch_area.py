@@ -20,7 +20,7 @@ from sassgis.io.read.features import Feature
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
-from sassgis.io.write.staging import staged_output
+from sassgis.io.staging import staged_output
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid

@@ -15,7 +15,7 @@ from sassgis.hazard.warnings import simulation_warnings
 from sassgis.io.read.ground_map import built_in_table, ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
-from sassgis.io.write.staging import staged_output, writing
+from sassgis.io.staging import staged_output, writing
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.release_areas import ReleaseArea

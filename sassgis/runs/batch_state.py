@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
 from sassgis.io.read.tiles import Part, Terrain
-from sassgis.io.write.staging import MANIFEST_NAME, writing
+from sassgis.io.staging import MANIFEST_NAME, writing
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import FallLines, MapRun

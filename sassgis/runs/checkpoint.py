@@ -20,7 +20,7 @@ from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
-from sassgis.io.write.staging import CHECKPOINT_STEM, writing
+from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.map_run import FallLines, MapRun, Rows
 from sassgis.model.results import ControlLine
 

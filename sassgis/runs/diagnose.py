@@ -65,9 +65,9 @@ from sassgis.io.read.gap_thresholds import (
     read_thresholds,
     thresholds_of,
 )
+from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.io.write.program import program_digest
-from sassgis.io.write.staging import CHECKPOINT_STEM, staged_output
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.run_config import Config
 from sassgis.runs.fresh_shrinkage import ENSEMBLE

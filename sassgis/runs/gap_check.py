@@ -26,9 +26,9 @@ from sassgis.gap.check.labels import blinding_hash, labels_text, truth_of
 from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool
 from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
+from sassgis.io.staging import partial_folder, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.io.write.program import program_digest
-from sassgis.io.write.staging import partial_folder, writing
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
 

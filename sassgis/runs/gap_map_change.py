@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.io.read.config import load_config, resolved
+from sassgis.io.staging import staged_output
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
-from sassgis.io.write.staging import staged_output
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.results import Band, RasterLayer

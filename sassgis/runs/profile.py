@@ -17,7 +17,7 @@ from sassgis.hazard.warnings import profile_warnings
 from sassgis.io.read.config import load_config, profile_control_lines
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
-from sassgis.io.write.staging import staged_output
+from sassgis.io.staging import staged_output
 from sassgis.model import rng
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray

@@ -17,6 +17,7 @@ from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerGroup
 from sassgis.io.qgis.run_project import write_run_project, zone_groups, zone_layouts
 from sassgis.io.read.config import resolved, settings_hash
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import (
     passage_frame,
     profile_passage_frame,
@@ -24,7 +25,7 @@ from sassgis.io.write.frames import (
     rock_frame,
     write_table,
 )
-from sassgis.io.write.geopackage import VectorLayer, write_geopackage
+from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers import run_vectors
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.maps import map_layers

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sassgis.hazard.progress import Progress
-from sassgis.io.write.staging import staged_output
+from sassgis.io.staging import staged_output
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config

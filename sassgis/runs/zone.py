@@ -13,7 +13,7 @@ from sassgis.hazard.curves import at_energies
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.objects import object_cells
-from sassgis.io.write.staging import staged_output
+from sassgis.io.staging import staged_output
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config

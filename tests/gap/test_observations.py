@@ -28,10 +28,10 @@ from sassgis.gap.observations.tables import (
 )
 from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Rocks, Trajectories
 from sassgis.io.read.observation_files import (
-    observations_template,
     read_observations,
     validate_observations,
 )
+from sassgis.io.write.observation_template import observations_template
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.grid import Grid
 

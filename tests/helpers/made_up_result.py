@@ -18,7 +18,8 @@ from sassgis.hazard.zone_styles import (
 )
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
-from sassgis.io.write.geopackage import VectorLayer, write_geopackage
+from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.raster import write_raster
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance

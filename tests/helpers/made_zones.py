@@ -8,7 +8,7 @@ from typing import Any
 import shapely
 from shapely.geometry import MultiPolygon, Polygon, box
 
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.federal import (
     IntensityZones,
     SourceZones,

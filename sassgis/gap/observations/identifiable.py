@@ -109,15 +109,21 @@ def what_is_identifiable(observations: Observations) -> Identifiable:
     unattributed = sum(
         int((observations.rock_of(table) < 0).sum()) for table in ("passages", "deposits")
     )
-    told = Identifiable(len(observations.rock_names), unattributed, tuple(quantities), ())
-    return replace(told, not_identifiable=tuple(_cannot_tell(observations, told)))
+    found = Identifiable(len(observations.rock_names), unattributed, tuple(quantities), ())
+    return replace(found, not_identifiable=tuple(_not_identifiable(observations, found)))
 
 
-def _cannot_tell(observations: Observations, told: Identifiable) -> Iterable[str]:
+def _not_identifiable(observations: Observations, found: Identifiable) -> Iterable[str]:
+    """What the data cannot show, for lack of a table or a column, in sentences."""
+    yield from _missing_of_releases(observations, found)
+    yield from _missing_at_stations(observations, found)
+    yield from _missing_on_the_path(found)
+    yield from _missing_of_rocks(observations)
+
+
+def _missing_of_releases(observations: Observations, found: Identifiable) -> Iterable[str]:
     rocks = observations.rocks
-    masses = rock_masses_kg(observations)
-    known = masses[np.isfinite(masses)]
-    yield _sample_size(told.rocks)
+    yield _sample_size(found.rocks)
     if not len(rocks):
         yield (
             "No table of rocks: which block is a piece and which belongs to no release is not "
@@ -128,38 +134,50 @@ def _cannot_tell(observations: Observations, told: Identifiable) -> Iterable[str
             "No release points: rocks have no fall line of their own, and an error of the release "
             "cannot be distinguished from one of the motion."
         )
-    if not told.has("release_speed_mps"):
+    if not found.has("release_speed_mps"):
         yield "No release speeds: a wrong initial speed can only be inferred from further down."
-    if not len(observations.stations) or not told.has("speed_mps", "passages"):
+
+
+def _missing_at_stations(observations: Observations, found: Identifiable) -> Iterable[str]:
+    if not len(observations.stations) or not found.has("speed_mps", "passages"):
         yield (
             "No speeds at stations: the slope cannot be cut into reaches, and where between the "
             "release and the stop a gap begins is not known."
         )
     elif len(observations.stations) == 1:
         yield "One station: a gap lies above or below it, no closer than that."
-    if told.has("speed_mps", "passages") and not told.has("rotation_hz", "passages"):
+    if found.has("speed_mps", "passages") and not found.has("rotation_hz", "passages"):
         yield "No rotation at stations: spin and the energy in it are not compared."
-    if told.has("speed_mps", "passages") and not told.has("height_m"):
+    if found.has("speed_mps", "passages") and not found.has("height_m"):
         yield "No heights at stations: flying and rolling passages are not kept apart."
-    if not told.has("energy_kept"):
+
+
+def _missing_on_the_path(found: Identifiable) -> Iterable[str]:
+    if not found.has("energy_kept"):
         yield (
             "No velocities before and after impacts: whether energy is lost in impacts, in flight "
             "or in rolling is not seen directly, and soft ground, roughness and trees are kept "
             "apart by their trends down the slope alone."
         )
-    elif not told.has("spin_out_radps"):
+    elif not found.has("spin_out_radps"):
         yield "No spin before and after impacts: slip at the contact is not seen."
-    if not told.has("runout_m"):
+    if not found.has("runout_m"):
         yield "No deposits: run-out, its spread and stopping are not compared."
-    elif not (told.has("block_mass_kg") or told.has("block_volume_m3")):
+    elif not (found.has("block_mass_kg") or found.has("block_volume_m3")):
         yield "No sizes of deposited blocks: whether pieces sum up to their rock is not known."
-    if not (told.has("lateral_m") or told.has("turn_deg") or told.has("path_m")):
+    if not (found.has("lateral_m") or found.has("turn_deg") or found.has("path_m")):
         yield "No positions beside the fall line: lateral deflection is not seen."
-    if not told.has("flight_fit"):
+    if not found.has("flight_fit"):
         yield (
             "No trajectories in time: air drag and a wrong time base or scale of the measurement "
             "are not seen in flight."
         )
+
+
+def _missing_of_rocks(observations: Observations) -> Iterable[str]:
+    rocks = observations.rocks
+    masses = rock_masses_kg(observations)
+    known = masses[np.isfinite(masses)]
     if known.size < 3:
         yield "Fewer than three rocks with a mass: effects that go with mass are not identifiable."
     elif float(np.std(np.log(known))) < 0.1:

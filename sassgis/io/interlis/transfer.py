@@ -24,6 +24,7 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from sassgis.io.interlis.mapping import ClassPlan, Slot, code_of, default_plan, plan_of
 from sassgis.io.interlis.validation import ValidationResult, check_xtf, validate_xtf
 from sassgis.io.interlis.xtf_document import XtfObject, document
+from sassgis.io.staging import MANIFEST_NAME, writing
 from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_CLASSES,
@@ -37,7 +38,6 @@ from sassgis.io.write.layers.federal_values import (
     checked_values,
     surface_parts,
 )
-from sassgis.io.write.staging import MANIFEST_NAME, writing
 from sassgis.model.errors import ConfigError, InputError, OutputError
 
 __all__ = ["ExportResult", "XtfSummary", "export_xtf", "validate_xtf", "write_xtf"]

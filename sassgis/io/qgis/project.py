@@ -21,8 +21,8 @@ from sassgis.io.qgis.markup import QGIS_VERSION, document
 from sassgis.io.qgis.raster_style import raster_style_elements
 from sassgis.io.qgis.sheet_legend import ShownLayer
 from sassgis.io.qgis.vector_style import vector_style_elements
-from sassgis.io.write.geopackage import VectorLayer
-from sassgis.io.write.staging import writing
+from sassgis.io.staging import writing
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.results import RasterLayer
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)

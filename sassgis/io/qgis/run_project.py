@@ -13,7 +13,7 @@ from sassgis.hazard.rules import preset_unverified
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.grid import Grid
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer

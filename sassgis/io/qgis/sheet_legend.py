@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 from sassgis.io.qgis.markup import options
 from sassgis.io.qgis.text_size import text_height, wrapped
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import HILLSHADE, class_labels, class_name
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from sassgis.io.write.staging import writing
+from sassgis.io.staging import writing
 
 _NOT_RUN, _SKIPPED = "not run", "skipped: "
 

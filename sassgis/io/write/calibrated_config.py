@@ -22,9 +22,9 @@ from sassgis.gap.words import (
 from sassgis.io.read.checked import is_preset_file
 from sassgis.io.read.config import declared_sections, load_config
 from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.staging import writing
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import stand_layer
-from sassgis.io.write.staging import writing
 from sassgis.model.declared import declared, is_file
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.settings import ForestPlace

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from sassgis.hazard.along_profile import ProfileResult
-from sassgis.io.write.staging import writing
+from sassgis.io.staging import writing
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import MapRun, Rows

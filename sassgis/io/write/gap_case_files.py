@@ -17,7 +17,7 @@ import rasterio
 from numpy.typing import NDArray
 from rasterio.transform import from_origin
 
-from sassgis.io.write.staging import writing
+from sassgis.io.staging import writing
 from sassgis.model.grid import FloatArray, Grid
 
 __all__ = ["CONFIG_NAME", "OBSERVATIONS_NAME", "folder_digest", "write_case", "write_observations"]

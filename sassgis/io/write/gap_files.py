@@ -8,6 +8,7 @@ from pathlib import Path
 import sassgis
 from sassgis.gap.diagnosis import Diagnosis, as_json
 from sassgis.gap.observations.case import Case
+from sassgis.io.staging import writing
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import (
     fall_line_layer,
@@ -19,7 +20,6 @@ from sassgis.io.write.layers.gap_map import (
     stop_layer,
 )
 from sassgis.io.write.manifest import plain
-from sassgis.io.write.staging import writing
 
 
 def write_diagnosis_json(path: Path, diagnosis: Diagnosis) -> Path:

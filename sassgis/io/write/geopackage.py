@@ -6,7 +6,6 @@ import sqlite3
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +15,11 @@ import shapely
 
 from sassgis.io.qgis.markup import qml
 from sassgis.io.qgis.vector_style import vector_style_elements
-from sassgis.io.write.staging import writing
+from sassgis.io.staging import writing
+from sassgis.io.vector_layer import KEY_COLUMN, VectorLayer
 from sassgis.model.errors import OutputError
-from sassgis.model.styles import FieldInfo, VectorStyle
-
-__all__ = ["FieldInfo", "VectorLayer", "write_geopackage"]
 
 GEOMETRY_COLUMN = "geom"
-KEY_COLUMN = "fid"
 METADATA_TABLE = "run_metadata"
 #: Stands where GeoPackage wants a time of writing, so that equal input gives equal files; the
 #: time of a run is that of its files.
@@ -32,52 +28,12 @@ FIXED_TIME = "2000-01-01T00:00:00.000Z"
 _SCHEMA_EXTENSION = "http://www.geopackage.org/spec121/#extension_schema"
 
 
-@dataclass(frozen=True)
-class VectorLayer:
-    """A layer of points, lines or areas, with what its columns mean and how it is drawn.
-
-    Attributes
-    ----------
-    name : str
-        Of the table.
-    title : str
-        Name in the legend.
-    description : str
-    frame : GeoDataFrame
-        May be empty; its columns are written all the same.
-    fields : mapping of column to FieldInfo
-    style : VectorStyle
-        Its kind of symbol says which geometries the layer takes.
-    """
-
-    name: str
-    title: str
-    description: str
-    frame: gpd.GeoDataFrame
-    fields: Mapping[str, FieldInfo] = field(default_factory=dict)
-    style: VectorStyle = field(kw_only=True)
-
-    def __post_init__(self) -> None:
-        columns = set(self.columns)
-        if unknown := sorted(set(self.fields) - columns):
-            raise ValueError(f"layer {self.name}: no such column: {', '.join(unknown)}")
-        for used in (self.style.column, self.style.label_column):
-            if used and used not in columns:
-                raise ValueError(f"layer {self.name}: the style needs the column {used}")
-
-    @property
-    def columns(self) -> list[str]:
-        """Columns of the table but the geometry; the key ``fid`` first."""
-        own = [str(name) for name in self.frame.columns if name != self.frame.geometry.name]
-        return [KEY_COLUMN, *own]
-
-    @property
-    def qml(self) -> str:
-        """The style as text, as the table ``layer_styles`` keeps it."""
-        return qml(
-            vector_style_elements(self.style, self.columns, self.fields),
-            labels=bool(self.style.label_column),
-        )
+def layer_qml(layer: VectorLayer) -> str:
+    """The style as text, as the table ``layer_styles`` keeps it."""
+    return qml(
+        vector_style_elements(layer.style, layer.columns, layer.fields),
+        labels=bool(layer.style.label_column),
+    )
 
 
 def write_geopackage(
@@ -221,7 +177,14 @@ def _write_styles(database: sqlite3.Connection, layers: Sequence[VectorLayer]) -
         '"f_geometry_column", "styleName", "styleQML", "styleSLD", "useAsDefault", "description", '
         "\"owner\", \"ui\", \"update_time\") VALUES ('', '', ?, ?, ?, ?, '', 1, ?, '', NULL, ?)",
         [
-            (layer.name, GEOMETRY_COLUMN, layer.name[:30], layer.qml, layer.title, FIXED_TIME)
+            (
+                layer.name,
+                GEOMETRY_COLUMN,
+                layer.name[:30],
+                layer_qml(layer),
+                layer.title,
+                FIXED_TIME,
+            )
             for layer in layers
         ],
     )

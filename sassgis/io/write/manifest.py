@@ -18,7 +18,7 @@ import pyogrio
 import rasterio
 
 import sassgis
-from sassgis.io.write.staging import CHECKPOINT_STEM, MANIFEST_NAME, MARKER_NAME, writing
+from sassgis.io.staging import CHECKPOINT_STEM, MANIFEST_NAME, MARKER_NAME, writing
 from sassgis.model.errors import InputError
 
 MANIFEST_FORMAT = 1

@@ -10,7 +10,7 @@ from rasterio.transform import from_origin
 
 from sassgis.io.qgis.markup import qml
 from sassgis.io.qgis.raster_style import raster_style_elements
-from sassgis.io.write.staging import writing
+from sassgis.io.staging import writing
 from sassgis.model.grid import Grid
 from sassgis.model.ramps import rgb
 from sassgis.model.results import Band, RasterLayer

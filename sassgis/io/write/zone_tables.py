@@ -8,7 +8,7 @@ import pandas as pd
 
 from sassgis.hazard.design import arrivals, quantile, rocks_beyond, value_at_rate
 from sassgis.hazard.sources import Sampled
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.labels import rounded
 from sassgis.model.results import ControlLine
 

@@ -19,8 +19,7 @@ from sassgis.gap.words import (
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.report.figures import relief
 from sassgis.report.figures.gap_figures import GAP_COLOURS, _heading, _note_height
-from sassgis.report.figures.map_marks import footprint
-from sassgis.report.figures.map_marks import draw_release
+from sassgis.report.figures.map_marks import draw_release, footprint
 from sassgis.report.figures.style import (
     INK,
     SMALL,

@@ -15,7 +15,8 @@ import pytest
 from helpers import made_up_result as made_up
 from shapely.geometry import LineString, MultiPolygon, Point, box
 
-from sassgis.io.write.geopackage import VectorLayer, write_geopackage
+from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.geopackage import write_geopackage
 from sassgis.model.errors import OutputError
 from sassgis.model.styles import (
     FALL_LINE_STYLE,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from sassgis.io.write.staging import MARKER_NAME, partial_folder, staged_output, writing
+from sassgis.io.staging import MARKER_NAME, partial_folder, staged_output, writing
 from sassgis.model.errors import InputError, OutputError
 
 
@@ -181,7 +181,7 @@ def test_the_old_result_comes_back_if_the_swap_fails(
             raise OSError(errno.EBUSY, "busy")
         rename(source, destination)
 
-    monkeypatch.setattr("sassgis.io.write.staging.os.rename", failing)
+    monkeypatch.setattr("sassgis.io.staging.os.rename", failing)
     with pytest.raises(OutputError, match=r"out: .*in use; the finished result is in"):
         make_result(target, "new", overwrite=True)
     assert (target / "maps" / "a.txt").read_text() == "old"
@@ -236,7 +236,7 @@ WRITE = textwrap.dedent(
     from sassgis.model.errors import OutputError
     from sassgis.model.grid import Grid
     from sassgis.model.results import Band, RasterLayer
-    from sassgis.io.write.staging import staged_output
+    from sassgis.io.staging import staged_output
 
     target, what = Path(sys.argv[1]), sys.argv[2]
     values = np.random.default_rng(1).random((400, 400))
@@ -247,7 +247,8 @@ WRITE = textwrap.dedent(
         from sassgis.io.write.raster import write_raster
     elif what == "geopackage":
         import geopandas as gpd, shapely
-        from sassgis.io.write.geopackage import VectorLayer, write_geopackage
+        from sassgis.io.vector_layer import VectorLayer
+        from sassgis.io.write.geopackage import write_geopackage
         from sassgis.model.styles import RELEASE_POINT_STYLE
 
         points = shapely.points(np.random.default_rng(1).random((20000, 2)))

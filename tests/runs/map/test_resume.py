@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from sassgis.io.read.config import load_config
-from sassgis.io.write.staging import partial_folder
+from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted, OutputError
 from sassgis.runs import job as job_module
 from sassgis.runs import map as map_run

@@ -16,7 +16,7 @@ import pandas as pd
 import pyproj
 
 from sassgis.hazard.zone_styles import opaque, zone_style
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
     FEDERAL_EPSG,

@@ -20,7 +20,7 @@ from sassgis.gap.words import (
     significance,
     tested_by,
 )
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.styles import (
     FALL_LINE_STYLE,
     STATION_STYLE,

@@ -18,7 +18,7 @@ from sassgis.hazard.risk import (
     source_rows,
     total_rows,
 )
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.styles import FieldInfo, StyleClass, Symbol, VectorStyle, class_colours
 

@@ -10,7 +10,7 @@ import shapely
 
 from sassgis.hazard.control_lines import control_line_rows
 from sassgis.hazard.progress import Progress, joined_lines, kept_stops
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.footprint import footprints
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT
 from sassgis.model.map_run import MapRun

@@ -14,7 +14,7 @@ from sassgis.hazard.assess import Hazard, IntensityMap, raster
 from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
 from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, uncertain_style
 from sassgis.hazard.zoning.generalise import Coverage, ZoneSettings, coverage
-from sassgis.io.write.geopackage import VectorLayer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers import federal
 from sassgis.io.write.layers.federal_model import has_federal_codes, in_federal_extent
 from sassgis.io.write.layers.federal_values import shortened

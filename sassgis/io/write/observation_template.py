@@ -1,0 +1,131 @@
+"""Empty tables of field observations, to be filled in."""
+
+from __future__ import annotations
+
+import sqlite3
+import warnings
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import geopandas as gpd
+import pandas as pd
+import pyogrio
+
+from sassgis.gap.observations.observed import METADATA_KEYS
+from sassgis.gap.observations.tables import TABLES
+from sassgis.io.staging import writing
+from sassgis.io.write.geopackage import register_columns, register_table
+from sassgis.model.crs import parse_crs
+from sassgis.model.errors import OutputError
+
+_METADATA = "metadata"
+_README = "README.txt"
+
+
+def observations_template(path: Path | str, *, crs: str | None = None) -> Path:
+    """Write empty tables with all columns, to be filled in.
+
+    Parameters
+    ----------
+    path
+        New file with the suffix ``.gpkg``, or a folder for CSV files (new or empty).
+    crs
+        Coordinate system of the GeoPackage, such as "EPSG:2056"; best that of the DEM.
+
+    Returns
+    -------
+    Path
+        The file, or the folder, which also holds a README.txt with the units. In a GeoPackage they
+        stand in the descriptions of the columns.
+
+    Raises
+    ------
+    OutputError
+        If it exists already or cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".gpkg":
+        return _gpkg_template(path, crs)
+    if path.suffix:
+        raise OutputError(f"{path}: cannot see what to write; expected a folder or a .gpkg file")
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise OutputError(f"{path}: exists already and is not empty")
+    with writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+        for table, columns in TABLES.items():
+            header = ",".join(c.name for c in columns)
+            (path / f"{table}.csv").write_text(header + "\n", encoding="utf-8")
+        keys = "".join(f"{key},\n" for key in METADATA_KEYS)
+        (path / f"{_METADATA}.csv").write_text(f"key,value\n{keys}", encoding="utf-8")
+        (path / _README).write_text(_guide(), encoding="utf-8")
+    return path
+
+
+def _guide() -> str:
+    lines = [
+        "Tables of field observations. Fill in what was measured and leave the rest empty;",
+        "whole tables and columns may be deleted. One row for each rock, station, passage, ...",
+        "x, y and z are in the coordinates and heights of the DEM. Points for decimals.",
+        "A rock_id with a suffix after a point (R7.2) is a piece of R7. A deposit or passage of",
+        "unknown origin has an empty rock_id.",
+    ]
+    for table, columns in TABLES.items():
+        lines += ["", table, *(f"  {c.name:<18} {c.unit or '-':<6} {c.meaning}" for c in columns)]
+    lines += ["", f"{_METADATA} (key, value)"]
+    lines += [f"  {k:<18} {unit or '-':<6} {text}" for k, (unit, text) in METADATA_KEYS.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _gpkg_template(path: Path, crs: str | None) -> Path:
+    if path.exists():
+        raise OutputError(f"{path}: exists already")
+    system = None if crs is None else parse_crs(crs)
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for table, columns in TABLES.items():
+            line = table == "stations"
+            places = {"x", "y", "z", "x0", "y0", "x1", "y1"}
+            # Geometry holds the place; z stays for those who digitise in the plane.
+            own = [c for c in columns if c.name not in places - {"z"}]
+            data = {c.name: pd.Series(dtype="str" if c.text else "float64") for c in own}
+            frame = gpd.GeoDataFrame(data, geometry=gpd.GeoSeries([], crs=system), crs=system)
+            options = {"GEOMETRY_NAME": "geom", "FID": "fid"}
+            if system is None:
+                options["SRID"] = "-1"
+            with warnings.catch_warnings():
+                # Local coordinates are a choice of the user.
+                warnings.filterwarnings("ignore", message="'crs' was not provided")
+                pyogrio.write_dataframe(
+                    frame,
+                    path,
+                    layer=table,
+                    driver="GPKG",
+                    geometry_type="LineString" if line else "Point Z",
+                    layer_options=options,
+                )
+        _describe(path)
+    return path
+
+
+def _describe(path: Path) -> None:
+    """Metadata table, and what the columns mean, by the schema extension of GeoPackage."""
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute(
+            f'CREATE TABLE "{_METADATA}" (fid INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
+            '"key" TEXT, "value" TEXT)'
+        )
+        database.executemany(
+            f'INSERT INTO "{_METADATA}" ("key") VALUES (?)', [(k,) for k in METADATA_KEYS]
+        )
+        register_table(database, _METADATA, "metadata", "How well was measured")
+        register_columns(database, list(_descriptions()))
+
+
+def _descriptions() -> Iterator[tuple[str, str, str, str]]:
+    places = {"x", "y", "x0", "y0", "x1", "y1"}
+    for table, columns in TABLES.items():
+        for c in columns:
+            if c.name not in places:
+                unit = f" [{c.unit}]" if c.unit else ""
+                yield table, c.name, f"{c.name}{unit}", c.meaning
