@@ -80,7 +80,6 @@ def _tally(tally: LineTally, n_line: int, place: int, level: int) -> int:
     return n_line
 
 
-@kernel
 def empty_tally(sums: Exceedance) -> LineTally:
     """A tally for the places of some sums."""
     n, n_levels = sums.rocks.shape

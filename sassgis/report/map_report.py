@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from matplotlib.figure import Figure
 
-from sassgis.engine.course import trajectory
+from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import simulate
 from sassgis.hazard.control_lines import ControlLineSums, trimmed
 from sassgis.io.read.config import Config
@@ -34,7 +34,7 @@ from sassgis.terrain.flatten import profiles
 from sassgis.terrain.release import take
 from sassgis.terrain.stretch import SHORTEST_LINE_M, take_lines, usable, with_lead_in
 
-_COURSE_EVENTS = 2000
+_LOG_EVENTS = 2000
 _PATHS = 100
 
 
@@ -87,9 +87,9 @@ def one_profile_figure(run: MapRun, planned: Plan, line: int, scenario: int, roc
         rocks_per_line=min(_PATHS, run.rocks_per_line), line_keys=keys,
         first_rock=round_ * run.rocks_per_line,
         starts=np.array([[0.0, min(2.0 * planned.moved[point], s[-1])]]), control_lines=crossings,
-        course_events=_COURSE_EVENTS, effects=run.effects, forest=run.forest,
+        log_events=_LOG_EVENTS, effects=run.effects, forest=run.forest,
     )  # fmt: skip
-    paths = [trajectory(c, run.engine.gravity_mps2) for c in result.courses]
+    paths = [trajectory(c, run.engine.gravity_mps2) for c in result.event_logs]
     ends = result.rocks["runout_m"]
     reach = s <= max(float(ends.max()) + 30.0, s[1])
     last = max(int(reach.sum()), 2)

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 import sassgis
-from sassgis.engine.course import trajectory
+from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, default_bins, simulate
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.statistics import quantiles
@@ -53,7 +53,7 @@ from sassgis.terrain.stretch import with_lead_in
 
 #: Width of the stretches for which energy, speed and height along the profile are given (m).
 STRETCH_M = 1.0
-_COURSE_EVENTS = 2000
+_LOG_EVENTS = 2000
 _DRAWN = 100
 
 
@@ -286,13 +286,13 @@ def simulate_profile(
                 control_lines=control_lines,
                 first_rock=first,
                 bins=bins,
-                course_events=events,
+                log_events=events,
                 effects=config.effect_settings,
                 forest=profile.forest,
             )
 
-        shown = follow(drawn, 0, _COURSE_EVENTS)
-        paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.courses]
+        shown = follow(drawn, 0, _LOG_EVENTS)
+        paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.event_logs]
         parts.append(follow(count, 0, 0))
     for part in parts:
         sums.add(part.passages)

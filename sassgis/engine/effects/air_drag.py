@@ -5,20 +5,37 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from sassgis.model.effects import AirDrag
 from sassgis.model.jit import kernel
 
 OFF, CONSTANT, SPHERICITY = 0, 1, 2
+#: Longest flight between two turns of drag (s): halving it moves nothing that matters.
+DRAG_STEP_S = 0.05
 #: C_d of a sphere in fast flow, on which the sphericity works.
 SPHERE = 0.43
 
 
 class Drag(NamedTuple):
-    """core.effects.AirDrag as the kernel reads it."""
+    """model.effects.AirDrag as the kernel reads it."""
 
     form: int
     coefficient: float
     density: float
     step: float  # longest flight between two turns of drag (s)
+
+
+def prepare(settings: AirDrag | None) -> Drag:
+    """From settings to what the kernel reads."""
+    if settings is None or settings.drag_coefficient == 0.0 or settings.air_density_kgm3 == 0.0:
+        return Drag(OFF, 0.0, 0.0, np.inf)
+    return Drag(
+        {"constant": CONSTANT, "sphericity": SPHERICITY}[settings.form],
+        float(settings.drag_coefficient),
+        float(settings.air_density_kgm3),
+        DRAG_STEP_S,
+    )
 
 
 @kernel

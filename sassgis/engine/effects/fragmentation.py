@@ -7,7 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.engine.effects.spawning import Spawned, spawn
+from sassgis.engine.state import Block, Record
 from sassgis.model import rng
+from sassgis.model.effects import Fragmentation
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
@@ -15,7 +18,7 @@ OFF, FRACTAL, THRESHOLD = 0, 1, 2
 
 
 class Breaking(NamedTuple):
-    """core.effects.Fragmentation as the kernel reads it."""
+    """model.effects.Fragmentation as the kernel reads it."""
 
     form: int
     energy: float  # J/kg
@@ -25,6 +28,22 @@ class Breaking(NamedTuple):
     loss: float
     cone: float  # rad
     smallest: float  # m³
+
+
+def prepare(settings: Fragmentation | None) -> Breaking:
+    """From settings to what the kernel reads."""
+    if settings is None:
+        return Breaking(OFF, 0.0, 1.0, 0.5, 2, 0.0, 0.0, 0.0)
+    return Breaking(
+        {"fractal": FRACTAL, "threshold": THRESHOLD}[settings.form],
+        float(settings.energy_jkg),
+        float(settings.shape),
+        float(settings.survival),
+        int(settings.pieces),
+        float(settings.loss),
+        math.radians(settings.cone_deg),
+        float(settings.smallest_m3),
+    )
 
 
 @kernel
@@ -40,7 +59,7 @@ def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool
 
 @kernel
 def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
-    """Shares of the volume of the pieces, largest first; they add up to 1.
+    """Shares of the volume of the fragments, largest first; they add up to 1.
 
     Parameters
     ----------
@@ -52,7 +71,7 @@ def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
     Returns
     -------
     int
-        Pieces: as many as can be without one below the smallest; below 2 the block stays whole.
+        Fragments: as many as can be without one below the smallest; below 2 the block stays whole.
     """
     n = breaking.pieces
     while n >= 2:
@@ -75,10 +94,10 @@ def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
 
 
 @kernel
-def ways(
+def sideways_speeds(
     breaking: Breaking, key: np.uint64, number: int, n: int, share: FloatArray, out: FloatArray
 ) -> float:
-    """Sideways speeds of the pieces over their common speed ahead.
+    """Sideways speeds of the fragments over their common speed ahead.
 
     No sideways momentum is made: the mean over the masses is taken off.
 
@@ -90,11 +109,11 @@ def ways(
     -------
     float
         Common speed ahead over the speed of the whole: with the sideways motion and the loss the
-        pieces together have 1 − loss of its energy.
+        fragments together have 1 − loss of its energy.
     """
     mean = 0.0
     for i in range(n):
-        angle = (2.0 * rng.uniform(key, rng.PIECE_WAY, 64 * number + i) - 1.0) * breaking.cone
+        angle = (2.0 * rng.uniform(key, rng.FRAGMENT_ANGLE, 64 * number + i) - 1.0) * breaking.cone
         out[i] = math.tan(angle)
         mean += share[i] * out[i]
     sideways = 0.0
@@ -102,3 +121,27 @@ def ways(
         out[i] -= mean
         sideways += share[i] * out[i] * out[i]
     return math.sqrt((1.0 - breaking.loss) / (1.0 + sideways))
+
+
+@kernel
+def break_up(
+    breaking: Breaking, spawned: Spawned, block: Block, number: int, state: Record
+) -> bool:
+    """Break a block in flight into fragments; False if it is too small to break."""
+    volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
+    share = np.empty(breaking.pieces)
+    n = shares(breaking, volume, share)
+    if n < 2:
+        return False
+    side = np.empty(n)
+    ahead = sideways_speeds(breaking, block.key, number, n, share, side)
+    spin = math.sqrt(1.0 - breaking.loss) * state.omega
+    vx = state.vx
+    vz = state.vz
+    for i in range(n):
+        size = share[i] ** (1.0 / 3.0)
+        spawn(
+            spawned, state.x, state.z, ahead * (vx - side[i] * vz), ahead * (vz + side[i] * vx),
+            state.theta, spin, block, size, share[i] * block.mass,
+        )  # fmt: skip
+    return True

@@ -7,16 +7,25 @@ from typing import NamedTuple
 import numpy as np
 
 from sassgis.model import rng
+from sassgis.model.effects import RockShape
 from sassgis.model.jit import kernel
 
 OFF, FLAT_LANDING, MEAN_INERTIA = 0, 1, 2
 
 
 class Shape(NamedTuple):
-    """core.effects.RockShape as the kernel reads it."""
+    """model.effects.RockShape as the kernel reads it."""
 
     form: int
     strength: float
+
+
+def prepare(settings: RockShape | None) -> Shape:
+    """From settings to what the kernel reads."""
+    if settings is None:
+        return Shape(OFF, 0.0)
+    forms = {"flat_landing": FLAT_LANDING, "mean_inertia": MEAN_INERTIA}
+    return Shape(forms[settings.form], float(settings.strength))
 
 
 @kernel

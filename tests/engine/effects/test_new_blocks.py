@@ -301,8 +301,8 @@ def loose(*args, **settings):
 def set_off(effects, drop=3.0, n=3000, radius=0.5):
     """Blocks set off by one impact of each of n spheres, and what that impact took (J)."""
     blocks = sphere(radius, drop_m=(drop, drop))
-    out = run(FLAT, plain(), blocks, effects, n=n, course_events=6)
-    assert all((c[:, 0] == IMPACT).sum() == 1 for c in out.courses)
+    out = run(FLAT, plain(), blocks, effects, n=n, log_events=6)
+    assert all((c["phase"] == IMPACT).sum() == 1 for c in out.event_logs)
     return out, np.bincount(out.pieces["rock"], minlength=n), sphere_mass(radius) * G * drop
 
 
