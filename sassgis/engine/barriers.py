@@ -1,198 +1,235 @@
-"""What a rock does at stations and barriers."""
+"""What a block does at stations and barriers."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sassgis.engine.state import Block, ControlLines, Profile
-from sassgis.model.grid import FloatArray
+from sassgis.engine.state import (
+    BARRIER,
+    CROSSING_DTYPE,
+    Block,
+    Output,
+    Record,
+    Records,
+    Site,
+    end,
+)
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
 
-# What became of it at a gate; the same numbers as core.results.Outcome.
+# What became of it; the same numbers as model.results.Outcome.
 PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
 
-# Kinds of gate: none of a barrier, one that stops for good, one that only takes the speed.
-STATION, STOPS, LETS_GO = 0, 1, 2
+# Kinds of control line: no barrier, one that stops for good, one that only takes the speed.
+STATION, STOPS, RELEASES = 0, 1, 2
+
+
+class Meeting(NamedTuple):
+    """The barrier that ends a flight or a stretch on the ground."""
+
+    line: int  # position in the crossings; -1 for none
+    when: float  # time of the flight (s), or share of the stretch
+    outcome: int
+    speed_left: float  # share of the speed
 
 
 @kernel
-def _passage(
-    passages: FloatArray,
-    n_passages: int,
-    control_lines: ControlLines,
-    i: int,
+def no_meeting() -> Meeting:
+    """No barrier is met."""
+    return Meeting(-1, np.inf, PASSED, 1.0)
+
+
+@kernel
+def crossings_of(
+    profile: Records,
+    chainage: FloatArray,
+    number: IntArray,
+    kind: IntArray,
+    height: FloatArray,
+    capacity: FloatArray,
+) -> Records:
+    """Stations and barriers on a profile.
+
+    Parameters
+    ----------
+    profile : VERTEX_DTYPE
+    chainage : float64, shape (n,)
+        Rising (m).
+    number : int64, shape (n,)
+        Position of each in ``kind``, ``height`` (m) and ``capacity`` (J).
+
+    Returns
+    -------
+    CROSSING_DTYPE, shape (n,)
+    """
+    rows = np.zeros(chainage.size, CROSSING_DTYPE)
+    n = profile.size - 1
+    for i in range(chainage.size):
+        x = chainage[i]
+        j = 0
+        while j < n - 1 and profile[j + 1].x <= x:
+            j += 1
+        under = profile[j]
+        row = rows[i]
+        row.x = x
+        row.z = under.z + (x - under.x) * under.tz / under.tx
+        row.kind = kind[number[i]]
+        row.height = height[number[i]]
+        row.capacity = capacity[number[i]]
+        row.number = number[i]
+    return rows
+
+
+@kernel
+def _write_passage(
+    state: Record,
+    output: Output,
+    block: Block,
+    crossing: Record,
     outcome: int,
-    x: float,
     vx: float,
     vz: float,
     omega: float,
     height: float,
-    inertia_: float,
-    mass: float,
-) -> int:
-    """Write what a rock does at a gate; returns the new number of rows."""
-    row = passages[n_passages]
-    row[0] = control_lines.control_line[i]
-    row[1] = outcome
-    row[2] = x
-    row[3] = math.sqrt(vx * vx + vz * vz)
-    row[4] = vx
-    row[5] = vz
-    row[6] = abs(omega) / (2.0 * math.pi)
-    row[7] = height
-    row[8] = 0.5e-3 * mass * (vx * vx + vz * vz)
-    row[9] = 0.5e-3 * mass * inertia_ * omega * omega
-    row[10] = mass
-    return n_passages + 1
+) -> None:
+    """Write what a block does where it first comes to a control line."""
+    crossing.seen = True
+    row = output.passages[state.n_passages]
+    row.control_line = crossing.number
+    row.outcome = outcome
+    row.chainage_m = crossing.x
+    row.speed_mps = math.sqrt(vx * vx + vz * vz)
+    row.vx_mps = vx
+    row.vz_mps = vz
+    row.rotation_hz = abs(omega) / (2.0 * math.pi)
+    row.height_m = height
+    row.energy_trans_kj = 0.5e-3 * block.mass * (vx * vx + vz * vz)
+    row.energy_rot_kj = 0.5e-3 * block.mass * block.inertia * omega * omega
+    row.mass_kg = block.mass
+    state.n_passages += 1
 
 
 @kernel
-def _met(control_lines: ControlLines, i: int, energy: float) -> tuple[int, float]:
-    """What a rock that meets barrier i does, and the share of its speed that is left."""
-    if energy > control_lines.capacity[i]:
-        return BROKE_THROUGH, math.sqrt(1.0 - control_lines.capacity[i] / energy)
-    if control_lines.kind[i] == LETS_GO:
+def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
+    """What a block that meets a barrier does, and the share of its speed that is left."""
+    if energy > crossing.capacity:
+        return BROKE_THROUGH, math.sqrt(1.0 - crossing.capacity / energy)
+    if crossing.kind == RELEASES:
         return HELD_BY_NET, 0.0
     return STOPPED, 0.0
 
 
 @kernel
 def control_lines_in_flight(
-    control_lines: ControlLines,
-    seen: NDArray[np.bool_],
-    passages: FloatArray,
-    n_passages: int,
-    profile: Profile,
-    near: int,
-    before: float,
-    x: float,
-    z: float,
-    vx: float,
-    vz: float,
-    theta: float,
-    omega: float,
-    gravity: float,
-    until: float,
-    block: Block,
-    inertia_: float,
-) -> tuple[int, float, int, float, int]:
-    """Stations and barriers that a flight comes to, from chainage ``before`` on.
+    state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
+) -> Meeting:
+    """Stations and barriers that a flight of duration ``until`` (s) comes to.
 
-    Returns
-    -------
-    n_passages : int
-    t : float
-        When the flight is ended by a barrier (s); infinite if it is not.
-    outcome : int
-    left : float
-        Share of the speed that is left.
-    gate : int
+    Passages are written; the state is that at the start of the flight.
     """
-    n = control_lines.x.size
-    x_end = x + vx * until
-    forward = vx > 0.0
+    vx = state.vx
     if vx == 0.0:
-        return n_passages, np.inf, PASSED, 1.0, -1
+        return no_meeting()
+    crossings = site.crossings
+    profile = site.profile
+    n = crossings.size
+    x_end = state.x + vx * until
+    forward = vx > 0.0
     for k in range(n):
         i = k if forward else n - 1 - k
-        gx = control_lines.x[i]
-        if not (before < gx <= x_end if forward else x_end <= gx < before):
+        crossing = crossings[i]
+        line_x = crossing.x
+        if not (
+            state.lines_from < line_x <= x_end if forward else x_end <= line_x < state.lines_from
+        ):
             continue
-        t = max((gx - x) / vx, 0.0)
-        wz = vz - gravity * t
-        cz = z + (vz - 0.5 * gravity * t) * t
+        t = max((line_x - state.x) / vx, 0.0)
+        wz = state.vz - gravity * t
+        z = state.z + (state.vz - 0.5 * gravity * t) * t
         outcome = PASSED
         left = 1.0
-        if control_lines.kind[i] != STATION:
-            angle = theta - omega * t
+        if crossing.kind != STATION:
+            angle = state.theta - state.omega * t
             down = math.sqrt((block.a * math.sin(angle)) ** 2 + (block.b * math.cos(angle)) ** 2)
             outcome = OVERTOPPED
-            if (
-                control_lines.height[i] > 0.0
-                and cz - down < control_lines.z[i] + control_lines.height[i]
-            ):
-                energy = 0.5 * block.mass * (vx * vx + wz * wz + inertia_ * omega * omega)
-                outcome, left = _met(control_lines, i, energy)
-        if forward and not seen[i]:
-            seen[i] = True
-            j = near
-            while j < profile.tx.size - 1 and profile.sx[j + 1] < gx:
+            if crossing.height > 0.0 and z - down < crossing.z + crossing.height:
+                spin = block.inertia * state.omega * state.omega
+                outcome, left = _at_barrier(crossing, 0.5 * block.mass * (vx * vx + wz * wz + spin))
+        if forward and not crossing.seen:
+            j = state.segment
+            while j < profile.size - 2 and profile[j + 1].x < line_x:
                 j += 1
-            height = max(cz - control_lines.z[i] - block.b / profile.tx[j], 0.0)
-            n_passages = _passage(
-                passages,
-                n_passages,
-                control_lines,
-                i,
-                outcome,
-                gx,
-                vx,
-                wz,
-                omega,
-                height,
-                inertia_,
-                block.mass,
-            )
+            height = max(z - crossing.z - block.b / profile[j].tx, 0.0)
+            _write_passage(state, output, block, crossing, outcome, vx, wz, state.omega, height)
         if outcome not in (PASSED, OVERTOPPED):
-            return n_passages, t, outcome, left, i
-    return n_passages, np.inf, PASSED, 1.0, -1
+            return Meeting(i, t, outcome, left)
+    return no_meeting()
+
+
+class Stretch(NamedTuple):
+    """A stretch of rolling or sliding over which squares of speeds change evenly."""
+
+    x: float
+    x_end: float
+    speed2: float  # at its start (m²/s²)
+    gain: float  # over the whole stretch
+    spin2: float  # (rad²/s²)
+    spin_gain: float
 
 
 @kernel
 def control_lines_on_ground(
-    control_lines: ControlLines,
-    seen: NDArray[np.bool_],
-    passages: FloatArray,
-    n_passages: int,
-    before: float,
-    x: float,
-    x_end: float,
-    v2: float,
-    dv2: float,
-    spin2: float,
-    dspin2: float,
-    ux: float,
-    uz: float,
-    way: int,
-    block: Block,
-    inertia_: float,
-) -> tuple[int, float, int, float, int]:
-    """Stations and barriers that a rolling or sliding rock comes to, from chainage ``before`` on.
+    state: Record, block: Block, site: Site, output: Output, stretch: Stretch, ux: float, uz: float
+) -> Meeting:
+    """Stations and barriers that a stretch in the direction (ux, uz) comes to.
 
-    ``v2`` and ``spin2`` are squares at the start, ``dv2`` and ``dspin2`` their changes up to
-    ``x_end``. Returns (n_passages, share of the stretch done, outcome, left, gate).
+    Passages are written.
     """
-    n = control_lines.x.size
-    forward = way > 0
+    crossings = site.crossings
+    n = crossings.size
+    forward = state.direction > 0
+    x = stretch.x
+    x_end = stretch.x_end
     chord = abs(x_end - x)
     for k in range(n):
         i = k if forward else n - 1 - k
-        gx = control_lines.x[i]
-        if not (before < gx <= x_end if forward else x_end <= gx < before):
+        crossing = crossings[i]
+        line_x = crossing.x
+        if not (
+            state.lines_from < line_x <= x_end if forward else x_end <= line_x < state.lines_from
+        ):
             continue
         share = 0.0
         if chord > 0.0:
-            share = min(max((gx - x) / (x_end - x), 0.0), 1.0)
-        speed2 = max(v2 + dv2 * share, 0.0)
-        turn2 = max(spin2 + dspin2 * share, 0.0)
+            share = min(max((line_x - x) / (x_end - x), 0.0), 1.0)
+        speed2 = max(stretch.speed2 + stretch.gain * share, 0.0)
+        spin2 = max(stretch.spin2 + stretch.spin_gain * share, 0.0)
         outcome = PASSED
         left = 1.0
-        if control_lines.kind[i] != STATION:
+        if crossing.kind != STATION:
             outcome = OVERTOPPED
-            if control_lines.height[i] > 0.0:
-                outcome, left = _met(
-                    control_lines, i, 0.5 * block.mass * (speed2 + inertia_ * turn2)
+            if crossing.height > 0.0:
+                outcome, left = _at_barrier(
+                    crossing, 0.5 * block.mass * (speed2 + block.inertia * spin2)
                 )
-        if forward and not seen[i]:
-            seen[i] = True
+        if forward and not crossing.seen:
             speed = math.sqrt(speed2)
-            n_passages = _passage(
-                passages, n_passages, control_lines, i, outcome, gx, speed * ux, speed * uz,
-                math.sqrt(turn2), 0.0, inertia_, block.mass,
+            _write_passage(
+                state, output, block, crossing, outcome, speed * ux, speed * uz,
+                math.sqrt(spin2), 0.0,
             )  # fmt: skip
         if outcome not in (PASSED, OVERTOPPED):
-            return n_passages, share, outcome, left, i
-    return n_passages, 1.0, PASSED, 1.0, -1
+            return Meeting(i, share, outcome, left)
+    return no_meeting()
+
+
+@kernel
+def after_barrier(state: Record, outcome: int) -> None:
+    """End the motion of a block that a barrier stops; remember where a net holds one."""
+    if outcome == STOPPED:
+        end(state, BARRIER)
+    elif outcome == HELD_BY_NET:
+        state.held_x = state.x

@@ -1,4 +1,4 @@
-"""What is drawn of each block: its size, shape and density."""
+"""What is drawn of each block: its size, shape and density, and how it starts."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from sassgis.engine.state import Block
+from sassgis.engine.ellipse import inertia, mean_radius
+from sassgis.engine.state import Block, Record, Start
 from sassgis.model import rng
-from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
 
@@ -28,18 +28,18 @@ def _draw_volume(key: np.uint64, low: float, high: float, exponent: float) -> fl
 
 
 @kernel
-def draw_block(limits: FloatArray, key: np.uint64) -> tuple[Block, float]:
-    """Draw one rock between limits (core.blocks.BlockPopulation.array).
+def draw_block(low: Record, high: Record, key: np.uint64) -> Block:
+    """Draw one block between limits (rows of model.blocks.LIMITS_DTYPE).
 
     The three semi-axes are drawn and sorted; the two longer ones lie in the plane of motion, so
     that the spin is about the shortest, and the third sets the mass. Where the volume is drawn as
     well, the axes give the shape only.
     """
-    p = rng.between(key, rng.AXIS_1, 0, limits[0, 0], limits[0, 1])
-    q = rng.between(key, rng.AXIS_2, 0, limits[1, 0], limits[1, 1])
-    r = rng.between(key, rng.AXIS_3, 0, limits[2, 0], limits[2, 1])
-    if limits[8, 1] > 0.0:
-        volume = _draw_volume(key, limits[8, 0], limits[8, 1], limits[9, 0])
+    p = rng.between(key, rng.AXIS_1, 0, low.axis_1_m, high.axis_1_m)
+    q = rng.between(key, rng.AXIS_2, 0, low.axis_2_m, high.axis_2_m)
+    r = rng.between(key, rng.AXIS_3, 0, low.axis_3_m, high.axis_3_m)
+    if high.volume_m3 > 0.0:
+        volume = _draw_volume(key, low.volume_m3, high.volume_m3, low.volume_exponent)
         scale = (volume / (4.0 / 3.0 * math.pi * p * q * r)) ** (1.0 / 3.0)
         p *= scale
         q *= scale
@@ -48,6 +48,38 @@ def draw_block(limits: FloatArray, key: np.uint64) -> tuple[Block, float]:
     c = min(p, q, r)
     b = p + q + r - a - c
     b = min(max(b, c), a)
-    density = rng.between(key, rng.DENSITY, 0, limits[3, 0], limits[3, 1])
+    density = rng.between(key, rng.DENSITY, 0, low.density_kgm3, high.density_kgm3)
     mass = 4.0 / 3.0 * math.pi * a * b * c * density
-    return Block(a, b, c, mass, key), density
+    return block_of(a, b, c, density, mass, key)
+
+
+@kernel
+def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.uint64) -> Block:
+    """A block of given axes (m), density (kg/m³) and mass (kg)."""
+    own = inertia(a, b)
+    roll_radius = mean_radius(a, b)
+    return Block(
+        a, b, c, density, mass, key, own, (a * b * c) ** (1.0 / 3.0), roll_radius,
+        1.0 + own / (roll_radius * roll_radius),
+    )  # fmt: skip
+
+
+@kernel
+def with_inertia(block: Block, own: float) -> Block:
+    """The block with another moment of inertia per unit mass (m²)."""
+    return Block(
+        block.a, block.b, block.c, block.density, block.mass, block.key, own, block.radius,
+        block.roll_radius, 1.0 + own / (block.roll_radius * block.roll_radius),
+    )  # fmt: skip
+
+
+@kernel
+def draw_start(low: Record, high: Record, key: np.uint64, nearest: float, farthest: float) -> Start:
+    """Draw how a block starts, between limits of its chainage (m) and as for draw_block."""
+    return Start(
+        rng.between(key, rng.START, 0, nearest, farthest),
+        rng.between(key, rng.SPEED, 0, low.speed_mps, high.speed_mps),
+        rng.between(key, rng.SPIN, 0, low.spin_radps, high.spin_radps),
+        rng.between(key, rng.DROP, 0, low.drop_m, high.drop_m),
+        rng.between(key, rng.ORIENTATION, 0, low.orientation_rad, high.orientation_rad),
+    )

@@ -1,30 +1,36 @@
-"""The kernel: all blocks of a few fall lines."""
+"""The kernel: all blocks of a few fall lines, added to the sums of the run."""
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.draws import draw_block
-from sassgis.engine.effects.state import (
-    BORN_A,
-    BORN_B,
-    BORN_C,
-    BORN_MASS,
-    Effects,
-    Spawned,
+from sassgis.engine.barriers import crossings_of
+from sassgis.engine.block import simulate_block, start_released, start_spawned
+from sassgis.engine.draws import block_of, draw_block, draw_start
+from sassgis.engine.effects import hooks
+from sassgis.engine.profile import last_cell, profile_of, stretches_of, without_straight_vertices
+from sassgis.engine.recording import CellWork, empty_work
+from sassgis.engine.state import (
+    BARRIER,
+    REST,
+    STATE_DTYPE,
+    Block,
+    EventLog,
+    Output,
+    Physics,
+    Record,
+    Records,
+    Site,
 )
-from sassgis.engine.profile import cut, last_cell, without_straight_vertices
-from sassgis.engine.recording import Pieces, empty_work
-from sassgis.engine.rock import BARRIER, REST, follow
-from sassgis.engine.state import Block, ControlLines, Course, Physics, Profile
 from sassgis.engine.statistics import (
     CellSums,
+    Event,
     Exceedance,
     FlatBins,
+    LineTally,
     Objects,
     at_objects,
     close_line,
@@ -35,22 +41,15 @@ from sassgis.engine.statistics import (
     give_back,
 )
 from sassgis.model import rng
-from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import inlined, kernel
 
-#: Columns of a rock's row; the fields of core.results.ROCK_DTYPE after "line", "rock" and "piece".
-ROCK_COLUMNS = 15
-#: Columns of the row of a piece: line, rock, piece, then those of a rock.
-PIECE_COLUMNS = ROCK_COLUMNS + 3
-#: In place of a number of pieces: rows for passages or pieces were too few; one rock had more
-#: pieces and blocks set in motion than there is room for.
-NO_ROOM, TOO_MANY_SPAWNED = -1, -2
-#: Columns of a passage's row: line, rock, then those of rock._passage.
-PASSAGE_COLUMNS = 13
+#: What simulate_lines returns: whether all went well; whether there were too few rows for passages
+#: or spawned blocks; whether one released block spawned more blocks than there is room for.
+DONE, NO_ROOM, TOO_MANY_SPAWNED = 0, 1, 2
 
 
 class Lines(NamedTuple):
-    """Profiles of a chunk, as in core.profiles.ProfileSet; ``cell`` counts the chunk's cells."""
+    """Profiles of a chunk, as in model.profiles.ProfileSet; ``cell`` counts the chunk's cells."""
 
     offset: NDArray[np.int64]
     s: NDArray[np.float64]
@@ -76,298 +75,253 @@ class ControlLineTable(NamedTuple):
     capacity: NDArray[np.float64]  # J
 
 
-@kernel
-def _fill_row(
-    row: FloatArray,
-    block: Block,
-    density: float,
-    start: float,
-    reason: int,
-    x: float,
-    z: float,
-    furthest: float,
-    t: float,
-    impacts: int,
-    top_speed: float,
-    top_height: float,
-    top_energy: float,
-) -> None:
-    """Write the row of a rock or piece."""
-    row[0] = reason
-    row[1] = start
-    row[2] = x
-    row[3] = z
-    row[4] = furthest
-    row[5] = t
-    row[6] = impacts
-    row[7] = block.a
-    row[8] = block.b
-    row[9] = block.c
-    row[10] = density
-    row[11] = block.mass
-    row[12] = top_speed
-    row[13] = top_height
-    row[14] = 1e-3 * top_energy * block.mass
+class Setup(NamedTuple):
+    """What the blocks of all lines have in common."""
+
+    grounds: Records  # model.ground.GROUND_DTYPE
+    limits: Records  # (1, 2) or (n_lines, 2), model.blocks.LIMITS_DTYPE
+    physics: Physics
+    control_lines: ControlLineTable
+    seed: np.uint64
+    first_rock: int  # number of the first block on each line
+    n_rocks: int  # on each line
+
+
+class Places(NamedTuple):
+    """Windows or objects, and the blocks that came to them."""
+
+    under: Objects
+    reach: Exceedance  # added to
+
+
+class Totals(NamedTuple):
+    """Sums of the run, to which blocks are added."""
+
+    bins: FlatBins
+    sums: CellSums
+    reach: Exceedance  # of the cells
+    windows: Places
+    objects: Places
+
+
+class Rows(NamedTuple):
+    """Rows of the run, which blocks fill."""
+
+    rocks: Records  # (n_lines * n_rocks,) model.results.ROCK_DTYPE
+    passages: Records  # model.results.PASSAGE_DTYPE, filled from the top
+    pieces: Records  # ROCK_DTYPE, spawned blocks, filled from the top
+    events: Records  # (n_lines * n_rocks, n_events) state.EVENT_DTYPE; n_events may be 0
+    event_counts: NDArray[np.int64]  # (n_lines * n_rocks,)
+    filled: NDArray[np.int64]  # (2,) rows of passages and of pieces that there are
+
+
+class PlaceWork(NamedTuple):
+    """Working space for windows or objects."""
+
+    tally: LineTally
+    peak: NDArray[np.float64]
+    met: NDArray[np.int64]
+
+
+class Work(NamedTuple):
+    """Working space of a chunk."""
+
+    state: Records  # state.STATE_DTYPE, one row
+    cells: CellWork
+    event: Event
+    tally: LineTally
+    windows: PlaceWork
+    objects: PlaceWork
+    n_line: NDArray[np.int64]  # (3,) cells, windows and objects that the stratum touched
+
+
+def _place_work(places: Places) -> PlaceWork:
+    n = places.reach.rocks.shape[0]
+    return PlaceWork(empty_tally(places.reach), np.full(n, -1.0), np.zeros(n, np.int64))
+
+
+def working_space(totals: Totals) -> Work:
+    """Working space for a chunk whose blocks are added to some totals."""
+    n = totals.sums.stops.size
+    return Work(
+        np.zeros(1, STATE_DTYPE),
+        empty_work(n),
+        empty_event(n),
+        empty_tally(totals.reach),
+        _place_work(totals.windows),
+        _place_work(totals.objects),
+        np.zeros(3, np.int64),
+    )
 
 
 @kernel
-def run_lines(
+def simulate_lines(
     lines: Lines,
-    ground_table: FloatArray,
-    limits: FloatArray,
-    physics: Physics,
-    control_line_table: ControlLineTable,
-    bins: FlatBins,
-    seed: int | np.uint64,
-    first_rock: int,
-    n_rocks: int,
-    sums: CellSums,
-    reach: Exceedance,
-    windows: Objects,
-    window_reach: Exceedance,
-    objects: Objects,
-    object_reach: Exceedance,
-    rocks: FloatArray,
-    passages: FloatArray,
-    events: FloatArray,
-    event_counts: IntArray,
-    effects: Effects | None,
-    spawned: Spawned | None,
-    piece_rows: FloatArray,
-) -> tuple[int, int]:
-    """Follow ``n_rocks`` rocks on each line.
+    setup: Setup,
+    totals: Totals,
+    rows: Rows,
+    work: Work,
+    effects: hooks.Effects | None,
+) -> int:
+    """Simulate all blocks of some lines, with the blocks that they spawn.
 
     Parameters
     ----------
     lines : Lines
-    ground_table : float64, shape (n_classes, 7)
-        core.ground.GroundTable.array.
-    limits : float64, shape (1, 10, 2) or (n_lines, 10, 2)
-        core.blocks.BlockPopulation.array, of all lines or of each.
-    physics : Physics
-    gate_table : GateTable
-    bins : FlatBins
-    seed : uint64
-    first_rock, n_rocks : int
-        Numbers of the rocks on each line.
-    sums, reach : CellSums, Exceedance
-        Of the cells; added to.
-    windows : Objects
-    window_reach : Exceedance
-        Of windows of several cells; added to.
-    objects : Objects
-    object_reach : Exceedance
-        Of the objects; added to.
-    rocks : float64, shape (n_lines * n_rocks, ROCK_COLUMNS)
+    setup : Setup
+    totals : Totals
+        Added to.
+    rows : Rows
         Filled.
-    passages : float64, shape (enough, PASSAGE_COLUMNS)
-        Filled from the top.
-    events : float64, shape (n_lines * n_rocks, n_events, 11)
-        Course of each rock; n_events may be 0.
-    event_counts : int64, shape (n_lines * n_rocks,)
-    effects, births
+    work : Work
+        As working_space makes it.
+    effects : Effects, optional
         None for the model of 1986 alone.
-    piece_rows : float64, shape (room, PIECE_COLUMNS)
-        Filled from the top.
 
     Returns
     -------
-    n_passages, n_born : int
-        Rows of ``passages`` and ``piece_rows`` that there are. NO_ROOM or TOO_MANY_BIRTHS in place
-        of the second: then nothing that was filled is of use.
+    int
+        DONE; or NO_ROOM or TOO_MANY_SPAWNED: then nothing that was filled is of use.
     """
+    state = work.state[0]
     n_lines = lines.number.size
-    n_cells = sums.stops.size
-    work = empty_work(n_cells)
-    tally = empty_tally(reach)
-    window_tally = empty_tally(window_reach)
-    window_peak = np.full(window_reach.rocks.shape[0], -1.0)
-    object_tally = empty_tally(object_reach)
-    object_peak = np.full(object_reach.rocks.shape[0], -1.0)
-    met = np.zeros(max(window_peak.size, object_peak.size), np.int64)
-    most = 1
     for i in range(n_lines):
-        size = (
-            lines.offset[i + 1] - lines.offset[i] + lines.cell_offset[i + 1] - lines.cell_offset[i]
-        )
-        most = max(most, size + 2)
-    border = np.zeros(most)
-    piece_cell = np.zeros(most, np.int64)
-    piece_segment = np.zeros(most, np.int64)
-    count = np.zeros(1, np.int64)
-    n_passages = 0
-    n_born = 0
-    row_number = 0
-    n_line = int(np.int64(0))
-    n_line_windows = int(np.int64(0))
-    n_line_objects = int(np.int64(0))
-    no_birth = np.empty(0)
-    event = empty_event(n_cells if effects is not None else 0)
-    for i in range(n_lines):
-        v0 = lines.offset[i]
-        v1 = lines.offset[i + 1]
-        sx, sz, ground = without_straight_vertices(
-            lines.s[v0:v1], lines.z[v0:v1], lines.ground[v0:v1]
-        )
-        n = sx.size - 1
-        tx = np.empty(n)
-        tz = np.empty(n)
-        length = np.empty(n)
-        angle = np.empty(n)
-        for j in range(n):
-            dx = sx[j + 1] - sx[j]
-            dz = sz[j + 1] - sz[j]
-            length[j] = math.sqrt(dx * dx + dz * dz)
-            tx[j] = dx / length[j]
-            tz[j] = dz / length[j]
-            angle[j] = math.atan2(dz, dx)
-        profile = Profile(sx, sz, tx, tz, length, angle, ground)
-        c0 = lines.cell_offset[i]
-        c1 = lines.cell_offset[i + 1]
-        n_pieces = cut(
-            lines.cell_s[c0 + i : c1 + i + 1], lines.cell[c0:c1], sx, border, piece_cell,
-            piece_segment,
-        )  # fmt: skip
-        pieces = Pieces(border[: n_pieces + 1], piece_cell[:n_pieces], piece_segment[:n_pieces])
-        g0 = lines.control_line_offset[i]
-        g1 = lines.control_line_offset[i + 1]
-        control_line = lines.control_line[g0:g1]
-        control_line_z = np.empty(g1 - g0)
-        for k in range(g1 - g0):
-            gx = lines.control_line_x[g0 + k]
-            j = min(max(np.searchsorted(sx, gx, side="right") - 1, 0), n - 1)
-            control_line_z[k] = sz[j] + (gx - sx[j]) * tz[j] / tx[j]
-        control_lines = ControlLines(
-            lines.control_line_x[g0:g1],
-            control_line_z,
-            control_line_table.kind[control_line],
-            control_line_table.height[control_line],
-            control_line_table.capacity[control_line],
-            control_line,
-        )
-        seen = np.zeros(g1 - g0, np.bool_)
-        own = limits[i if limits.shape[0] > 1 else 0]
-        for r in range(n_rocks):
-            rock = first_rock + r
-            key = rng.rock_key(seed, lines.key[i], rock)
-            block, density = draw_block(own, key)
-            start = rng.between(key, rng.START, 0, lines.start[i, 0], lines.start[i, 1])
-            speed = rng.between(key, rng.SPEED, 0, own[4, 0], own[4, 1])
-            spin = rng.between(key, rng.SPIN, 0, own[5, 0], own[5, 1])
-            drop = rng.between(key, rng.DROP, 0, own[6, 0], own[6, 1])
-            orientation = rng.between(key, rng.ORIENTATION, 0, own[7, 0], own[7, 1])
-            seen[:] = False
-            count[0] = 0
-            if effects is not None and n_passages + seen.size > passages.shape[0]:
-                return n_passages, NO_ROOM
-            course = Course(events[row_number], count)
-            (
-                reason,
-                x,
-                z,
-                furthest,
-                t,
-                impacts,
-                top_speed,
-                top_height,
-                top_energy,
-                n_new,
-                n_touched,
-            ) = follow(
-                block,
-                profile,
-                ground_table,
-                physics,
-                control_lines,
-                seen,
-                passages[n_passages:, 2:],
-                pieces,
-                work,
-                course,
-                start,
-                speed,
-                spin,
-                drop,
-                orientation,
-                effects,
-                no_birth,
-                spawned,
-            )
-            event_counts[row_number] = count[0]
-            for k in range(n_passages, n_passages + n_new):
-                passages[k, 0] = lines.number[i]
-                passages[k, 1] = rock
-            n_passages += n_new
-            last = last_cell(pieces, sx, reason, x, start)
-            if last >= 0 and reason in (REST, BARRIER):
-                sums.stops[last] += 1
-            _fill_row(
-                rocks[row_number], block, density, start, reason, x, z, furthest, t, impacts,
-                top_speed, top_height, top_energy,
-            )  # fmt: skip
-            row_number += 1
-            mass = block.mass
-            if effects is not None and spawned is not None:
-                collect(event, work, n_touched, block.mass)
-                born = 0
-                while born < min(spawned.born[0], spawned.rows.shape[0]):
-                    birth = spawned.rows[born]
-                    born += 1
-                    if n_passages + seen.size > passages.shape[0] or n_born >= piece_rows.shape[0]:
-                        return n_passages, NO_ROOM
-                    piece_key = rng.mix(key + np.uint64(born) * np.uint64(0x9E3779B97F4A7C15))
-                    part = Block(
-                        birth[BORN_A], birth[BORN_B], birth[BORN_C], birth[BORN_MASS], piece_key
-                    )
-                    seen[:] = False
-                    count[0] = 0
-                    (
-                        reason, x, z, furthest, t, impacts, top_speed, top_height, top_energy,
-                        n_new, n_touched,
-                    ) = follow(
-                        part, profile, ground_table, physics, control_lines, seen,
-                        passages[n_passages:, 2:], pieces, work,
-                        Course(events[0, :0], count), start, 0.0, 0.0, 0.0, 0.0, effects, birth,
-                        spawned,
-                    )  # fmt: skip
-                    for k in range(n_passages, n_passages + n_new):
-                        passages[k, 0] = lines.number[i]
-                        passages[k, 1] = rock
-                    n_passages += n_new
-                    collect(event, work, n_touched, part.mass)
-                    last = last_cell(pieces, sx, reason, x, birth[0])
-                    if last >= 0 and reason in (REST, BARRIER):
-                        sums.stops[last] += 1
-                    row = piece_rows[n_born]
-                    row[0] = lines.number[i]
-                    row[1] = rock
-                    row[2] = born
-                    _fill_row(
-                        row[3:], part, density, birth[0], reason, x, z, furthest, t, impacts,
-                        top_speed, top_height, top_energy,
-                    )  # fmt: skip
-                    n_born += 1
-                if spawned.born[0] > spawned.rows.shape[0]:
-                    return n_passages, TOO_MANY_SPAWNED
-                spawned.born[0] = 0
-                n_touched = give_back(event, work)
-                mass = 1.0
-            if window_peak.size:
-                n_line_windows = at_objects(
-                    work, n_touched, mass, bins.threshold, windows, window_peak, met,
-                    window_tally, n_line_windows,
-                )  # fmt: skip
-            if object_peak.size:
-                n_line_objects = at_objects(
-                    work, n_touched, mass, bins.threshold, objects, object_peak, met,
-                    object_tally, n_line_objects,
-                )  # fmt: skip
-            n_line = flush(work, n_touched, sums, bins, mass, tally, n_line)
+        site = site_of(i, lines, setup)
+        limits = setup.limits[i if setup.limits.shape[0] > 1 else 0]
+        for r in range(setup.n_rocks):
+            # The released block first, then those that it and they spawn, in turn.
+            key = rng.rock_key(setup.seed, lines.key[i], setup.first_rock + r)
+            start = draw_start(limits[0], limits[1], key, lines.start[i, 0], lines.start[i, 1])
+            block = hooks.on_block(effects, draw_block(limits[0], limits[1], key))
+            start_released(state, block, site, start)
+            number = i * setup.n_rocks + r
+            row = rows.rocks[number]
+            open_row(row, lines.number[i], setup.first_rock + r, 0, state.x)
+            log = EventLog(rows.events[number], rows.event_counts[number:])
+            n_spawned = 0
+            while True:
+                n = rows.filled[0]
+                if n + site.crossings.size > rows.passages.size:
+                    return NO_ROOM
+                output = Output(rows.passages[n:], work.cells, log)
+                simulate_block(state, block, site, output, setup.physics, effects)
+                finish_block(row, block, state, site, rows, totals.sums)
+                if effects is None:
+                    break
+                collect(work.event, work.cells, state.n_touched, block.mass)
+                if n_spawned >= min(effects.spawned.count[0], effects.spawned.rows.size):
+                    break
+                if rows.filled[1] >= rows.pieces.size:
+                    return NO_ROOM
+                born = effects.spawned.rows[n_spawned]
+                n_spawned += 1
+                block = hooks.on_block(effects, spawned_block(born, block.density, key, n_spawned))
+                start_spawned(state, block, site, born, start.x)
+                row = rows.pieces[rows.filled[1]]
+                rows.filled[1] += 1
+                open_row(row, lines.number[i], setup.first_rock + r, n_spawned, state.x)
+                log = EventLog(log.rows[:0], log.filled)
+            if effects is None:
+                add_to_totals(totals, work, state.n_touched, block.mass)
+            else:
+                if effects.spawned.count[0] > n_spawned:
+                    return TOO_MANY_SPAWNED
+                # They count together, with their energies in J.
+                add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)
         if i == n_lines - 1 or lines.stratum[i + 1] != lines.stratum[i]:
-            close_line(tally, n_line, reach)
-            close_line(window_tally, n_line_windows, window_reach)
-            close_line(object_tally, n_line_objects, object_reach)
-            n_line = 0
-            n_line_windows = 0
-            n_line_objects = 0
-    return n_passages, n_born
+            close_line(work.tally, work.n_line[0], totals.reach)
+            close_line(work.windows.tally, work.n_line[1], totals.windows.reach)
+            close_line(work.objects.tally, work.n_line[2], totals.objects.reach)
+            work.n_line[:] = 0
+    return DONE
+
+
+@kernel
+def site_of(i: int, lines: Lines, setup: Setup) -> Site:
+    """What the blocks of line i move over."""
+    v0 = lines.offset[i]
+    v1 = lines.offset[i + 1]
+    s, z, ground = without_straight_vertices(lines.s[v0:v1], lines.z[v0:v1], lines.ground[v0:v1])
+    profile = profile_of(s, z, ground)
+    c0 = lines.cell_offset[i]
+    c1 = lines.cell_offset[i + 1]
+    stretches = stretches_of(lines.cell_s[c0 + i : c1 + i + 1], lines.cell[c0:c1], s)
+    g0 = lines.control_line_offset[i]
+    g1 = lines.control_line_offset[i + 1]
+    table = setup.control_lines
+    crossings = crossings_of(
+        profile, lines.control_line_x[g0:g1], lines.control_line[g0:g1], table.kind, table.height,
+        table.capacity,
+    )  # fmt: skip
+    return Site(profile, setup.grounds, crossings, stretches)
+
+
+@kernel
+def spawned_block(born: Record, density: float, key: np.uint64, number: int) -> Block:
+    """The spawned block of some number of a released block with a key; it has draws of its own."""
+    own = rng.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
+    return block_of(born.a, born.b, born.c, density, born.mass, own)
+
+
+@kernel
+def open_row(row: Record, line: int, rock: int, piece: int, start: float) -> None:
+    """Write which block a row is about, and the chainage at which it starts (m)."""
+    row.line = line
+    row.rock = rock
+    row.piece = piece
+    row.start_m = start
+
+
+@inlined
+def finish_block(
+    row: Record, block: Block, state: Record, site: Site, rows: Rows, sums: CellSums
+) -> None:
+    """Write what became of a block: its row, its passages and its stop."""
+    row.reason = state.reason
+    row.runout_m = state.x
+    row.runout_z_m = state.z
+    row.furthest_m = state.furthest
+    row.time_s = state.t
+    row.impacts = state.impacts
+    row.a_m = block.a
+    row.b_m = block.b
+    row.c_m = block.c
+    row.density_kgm3 = block.density
+    row.mass_kg = block.mass
+    row.max_speed_mps = state.top_speed
+    row.max_height_m = state.top_height
+    row.max_energy_kj = 1e-3 * state.top_energy * block.mass
+    first = rows.filled[0]
+    for k in range(first, first + state.n_passages):
+        passage = rows.passages[k]
+        passage.line = row.line
+        passage.rock = row.rock
+    rows.filled[0] = first + state.n_passages
+    if state.reason == REST or state.reason == BARRIER:
+        cell = last_cell(site.profile, site.stretches, state.reason, state.x, row.start_m)
+        if cell >= 0:
+            sums.stops[cell] += 1
+
+
+@inlined
+def add_to_totals(totals: Totals, work: Work, n_touched: int, mass: float) -> None:
+    """Add one block, or one with all that it has spawned, to the sums of the run.
+
+    ``mass`` (kg) is 1 where the energies in the work are not per unit mass.
+    """
+    cells = work.cells
+    threshold = totals.bins.threshold
+    n_line = work.n_line
+    own = work.windows
+    if own.peak.size:
+        n_line[1] = at_objects(
+            cells, n_touched, mass, threshold, totals.windows.under, own.peak, own.met, own.tally,
+            n_line[1],
+        )  # fmt: skip
+    own = work.objects
+    if own.peak.size:
+        n_line[2] = at_objects(
+            cells, n_touched, mass, threshold, totals.objects.under, own.peak, own.met, own.tally,
+            n_line[2],
+        )  # fmt: skip
+    n_line[0] = flush(cells, n_touched, totals.sums, totals.bins, mass, work.tally, n_line[0])

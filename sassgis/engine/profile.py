@@ -1,4 +1,4 @@
-"""One profile as the motion needs it: vertices, segments, stretches of cells."""
+"""The profile of one line as the kernels read it, and where a block is on it."""
 
 from __future__ import annotations
 
@@ -7,51 +7,51 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.recording import Pieces
-from sassgis.engine.rock import BARRIER
+from sassgis.engine.recording import STRETCH_DTYPE
+from sassgis.engine.state import BARRIER, VERTEX_DTYPE, Records
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9
+# Distance from the end of a segment at which a block counts as past it (m).
+_PAST = 1e-5
+#: Turns below this angle between two segments are no vertex (rad).
+STRAIGHT = 1e-9
 
 
 @kernel
-def cut(
-    cell_s: FloatArray,
-    cell: IntArray,
-    s: FloatArray,
-    pieces_border: FloatArray,
-    pieces_cell: IntArray,
-    pieces_segment: IntArray,
-) -> int:
-    """Cut cell stretches at the vertices; returns the number of pieces."""
-    i = 0
-    j = 0
-    n = 0
-    here = s[0]
-    n_cells = cell.size
-    n_segments = s.size - 1
-    while i < n_cells and j < n_segments:
-        end = min(cell_s[i + 1], s[j + 1])
-        if end > here:
-            pieces_border[n] = here
-            pieces_cell[n] = cell[i]
-            pieces_segment[n] = j
-            n += 1
-            here = end
-        if cell_s[i + 1] <= end:
-            i += 1
-        if s[j + 1] <= end:
-            j += 1
-    if n == 0:
-        pieces_border[0] = s[0]
-        pieces_cell[0] = -1
-        pieces_segment[0] = 0
-        n = 1
-        here = s[n_segments]
-    pieces_border[n] = here
-    return n
+def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Records:
+    """The segments between vertices.
+
+    Parameters
+    ----------
+    s, z : float64, shape (n,)
+        Chainage, rising, and height (m).
+    ground : int32, shape (n,)
+        Position in the ground table of the segment that starts at the vertex.
+
+    Returns
+    -------
+    VERTEX_DTYPE, shape (n,)
+    """
+    n = s.size
+    rows = np.zeros(n, VERTEX_DTYPE)
+    for i in range(n):
+        row = rows[i]
+        row.x = s[i]
+        row.z = z[i]
+        if i == n - 1:
+            break
+        dx = s[i + 1] - s[i]
+        dz = z[i + 1] - z[i]
+        length = math.sqrt(dx * dx + dz * dz)
+        row.length = length
+        row.tx = dx / length
+        row.tz = dz / length
+        row.angle = math.atan2(dz, dx)
+        row.ground = ground[i]
+    return rows
 
 
 @kernel
@@ -60,7 +60,7 @@ def without_straight_vertices(
 ) -> tuple[FloatArray, FloatArray, NDArray[np.int32]]:
     """The profile without vertices at which neither direction nor ground changes.
 
-    Such a vertex is none: however a straight slope is cut, the same rocks come down it.
+    Such a vertex is none: however a straight slope is cut, the same blocks come down it.
     """
     n = s.size
     keep = np.empty(n, np.int64)
@@ -87,12 +87,140 @@ def without_straight_vertices(
 
 
 @kernel
-def last_cell(pieces: Pieces, sx: FloatArray, reason: int, x: float, start: float) -> int:
-    """Cell in which a rock ends; -1 outside."""
-    if x < sx[0] or x > sx[sx.size - 1]:
+def stretches_of(cell_s: FloatArray, cell: IntArray, s: FloatArray) -> Records:
+    """Stretches of cells, cut at the vertices.
+
+    Parameters
+    ----------
+    cell_s : float64, shape (n_cells + 1,)
+        Borders of the cells along the profile (m).
+    cell : int64, shape (n_cells,)
+    s : float64, shape (n,)
+        Chainage of the vertices (m).
+
+    Returns
+    -------
+    STRETCH_DTYPE, shape (n_stretches + 1,)
+    """
+    rows = np.zeros(cell.size + s.size + 2, STRETCH_DTYPE)
+    i = 0
+    j = 0
+    n = 0
+    here = s[0]
+    n_segments = s.size - 1
+    while i < cell.size and j < n_segments:
+        end = min(cell_s[i + 1], s[j + 1])
+        if end > here:
+            rows[n].start = here
+            rows[n].cell = cell[i]
+            rows[n].segment = j
+            n += 1
+            here = end
+        if cell_s[i + 1] <= end:
+            i += 1
+        if s[j + 1] <= end:
+            j += 1
+    if n == 0:
+        rows[0].start = s[0]
+        rows[0].cell = -1
+        n = 1
+        here = s[n_segments]
+    rows[n].start = here
+    return rows[: n + 1]
+
+
+@kernel
+def segment_at(profile: Records, x: float, near: int) -> int:
+    """The segment under chainage x."""
+    j = near
+    n = profile.size - 1
+    while j > 0 and profile[j].x > x:
+        j -= 1
+    while j < n - 1 and profile[j + 1].x < x:
+        j += 1
+    return j
+
+
+@kernel
+def along(profile: Records, j: int, x: float, z: float) -> float:
+    """Distance of a point along segment j from its start (m)."""
+    row = profile[j]
+    return float((x - row.x) * row.tx + (z - row.z) * row.tz)
+
+
+@kernel
+def turn(profile: Records, j: int, direction: int) -> float:
+    """Sine of the turn from segment j to the next in a direction; above 0: convex."""
+    here = profile[j]
+    after = profile[j + direction]
+    cross = here.tx * after.tz - here.tz * after.tx
+    return float(-direction * cross)
+
+
+@kernel
+def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -> int:
+    """The segment along which a block that touches segment j moves on in a direction."""
+    n = profile.size - 1
+    while True:
+        u = along(profile, j, x, z)
+        if direction > 0 and u >= profile[j].length - _PAST and j < n - 1:
+            j += 1
+        elif direction < 0 and u <= _PAST and j > 0:
+            j -= 1
+        else:
+            break
+    # Where only the kind of ground changes, the foot decides also behind.
+    while True:
+        u = along(profile, j, x, z)
+        if direction > 0 and u < 0.0 and j > 0 and abs(turn(profile, j, -1)) < STRAIGHT:
+            j -= 1
+        elif (
+            direction < 0
+            and u > profile[j].length
+            and j < n - 1
+            and abs(turn(profile, j, 1)) < STRAIGHT
+        ):
+            j += 1
+        else:
+            return j
+
+
+@kernel
+def stretch_from(stretches: Records, i: int, x: float) -> int:
+    """The stretch under chainage x, looking ahead from stretch i."""
+    while i < stretches.size - 2 and stretches[i + 1].start < x:
+        i += 1
+    return i
+
+
+@kernel
+def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
+    """Cell ahead of a block that moves in a direction, and the distance to its border (m)."""
+    n = stretches.size - 1
+    while direction > 0 and i < n - 1 and stretches[i + 1].start <= x + _PAST:
+        i += 1
+    while direction < 0 and i > 0 and stretches[i].start >= x - _PAST:
+        i -= 1
+    gap = stretches[i + 1].start - x if direction > 0 else x - stretches[i].start
+    return stretches[i].cell, max(gap, _PAST)
+
+
+@kernel
+def last_cell(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
+    """Cell in which a block ends; -1 outside."""
+    if x < profile[0].x or x > profile[profile.size - 1].x:
         return -1
-    # A rock that a wall holds lies in front of it, also on the border of a cell.
-    k = int(np.searchsorted(pieces.border, x, side="right")) - 1
-    if reason == BARRIER and k > 0 and pieces.border[k] >= x > start:
+    # The last stretch that starts at or before x.
+    low = 0
+    high = stretches.size
+    while low < high:
+        middle = (low + high) // 2
+        if stretches[middle].start <= x:
+            low = middle + 1
+        else:
+            high = middle
+    k = low - 1
+    # A block that a wall holds lies in front of it, also on the border of a cell.
+    if reason == BARRIER and k > 0 and stretches[k].start >= x > start:
         k -= 1
-    return int(pieces.cell[min(max(k, 0), pieces.cell.size - 1)])
+    return int(stretches[min(max(k, 0), stretches.size - 2)].cell)

@@ -1,10 +1,9 @@
-"""What a moving rock leaves in the cells that it enters: its maxima and its time of arrival.
+"""What a moving block leaves in the cells that it enters: its maxima and its time of arrival.
 
-The cells under a profile come as stretches ("pieces") that are also cut at the profile's vertices,
-so that the ground is straight in each. Within a piece of a flight the speed is greatest at an end
-and the height above ground is a concave parabola, so all maxima are exact. So is
-the time at a cell's border: chainage is linear in time in flight, and speed squared linear in the
-distance on the ground.
+The cells under a profile come as stretches that are also cut at the profile's vertices, so that
+the ground is straight in each. Over a stretch the speed of a flight is greatest at an end and its
+height above ground is a concave parabola, so all maxima are exact. So is the time at a cell's
+border: chainage is linear in time in flight, and speed squared linear in the distance on the ground.
 """
 
 from __future__ import annotations
@@ -15,26 +14,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 from sassgis.model.statistics_table import QUANTITIES
 
-#: Columns of what is recorded: energy per unit mass (J/kg), -1 where the rock has not been; height
+#: Columns of what is recorded: energy per unit mass (J/kg), -1 where the block has not been; height
 #: (m); speed squared (m²/s²); time since the release at the first entry (s).
 N_RECORDED = len(QUANTITIES)
 ENERGY, HEIGHT, SPEED2, ARRIVAL = range(N_RECORDED)
 
-
-class Pieces(NamedTuple):
-    """The profile of one line cut at cell borders and vertices."""
-
-    border: NDArray[np.float64]  # (n + 1,) chainage (m)
-    cell: NDArray[np.int64]  # (n,) position in the chunk's cells, -1 for none
-    segment: NDArray[np.int64]  # (n,)
+#: The profile of one line cut at cell borders and vertices; the last row has only its start.
+STRETCH_DTYPE = np.dtype(
+    (
+        np.record,
+        [
+            ("start", np.float64),  # chainage (m)
+            ("cell", np.int64),  # position in the chunk's cells, -1 for none
+            ("segment", np.int64),
+        ],
+    )
+)
 
 
 class CellWork(NamedTuple):
-    """What one rock did in each cell of a chunk.
+    """What one block did in each cell of a chunk.
 
     What is touched together lies together, so that the processor fetches it at once.
     """
@@ -43,9 +45,8 @@ class CellWork(NamedTuple):
     touched: NDArray[np.int64]  # cells in the order in which they were entered
 
 
-@kernel
 def empty_work(n_cells: int) -> CellWork:
-    """Room for what a rock does in the cells of a chunk."""
+    """Room for what a block does in the cells of a chunk."""
     return CellWork(np.full((n_cells, N_RECORDED), -1.0), np.zeros(n_cells, np.int64))
 
 
@@ -76,10 +77,10 @@ def _raise(
 
 @kernel
 def record_flight(
-    pieces: Pieces,
+    stretches: NDArray[np.void],
     work: CellWork,
     n_touched: int,
-    piece: int,
+    i: int,
     x: float,
     z: float,
     vx: float,
@@ -89,18 +90,16 @@ def record_flight(
     until: float,
     t: float,
     rest: float,
-    sx: FloatArray,
-    sz: FloatArray,
-    tx: FloatArray,
-    tz: FloatArray,
+    profile: NDArray[np.void],
 ) -> tuple[int, int, float]:
     """Record the cells under a flight.
 
     Parameters
     ----------
-    pieces, work : Pieces, CellWork
-    n_touched, piece : int
-        Cells touched so far; the piece under the centre.
+    stretches : STRETCH_DTYPE
+    work : CellWork
+    n_touched, i : int
+        Cells touched so far; the stretch under the centre.
     x, z, vx, vz : float
         State at the start of the flight.
     spin_energy : float
@@ -111,20 +110,19 @@ def record_flight(
         Time since the release at the start of the flight (s).
     rest : float
         The shorter semi-axis (m): over cos β it is the resting height.
-    sx, sz, tx, tz : float64 arrays
-        The profile.
+    profile : VERTEX_DTYPE
 
     Returns
     -------
-    n_touched, piece : int
+    n_touched, i : int
     top : float
         Greatest passing height (m).
     """
-    n = pieces.cell.size
-    while piece > 0 and pieces.border[piece] > x:
-        piece -= 1
-    while piece < n - 1 and pieces.border[piece + 1] < x:
-        piece += 1
+    n = stretches.size - 1
+    while i > 0 and stretches[i].start > x:
+        i -= 1
+    while i < n - 1 and stretches[i + 1].start < x:
+        i += 1
     x_end = x + vx * until
     per_vx = 1.0 / vx if vx != 0.0 else 0.0
     per_gravity = 1.0 / gravity
@@ -139,20 +137,21 @@ def record_flight(
     before = vz * vz
     while True:
         if step > 0:
-            border = pieces.border[piece + 1]
-            inside = border >= x_end or piece == n - 1
+            border = stretches[i + 1].start
+            inside = border >= x_end or i == n - 1
         else:
-            border = pieces.border[piece]
-            inside = border <= x_end or piece == 0
+            border = stretches[i].start
+            inside = border <= x_end or i == 0
         leave = until if inside else (border - x) * per_vx
         leave = min(max(leave, now), until)
-        j = pieces.segment[piece]
+        j = stretches[i].segment
         if j != segment:
             # Height above this segment: above + lift t − gravity t²/2.
             segment = j
-            slope = tz[j] / tx[j]
-            above = z - sz[j] - slope * (x - sx[j])
-            clear = rest / tx[j]
+            here = profile[j]
+            slope = here.tz / here.tx
+            above = z - here.z - slope * (x - here.x)
+            clear = rest / here.tx
             lift = vz - slope * vx
             apex = lift * per_gravity
         after = vz - gravity * leave
@@ -165,25 +164,25 @@ def record_flight(
             high = max(high, above + 0.5 * lift * apex)
         high = max(high - clear, 0.0)
         top = max(top, high)
-        cell = pieces.cell[piece]
+        cell = stretches[i].cell
         if cell >= 0:
             speed2 = vx * vx + max(before, after)
             n_touched = _raise(
                 work, n_touched, cell, 0.5 * speed2 + spin_energy, high, speed2, t + now
             )
         if inside:
-            return n_touched, piece, top
+            return n_touched, i, top
         before = after
         now = leave
-        piece += step
+        i += step
 
 
 @kernel
 def record_ground(
-    pieces: Pieces,
+    stretches: NDArray[np.void],
     work: CellWork,
     n_touched: int,
-    piece: int,
+    i: int,
     x: float,
     x_end: float,
     v2: float,
@@ -211,24 +210,24 @@ def record_ground(
     t : float
         Time since the release at the start (s).
     """
-    n = pieces.cell.size
-    while piece > 0 and pieces.border[piece] > x:
-        piece -= 1
-    while piece < n - 1 and pieces.border[piece + 1] < x:
-        piece += 1
+    n = stretches.size - 1
+    while i > 0 and stretches[i].start > x:
+        i -= 1
+    while i < n - 1 and stretches[i + 1].start < x:
+        i += 1
     step = 1 if x_end >= x else -1
     done = 0.0
     while True:
         if step > 0:
-            border = pieces.border[piece + 1]
-            inside = border >= x_end or piece == n - 1
+            border = stretches[i + 1].start
+            inside = border >= x_end or i == n - 1
         else:
-            border = pieces.border[piece]
-            inside = border <= x_end or piece == 0
+            border = stretches[i].start
+            inside = border <= x_end or i == 0
         share = 1.0
         if not inside and chord > 0.0:
             share = min(max(abs(border - x) / chord, done), 1.0)
-        cell = pieces.cell[piece]
+        cell = stretches[i].cell
         if cell >= 0:
             fast = max(v2 + dv2 * done, v2 + dv2 * share)
             energy = 0.5 * fast + max(spin + dspin * done, spin + dspin * share)
@@ -240,6 +239,6 @@ def record_ground(
                     enters += 2.0 * length * done / both
             n_touched = _raise(work, n_touched, cell, energy, 0.0, max(fast, 0.0), enters)
         if inside:
-            return n_touched, piece
+            return n_touched, i
         done = share
-        piece += step
+        i += step

@@ -10,18 +10,20 @@ from numpy.typing import NDArray
 
 from sassgis.engine import barriers as control_line_rules
 from sassgis.engine import impact as impact_rules
-from sassgis.engine.effects.build import effects_of, room_for_spawned
+from sassgis.engine.effects.hooks import MOST_SPAWNED, prepare
 from sassgis.engine.kernel import (
     NO_ROOM,
-    PASSAGE_COLUMNS,
-    PIECE_COLUMNS,
-    ROCK_COLUMNS,
     TOO_MANY_SPAWNED,
     ControlLineTable,
     Lines,
-    run_lines,
+    Places,
+    Rows,
+    Setup,
+    Totals,
+    simulate_lines,
+    working_space,
 )
-from sassgis.engine.state import Physics
+from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import Exceedance, Objects, by_name, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
@@ -34,14 +36,9 @@ from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.model.statistics_table import Bins, default_bins
 
-#: Pieces and blocks set in motion that one rock may have.
-MOST_SPAWNED = 5000
-
-#: Columns of a course of events.
-COURSE_COLUMNS = (
-    "phase", "t_s", "x_m", "z_m", "vx_mps", "vz_mps", "theta_rad", "omega_radps", "segment",
-    "ux", "uz",
-)  # fmt: skip
+# The same rows, as the kernel takes them.
+_RECORDS_OF_ROCKS = np.dtype((np.record, ROCK_DTYPE))
+_RECORDS_OF_PASSAGES = np.dtype((np.record, PASSAGE_DTYPE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +58,10 @@ class Simulated:
         "exceed" and "exceed_square" with a row for each window, each object.
     rocks : ROCK_DTYPE, shape (n_lines * n_rocks,)
     pieces : ROCK_DTYPE
-        Pieces of broken rocks and blocks set in motion, numbered from 1 in each rock's course.
+        Spawned blocks (fragments and entrained blocks), numbered from 1 for each released block.
     passages : PASSAGE_DTYPE
-    courses : tuple of float64 arrays, shape (n_events, 11)
-        Course of each rock, columns COURSE_COLUMNS; empty unless asked for.
+    event_logs : tuple of EVENT_DTYPE arrays, shape (n_events,)
+        Events of each released block; empty unless asked for.
     """
 
     cells: IntArray
@@ -75,7 +72,7 @@ class Simulated:
     rocks: NDArray[np.void]
     pieces: NDArray[np.void]
     passages: NDArray[np.void]
-    courses: tuple[FloatArray, ...]
+    event_logs: tuple[NDArray[np.void], ...]
 
 
 def no_exceedance(n: int, bins: Bins) -> Exceedance:
@@ -111,10 +108,10 @@ def _physics(settings: EngineSettings) -> Physics:
 
 
 def _control_line_rule(control_line: ControlLine) -> int:
-    """How the kernel treats a gate."""
+    """How the kernel treats a control line."""
     if control_line.kind == "station":
         return control_line_rules.STATION
-    return control_line_rules.LETS_GO if control_line.lets_go else control_line_rules.STOPS
+    return control_line_rules.RELEASES if control_line.lets_go else control_line_rules.STOPS
 
 
 def _check(profiles: ProfileSet, table: GroundTable) -> None:
@@ -143,6 +140,39 @@ def _check(profiles: ProfileSet, table: GroundTable) -> None:
         )
 
 
+def _checked_starts(profiles: ProfileSet, starts: FloatArray) -> FloatArray:
+    """Starting chainages as the kernel takes them; InputError where one is off its profile."""
+    starts = np.asarray(starts, np.float64).reshape(len(profiles), 2)
+    first = profiles.s[profiles.offset[:-1]]
+    last = profiles.s[profiles.offset[1:] - 1]
+    outside = (starts[:, 0] < first) | (starts[:, 1] > last) | (starts[:, 0] > starts[:, 1])
+    if outside.any():
+        i = int(np.flatnonzero(outside)[0])
+        raise InputError(
+            f"profile {i}: the start lies outside the profile",
+            found=f"{starts[i, 0]:g} to {starts[i, 1]:g} m",
+            expected=f"within {first[i]:g} to {last[i]:g} m, low first",
+        )
+    return starts
+
+
+def _cells_of(profiles: ProfileSet) -> tuple[IntArray, IntArray]:
+    """Cells under the profiles, ascending, and the position among them of each stretch, or -1."""
+    cells, local = np.unique(profiles.cell, return_inverse=True)
+    known = cells >= 0
+    local = np.where(profiles.cell >= 0, local - int((~known).sum()), -1).astype(np.int64)
+    return cells[known], local
+
+
+def _control_line_table(crossings: ControlLineCrossings) -> ControlLineTable:
+    lines = crossings.control_lines
+    return ControlLineTable(
+        np.array([_control_line_rule(line) for line in lines], np.int64),
+        np.array([line.height_m for line in lines], np.float64),
+        1e3 * np.array([line.capacity_kj for line in lines], np.float64),
+    )
+
+
 def simulate(
     profiles: ProfileSet,
     table: GroundTable,
@@ -160,11 +190,11 @@ def simulate(
     strata: IntArray | None = None,
     first_rock: int = 0,
     bins: Bins | None = None,
-    course_events: int = 0,
+    log_events: int = 0,
     effects: EffectSettings | None = None,
     forest: Forest | None = None,
 ) -> Simulated:
-    """Follow rocks down profiles.
+    """Simulate blocks down profiles.
 
     The rocks depend only on seed, line key and number on the line, never on what else is simulated.
 
@@ -181,7 +211,7 @@ def simulate(
         Identity of each line for the random draws.
     starts : float64, shape (n_lines, 2)
         Limits of the starting chainage (m).
-    gates : GateCrossings, optional
+    control_lines : ControlLineCrossings, optional
     objects : ObjectCells, optional
         At each of which every rock counts once, with its largest energy in the object's cells.
     window : Window, optional
@@ -196,8 +226,8 @@ def simulate(
     bins : Bins, optional
         Edges of the histograms per cell, thresholds of the hazard curves; default
         ``default_bins()``.
-    course_events : int
-        Events to keep of each rock's course.
+    log_events : int
+        Events to keep in the log of each block.
     effects : EffectSettings, optional
         What the model of 1986 leaves out. A rock and its pieces count once in each cell.
     forest : Forest, optional
@@ -213,30 +243,16 @@ def simulate(
         Profiles, classes or starts that cannot be used.
     """
     n_lines = len(profiles)
+    bins = bins or default_bins()
+    flat = flat_bins(bins)
+    crossings = control_lines or ControlLineCrossings.none(n_lines)
+    objects = objects or ObjectCells.none()
+    effects = effects or EffectSettings()
     _check(profiles, table)
-    if bins is None:
-        bins = default_bins()
-    if control_lines is None:
-        control_lines = ControlLineCrossings.none(n_lines)
-    if objects is None:
-        objects = ObjectCells.none()
+    starts = _checked_starts(profiles, starts)
+    cells, local = _cells_of(profiles)
     if line_numbers is None:
         line_numbers = np.arange(n_lines, dtype=np.int64)
-    starts = np.asarray(starts, np.float64).reshape(n_lines, 2)
-    first = profiles.s[profiles.offset[:-1]]
-    last = profiles.s[profiles.offset[1:] - 1]
-    outside = (starts[:, 0] < first) | (starts[:, 1] > last) | (starts[:, 0] > starts[:, 1])
-    if outside.any():
-        i = int(np.flatnonzero(outside)[0])
-        raise InputError(
-            f"profile {i}: the start lies outside the profile",
-            found=f"{starts[i, 0]:g} to {starts[i, 1]:g} m",
-            expected=f"within {first[i]:g} to {last[i]:g} m, low first",
-        )
-    cells, local = np.unique(profiles.cell, return_inverse=True)
-    known = cells >= 0
-    local = np.where(profiles.cell >= 0, local - int((~known).sum()), -1).astype(np.int64)
-    cells = cells[known]
     lines = Lines(
         offset=profiles.offset,
         s=profiles.s,
@@ -249,107 +265,65 @@ def simulate(
         key=np.asarray(line_keys, np.uint64),
         stratum=np.asarray(np.arange(n_lines) if strata is None else strata, np.int64),
         start=starts,
-        control_line_offset=control_lines.offset,
-        control_line_x=control_lines.chainage,
-        control_line=control_lines.control_line,
+        control_line_offset=crossings.offset,
+        control_line_x=crossings.chainage,
+        control_line=crossings.control_line,
     )
-    control_line_table = ControlLineTable(
-        np.array([_control_line_rule(g) for g in control_lines.control_lines], np.int64),
-        np.array([g.height_m for g in control_lines.control_lines], np.float64),
-        1e3 * np.array([g.capacity_kj for g in control_lines.control_lines], np.float64),
+    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
+    setup = Setup(
+        table.rows(),
+        np.stack([population.limits() for population in populations]),
+        _physics(settings),
+        _control_line_table(crossings),
+        np.uint64(seed),
+        first_rock,
+        rocks_per_line,
     )
     centres, windows = _windows(window, cells)
-    flat = flat_bins(bins)
-    effects = effects or EffectSettings()
-    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
-    limits = np.array([population.array() for population in populations])
     stems = forest.stems_per_m2[cells] if forest is not None else np.zeros(0)
     diameter = forest.diameter_m[cells] if forest is not None else np.zeros(0)
-    made = effects_of(effects, table, stems, diameter)
+    hooked = prepare(effects, table, stems, diameter)
     n = n_lines * rocks_per_line
-    rocks = np.zeros((n, ROCK_COLUMNS))
-    events = np.zeros((n, course_events, len(COURSE_COLUMNS)))
-    event_counts = np.zeros(n, np.int64)
     room = 1
     while True:
-        sums = empty_sums(cells.size, flat)
-        reach = no_exceedance(cells.size, bins)
-        object_reach = no_exceedance(objects.n_objects, bins)
-        window_reach = no_exceedance(centres.size, bins)
-        passages = np.zeros(
-            (max(room * control_lines.chainage.size * rocks_per_line, 1), PASSAGE_COLUMNS)
-        )
-        pieces = np.zeros((room * n if made is not None else 0, PIECE_COLUMNS))
-        filled, born = run_lines(
-            lines,
-            table.array(),
-            limits,
-            _physics(settings),
-            control_line_table,
+        totals = Totals(
             flat,
-            np.uint64(seed),
-            first_rock,
-            rocks_per_line,
-            sums,
-            reach,
-            windows,
-            window_reach,
-            Objects(*objects.under(cells)),
-            object_reach,
-            rocks,
-            passages,
-            events,
-            event_counts,
-            made,
-            None if made is None else room_for_spawned(MOST_SPAWNED, effects),
-            pieces,
+            empty_sums(cells.size, flat),
+            no_exceedance(cells.size, bins),
+            Places(windows, no_exceedance(centres.size, bins)),
+            Places(Objects(*objects.under(cells)), no_exceedance(objects.n_objects, bins)),
         )
-        if born != NO_ROOM:
+        rows = Rows(
+            rocks=np.zeros(n, _RECORDS_OF_ROCKS),
+            passages=np.zeros(
+                max(room * crossings.chainage.size * rocks_per_line, 1), _RECORDS_OF_PASSAGES
+            ),
+            pieces=np.zeros(room * n if hooked is not None else 0, _RECORDS_OF_ROCKS),
+            events=np.zeros((n, log_events), EVENT_DTYPE),
+            event_counts=np.zeros(n, np.int64),
+            filled=np.zeros(2, np.int64),
+        )
+        status = simulate_lines(lines, setup, totals, rows, working_space(totals), hooked)
+        if status != NO_ROOM:
             break
         room *= 4
-    if born == TOO_MANY_SPAWNED:
+    if status == TOO_MANY_SPAWNED:
         raise InputError(
-            "a rock has too many pieces and blocks set in motion",
+            "a block spawns too many others",
             field="effects",
-            found=f"more than {MOST_SPAWNED} in the course of one rock",
-            expected="fewer pieces, a larger smallest piece, or fewer blocks per impact",
+            found=f"more than {MOST_SPAWNED} from one released block",
+            expected="fewer fragments, a larger smallest fragment, or fewer blocks per impact",
         )
+    n_passages, n_pieces = rows.filled
+    counts = rows.event_counts
     return Simulated(
         cells=cells,
-        sums=by_name(sums, reach, flat) | _exceedance(reach),
+        sums=by_name(totals.sums, totals.reach, flat) | _exceedance(totals.reach),
         windows=centres,
-        window_sums=_exceedance(window_reach),
-        objects=_exceedance(object_reach),
-        rocks=_rock_rows(rocks, lines.number, first_rock, rocks_per_line),
-        pieces=_piece_rows(pieces[:born]),
-        passages=_passage_rows(passages[:filled]),
-        courses=tuple(events[i, : event_counts[i]] for i in range(n)) if course_events else (),
+        window_sums=_exceedance(totals.windows.reach),
+        objects=_exceedance(totals.objects.reach),
+        rocks=rows.rocks.view(ROCK_DTYPE),
+        pieces=rows.pieces[:n_pieces].view(ROCK_DTYPE),
+        passages=rows.passages[:n_passages].view(PASSAGE_DTYPE),
+        event_logs=tuple(rows.events[i, : counts[i]] for i in range(n)) if log_events else (),
     )
-
-
-def _rock_rows(
-    rows: FloatArray, numbers: IntArray, first_rock: int, rocks_per_line: int
-) -> NDArray[np.void]:
-    out = np.zeros(rows.shape[0], ROCK_DTYPE)
-    out["line"] = np.repeat(numbers, rocks_per_line)
-    out["rock"] = np.tile(
-        np.arange(first_rock, first_rock + rocks_per_line, dtype=np.int32), numbers.size
-    )
-    for i, name in enumerate(list(ROCK_DTYPE.names or ())[3:]):
-        out[name] = rows[:, i]
-    return out
-
-
-def _piece_rows(rows: FloatArray) -> NDArray[np.void]:
-    out = np.zeros(rows.shape[0], ROCK_DTYPE)
-    for i, name in enumerate(ROCK_DTYPE.names or ()):
-        out[name] = rows[:, i]
-    return out
-
-
-def _passage_rows(rows: FloatArray) -> NDArray[np.void]:
-    out = np.zeros(rows.shape[0], PASSAGE_DTYPE)
-    order = ["line", "rock", "control_line", "outcome", *list(PASSAGE_DTYPE.names or ())[4:]]
-    for i, name in enumerate(order):
-        out[name] = rows[:, i]
-    return out

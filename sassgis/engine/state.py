@@ -1,44 +1,157 @@
-"""What the kernel is told of a rock, its profile, the gates on it and the readings of the paper."""
+"""What the kernels read and write: the block, its state, the profile under it, and its records.
+
+Records (rows of structured arrays) are passed by reference: a kernel that takes the state of a
+block changes it in place, and what it does not name stays as it is. NamedTuples are passed by
+value and never change. The same rows can be read in plain Python, with numba switched off.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.recording import CellWork
+from sassgis.model.jit import inlined, kernel
 
-class Profile(NamedTuple):
-    """One profile with its segments' unit tangents and lengths."""
+# Phases, as they are written to the event log.
+FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4
 
-    sx: NDArray[np.float64]
-    sz: NDArray[np.float64]
-    tx: NDArray[np.float64]
-    tz: NDArray[np.float64]
-    length: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    ground: NDArray[np.int32]
+# Stopping reasons; the same numbers as model.results.StopReason.
+REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = 0, 1, 2, 3, 4, 5
+
+# Effects cut a flight or a stretch of rolling into so many steps at most, on average.
+_STEPS_PER_EVENT = 50
+
+#: A row of a structured array, as numba and plain Python both know it.
+Record = Any
+Records = NDArray[np.void]
 
 
-class ControlLines(NamedTuple):
-    """Stations and barriers on one profile, by rising chainage."""
+def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
+    """A structured dtype whose rows give their fields as attributes."""
+    return np.dtype((np.record, list(fields)))
 
-    x: NDArray[np.float64]
-    z: NDArray[np.float64]
-    kind: NDArray[np.int64]
-    height: NDArray[np.float64]
-    capacity: NDArray[np.float64]  # J
-    control_line: NDArray[np.int64]  # number of the gate in the run
+
+_F, _I = np.float64, np.int64
+
+#: Vertices of a profile, each with the segment that starts there; the last has none.
+VERTEX_DTYPE = record_type(
+    ("x", _F),  # chainage (m)
+    ("z", _F),  # height (m)
+    ("tx", _F),  # unit tangent of the segment
+    ("tz", _F),
+    ("length", _F),  # of the segment (m)
+    ("angle", _F),  # of the segment (rad)
+    ("ground", _I),  # position in the ground table
+)
+
+#: Stations and barriers on a profile, by rising chainage.
+CROSSING_DTYPE = record_type(
+    ("x", _F),  # chainage (m)
+    ("z", _F),  # height of the ground (m)
+    ("height", _F),  # of the top above it (m)
+    ("capacity", _F),  # energy that it takes (J)
+    ("kind", _I),
+    ("number", _I),  # of the control line in the run
+    ("seen", np.bool_),  # whether the block has been here
+)
+
+#: Where a block is, how it moves, and what has become of it.
+STATE_DTYPE = record_type(
+    ("spawned", np.bool_),  # by an impact of another block
+    ("phase", _I),
+    ("reason", _I),  # stopping reason
+    ("began", _F),  # since the release, when a spawned block came into being (s)
+    ("t", _F),  # since its own start (s)
+    ("x", _F),  # centre: chainage (m)
+    ("z", _F),  # height (m)
+    ("vx", _F),
+    ("vz", _F),  # (m/s)
+    ("theta", _F),  # angle of the major axis (rad)
+    ("omega", _F),  # spin (rad/s)
+    ("segment", _I),  # of the profile, under or near the block
+    ("stretch", _I),  # stretch of a cell under the centre
+    ("speed", _F),  # along the ground, while it rolls or slides (m/s)
+    ("direction", _I),  # along the ground: 1 to the right, -1 to the left
+    ("nx", _F),  # normal of the ground that it has come to
+    ("nz", _F),
+    ("skip_to", _I),  # segments that a flight has just left; see next_contact
+    ("clear_from", _F),  # time of the flight before which no contact counts (s)
+    ("spot_x", _F),  # place of the last contacts (m)
+    ("spot_z", _F),
+    ("crowded", _I),  # contacts there
+    ("events", _I),
+    ("steps", _I),  # into which effects have cut events
+    ("impacts", _I),
+    ("slope_draws", _I),
+    ("moved", np.bool_),
+    ("held_x", _F),  # where a net held it; infinite if none has (m)
+    ("lines_from", _F),  # chainage up to which control lines have been dealt with (m)
+    ("n_passages", _I),
+    ("n_touched", _I),  # cells
+    ("furthest", _F),  # chainage (m)
+    ("top_speed", _F),  # (m/s)
+    ("top_height", _F),  # (m)
+    ("top_energy", _F),  # (J/kg)
+)
+
+#: One event of a block: its phase and state as the phase begins. (ux, uz) is the direction of the
+#: ground that is met or followed, 0 in flight.
+EVENT_DTYPE = record_type(
+    ("phase", np.uint8),
+    ("t_s", _F),
+    ("x_m", _F),
+    ("z_m", _F),
+    ("vx_mps", _F),
+    ("vz_mps", _F),
+    ("theta_rad", _F),
+    ("omega_radps", _F),
+    ("segment", np.int32),
+    ("ux", _F),
+    ("uz", _F),
+)
+
+#: A block that an impact of another has spawned, in flight.
+SPAWNED_DTYPE = record_type(
+    ("x", _F),
+    ("z", _F),
+    ("vx", _F),
+    ("vz", _F),
+    ("theta", _F),
+    ("omega", _F),
+    ("a", _F),
+    ("b", _F),
+    ("c", _F),
+    ("mass", _F),
+    ("t", _F),  # since the release (s)
+)
 
 
 class Block(NamedTuple):
-    """One rock."""
+    """A block: semi-axes a >= b in the plane of motion, c across; what follows from them."""
 
     a: float
     b: float
     c: float
+    density: float
     mass: float
-    key: np.uint64
+    key: np.uint64  # identity for random draws
+    inertia: float  # per unit mass (m²)
+    radius: float  # of the sphere of equal volume (m)
+    roll_radius: float  # (m)
+    roll_share: float  # kinetic energy of rolling over that of its translation
+
+
+class Start(NamedTuple):
+    """How a block starts."""
+
+    x: float  # chainage (m)
+    speed: float  # along the slope, positive downhill (m/s)
+    spin: float  # positive as a block that rolls downhill (rad/s)
+    drop: float  # height above its resting position (m)
+    orientation: float  # angle of the major axis to the slope (rad)
 
 
 class Physics(NamedTuple):
@@ -54,11 +167,66 @@ class Physics(NamedTuple):
     max_events: int
 
 
-class Course(NamedTuple):
-    """Room for the events of a rock; none are kept where it has no rows.
+class Site(NamedTuple):
+    """What a block moves over."""
 
-    Columns: phase, t, x, z, vx, vz, theta, omega, segment, ux, uz (direction of the ground, or 0).
-    """
+    profile: Records  # VERTEX_DTYPE
+    grounds: Records  # model.ground.GROUND_DTYPE
+    crossings: Records  # CROSSING_DTYPE
+    stretches: Records  # recording.STRETCH_DTYPE
 
-    rows: NDArray[np.float64]
+
+class EventLog(NamedTuple):
+    """Room for the events of a block; none are kept where it has no rows."""
+
+    rows: Records  # EVENT_DTYPE
     filled: NDArray[np.int64]  # (1,) number of rows written
+
+
+class Output(NamedTuple):
+    """What a block leaves behind as it moves."""
+
+    passages: Records  # PASSAGE_DTYPE, those of this block from the top
+    work: CellWork
+    log: EventLog
+
+
+@inlined
+def log_event(log: EventLog, state: Record, ux: float, uz: float) -> None:
+    """Write the state to the event log, with the direction of the ground."""
+    i = log.filled[0]
+    if i < log.rows.shape[0]:
+        row = log.rows[i]
+        row.phase = state.phase
+        row.t_s = state.t
+        row.x_m = state.x
+        row.z_m = state.z
+        row.vx_mps = state.vx
+        row.vz_mps = state.vz
+        row.theta_rad = state.theta
+        row.omega_radps = state.omega
+        row.segment = state.segment if state.phase != FLIGHT else -1
+        row.ux = ux
+        row.uz = uz
+        log.filled[0] = i + 1
+
+
+@inlined
+def end(state: Record, reason: int) -> None:
+    """End the motion of a block."""
+    state.phase = END
+    state.reason = reason
+
+
+@kernel
+def end_at_rest(state: Record, block: Block) -> None:
+    """End the motion of a block that lies still, at a barrier if one has held it here."""
+    end(state, BARRIER if abs(state.x - state.held_x) < block.a else REST)
+
+
+@inlined
+def same_event(state: Record, physics: Physics) -> None:
+    """Count a step of an event that goes on: it is no further event, unless there are too many."""
+    state.steps += 1
+    if state.steps < _STEPS_PER_EVENT * physics.max_events:
+        state.events -= 1

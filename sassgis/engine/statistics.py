@@ -123,7 +123,6 @@ def _tally(tally: LineTally, n_line: int, place: int, level: int) -> int:
     return n_line
 
 
-@kernel
 def empty_tally(sums: Exceedance) -> LineTally:
     """A tally for the places of some sums."""
     n, n_levels = sums.rocks.shape
@@ -241,7 +240,6 @@ class Event(NamedTuple):
     filled: NDArray[np.int64]  # (1,)
 
 
-@kernel
 def empty_event(n_cells: int) -> Event:
     """Room for what a rock and its fragments do in some cells."""
     return Event(

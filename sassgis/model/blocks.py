@@ -5,11 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
 
 Range = tuple[float, float]
+
+#: Attributes of BlockPopulation between whose limits each block is drawn.
+LIMITS_DTYPE = np.dtype(
+    (
+        np.record,
+        [
+            (name, np.float64)
+            for name in (
+                "axis_1_m", "axis_2_m", "axis_3_m", "density_kgm3", "speed_mps", "spin_radps",
+                "drop_m", "orientation_rad", "volume_m3", "volume_exponent",
+            )
+        ],
+    )
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,27 +104,18 @@ class BlockPopulation:
                 expected="volume_m3 as well",
             )
 
-    def array(self) -> FloatArray:
-        """Limits as the kernel reads them: float64, shape (10, 2), ordered as the attributes.
+    def limits(self) -> NDArray[np.void]:
+        """Limits as the kernel reads them: LIMITS_DTYPE, shape (2,), the lower ones first.
 
         No volume stands as zeros, no exponent as NaN.
         """
-        exponent = np.nan if self.volume_exponent is None else self.volume_exponent
-        return np.array(
-            [
-                self.axis_1_m,
-                self.axis_2_m,
-                self.axis_3_m,
-                self.density_kgm3,
-                self.speed_mps,
-                self.spin_radps,
-                self.drop_m,
-                self.orientation_rad,
-                self.volume_m3 or (0.0, 0.0),
-                (exponent, exponent),
-            ],
-            dtype=np.float64,
-        )
+        rows = np.zeros(2, LIMITS_DTYPE)
+        for name in LIMITS_DTYPE.names or ():
+            value = getattr(self, name)
+            rows[name] = 0.0 if value is None else value
+        if self.volume_exponent is None:
+            rows["volume_exponent"] = np.nan
+        return rows
 
     @property
     def largest_mass_kg(self) -> float:

@@ -5,9 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
+
+#: Parameters of a ground class; the numbers among the attributes of GroundClass.
+GROUND_DTYPE = np.dtype(
+    (
+        np.record,
+        [
+            (name, np.float64)
+            for name in ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
+        ],
+    )
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,18 +109,9 @@ class GroundTable:
                 "unknown ground class", found=repr(name), expected="one of " + ", ".join(self.names)
             ) from None
 
-    def array(self) -> FloatArray:
-        """The parameters as the kernel reads them.
-
-        Returns
-        -------
-        float64, shape (n_classes, 7)
-            Columns eta_max, dp_min, dp_max, mu_f, mu_0, k, d_star_m.
-        """
-        return np.array(
-            [
-                [c.eta_max, c.dp_min, c.dp_max, c.mu_f, c.mu_0, c.k, c.d_star_m]
-                for c in self.classes
-            ],
-            dtype=np.float64,
-        )
+    def rows(self) -> NDArray[np.void]:
+        """The parameters as the kernel reads them: GROUND_DTYPE, shape (n_classes,)."""
+        rows = np.zeros(len(self.classes), GROUND_DTYPE)
+        for name in GROUND_DTYPE.names or ():
+            rows[name] = [getattr(c, name) for c in self.classes]
+        return rows

@@ -17,7 +17,8 @@ from sassgis.model.jit import kernel
 # Streams: what a draw is for. An effect that needs draws takes streams of its own.
 AXIS_1, AXIS_2, AXIS_3, DENSITY, SPEED, SPIN, DROP, ORIENTATION, START, SLOPE = range(10)
 VOLUME = 10
-STEM_DISTANCE, STEM_OFFSET, TILT, LANDING, BREAKS, PIECE_WAY, SET_OFF, SET_OFF_WAY = range(11, 19)
+STEM_DISTANCE, STEM_OFFSET, TILT, LANDING, BREAKS, FRAGMENT_ANGLE = range(11, 17)
+ENTRAINED, ENTRAINED_ANGLE = 17, 18
 HOP, KICK = 19, 20
 
 

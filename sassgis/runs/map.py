@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.engine.course import trajectory
+from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.hazard.bins import bins_of
@@ -34,7 +34,7 @@ from sassgis.terrain.release import take
 from sassgis.terrain.stretch import take_lines
 
 CHUNK_POINTS = 32
-_COURSE_EVENTS = 2000
+_LOG_EVENTS = 2000
 _PATHS = 100
 
 
@@ -124,7 +124,7 @@ def paths_on_line(run: MapRun, planned: Plan, line: int, scenario: int, rock: in
         rocks_per_line=min(_PATHS, run.rocks_per_line), line_keys=keys,
         first_rock=repetition * run.rocks_per_line,
         starts=prepared.starts(planned.moved[[point]]), control_lines=prepared.crossings,
-        course_events=_COURSE_EVENTS, effects=run.effects, forest=run.forest,
+        log_events=_LOG_EVENTS, effects=run.effects, forest=run.forest,
     )  # fmt: skip
     s, z = prepared.flat.vertices(0)
     crossed = prepared.crossings
@@ -139,7 +139,7 @@ def paths_on_line(run: MapRun, planned: Plan, line: int, scenario: int, rock: in
             (crossed.control_lines[g], float(c))
             for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
         ),
-        paths=tuple(trajectory(c, run.engine.gravity_mps2) for c in result.courses),
+        paths=tuple(trajectory(c, run.engine.gravity_mps2) for c in result.event_logs),
         stops=result.rocks["runout_m"],
     )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.engine.course import trajectory
+from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_of
 from sassgis.hazard.bins import bins_for
@@ -32,7 +32,7 @@ from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.prepare import LEAD_IN_M, prepare_lines, scenario_word
 from sassgis.terrain.stretch import with_lead_in
 
-_COURSE_EVENTS = 2000
+_LOG_EVENTS = 2000
 _DRAWN = 100
 
 
@@ -182,13 +182,13 @@ def simulate_profile(
                 control_lines=control_lines,
                 first_rock=first,
                 bins=bins,
-                course_events=events,
+                log_events=events,
                 effects=config.effects,
                 forest=profile.forest,
             )
 
-        shown = simulated(drawn, 0, _COURSE_EVENTS)
-        paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.courses]
+        shown = simulated(drawn, 0, _LOG_EVENTS)
+        paths += [trajectory(c, config.engine.gravity_mps2) for c in shown.event_logs]
         parts.append(simulated(count, 0, 0))
     for part in parts:
         sums.add(part.passages)

@@ -39,8 +39,8 @@ def test_a_flight_crosses_borders_at_even_speed(lab):
     beta, speed, x0 = math.radians(60.0), 5.0, 6.3
     profiles = lab.profile_set(lab.slope((200.0, 60.0)))
     ball = lab.sphere(drop_m=(40.0, 40.0), speed_mps=(speed, speed))
-    out = lab.run(profiles, lab.ROCK, ball, start=[(x0, x0)], course_events=50)
-    impact = out.courses[0][1]
+    out = lab.run(profiles, lab.ROCK, ball, start=[(x0, x0)], log_events=50)
+    impact = out.event_logs[0][1]
     assert impact[lab.COL["phase"]] == lab.IMPACT
     borders = borders_ahead(profiles, x0, impact[lab.COL["x_m"]])
     assert borders.size >= 3
@@ -57,7 +57,7 @@ def test_a_sliding_ball_crosses_borders_as_under_constant_acceleration(lab, spee
     x0, beta = 5.5, 0.6
     profiles = lab.profile_set(lab.slope((60.0, math.degrees(beta))))
     ball = lab.sphere(speed_mps=(speed, speed))
-    out = lab.run(profiles, lab.ground(mu_f=mu), ball, start=[(x0, x0)], course_events=50)
+    out = lab.run(profiles, lab.ground(mu_f=mu), ball, start=[(x0, x0)], log_events=50)
     pull = G * (math.sin(beta) - mu * math.cos(beta))
     furthest = min(out.rocks["furthest_m"][0], 59.0)
     borders = borders_ahead(profiles, x0, furthest)
@@ -65,7 +65,7 @@ def test_a_sliding_ball_crosses_borders_as_under_constant_acceleration(lab, spee
     d = (borders - x0) / math.cos(beta)
     # d = v t + a t²/2; the smaller root, written so that a = 0 needs no case of its own.
     want = 2.0 * d / (speed + np.sqrt(speed**2 + 2.0 * pull * d))
-    assert (out.courses[0][0][lab.COL["phase"]]) == lab.SLIDING
+    assert (out.event_logs[0][0][lab.COL["phase"]]) == lab.SLIDING
     assert arrivals_at(profiles, out, borders) == pytest.approx(want, rel=1e-9)
 
 
@@ -73,10 +73,10 @@ def test_a_rolling_ball_crosses_borders_as_under_constant_acceleration(lab):
     x0, beta, mu = 5.5, 0.5, 0.3
     profiles = lab.profile_set(lab.slope((60.0, math.degrees(beta))))
     out = lab.run(
-        profiles, lab.ground(mu_f=0.9, mu_0=mu), lab.sphere(), start=[(x0, x0)], course_events=9
+        profiles, lab.ground(mu_f=0.9, mu_0=mu), lab.sphere(), start=[(x0, x0)], log_events=9
     )
-    assert out.courses[0][0][lab.COL["phase"]] == lab.ROLLING
-    start = out.courses[0][0][lab.COL["x_m"]]
+    assert out.event_logs[0][0][lab.COL["phase"]] == lab.ROLLING
+    start = out.event_logs[0][0][lab.COL["x_m"]]
     borders = borders_ahead(profiles, start, 59.0)
     pull = G * (math.sin(beta) - mu * math.cos(beta))
     want = np.sqrt(2.0 * (borders - start) / math.cos(beta) / pull)
@@ -126,9 +126,9 @@ def test_times_and_their_quantiles_are_those_of_the_event_logs(lab, kind):
     profiles = lab.profile_set(line, cell=2.0)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.5, 2.0))
     n = 60
-    out = lab.run(profiles, lab.ROCK, blocks, n=n, start=[(10.0, 30.0)], course_events=4000)
+    out = lab.run(profiles, lab.ROCK, blocks, n=n, start=[(10.0, 30.0)], log_events=4000)
     times: dict[int, list[float]] = {}
-    for course in out.courses:
+    for course in out.event_logs:
         for cell, t in entries(lab, profiles, course).items():
             times.setdefault(cell, []).append(t)
     sums = MapSums(int(out.cells.max()) + 1)
@@ -162,9 +162,11 @@ def test_fragments_arrive_as_long_after_the_release_as_the_rock_and_they_took(la
     x0, speed = 6.3, 12.0
     profiles = lab.profile_set(lab.slope((300.0, 35.0)))
     rock = lab.sphere(drop_m=(10.0, 10.0), speed_mps=(speed, speed))
-    run = {"start": [(x0, x0)], "course_events": 50}
+    run = {"start": [(x0, x0)], "log_events": 50}
     c = lab.COL
-    flights = [e for e in lab.run(profiles, lab.ROCK, rock, **run).courses[0] if e[c["phase"]] == 0]
+    flights = [
+        e for e in lab.run(profiles, lab.ROCK, rock, **run).event_logs[0] if e[c["phase"]] == 0
+    ]
     after = flights[1]
     effects = EffectSettings(
         fragmentation=Fragmentation("threshold", 1e-3, loss=0.0, cone_deg=0.0, smallest_m3=0.1)

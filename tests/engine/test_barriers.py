@@ -18,44 +18,44 @@ def crossings(lab, control_lines, at, n_lines=1):
     return lab.ControlLineCrossings.same_for_all(control_lines, at, n_lines)
 
 
-def at_chainage(course, x_control_line, a, b, lab):
+def at_chainage(log, x_control_line, a, b, lab):
     """State in which a course first comes to ``x_gate`` downhill, worked out from its events alone.
 
     Returns (vx, vz, |omega|, z, phase) or None.
     """
     c = lab.COL
-    for i in range(course.shape[0] - 1):
-        row, after = course[i], course[i + 1]
-        x, vx = row[c["x_m"]], row[c["vx_mps"]]
-        phase = int(row[c["phase"]])
+    for i in range(log.shape[0] - 1):
+        row, after = log[i], log[i + 1]
+        x, vx = row["x_m"], row["vx_mps"]
+        phase = int(row["phase"])
         if phase == lab.IMPACT or vx <= 0.0:
             continue
-        dt = after[c["t_s"]] - row[c["t_s"]]
+        dt = after["t_s"] - row["t_s"]
         if phase == lab.FLIGHT:
             t = (x_control_line - x) / vx
             if 0.0 < t <= dt * (1 + 1e-12):
                 return (
                     vx,
-                    row[c["vz_mps"]] - G * t,
-                    abs(row[c["omega_radps"]]),
-                    row[c["z_m"]] + row[c["vz_mps"]] * t - 0.5 * G * t * t,
+                    row["vz_mps"] - G * t,
+                    abs(row["omega_radps"]),
+                    row["z_m"] + row["vz_mps"] * t - 0.5 * G * t * t,
                     phase,
                 )
         elif x < x_control_line and dt > 0.0:
             # v² is linear in the way; the way is known from speed at both ends of the stretch.
             way = x_control_line - x
-            v0 = math.hypot(vx, row[c["vz_mps"]]) / row[c["ux"]]
+            v0 = math.hypot(vx, row["vz_mps"]) / row["ux"]
             v1 = 2.0 * _stretch(row, after, lab) / dt - v0
             length = _stretch(row, after, lab)
             if way <= length * (1 + 1e-12):
                 v2 = v0**2 + (v1**2 - v0**2) * way / length
-                return (math.sqrt(max(v2, 0)) * row[c["ux"]] ** 2, None, None, None, phase)
+                return (math.sqrt(max(v2, 0)) * row["ux"] ** 2, None, None, None, phase)
     return None
 
 
 def _stretch(row, after, lab):
     c = lab.COL
-    return after[c["x_m"]] - row[c["x_m"]]
+    return after["x_m"] - row["x_m"]
 
 
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
@@ -64,14 +64,14 @@ def test_station_values_are_those_of_the_parabola(lab, kind):
     at = [62.0, 75.3, 90.0] if kind == "smooth" else [35.1, 47.3, 60.0]
     control_lines = tuple(ControlLine(f"station {i}", "station") for i in range(3))
     out = lab.run(
-        line, lab.ROCK, lab.MIXED, n=150, start=[(10.0, 30.0)], course_events=2000,
+        line, lab.ROCK, lab.MIXED, n=150, start=[(10.0, 30.0)], log_events=2000,
         control_lines=crossings(lab, control_lines, at),
     )  # fmt: skip
     checked = 0
     slope = np.diff(line[1]) / np.diff(line[0])
     for p in out.passages:
         rock = out.rocks[p["rock"]]
-        got = at_chainage(out.courses[p["rock"]], p["chainage_m"], rock["a_m"], rock["b_m"], lab)
+        got = at_chainage(out.event_logs[p["rock"]], p["chainage_m"], rock["a_m"], rock["b_m"], lab)
         assert p["outcome"] == Outcome.PASSED
         assert p["chainage_m"] == at[p["control_line"]]
         assert p["mass_kg"] == rock["mass_kg"]
@@ -178,18 +178,18 @@ def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there(lab):
     line = lab.slope((80.0, 40.0), (60.0, 45.0), (100.0, 0.0))
     out = lab.run(
         line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)), n=100,
-        start=[(10.0, 30.0)], course_events=3000,
+        start=[(10.0, 30.0)], log_events=3000,
         control_lines=crossings(lab, (ControlLine("net", "net", 50.0, lets_go=True),), [90.0]),
     )  # fmt: skip
     c = lab.COL
     held = out.passages["rock"][out.passages["outcome"] == Outcome.HELD_BY_NET]
     assert held.size > 30
     for rock in held:
-        course = out.courses[rock]
-        i = int(np.flatnonzero(course[:, c["x_m"]] == 90.0)[0])
-        assert course[i, c["vx_mps"]] == 0.0
-        assert course[i, c["vz_mps"]] == 0.0
-        assert course[i, c["omega_radps"]] == 0.0
+        log = out.event_logs[rock]
+        i = int(np.flatnonzero(log["x_m"] == 90.0)[0])
+        assert log["vx_mps"][i] == 0.0
+        assert log["vz_mps"][i] == 0.0
+        assert log["omega_radps"][i] == 0.0
     # Steeper than friction below the net: it moves on.
     on = out.rocks["furthest_m"][held]
     assert (on > 90.5).mean() > 0.5
@@ -212,7 +212,7 @@ def test_what_is_left_after_a_breakthrough(lab, barrier):
         n=400,
         start=[(10.0, 45.0)],
         control_lines=crossings(lab, control_lines, at),
-        course_events=2000,
+        log_events=2000,
     )
     p = out.passages
     energy = p["energy_trans_kj"] + p["energy_rot_kj"]
@@ -235,7 +235,7 @@ def test_a_rock_goes_over_only_if_its_lowest_point_is_above_the_top(lab, height)
     line = lab.valley()
     at = 85.0
     out = lab.run(
-        line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], course_events=2000,
+        line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], log_events=2000,
         control_lines=crossings(lab, (ControlLine("wall", "wall", height),), [at]),
     )  # fmt: skip
     c = lab.COL
@@ -243,15 +243,15 @@ def test_a_rock_goes_over_only_if_its_lowest_point_is_above_the_top(lab, height)
     seen = {int(o): 0 for o in Outcome}
     for p in out.passages:
         rock = out.rocks[p["rock"]]
-        course = out.courses[p["rock"]]
-        for i in range(course.shape[0] - 1):
-            row = course[i]
-            if row[c["phase"]] == lab.FLIGHT and row[c["vx_mps"]] > 0:
-                t = (at - row[c["x_m"]]) / row[c["vx_mps"]]
-                dt = course[i + 1, c["t_s"]] - row[c["t_s"]]
+        log = out.event_logs[p["rock"]]
+        for i in range(log.shape[0] - 1):
+            row = log[i]
+            if row["phase"] == lab.FLIGHT and row["vx_mps"] > 0:
+                t = (at - row["x_m"]) / row["vx_mps"]
+                dt = log["t_s"][i + 1] - row["t_s"]
                 if 0.0 < t <= dt * (1 + 1e-9) + 1e-12:
-                    z = row[c["z_m"]] + row[c["vz_mps"]] * t - 0.5 * G * t * t
-                    angle = row[c["theta_rad"]] - row[c["omega_radps"]] * t
+                    z = row["z_m"] + row["vz_mps"] * t - 0.5 * G * t * t
+                    angle = row["theta_rad"] - row["omega_radps"] * t
                     low = z - math.hypot(
                         rock["a_m"] * math.sin(angle), rock["b_m"] * math.cos(angle)
                     )

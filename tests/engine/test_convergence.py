@@ -109,21 +109,21 @@ def test_first_seconds_of_each_rock_do_not_see_the_cutting(lab, cases, name):
     # Before chaos has set in, rock by rock: the first contacts of a let-down rock are the same.
     line, blocks = cases[name]
     blocks = dataclasses.replace(blocks, drop_m=(1.0, 3.0))
-    courses = [
+    logs = [
         lab.run(
             split(line, times),
             lab.ROCK,
             blocks,
             n=300,
             start=[(5.0, 30.0)],
-            course_events=6,
+            log_events=6,
             settings=lab.with_settings(contact_tolerance_m=1e-9),
-        ).courses
+        ).event_logs
         for times in (0, 3)
     ]
     differ = 0
-    for one, other in zip(*courses, strict=True):
-        flights = [c[c[:, 0] <= lab.IMPACT][:4, 1:8] for c in (one, other)]
+    for one, other in zip(*logs, strict=True):
+        flights = [c[c["phase"] <= lab.IMPACT][:4, 1:8] for c in (one, other)]
         k = min(f.shape[0] for f in flights)
         differ += not np.allclose(flights[0][:k], flights[1][:k], rtol=0.0, atol=1e-3)
     assert differ <= 3

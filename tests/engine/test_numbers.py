@@ -197,28 +197,28 @@ def test_sphere_falling_on_a_slope_met_flatter(lab):
         lab.sphere(0.5, drop_m=(100.0 / (2 * G),) * 2),
         start=[(20.0, 20.0)],
         settings=lab.with_settings(contact_tolerance_m=1e-10),
-        course_events=20,
+        log_events=20,
     )
-    course = out.courses[0]
+    log = out.event_logs[0]
     c = lab.COL
     # The second landing is below the threshold of rolling, v_n²/(2 g cos β) = 0.029 m < R/10.
-    assert [int(p) for p in course[:4, c["phase"]]] == [
+    assert [int(p) for p in log["phase"][:4]] == [
         lab.FLIGHT,
         lab.IMPACT,
         lab.FLIGHT,
         lab.ROLLING,
     ]
-    met, leaves, lands = course[1], course[2], course[3]
-    before = np.hypot(met[c["vx_mps"]], met[c["vz_mps"]])
+    met, leaves, lands = log[1], log[2], log[3]
+    before = np.hypot(met["vx_mps"], met["vz_mps"])
     assert before == pytest.approx(10.0, abs=2e-6)
     v = leaves[[c["vx_mps"], c["vz_mps"]]]
     speed = np.hypot(*v)
     assert speed == pytest.approx(4.096975, abs=2e-6)
-    kept = (speed**2 + 0.4 * 0.25 * leaves[c["omega_radps"]] ** 2) / before**2
+    kept = (speed**2 + 0.4 * 0.25 * leaves["omega_radps"] ** 2) / before**2
     assert kept == pytest.approx(0.234993, abs=5e-7)
     launch = 44.0 + math.degrees(math.atan2(v[1], v[0]))
     assert launch == pytest.approx(9.0, abs=1e-9)
-    assert lands[c["t_s"]] - leaves[c["t_s"]] == pytest.approx(0.181645, abs=2e-6)
+    assert lands["t_s"] - leaves["t_s"] == pytest.approx(0.181645, abs=2e-6)
     way = (lands - leaves)[[c["x_m"], c["z_m"]]]
     assert np.hypot(*way) == pytest.approx(0.847454, abs=3e-6)
 
@@ -272,7 +272,7 @@ def test_sliding_to_rest(lab, mu, degrees, speed, length, pieces):
         lab.ground(mu_f=mu),
         lab.ellipsoid(speed_mps=(speed, speed)),
         start=[(20.0, 20.0)],
-        course_events=200,
+        log_events=200,
     )
     rock = out.rocks[0]
     assert rock["reason"] == 0
@@ -332,11 +332,11 @@ def test_table_1_slope_variation_is_met_at_impacts(lab, degrees, eta_max, low, h
         dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)),
         n=600,
         start=[(5.0, 10.0)],
-        course_events=120,
+        log_events=120,
     )
     c = lab.COL
-    hits = np.concatenate([x[x[:, c["phase"]] == lab.IMPACT] for x in out.courses])
-    u = 1.0 - (-hits[:, c["uz"]] / hits[:, c["ux"]]) / math.tan(math.radians(degrees))
+    hits = np.concatenate([x[x["phase"] == lab.IMPACT] for x in out.event_logs])
+    u = 1.0 - (-hits["uz"] / hits["ux"]) / math.tan(math.radians(degrees))
     assert hits.shape[0] > 500
     assert u.min() >= low - 1e-12
     assert u.max() <= high + 1e-12
@@ -350,9 +350,9 @@ def test_a_sphere_never_bounces_without_variation(lab):
         lab.ground(),
         lab.sphere(0.5, drop_m=(3.0, 3.0)),
         start=[(20.0, 20.0)],
-        course_events=50,
+        log_events=50,
     )
-    phases = [int(p) for p in out.courses[0][:, lab.COL["phase"]]]
+    phases = [int(p) for p in out.event_logs[0]["phase"]]
     assert phases[:3] == [lab.FLIGHT, lab.IMPACT, lab.ROLLING]
     assert lab.FLIGHT not in phases[1:]
 
@@ -365,11 +365,11 @@ def test_a_sphere_leaves_at_the_angle_of_the_variation(lab, variation):
         lab.ground(eta_max=0.6, dp=(variation, variation)),
         lab.sphere(0.5, drop_m=(5.0, 5.0)),
         start=[(20.0, 20.0)],
-        course_events=10,
+        log_events=10,
     )
     c = lab.COL
-    leaves = out.courses[0][2]
-    launch = math.atan2(leaves[c["vz_mps"]], leaves[c["vx_mps"]]) + math.radians(44.0)
+    leaves = out.event_logs[0][2]
+    launch = math.atan2(leaves["vz_mps"], leaves["vx_mps"]) + math.radians(44.0)
     met = math.atan(math.tan(math.radians(44.0)) * (1.0 - variation))
     assert launch == pytest.approx(math.radians(44.0) - met, abs=1e-12)
 

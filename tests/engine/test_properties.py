@@ -77,30 +77,30 @@ def play(lab, w, n=12, **changes):
         settings=lab.with_settings(
             **{"eta_max_rule": w["rule"], "rolling": w["rolling"], **changes}
         ),
-        course_events=4000,
+        log_events=4000,
     )
 
 
-def energies(course, a, b, col):
+def energies(log, a, b, col):
     """Kinetic energy and total mechanical energy per unit mass at each event."""
-    v2 = course[:, col["vx_mps"]] ** 2 + course[:, col["vz_mps"]] ** 2
-    kinetic = 0.5 * (v2 + inertia(a, b) * course[:, col["omega_radps"]] ** 2)
-    return kinetic, kinetic + G * course[:, col["z_m"]]
+    v2 = log["vx_mps"] ** 2 + log["vz_mps"] ** 2
+    kinetic = 0.5 * (v2 + inertia(a, b) * log["omega_radps"] ** 2)
+    return kinetic, kinetic + G * log["z_m"]
 
 
 @given(w=worlds())
 @QUICK
-def test_energy_laws_along_whole_courses(lab, w):
+def test_energy_laws_along_whole_logs(lab, w):
     # η_max at every impact; energy kept in flight; total energy never rises.
     out = play(lab, w)
     c = lab.COL
     eta_max = w["ground"]["eta_max"]
-    for rock, course in zip(out.rocks, out.courses, strict=True):
+    for rock, log in zip(out.rocks, out.event_logs, strict=True):
         a, b = rock["a_m"], rock["b_m"]
-        assert np.isfinite(course).all()
-        phase = course[:, c["phase"]].astype(int)
-        kinetic, total = energies(course, a, b, c)
-        drop = kinetic + G * (course[:, c["z_m"]] - course[:, c["z_m"]].min())
+        assert np.isfinite(log).all()
+        phase = log["phase"].astype(int)
+        kinetic, total = energies(log, a, b, c)
+        drop = kinetic + G * (log["z_m"] - log["z_m"].min())
         last = phase.size - 1  # the row END carries no velocity
         for i in range(last - 1):
             scale = max(drop[i], 1.0)
@@ -111,13 +111,13 @@ def test_energy_laws_along_whole_courses(lab, w):
                 assert total[i + 1] - total[i] <= -(1 - eta_max) * kinetic[i] + 1e-9 * scale
             if phase[i] == lab.FLIGHT and phase[i + 1] == lab.IMPACT:
                 assert total[i + 1] == pytest.approx(total[i], abs=1e-9 * scale)
-                assert course[i + 1, c["omega_radps"]] == course[i, c["omega_radps"]]
-                assert course[i + 1, c["vx_mps"]] == course[i, c["vx_mps"]]
-                dt = course[i + 1, c["t_s"]] - course[i, c["t_s"]]
-                fall = course[i, c["vz_mps"]] - course[i + 1, c["vz_mps"]]
+                assert log["omega_radps"][i + 1] == log["omega_radps"][i]
+                assert log["vx_mps"][i + 1] == log["vx_mps"][i]
+                dt = log["t_s"][i + 1] - log["t_s"][i]
+                fall = log["vz_mps"][i] - log["vz_mps"][i + 1]
                 assert fall == pytest.approx(G * dt, abs=1e-8 * (1 + dt))
             assert total[i + 1] <= total[i] + 1e-9 * scale, (i, phase[i], phase[i + 1])
-        assert (np.diff(course[:, c["t_s"]]) >= 0.0).all()
+        assert (np.diff(log["t_s"]) >= 0.0).all()
 
 
 @given(w=worlds())
@@ -126,17 +126,15 @@ def test_the_point_of_contact_rests_after_an_impact(lab, w):
     # Equation (4): v_x = y ω, v_y = −x ω about the P that was met, with the rule "scale".
     out = play(lab, {**w, "rule": "scale"})
     c = lab.COL
-    for rock, course in zip(out.rocks, out.courses, strict=True):
-        phase = course[:, c["phase"]].astype(int)
+    for rock, log in zip(out.rocks, out.event_logs, strict=True):
+        phase = log["phase"].astype(int)
         for i in np.flatnonzero((phase[:-1] == lab.IMPACT) & (phase[1:] == lab.FLIGHT)):
-            met, leaves = course[i], course[i + 1]
-            ux, uz = met[c["ux"]], met[c["uz"]]
-            x, y, _ = contact_frame(
-                rock["a_m"], rock["b_m"], met[c["theta_rad"]] - math.atan2(uz, ux)
-            )
-            vt = leaves[c["vx_mps"]] * ux + leaves[c["vz_mps"]] * uz
-            vn = leaves[c["vz_mps"]] * ux - leaves[c["vx_mps"]] * uz
-            w1 = leaves[c["omega_radps"]]
+            met, leaves = log[i], log[i + 1]
+            ux, uz = met["ux"], met["uz"]
+            x, y, _ = contact_frame(rock["a_m"], rock["b_m"], met["theta_rad"] - math.atan2(uz, ux))
+            vt = leaves["vx_mps"] * ux + leaves["vz_mps"] * uz
+            vn = leaves["vz_mps"] * ux - leaves["vx_mps"] * uz
+            w1 = leaves["omega_radps"]
             size = 1.0 + math.hypot(vt, vn)
             assert vt == pytest.approx(y * w1, abs=1e-9 * size)
             assert vn == pytest.approx(-x * w1, abs=1e-9 * size)
@@ -148,9 +146,9 @@ def test_the_centre_stays_above_the_ground(lab, w):
     out = play(lab, w)
     c = lab.COL
     s, z = line_of(w)
-    for course in out.courses:
-        above = course[:, c["z_m"]] - np.interp(course[:, c["x_m"]], s, z)
-        inside = (course[:, c["x_m"]] >= s[0]) & (course[:, c["x_m"]] <= s[-1])
+    for log in out.event_logs:
+        above = log["z_m"] - np.interp(log["x_m"], s, z)
+        inside = (log["x_m"] >= s[0]) & (log["x_m"] <= s[-1])
         assert (above[inside] > 0.0).all()
     assert (out.rocks["reason"] != 3).all()
 
@@ -169,11 +167,11 @@ def test_a_round_rock_has_no_orientation(lab, w):
         outs.append(
             lab.run(
                 line_of(w), lab.ground(**w["ground"]), blocks, n=6, seed=w["seed"],
-                start=[(3.0, 20.0)], course_events=4000,
+                start=[(3.0, 20.0)], log_events=4000,
                 settings=lab.with_settings(eta_max_rule=w["rule"], rolling=w["rolling"]),
             )
         )  # fmt: skip
-    for one, other in zip(outs[0].courses, outs[1].courses, strict=True):
+    for one, other in zip(outs[0].event_logs, outs[1].event_logs, strict=True):
         # 1e-9 over the first contacts; later the path itself magnifies the rounding of the angle.
         k = min(3, one.shape[0], other.shape[0])
         assert np.allclose(one[:k, :6], other[:k, :6], rtol=1e-9, atol=1e-7)
@@ -200,23 +198,23 @@ def test_a_slope_to_the_left_gives_mirrored_rocks(lab, seed, rule, kind):
     start = 8.0 + rng.uniform(0.0, 6.0)
     a = 0.6
     c = lab.COL
-    courses = []
+    logs = []
     for way, own in ((1, line), (-1, mirrored(line))):
         at = start if way > 0 else line[0][-1] - start
         angle = theta if way > 0 else math.pi - theta
         out = lab.run(
             own, lab.ROCK, lab.ellipsoid(a, 0.4, 0.3, drop_m=(1.0, 1.0),
-            orientation_rad=(angle, angle)), start=[(at, at)], seed=seed, course_events=2000,
+            orientation_rad=(angle, angle)), start=[(at, at)], seed=seed, log_events=2000,
             settings=lab.with_settings(eta_max_rule=rule),
         )  # fmt: skip
-        courses.append(out.courses[0])
-    one, other = courses
+        logs.append(out.event_logs[0])
+    one, other = logs
     k = min(10, one.shape[0], other.shape[0])
     assert k >= 4
     other = other.copy()
-    other[:, c["x_m"]] = line[0][-1] - other[:, c["x_m"]]
-    other[:, c["vx_mps"]] *= -1.0
-    other[:, c["omega_radps"]] *= -1.0
+    other["x_m"] = line[0][-1] - other["x_m"]
+    other["vx_mps"] *= -1.0
+    other["omega_radps"] *= -1.0
     assert (one[:k, 0] == other[:k, 0]).all()
     for name in ("t_s", "x_m", "z_m", "vx_mps", "vz_mps", "omega_radps"):
         assert np.allclose(one[:k, c[name]], other[:k, c[name]], rtol=1e-6, atol=1e-6), name
@@ -268,10 +266,10 @@ def test_same_seed_same_rocks_for_any_chunks_and_order(lab):
         assert same(part, everything[keep])
 
 
-def test_recording_courses_changes_nothing(lab):
+def test_recording_logs_changes_nothing(lab):
     line = lab.rough(2, length=60.0)
     plain = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)]).rocks
-    noted = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)], course_events=50).rocks
+    noted = lab.run(line, lab.ROCK, lab.MIXED, n=50, start=[(5.0, 20.0)], log_events=50).rocks
     assert same(plain, noted)
 
 
@@ -356,14 +354,14 @@ def test_a_rock_is_never_deeper_than_its_flank(lab, kind):
     }[kind]
     out = lab.run(
         line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(0.5, 3.0)), n=60,
-        start=[(5.0, 30.0)], course_events=2000,
+        start=[(5.0, 30.0)], log_events=2000,
     )  # fmt: skip
     c = lab.COL
     way = LineString(np.column_stack(line))
     deepest = 0.0
-    for rock, course in zip(out.rocks, out.courses, strict=True):
-        inside = (course[:, c["x_m"]] > line[0][0]) & (course[:, c["x_m"]] < line[0][-1])
-        for row in course[inside]:
-            gap = way.distance(Point(row[c["x_m"]], row[c["z_m"]])) - rock["b_m"]
+    for rock, log in zip(out.rocks, out.event_logs, strict=True):
+        inside = (log["x_m"] > line[0][0]) & (log["x_m"] < line[0][-1])
+        for row in log[inside]:
+            gap = way.distance(Point(row["x_m"], row["z_m"])) - rock["b_m"]
             deepest = min(deepest, gap)
     assert deepest >= -1e-5

@@ -1,4 +1,4 @@
-"""Sums per cell against a brute-force evaluation of the courses."""
+"""Sums per cell against a brute-force evaluation of the logs."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def brute(lab, profiles, out, fine=2e-4):
             got[1] = max(got[1], height[on].max())
             got[2] = max(got[2], math.sqrt(v2[on].max()))
 
-    for rock, course in zip(out.rocks, out.courses, strict=True):
+    for rock, log in zip(out.rocks, out.event_logs, strict=True):
         i = inertia(rock["a_m"], rock["b_m"])
-        for row, after in itertools.pairwise(course):
-            dt = after[c["t_s"]] - row[c["t_s"]]
-            x0, vx, vz = row[c["x_m"]], row[c["vx_mps"]], row[c["vz_mps"]]
-            w2 = row[c["omega_radps"]] ** 2
-            if row[c["phase"]] == lab.FLIGHT:
+        for row, after in itertools.pairwise(log):
+            dt = after["t_s"] - row["t_s"]
+            x0, vx, vz = row["x_m"], row["vx_mps"], row["vz_mps"]
+            w2 = row["omega_radps"] ** 2
+            if row["phase"] == lab.FLIGHT:
                 t = np.linspace(0.0, dt, max(int(dt / fine), 2))
                 x = x0 + vx * t
                 w = vz - G * t
@@ -50,28 +50,28 @@ def brute(lab, profiles, out, fine=2e-4):
                 if not inside.any():
                     continue
                 j = np.clip(np.searchsorted(s, x) - 1, 0, slope.size - 1)
-                high = row[c["z_m"]] + vz * t - 0.5 * G * t * t - np.interp(x, s, z)
+                high = row["z_m"] + vz * t - 0.5 * G * t * t - np.interp(x, s, z)
                 high = np.maximum(high - rock["b_m"] * np.hypot(1.0, slope[j]), 0.0)
                 note(
                     rock["rock"], rock["mass_kg"], i, x[inside], (vx**2 + w**2)[inside],
                     np.full(inside.sum(), w2), high[inside],
                 )  # fmt: skip
-            elif row[c["phase"]] in (lab.ROLLING, lab.SLIDING):
+            elif row["phase"] in (lab.ROLLING, lab.SLIDING):
                 # A stretch ends with the speed of the next event; what ends a profile or a rock
                 # at a barrier leaves no speed.
-                ends = after[c["phase"]] == lab.END
+                ends = after["phase"] == lab.END
                 if dt == 0.0 or (ends and rock["reason"] != 0):
                     continue
-                v0, v1 = np.hypot(vx, vz), np.hypot(after[c["vx_mps"]], after[c["vz_mps"]])
+                v0, v1 = np.hypot(vx, vz), np.hypot(after["vx_mps"], after["vz_mps"])
                 share = np.linspace(0.0, 1.0, 2001)
-                x = x0 + share * (after[c["x_m"]] - x0)
+                x = x0 + share * (after["x_m"] - x0)
                 v2 = np.maximum(v0**2 + share * (v1**2 - v0**2), 0.0)
                 note(rock["rock"], rock["mass_kg"], i, x, v2, np.zeros(2001), np.zeros(2001))
     return result
 
 
 @pytest.mark.parametrize("kind", ["smooth", "rough"])
-def test_maxima_per_cell_are_those_of_the_courses(lab, kind):
+def test_maxima_per_cell_are_those_of_the_logs(lab, kind):
     # One rock at a time, so that each cell's maxima are this rock's.
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     profiles = lab.profile_set(line, cell=2.0)
@@ -79,7 +79,7 @@ def test_maxima_per_cell_are_those_of_the_courses(lab, kind):
     compared = above = 0
     for r in range(12):
         out = lab.run(
-            profiles, lab.ROCK, blocks, first_rock=r, start=[(10.0, 30.0)], course_events=3000
+            profiles, lab.ROCK, blocks, first_rock=r, start=[(10.0, 30.0)], log_events=3000
         )
         want = brute(lab, profiles, out)
         reached = set(out.cells[out.sums["reach"] > 0].tolist())
@@ -99,7 +99,7 @@ def test_maxima_per_cell_are_those_of_the_courses(lab, kind):
             above += out.sums["speed_max"][k] > speed * 1.01 + 0.05
             compared += 1
     assert compared > 150
-    # The courses do not say how fast a stretch on the ground was where it ended in another way.
+    # The logs do not say how fast a stretch on the ground was where it ended in another way.
     assert above <= 0.01 * compared
 
 
@@ -208,7 +208,7 @@ def test_the_height_of_a_flight_is_recorded_at_its_top(lab):
     x0 = 10.0 + r * math.sin(ramp)
     out = lab.run(
         line, lab.ground(mu_f=mu), lab.sphere(r, speed_mps=(speed, speed)), start=[(x0, x0)],
-        course_events=10,
+        log_events=10,
     )  # fmt: skip
     # It takes off R (1 − cos 10°) closer to the lower slope's resting height than the resting ball.
     away = r * (1.0 - math.cos(math.radians(10.0))) / math.cos(beta)

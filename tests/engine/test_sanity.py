@@ -21,7 +21,7 @@ def test_four_times_the_gravity_is_the_same_path_in_half_the_time(lab, kind):
     line = lab.valley() if kind == "smooth" else lab.rough(3, amplitude=0.1)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.0, 2.0))
     one, four = (
-        lab.run(line, lab.ROCK, blocks, n=100, start=[(10.0, 30.0)], course_events=3000,
+        lab.run(line, lab.ROCK, blocks, n=100, start=[(10.0, 30.0)], log_events=3000,
                 settings=lab.with_settings(gravity_mps2=g))
         for g in (G / 4, G)
     )  # fmt: skip
@@ -29,16 +29,16 @@ def test_four_times_the_gravity_is_the_same_path_in_half_the_time(lab, kind):
     geometric = [c[k] for k in ("x_m", "z_m", "theta_rad", "ux", "uz")]
     speeds = [c[k] for k in ("vx_mps", "vz_mps", "omega_radps")]
     apart = 0
-    for u, v in zip(one.courses, four.courses, strict=True):
+    for u, v in zip(one.event_logs, four.event_logs, strict=True):
         k = min(4, u.shape[0], v.shape[0])
         # Chaos magnifies the shortest steps in time (1e-9 s) over the next contacts.
         ok = np.allclose(u[:k, geometric], v[:k, geometric], rtol=0, atol=1e-7)
         ok &= np.allclose(2 * u[:k, speeds], v[:k, speeds], rtol=0, atol=1e-6)
-        ok &= np.allclose(u[:k, c["t_s"]], 2 * v[:k, c["t_s"]], rtol=0, atol=1e-7)
+        ok &= np.allclose(u["t_s"][:k], 2 * v["t_s"][:k], rtol=0, atol=1e-7)
         apart += not ok
     assert apart <= 1
     assert stats.ks_2samp(one.rocks["runout_m"], four.rocks["runout_m"]).pvalue > 0.05
-    # Rock by rock up to the onset of chaos: most short courses agree to the end.
+    # Rock by rock up to the onset of chaos: most short logs agree to the end.
     close = np.abs(one.rocks["runout_m"] - four.rocks["runout_m"]) < 1e-3
     assert close.mean() > 0.3
 
@@ -54,20 +54,20 @@ def test_four_times_as_large_is_twice_as_long(lab, kind):
     )
     coarse = dataclasses.replace(lab.ROCK, d_star_m=4.0 * lab.ROCK.d_star_m)
     one = lab.run(
-        (s, z), lab.ROCK, small, n=100, start=[(10.0, 30.0)], course_events=3000,
+        (s, z), lab.ROCK, small, n=100, start=[(10.0, 30.0)], log_events=3000,
         settings=lab.with_settings(contact_tolerance_m=1e-6),
     )  # fmt: skip
     four = lab.run(
-        (4 * s, 4 * z), coarse, large, n=100, start=[(40.0, 120.0)], course_events=3000,
+        (4 * s, 4 * z), coarse, large, n=100, start=[(40.0, 120.0)], log_events=3000,
         settings=lab.with_settings(contact_tolerance_m=4e-6),
     )  # fmt: skip
     c = lab.COL
     apart = 0
-    for u, v in zip(one.courses, four.courses, strict=True):
+    for u, v in zip(one.event_logs, four.event_logs, strict=True):
         k = min(4, u.shape[0], v.shape[0])
-        ok = np.allclose(4 * u[:k, c["x_m"]], v[:k, c["x_m"]], rtol=0, atol=1e-6)
-        ok &= np.allclose(2 * u[:k, c["vx_mps"]], v[:k, c["vx_mps"]], rtol=0, atol=1e-6)
-        ok &= np.allclose(2 * u[:k, c["t_s"]], v[:k, c["t_s"]], rtol=0, atol=1e-6)
+        ok = np.allclose(4 * u["x_m"][:k], v["x_m"][:k], rtol=0, atol=1e-6)
+        ok &= np.allclose(2 * u["vx_mps"][:k], v["vx_mps"][:k], rtol=0, atol=1e-6)
+        ok &= np.allclose(2 * u["t_s"][:k], v["t_s"][:k], rtol=0, atol=1e-6)
         apart += not ok
     assert apart <= 2
     assert stats.ks_2samp(4 * one.rocks["runout_m"], four.rocks["runout_m"]).pvalue > 0.05
@@ -161,9 +161,9 @@ def test_pits_bring_rocks_to_rest_in_few_events(lab, name):
         speed_mps=(0.0, 10.0), spin_radps=(-10.0, 10.0),
     )  # fmt: skip
     line = tuple(np.asarray(v, float) for v in PITS[name])
-    out = lab.run(line, lab.ROCK, blocks, n=300, start=[(2.0, 15.0)], course_events=3000)
+    out = lab.run(line, lab.ROCK, blocks, n=300, start=[(2.0, 15.0)], log_events=3000)
     r = out.rocks
-    events = np.array([len(c) for c in out.courses])
+    events = np.array([len(c) for c in out.event_logs])
     assert (r["reason"] != StopReason.STEP_LIMIT).all()
     assert np.isfinite(r["runout_m"]).all()
     assert np.percentile(events, 99) < 1000
@@ -209,11 +209,11 @@ def test_speed_limit_of_the_energy_line(lab):
     # No rock is faster than free fall from its start allows.
     line = lab.rough(5)
     blocks = dataclasses.replace(lab.MIXED, drop_m=(0.0, 3.0))
-    out = lab.run(line, lab.ROCK, blocks, n=300, start=[(5.0, 30.0)], course_events=2000)
+    out = lab.run(line, lab.ROCK, blocks, n=300, start=[(5.0, 30.0)], log_events=2000)
     c = lab.COL
-    for course in out.courses:
-        fallen = course[0, c["z_m"]] - course[:, c["z_m"]]
-        v2 = course[:, c["vx_mps"]] ** 2 + course[:, c["vz_mps"]] ** 2
+    for log in out.event_logs:
+        fallen = log["z_m"][0] - log["z_m"]
+        v2 = log["vx_mps"] ** 2 + log["vz_mps"] ** 2
         assert (v2 <= 2 * G * fallen + 1e-9 * (1 + np.abs(fallen))).all()
 
 
@@ -231,12 +231,12 @@ def test_a_cliff_is_free_fall(lab):
     speed = math.sqrt(v * v + 2 * mu * G * 10.0)
     out = lab.run(
         line, lab.ground(mu_f=mu, eta_max=1.0), lab.sphere(r, speed_mps=(speed, speed)),
-        start=[(10.0, 10.0)], course_events=10,
+        start=[(10.0, 10.0)], log_events=10,
     )  # fmt: skip
-    course = out.courses[0]
+    log = out.event_logs[0]
     c = lab.COL
-    lands = course[course[:, c["phase"]] == lab.IMPACT][0]
+    lands = log[log["phase"] == lab.IMPACT][0]
     # The wait: the ball may first touch the edge, as it turns over it; at 6 m/s it does not
     # (v² > g R).
-    assert lands[c["x_m"]] == pytest.approx(20.0 + v * math.sqrt(2 * h / G), abs=1e-4)
-    assert lands[c["vz_mps"]] == pytest.approx(-math.sqrt(2 * G * h), abs=1e-4)
+    assert lands["x_m"] == pytest.approx(20.0 + v * math.sqrt(2 * h / G), abs=1e-4)
+    assert lands["vz_mps"] == pytest.approx(-math.sqrt(2 * G * h), abs=1e-4)

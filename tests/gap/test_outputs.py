@@ -452,7 +452,7 @@ def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
     write_config_back(tmp_path / "config.toml", config, diagnosis, case)
     read = read_ground_table(tmp_path / "ground_classes.csv")
     assert read.names == table.names
-    assert np.array_equal(read.array(), table.array())
+    assert np.array_equal(read.rows(), table.rows())
 
 
 # --- words -----------------------------------------------------------------------------------

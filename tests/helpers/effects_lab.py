@@ -114,8 +114,8 @@ def run(
 
 
 def first(course: FloatArray, phase: int) -> FloatArray:
-    """The first event of a phase in a course."""
-    return course[np.flatnonzero(course[:, 0] == phase)[0]]
+    """The first event of a phase in a log."""
+    return log[np.flatnonzero(log["phase"] == phase)[0]]
 
 
 def same(one: Simulated, other: Simulated) -> bool:

@@ -157,7 +157,7 @@ def observed(
         control_lines=ControlLineCrossings.same_for_all(
             [ControlLine(f"S{k}", "station") for k in range(len(STATIONS))], STATIONS, n_rocks
         ),
-        course_events=4000, effects=effects, forest=forest,
+        log_events=4000, effects=effects, forest=forest,
     )  # fmt: skip
     made: dict[str, Any] = {}
     round_ = 0.5 * (axes[:, 0] + axes[:, 1])
@@ -192,9 +192,9 @@ def observed(
             rock_id=[names[k] for k in r["line"]], x=x, y=y, mass_kg=noisy(r["mass_kg"], 0.05)
         )
     if "impacts" in tables:
-        made["impacts"] = _impacts(done.courses, names, own, axes, placed, noisy, rng)
+        made["impacts"] = _impacts(done.event_logs, names, own, axes, placed, noisy, rng)
     if "trajectories" in tables:
-        made["trajectories"] = _paths(done.courses, names, round_, placed, noisy, rng)
+        made["trajectories"] = _paths(done.event_logs, names, round_, placed, noisy, rng)
     observations = Observations(rocks=rocks, stations=stations, metadata=Metadata(**ERRORS), **made)
     return Case(
         observations=observations,
@@ -216,25 +216,28 @@ def observed(
 
 
 def _impacts(
-    courses: Any, names: list[str], own: Any, axes: Any, placed: Any, noisy: Any, rng: Any
+    logs: Any, names: list[str], own: Any, axes: Any, placed: Any, noisy: Any, rng: Any
 ) -> Impacts:
     rows: list[list[float]] = []
-    for i, course in enumerate(courses):
-        for k in np.flatnonzero(course[:-1, 0] == 1.0).tolist():
-            before, after = course[k], course[k + 1]
+    for i, log in enumerate(logs):
+        for k in np.flatnonzero(log["phase"][:-1] == IMPACT).tolist():
+            before, after = log[k], log[k + 1]
             # The ground is that under the point of contact, not under the centre.
-            ux, uz, (a, b) = before[9], before[10], axes[i, :2]
-            sine = np.sin(before[6]) * ux - np.cos(before[6]) * uz
-            cosine = np.cos(before[6]) * ux + np.sin(before[6]) * uz
+            ux, uz, (a, b) = before["ux"], before["uz"], axes[i, :2]
+            sine = np.sin(before["theta_rad"]) * ux - np.cos(before["theta_rad"]) * uz
+            cosine = np.cos(before["theta_rad"]) * ux + np.sin(before["theta_rad"]) * uz
             y = np.hypot(a * sine, b * cosine)
             x = (a * a - b * b) * sine * cosine / y
-            dip = -float(dips_at(own, np.array([i]), np.array([before[2] - x * ux + y * uz]))[0])
+            dip = -float(
+                dips_at(own, np.array([i]), np.array([before["x_m"] - x * ux + y * uz]))[0]
+            )
             c, s = np.cos(dip), np.sin(dip)
-            state = [
-                v for e in (before, after) for v in (e[4] * c - e[5] * s, e[4] * s + e[5] * c, e[7])
-            ]
+            state = []
+            for e in (before, after):
+                vx, vz = e["vx_mps"], e["vz_mps"]
+                state += [vx * c - vz * s, vx * s + vz * c, e["omega_radps"]]
             if state[1] < 0.0:
-                rows.append([i, k, before[2], np.degrees(dip), *state])
+                rows.append([i, k, before["x_m"], np.degrees(dip), *state])
     table = np.array(rows)
     i = table[:, 0].astype(int)
     x, y = placed(i, table[:, 2])
@@ -251,30 +254,34 @@ def _impacts(
 
 
 def _paths(
-    courses: Any, names: list[str], round_: Any, placed: Any, noisy: Any, rng: Any
+    logs: Any, names: list[str], round_: Any, placed: Any, noisy: Any, rng: Any
 ) -> Trajectories:
     """Points of the centre 25 times a second."""
     rows = []
-    for i, course in enumerate(courses):
-        t = np.arange(0.0, course[-1, 1], 0.04)
-        k = np.clip(np.searchsorted(course[:, 1], t, side="right") - 1, 0, len(course) - 2)
-        e, after = course[k], course[k + 1]
-        dt = t - e[:, 1]
-        flying = e[:, 0] == 0.0
-        span = np.maximum(after[:, 1] - e[:, 1], 1e-9)
-        speed0 = np.hypot(e[:, 4], e[:, 5])
-        way = np.hypot(after[:, 2] - e[:, 2], after[:, 3] - e[:, 3])
+    for i, log in enumerate(logs):
+        t = np.arange(0.0, log["t_s"][-1], 0.04)
+        k = np.clip(np.searchsorted(log["t_s"], t, side="right") - 1, 0, len(log) - 2)
+        e, after = log[k], log[k + 1]
+        dt = t - e["t_s"]
+        flying = e["phase"] == FLIGHT
+        span = np.maximum(after["t_s"] - e["t_s"], 1e-9)
+        speed0 = np.hypot(e["vx_mps"], e["vz_mps"])
+        way = np.hypot(after["x_m"] - e["x_m"], after["z_m"] - e["z_m"])
         # Along the ground: constant acceleration over the way to the next event.
         pull = 2.0 * (way - speed0 * span) / span**2
         done = (speed0 * dt + 0.5 * pull * dt**2) / np.maximum(way, 1e-9)
-        x = np.where(flying, e[:, 2] + e[:, 4] * dt, e[:, 2] + done * (after[:, 2] - e[:, 2]))
+        x = np.where(
+            flying, e["x_m"] + e["vx_mps"] * dt, e["x_m"] + done * (after["x_m"] - e["x_m"])
+        )
         z = np.where(
             flying,
-            e[:, 3] + e[:, 5] * dt - 0.5 * 9.81 * dt**2,
-            e[:, 3] + done * (after[:, 3] - e[:, 3]),
+            e["z_m"] + e["vz_mps"] * dt - 0.5 * 9.81 * dt**2,
+            e["z_m"] + done * (after["z_m"] - e["z_m"]),
         )
-        v = np.where(flying, np.hypot(e[:, 4], e[:, 5] - 9.81 * dt), speed0 + pull * dt)
-        spin = np.where(e[:, 0] == 2.0, np.maximum(v, 0.0) / round_[i], np.abs(e[:, 7]))
+        v = np.where(flying, np.hypot(e["vx_mps"], e["vz_mps"] - 9.81 * dt), speed0 + pull * dt)
+        spin = np.where(
+            e["phase"] == ROLLING, np.maximum(v, 0.0) / round_[i], np.abs(e["omega_radps"])
+        )
         rows.append(np.column_stack([np.full(t.size, i), t, x, z, np.maximum(v, 0.0), spin]))
     table = np.concatenate(rows)
     i = table[:, 0].astype(int)

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
+import numpy as np
 from annotated_types import Interval
 
 from sassgis.model.effects import EffectSection
@@ -39,6 +40,8 @@ class AirDrag(EffectSection):
 
 
 OFF, CONSTANT, SPHERICITY = 0, 1, 2
+#: Longest flight between two turns of drag (s): halving it moves nothing that matters.
+DRAG_STEP_S = 0.05
 #: C_d of a sphere in fast flow, on which the sphericity works.
 SPHERE = 0.43
 
@@ -50,6 +53,18 @@ class Drag(NamedTuple):
     coefficient: float
     density: float
     step: float  # longest flight between two turns of drag (s)
+
+
+def prepare(settings: AirDrag | None) -> Drag:
+    """From settings to what the kernel reads."""
+    if settings is None or settings.drag_coefficient == 0.0 or settings.air_density_kgm3 == 0.0:
+        return Drag(OFF, 0.0, 0.0, np.inf)
+    return Drag(
+        {"constant": CONSTANT, "sphericity": SPHERICITY}[settings.form],
+        float(settings.drag_coefficient),
+        float(settings.air_density_kgm3),
+        DRAG_STEP_S,
+    )
 
 
 @kernel

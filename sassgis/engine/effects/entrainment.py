@@ -1,4 +1,4 @@
-"""Blocks of the ground that an impact sets in motion."""
+"""Blocks of the ground that an impact entrains."""
 
 from __future__ import annotations
 
@@ -10,8 +10,12 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
+from sassgis.engine.effects.ground_switch import classes_on, nowhere
+from sassgis.engine.effects.spawning import Spawned, spawn
+from sassgis.engine.state import Block, Record
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
+from sassgis.model.ground import GroundTable
 from sassgis.model.jit import kernel
 
 
@@ -51,7 +55,7 @@ _MOST = 20
 _STEEPEST = 0.25 * math.pi
 
 
-class SetOff(NamedTuple):
+class LooseBlocks(NamedTuple):
     """Entrainment as the kernel reads it."""
 
     form: int
@@ -62,29 +66,76 @@ class SetOff(NamedTuple):
     on: NDArray[np.bool_]  # by ground class
 
 
+def prepare(settings: Entrainment | None, table: GroundTable) -> LooseBlocks:
+    """From settings to what the kernel reads."""
+    if settings is None or settings.number == 0.0:
+        return LooseBlocks(OFF, 0.0, 1.0, 1.0, 0.0, nowhere(table))
+    return LooseBlocks(
+        {"poisson": POISSON, "energy": ENERGY}[settings.form],
+        float(settings.number),
+        1e3 * float(settings.energy_kj),
+        float(settings.size_ratio),
+        float(settings.share),
+        classes_on(settings.classes, table, "entrainment"),
+    )
+
+
 @kernel
-def blocks_set_off(set_off: SetOff, key: np.uint64, number: int, lost: float) -> int:
-    """How many blocks an impact that takes ``lost`` (J) sets in motion: Poisson, at most 20."""
-    mean = set_off.number
-    if set_off.form == ENERGY:
-        mean *= lost / set_off.energy
+def blocks_entrained(loose: LooseBlocks, key: np.uint64, number: int, lost: float) -> int:
+    """How many blocks an impact that takes ``lost`` (J) entrains: Poisson, at most 20."""
+    mean = loose.number
+    if loose.form == ENERGY:
+        mean *= lost / loose.energy
     limit = math.exp(-min(mean, 50.0))
     n = 0
-    product = rng.uniform(key, rng.SET_OFF, 64 * number)
+    product = rng.uniform(key, rng.ENTRAINED, 64 * number)
     while product > limit and n < _MOST:
         n += 1
-        product *= rng.uniform(key, rng.SET_OFF, 64 * number + n)
+        product *= rng.uniform(key, rng.ENTRAINED, 64 * number + n)
     return n
 
 
 @kernel
-def speed_of_each(set_off: SetOff, n: int, lost: float, mass: float) -> float:
+def speed_of_each(loose: LooseBlocks, n: int, lost: float, mass: float) -> float:
     """Speed of each of n blocks of a mass (kg), all together with no more than ``lost`` (J)."""
-    own = min(set_off.share, 1.0 / n) * lost
+    own = min(loose.share, 1.0 / n) * lost
     return math.sqrt(2.0 * max(own, 0.0) / mass)
 
 
 @kernel
 def angle_of(key: np.uint64, number: int, i: int) -> float:
     """Angle above the ground at which block i leaves (rad), up to 45 degrees."""
-    return _STEEPEST * rng.uniform(key, rng.SET_OFF_WAY, 64 * number + i)
+    return _STEEPEST * rng.uniform(key, rng.ENTRAINED_ANGLE, 64 * number + i)
+
+
+@kernel
+def entrain(
+    loose: LooseBlocks,
+    spawned: Spawned,
+    block: Block,
+    number: int,
+    lost: float,
+    state: Record,
+    ground: Record,
+) -> None:
+    """Set blocks of the ground in motion with part of the energy that an impact took (J).
+
+    They leave the ground on which they lie flat, under the block that hit it: without a height they
+    get the one at which they rest.
+    """
+    n = blocks_entrained(loose, block.key, number, lost)
+    if n == 0:
+        return
+    size = loose.ratio
+    mass = block.mass * size**3
+    speed = speed_of_each(loose, n, lost, mass)
+    direction = 1 if state.vx >= 0.0 else -1
+    for i in range(n):
+        angle = angle_of(block.key, number, i)
+        along = direction * speed * math.cos(angle)
+        up = speed * math.sin(angle)
+        spawn(
+            spawned, state.x, -np.inf, along * ground.tx - up * ground.tz,
+            along * ground.tz + up * ground.tx, ground.angle, 0.0, block, size, mass,
+            state.began + state.t,
+        )  # fmt: skip

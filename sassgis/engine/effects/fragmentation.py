@@ -9,6 +9,8 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
+from sassgis.engine.effects.spawning import Spawned, spawn
+from sassgis.engine.state import Block, Record
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
 from sassgis.model.grid import FloatArray
@@ -74,6 +76,22 @@ class Breaking(NamedTuple):
     smallest: float  # m³
 
 
+def prepare(settings: Fragmentation | None) -> Breaking:
+    """From settings to what the kernel reads."""
+    if settings is None:
+        return Breaking(OFF, 0.0, 1.0, 0.5, 2, 0.0, 0.0, 0.0)
+    return Breaking(
+        {"fractal": FRACTAL, "threshold": THRESHOLD}[settings.form],
+        float(settings.energy_jkg),
+        float(settings.shape),
+        float(settings.survival),
+        int(settings.pieces),
+        float(settings.loss),
+        math.radians(settings.cone_deg),
+        float(settings.smallest_m3),
+    )
+
+
 @kernel
 def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool:
     """Whether an impact that takes ``lost`` (J/kg) breaks the block."""
@@ -87,7 +105,7 @@ def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool
 
 @kernel
 def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
-    """Shares of the volume of the pieces, largest first; they add up to 1.
+    """Shares of the volume of the fragments, largest first; they add up to 1.
 
     Parameters
     ----------
@@ -99,7 +117,7 @@ def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
     Returns
     -------
     int
-        Pieces: as many as can be without one below the smallest; below 2 the block stays whole.
+        Fragments: as many as can be without one below the smallest; below 2 the block stays whole.
     """
     n = breaking.pieces
     while n >= 2:
@@ -122,10 +140,10 @@ def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
 
 
 @kernel
-def ways(
+def sideways_speeds(
     breaking: Breaking, key: np.uint64, number: int, n: int, share: FloatArray, out: FloatArray
 ) -> float:
-    """Sideways speeds of the pieces over their common speed ahead.
+    """Sideways speeds of the fragments over their common speed ahead.
 
     No sideways momentum is made: the mean over the masses is taken off.
 
@@ -137,11 +155,11 @@ def ways(
     -------
     float
         Common speed ahead over the speed of the whole: with the sideways motion and the loss the
-        pieces together have 1 − loss of its energy.
+        fragments together have 1 − loss of its energy.
     """
     mean = 0.0
     for i in range(n):
-        angle = (2.0 * rng.uniform(key, rng.PIECE_WAY, 64 * number + i) - 1.0) * breaking.cone
+        angle = (2.0 * rng.uniform(key, rng.FRAGMENT_ANGLE, 64 * number + i) - 1.0) * breaking.cone
         out[i] = math.tan(angle)
         mean += share[i] * out[i]
     sideways = 0.0
@@ -149,3 +167,27 @@ def ways(
         out[i] -= mean
         sideways += share[i] * out[i] * out[i]
     return math.sqrt((1.0 - breaking.loss) / (1.0 + sideways))
+
+
+@kernel
+def break_up(
+    breaking: Breaking, spawned: Spawned, block: Block, number: int, state: Record
+) -> bool:
+    """Break a block in flight into fragments; False if it is too small to break."""
+    volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
+    share = np.empty(breaking.pieces)
+    n = shares(breaking, volume, share)
+    if n < 2:
+        return False
+    side = np.empty(n)
+    ahead = sideways_speeds(breaking, block.key, number, n, share, side)
+    spin = math.sqrt(1.0 - breaking.loss) * state.omega
+    vx = state.vx
+    vz = state.vz
+    for i in range(n):
+        size = share[i] ** (1.0 / 3.0)
+        spawn(
+            spawned, state.x, state.z, ahead * (vx - side[i] * vz), ahead * (vz + side[i] * vx),
+            state.theta, spin, block, size, share[i] * block.mass, state.began + state.t,
+        )  # fmt: skip
+    return True

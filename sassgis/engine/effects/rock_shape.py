@@ -46,6 +46,14 @@ class Shape(NamedTuple):
     strength: float
 
 
+def prepare(settings: RockShape | None) -> Shape:
+    """From settings to what the kernel reads."""
+    if settings is None:
+        return Shape(OFF, 0.0)
+    forms = {"flat_landing": FLAT_LANDING, "mean_inertia": MEAN_INERTIA}
+    return Shape(forms[settings.form], float(settings.strength))
+
+
 @kernel
 def tumbling_inertia(a: float, b: float, c: float) -> float:
     """Mean of the three moments of inertia per unit mass (m²)."""

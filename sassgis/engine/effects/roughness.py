@@ -10,8 +10,10 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
+from sassgis.engine.effects.ground_switch import classes_on, nowhere
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
+from sassgis.model.ground import GroundTable
 from sassgis.model.jit import kernel
 
 
@@ -51,6 +53,18 @@ class Rough(NamedTuple):
     on: NDArray[np.bool_]  # by ground class
 
 
+def prepare(settings: Roughness | None, table: GroundTable) -> Rough:
+    """From settings to what the kernel reads."""
+    if settings is None or settings.obstacle_m == 0.0:
+        return Rough(OFF, 0.0, 1.0, nowhere(table))
+    return Rough(
+        {"uniform": UNIFORM, "wave": WAVE}[settings.form],
+        float(settings.obstacle_m),
+        float(settings.wavelength_m),
+        classes_on(settings.classes, table, "roughness"),
+    )
+
+
 @kernel
 def tilt(rough: Rough, key: np.uint64, number: int, radius: float) -> float:
     """Angle by which the surface that an impact meets is turned (rad), positive uphill."""
@@ -61,3 +75,30 @@ def tilt(rough: Rough, key: np.uint64, number: int, radius: float) -> float:
     bridged = min(rough.wavelength / (2.0 * radius), 1.0)
     steepest = math.pi * rough.obstacle / rough.wavelength
     return math.atan(bridged * steepest * math.cos(2.0 * math.pi * u))
+
+
+@kernel
+def tilted(
+    rough: Rough,
+    key: np.uint64,
+    number: int,
+    radius: float,
+    vx: float,
+    vz: float,
+    nx: float,
+    nz: float,
+) -> tuple[float, float]:
+    """Normal of the surface that an impact with velocity (vx, vz) meets, from that of the ground.
+
+    The ground's own where the tilted surface would stand on its head or face away.
+    """
+    turn = tilt(rough, key, number, radius)
+    # A positive tilt faces the block, from whichever side it comes.
+    turn = turn if vx >= 0.0 else -turn
+    cosine = math.cos(turn)
+    sine = math.sin(turn)
+    rx = cosine * nx - sine * nz
+    rz = cosine * nz + sine * nx
+    if vx * rx + vz * rz < 0.0 and rz > 0.0:
+        return rx, rz
+    return nx, nz

@@ -10,7 +10,9 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
+from sassgis.engine.effects.ground_switch import classes_on, nowhere
 from sassgis.model.effects import EffectSection
+from sassgis.model.ground import GroundTable
 from sassgis.model.jit import kernel
 
 
@@ -67,6 +69,22 @@ class Soft(NamedTuple):
     on: NDArray[np.bool_]  # by ground class
 
 
+def prepare(settings: SoftGround | None, table: GroundTable) -> Soft:
+    """From settings to what the kernel reads."""
+    if settings is None:
+        return Soft(OFF, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, nowhere(table))
+    return Soft(
+        {"velocity_scaled": VELOCITY_SCALED, "scar": SCAR, "slip": SLIP}[settings.form],
+        float(settings.reference_speed_mps),
+        float(settings.modulus_mpa),
+        float(settings.depth_factor),
+        float(settings.drag_coefficient),
+        float(settings.soil_density_kgm3),
+        float(settings.friction),
+        classes_on(settings.classes, table, "soft_ground"),
+    )
+
+
 @kernel
 def rebound_left(soft: Soft, normal_speed: float) -> float:
     """Share of the normal rebound that is left (Pfeiffer and Bowen 1989)."""
@@ -94,3 +112,18 @@ def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float
     chord = 2.0 * radius * math.sin(half)
     # Over the length the speed falls exponentially.
     return math.exp(-soft.drag * soft.density * section * chord / mass)
+
+
+@kernel
+def after_impact(
+    soft: Soft, mass: float, radius: float, into: float, wt: float, wn: float, omega: float
+) -> tuple[float, float, float]:
+    """Velocity and spin after an impact with normal speed ``into`` (m/s), from those without."""
+    if soft.form == VELOCITY_SCALED and wn > 0.0:
+        wn *= rebound_left(soft, into)
+    elif soft.form == SCAR:
+        kept = math.sqrt(scar_energy_left(soft, mass, radius, into))
+        wt *= kept
+        wn *= kept
+        omega *= kept
+    return wt, wn, omega

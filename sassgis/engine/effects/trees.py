@@ -1,4 +1,4 @@
-"""Stems of a forest along the way of a block."""
+"""Stems of a forest on the path of a block."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
 
+from sassgis.engine.profile import segment_at, to_cell_border
+from sassgis.engine.state import Block, Record, Site
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
+from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
 
@@ -57,6 +60,17 @@ _SHARE_PER_STEP = 0.1
 _SHORTEST_STEP_S = 0.005
 # A block within rounding of the height of the stems passes it in this time.
 _SHORTEST_CUT_S = 1e-6
+# Shortest way along the ground between two turns of a viscous force (m): at the pace of a crawl.
+_CREEP = 0.1
+
+#: What a block remembers of the forest.
+MEMORY = (
+    ("to_stem", np.float64),  # stems expected up to the next one that is met
+    ("stems_met", np.int64),
+    ("stem_rate", np.float64),  # stems per metre of the present step
+    ("stem_cell", np.int64),  # cell of the present step, -1 where no stem can be met
+    ("at_stem", np.bool_),  # whether the present step ends at a stem
+)
 
 
 class Stand(NamedTuple):
@@ -70,6 +84,21 @@ class Stand(NamedTuple):
     diameter: NDArray[np.float64]  # (n_cells,) at breast height (m)
 
 
+def prepare(settings: Trees | None, stems: FloatArray, diameter: FloatArray) -> Stand:
+    """From settings to what the kernel reads; parameters as hooks.prepare."""
+    if settings is None or not settings.takes_anything or not (stems > 0.0).any():
+        none = np.zeros(0)
+        return Stand(OFF, 0.0, 0.0, 0.0, none, none)
+    return Stand(
+        {"stems": STEMS, "full_stems": FULL_STEMS, "viscous": VISCOUS}[settings.form],
+        float(settings.efficiency),
+        float(settings.drag_kgps),
+        float(settings.height_m),
+        np.ascontiguousarray(stems, np.float64),
+        np.ascontiguousarray(diameter, np.float64),
+    )
+
+
 @kernel
 def stands_on(stand: Stand, cell: int) -> bool:
     """Whether forest stands on a cell."""
@@ -78,9 +107,9 @@ def stands_on(stand: Stand, cell: int) -> bool:
 
 @kernel
 def stems_per_metre(stand: Stand, cell: int, width: float) -> float:
-    """Stems that a block of some width meets on a metre of its way in plan.
+    """Stems that a block of some width meets on a metre of its path in plan.
 
-    A stem is met if its axis lies within half the width of block and stem from the way.
+    A stem is met if its axis lies within half the width of block and stem from the path.
     """
     if cell < 0 or stand.form == OFF or stand.form == VISCOUS:
         return 0.0
@@ -102,7 +131,7 @@ def share_taken(offset: float) -> float:
     Parameters
     ----------
     offset : float
-        Distance of the way from the axis of the stem over the largest at which it is met; 0 to 1.
+        Distance of the path from the axis of the stem over the largest at which it is met; 0 to 1.
         The tests behind the formula have half the diameter of the stem in its place: a block that
         is much wider than the stem then counts as a smaller one.
     """
@@ -129,11 +158,11 @@ def left_by_viscous(stand: Stand, cell: int, mass: float, time: float) -> float:
 
 
 @kernel
-def left_after_way(stand: Stand, cell: int, mass: float, speed: float, way: float) -> float:
-    """Share of the speed that it leaves after a way along the ground: dv = -k/m dx."""
+def left_after_path(stand: Stand, cell: int, mass: float, speed: float, path: float) -> float:
+    """Share of the speed that it leaves after a path along the ground: dv = -k/m dx."""
     if stand.form != VISCOUS or not stands_on(stand, cell) or speed <= 0.0:
         return 1.0
-    return max(1.0 - stand.drag * way / (mass * speed), 0.0)
+    return max(1.0 - stand.drag * path / (mass * speed), 0.0)
 
 
 @kernel
@@ -164,3 +193,77 @@ def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> 
     if climb <= 0.0 or square <= 0.0:
         return True, np.inf
     return True, max((climb - math.sqrt(square)) / gravity, _SHORTEST_CUT_S)
+
+
+@kernel
+def before_flight(
+    stand: Stand,
+    memory: Record,
+    state: Record,
+    block: Block,
+    site: Site,
+    gravity: float,
+    longest: float,
+) -> float:
+    """How long a flight may go on before the forest changes or a stem is met (s)."""
+    direction = 1 if state.vx >= 0.0 else -1
+    cell, gap = to_cell_border(site.stretches, state.stretch, state.x, direction)
+    limit = longest
+    if stands_on(stand, cell):
+        under = site.profile[segment_at(site.profile, state.x, state.segment)]
+        slope = under.tz / under.tx
+        below, ends = time_to_height(
+            stand, state.z - under.z - (state.x - under.x) * slope, state.vz - slope * state.vx,
+            gravity,
+        )  # fmt: skip
+        if not below:
+            cell = -1
+        ends = min(ends, longest_step(stand, cell, block.mass))
+        if ends < limit:
+            limit = ends
+            memory.cut = True
+        memory.stem_rate = stems_per_metre(stand, cell, 2.0 * block.c)
+    memory.stem_cell = cell
+    if memory.stem_rate * gap >= memory.to_stem:
+        gap = memory.to_stem / memory.stem_rate
+        memory.at_stem = True
+    if gap < limit * abs(state.vx):
+        limit = gap / abs(state.vx)
+        memory.cut = True
+    else:
+        memory.at_stem = False
+    return limit
+
+
+@kernel
+def before_stretch(
+    stand: Stand, memory: Record, state: Record, block: Block, site: Site, pull: float, ux: float
+) -> float:
+    """Chainage over which a block may roll or slide before the forest changes or a stem is met."""
+    cell, gap = to_cell_border(site.stretches, state.stretch, state.x, state.direction)
+    memory.stem_cell = cell
+    memory.stem_rate = stems_per_metre(stand, cell, 2.0 * block.c)
+    memory.at_stem = memory.stem_rate * gap >= memory.to_stem
+    if memory.at_stem:
+        gap = memory.to_stem / memory.stem_rate
+    time = longest_step(stand, cell, block.mass)
+    step = max((state.speed + 0.5 * abs(pull) * time) * time, _CREEP) * ux
+    if step < gap:
+        gap = step
+        memory.at_stem = False
+    return gap
+
+
+@kernel
+def speed_left_at_stem(stand: Stand, memory: Record, key: np.uint64, energy: float) -> float:
+    """Share of the speed that is left after the stem that a step has come to.
+
+    Parameters
+    ----------
+    energy : float
+        Kinetic energy of the block (J).
+    """
+    taken = stem_loss(stand, key, memory.stems_met, memory.stem_cell)
+    memory.stems_met += 1
+    memory.to_stem = to_next_stem(key, memory.stems_met)
+    return math.sqrt(max(1.0 - taken / energy, 0.0)) if energy > 0.0 else 1.0

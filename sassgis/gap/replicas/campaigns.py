@@ -12,6 +12,7 @@ from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import mean_radius
 from sassgis.engine.simulate import Simulated, simulate
+from sassgis.engine.state import EVENT_DTYPE, IMPACT
 from sassgis.gap.observations.campaign import (
     LOOSE,
     PIECE,
@@ -32,7 +33,7 @@ from sassgis.model.results import StopReason
 STRETCH_M = 2.0
 #: Step of the lateral random walks (m).
 _WALK_M = 4.0
-#: Events kept of the course of a rock; later impacts are not seen.
+#: Events kept in the log of a block; later impacts are not seen.
 _MOST_EVENTS = 160
 
 
@@ -87,7 +88,7 @@ def campaigns(
         starts=start,
         control_lines=rock_lines.control_lines,
         first_rock=number * 64,
-        course_events=_MOST_EVENTS if with_impacts else 0,
+        log_events=_MOST_EVENTS if with_impacts else 0,
         effects=model.effects,
         forest=wood,
     )
@@ -274,43 +275,43 @@ class _Paths:
 
     def impacts(self, case: Case) -> ImpactRows:
         """Impacts of whole rocks, taken apart along the ground."""
-        courses = self._result.courses
-        sizes = np.array([c.shape[0] for c in courses], np.int64)
-        events = np.concatenate([np.empty((0, 11)), *courses])
+        logs = self._result.event_logs
+        sizes = np.array([log.size for log in logs], np.int64)
+        events = np.concatenate([np.empty(0, EVENT_DTYPE), *logs])
         index = np.repeat(np.arange(sizes.size), sizes)
-        hit = np.flatnonzero((events[:-1, 0] == 1.0) & (index[:-1] == index[1:]))
+        hit = np.flatnonzero((events["phase"][:-1] == IMPACT) & (index[:-1] == index[1:]))
         before, after = events[hit], events[hit + 1]
         line, campaign = np.divmod(index[hit], self._count)
         owner = line + campaign * self._n
         order = np.argsort(owner, kind="stable")
         before, after, owner = before[order], after[order], owner[order]
-        dip = dips_at(self._lines.unforested, owner % self._n, before[:, 2])
+        dip = dips_at(self._lines.unforested, owner % self._n, before["x_m"])
         cosine, sine = np.cos(dip), np.sin(dip)
         errors, m = self._lines.errors, self._model.measurement
 
-        def apart(event: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        def apart(event: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
             error = m.scale * self._speed_error(owner, errors.speed_rel)
             turn = m.rotation_scale * self._speed_error(owner, errors.rotation_rel)
-            vx, vz = event[:, 4], event[:, 5]
+            vx, vz = event["vx_mps"], event["vz_mps"]
             return (
                 (vx * cosine + vz * sine) * error,
                 (vz * cosine - vx * sine) * error,
-                event[:, 7] * turn,
+                event["omega_radps"] * turn,
             )
 
         vt_in, vn_in, spin_in = apart(before)
         vt_out, vn_out, spin_out = apart(after)
-        inside = self._inside[np.clip((before[:, 2] / _WALK_M).astype(int), 0, self._knots - 1)]
+        inside = self._inside[np.clip((before["x_m"] / _WALK_M).astype(int), 0, self._knots - 1)]
         kick = np.where(inside, self._model.lateral_walk.angle_deg, 0.0)
         turn = self._rng.standard_normal(owner.size) * np.hypot(kick, self._model.turn_noise_deg)
         # Where the ground was met: the foot of the centre on the segment.
-        ground = heights_at_chainage(self._lines.unforested, owner % self._n, before[:, 2])
-        off = (before[:, 3] - ground) * cosine
+        ground = heights_at_chainage(self._lines.unforested, owner % self._n, before["x_m"])
+        off = (before["z_m"] - ground) * cosine
         error = np.hypot(errors.position_m, m.position_m)
-        s = before[:, 2] + off * sine + error * self._rng.standard_normal(owner.size)
+        s = before["x_m"] + off * sine + error * self._rng.standard_normal(owner.size)
         # Nothing is put behind the start of a line.
         s = np.maximum(s, 0.0)
-        z = before[:, 3] - off * cosine + error * self._rng.standard_normal(owner.size)
+        z = before["z_m"] - off * cosine + error * self._rng.standard_normal(owner.size)
         rows = ImpactRows(owner, s, z, vt_in, vn_in, spin_in, vt_out, vn_out, spin_out, turn)
         approaching = vn_in < 0.0
         return ImpactRows(*(getattr(rows, f)[approaching] for f in ImpactRows.__slots__))

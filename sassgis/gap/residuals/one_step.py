@@ -122,7 +122,7 @@ def _rebounds(
     if not flown.any():
         return []
     impacts, rock, s, kind, dip = (impacts.take(flown), *(v[flown] for v in (rock, s, kind, dip)))
-    law = table.array()[kind]
+    law = table.rows()[kind]
     settings = case.engine
     n = rock.size
     axes = axes_m[rock][:, np.arange(m) % axes_m.shape[1]]

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from helpers.effects_lab import (
-    COL,
     IMPACT,
     G,
     ellipsoid,
@@ -44,8 +43,8 @@ def landing(effects, radius=0.05, drop=100.0, speed=0.0, rock=2700.0):
         radius, drop_m=(drop, drop), speed_mps=(speed, speed), density_kgm3=(rock, rock)
     )
     never_soft = EngineSettings(rolling_threshold=0.0)
-    out = run(FLAT, plain(), blocks, effects, course_events=3000, settings=never_soft)
-    return first(out.courses[0], IMPACT)
+    out = run(FLAT, plain(), blocks, effects, log_events=3000, settings=never_soft)
+    return first(out.event_logs[0], IMPACT)
 
 
 @pytest.mark.parametrize(
@@ -54,12 +53,12 @@ def landing(effects, radius=0.05, drop=100.0, speed=0.0, rock=2700.0):
 def test_a_fall_straight_down_follows_the_hyperbolic_tangent(radius, rock, coefficient):
     met = landing(drag_of(drag_coefficient=coefficient), radius, 100.0, rock=rock)
     terminal = math.sqrt(G / factor(radius, coefficient, rock=rock))
-    t = met[COL["t_s"]]
-    assert -met[COL["vz_mps"]] == pytest.approx(terminal * math.tanh(G * t / terminal), rel=2e-4)
+    t = met["t_s"]
+    assert -met["vz_mps"] == pytest.approx(terminal * math.tanh(G * t / terminal), rel=2e-4)
     way = terminal**2 / G * math.log(math.cosh(G * t / terminal))
     assert way == pytest.approx(100.0, rel=2e-4)
     # The drag is felt: without it the speed is 44.3 m/s.
-    assert -met[COL["vz_mps"]] < 0.95 * math.sqrt(2.0 * G * 100.0)
+    assert -met["vz_mps"] < 0.95 * math.sqrt(2.0 * G * 100.0)
 
 
 def exact_flight(k, speed, drop, radius):
@@ -80,10 +79,10 @@ def test_a_flight_in_the_plane_agrees_with_a_solver_of_differential_equations(sp
     met = landing(drag_of(drag_coefficient=1.0), speed=speed)
     exact = exact_flight(factor(0.05, 1.0), speed, 100.0, 0.05)
     x, _, vx, vz = exact.y[:, -1]
-    assert met[COL["x_m"]] - 5.0 == pytest.approx(x - 5.0, rel=5e-4)
-    assert met[COL["vx_mps"]] == pytest.approx(vx, rel=5e-4)
-    assert met[COL["vz_mps"]] == pytest.approx(vz, rel=5e-4)
-    assert met[COL["t_s"]] == pytest.approx(exact.t[-1], rel=5e-4)
+    assert met["x_m"] - 5.0 == pytest.approx(x - 5.0, rel=5e-4)
+    assert met["vx_mps"] == pytest.approx(vx, rel=5e-4)
+    assert met["vz_mps"] == pytest.approx(vz, rel=5e-4)
+    assert met["t_s"] == pytest.approx(exact.t[-1], rel=5e-4)
 
 
 def test_the_step_is_of_second_order_and_does_not_matter(monkeypatch):
@@ -94,7 +93,7 @@ def test_the_step_is_of_second_order_and_does_not_matter(monkeypatch):
     for step in (0.2, 0.1, 0.05):
         monkeypatch.setattr(build, "DRAG_STEP_S", step)
         met = landing(drag_of(drag_coefficient=3.0), speed=40.0)
-        errors.append(abs(met[COL["x_m"]] - exact[0]))
+        errors.append(abs(met["x_m"] - exact[0]))
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.4)
     assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.4)
     assert errors[2] < 0.01
@@ -130,11 +129,11 @@ def test_sphericity():
 
 
 def test_light_rocks_fall_slower_and_the_form_matters():
-    heavy, light = (-landing(drag_of(), r)[COL["vz_mps"]] for r in (0.5, 0.02))
+    heavy, light = (-landing(drag_of(), r)["vz_mps"] for r in (0.5, 0.02))
     assert light < heavy < math.sqrt(2.0 * G * 100.0)
     platy = ellipsoid(0.1, 0.08, 0.02, drop_m=(50.0, 50.0), orientation_rad=(0.0, 0.0))
     speeds = [
-        run(FLAT, plain(), platy, drag_of(form=form), course_events=3000).rocks["max_speed_mps"][0]
+        run(FLAT, plain(), platy, drag_of(form=form), log_events=3000).rocks["max_speed_mps"][0]
         for form in ("constant", "sphericity")
     ]
     assert speeds[1] < speeds[0]
@@ -144,5 +143,5 @@ def test_a_short_fall_makes_no_energy():
     # The contact comes within the first half of a step: what was taken is given back at most.
     for drop in np.geomspace(1e-5, 0.02, 12):
         met = landing(drag_of(drag_coefficient=10.0, air_density_kgm3=2.0), 0.02, float(drop))
-        energy = 0.5 * met[COL["vz_mps"]] ** 2
+        energy = 0.5 * met["vz_mps"] ** 2
         assert 0.95 * G * drop - 2e-5 < energy <= G * drop + 1e-12

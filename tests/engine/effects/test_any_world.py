@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers.effects_lab import (
     BROKEN,
-    COL,
     END,
     STEP_LIMIT,
     G,
@@ -111,29 +110,29 @@ def play(line, blocks, effects, table=None, n=8, cell=2.0, **more):
 @QUICK
 def test_energy_never_grows_beyond_what_gravity_gives(line, blocks, effects, eta, rolling):
     out = play(
-        line, blocks, effects, ground(eta_max=eta), course_events=30_000, n=4,
+        line, blocks, effects, ground(eta_max=eta), log_events=30_000, n=4,
         settings=EngineSettings(rolling=rolling),
     )  # fmt: skip
     assert (out.rocks["reason"] != STEP_LIMIT).all()
     shape = effects.get(RockShape)
     mean = shape is not None and shape.form == "mean_inertia"
-    for rock, course in zip(out.rocks, out.courses, strict=True):
-        assert course[-1, 0] == END
-        if len(course) < 2:
+    for rock, log in zip(out.rocks, out.event_logs, strict=True):
+        assert log["phase"][-1] == END
+        if len(log) < 2:
             continue
-        assert np.isfinite(course).all()
+        assert np.isfinite(log).all()
         a, b, c = (rock[f"{k}_m"] for k in "abc")
         moment = tumbling_inertia(a, b, c) if mean else inertia(a, b)
-        v2 = course[:, COL["vx_mps"]] ** 2 + course[:, COL["vz_mps"]] ** 2
-        energy = 0.5 * (v2 + moment * course[:, COL["omega_radps"]] ** 2)
-        height = course[:, COL["z_m"]]
+        v2 = log["vx_mps"] ** 2 + log["vz_mps"] ** 2
+        energy = 0.5 * (v2 + moment * log["omega_radps"] ** 2)
+        height = log["z_m"]
         total = energy + G * height
         room = np.maximum(energy + G * (height - height.min()), 1.0)
         worst = int(np.argmax(np.diff(total) / room[:-1]))
         gain = total[worst + 1] - total[worst]
-        assert gain <= 1e-8 * room[worst], (gain, course[worst : worst + 2])
-        above = height - np.interp(course[:, COL["x_m"]], *line)
-        inside = (course[:, COL["x_m"]] >= 0.0) & (course[:, COL["x_m"]] <= line[0][-1])
+        assert gain <= 1e-8 * room[worst], (gain, log[worst : worst + 2])
+        above = height - np.interp(log["x_m"], *line)
+        inside = (log["x_m"] >= 0.0) & (log["x_m"] <= line[0][-1])
         assert (above[inside] > 0.0).all()
 
 

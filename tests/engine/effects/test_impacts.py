@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from helpers.effects_lab import (
-    COL,
     FLIGHT,
     IMPACT,
     MIXED,
@@ -37,7 +36,7 @@ from sassgis.model.settings import EngineSettings
 pytestmark = pytest.mark.kernels
 
 FLAT = slope((200.0, 0.0))
-VX, VZ, OMEGA = COL["vx_mps"], COL["vz_mps"], COL["omega_radps"]
+VX, VZ, OMEGA = "vx_mps", "vz_mps", "omega_radps"
 #: Lands on its corner, so that it rebounds.
 TILTED = ellipsoid(
     0.6, 0.4, 0.3, drop_m=(5.0, 5.0), speed_mps=(4.0, 4.0), orientation_rad=(2.2, 2.2)
@@ -46,10 +45,10 @@ TILTED = ellipsoid(
 
 def first_impact(effects, blocks=TILTED, table=None, settings=None, line=FLAT, **more):
     """Rows of the first impact of a rock and of what follows."""
-    out = run(line, table or plain(), blocks, effects, course_events=8, settings=settings, **more)
-    course = out.courses[0]
-    i = int(np.flatnonzero(course[:, 0] == IMPACT)[0])
-    return course[i], course[i + 1], out.rocks[0]
+    out = run(line, table or plain(), blocks, effects, log_events=8, settings=settings, **more)
+    log = out.event_logs[0]
+    i = int(np.flatnonzero(log["phase"] == IMPACT)[0])
+    return log[i], log[i + 1], out.rocks[0]
 
 
 def soft(*args, **settings):
@@ -126,7 +125,7 @@ def test_slip_leaves_a_spin_deficit():
     # Without slip the contact point rests after an impact: v_t' = y ω'.
     for effects, slides in ((None, False), (soft("slip", friction=0.05), True)):
         met, leaves, rock = first_impact(effects, table=plain(eta_max=1.0))
-        _, y, _ = contact_frame(rock["a_m"], rock["b_m"], met[COL["theta_rad"]])
+        _, y, _ = contact_frame(rock["a_m"], rock["b_m"], met["theta_rad"])
         deficit = leaves[VX] - y * leaves[OMEGA]
         assert (abs(deficit) > 0.5) == slides
         assert slides or abs(deficit) < 1e-9
@@ -195,12 +194,12 @@ def test_a_sphere_leaves_rough_ground_at_the_angle_of_its_tilt():
     blocks = sphere(radius, drop_m=(1.0, 1.0), speed_mps=(10.0, 10.0))
     out = run(
         FLAT, plain(eta_max=1.0), blocks,
-        EffectSettings(Roughness(obstacle_m=obstacle)), n=3000, course_events=8,
+        EffectSettings(Roughness(obstacle_m=obstacle)), n=3000, log_events=8,
     )  # fmt: skip
     angles, forward = [], 0
-    for course in out.courses:
-        i = int(np.flatnonzero(course[:, 0] == IMPACT)[0])
-        leaves = course[i + 1]
+    for log in out.event_logs:
+        i = int(np.flatnonzero(log["phase"] == IMPACT)[0])
+        leaves = log[i + 1]
         forward += int(leaves[0] != FLIGHT)
         if leaves[0] == FLIGHT:
             angles.append(math.atan2(leaves[VZ], leaves[VX]))
@@ -235,13 +234,13 @@ def test_flat_landings_stop_the_spin_as_often_as_the_block_is_flat():
         )
         out = run(
             FLAT, plain(), blocks, EffectSettings(RockShape(strength=strength)),
-            n=2000, course_events=6,
+            n=2000, log_events=6,
         )  # fmt: skip
         spins = []
-        for course in out.courses:
-            i = int(np.flatnonzero(course[:, 0] == IMPACT)[0])
-            if course[i + 1, 0] == FLIGHT:
-                spins.append(course[i + 1, OMEGA])
+        for log in out.event_logs:
+            i = int(np.flatnonzero(log["phase"] == IMPACT)[0])
+            if log["phase"][i + 1] == FLIGHT:
+                spins.append(log[OMEGA][i + 1])
         assert len(spins) > 500
         flat = int(np.sum(np.array(spins) == 0.0))
         assert stats.binomtest(flat, len(spins), chance).pvalue > 1e-3
@@ -279,7 +278,7 @@ def test_mean_inertia_is_the_mean_of_the_three():
     # At an impact: ω' = (I ω + y v_x − x v_y) / (I + x² + y²), with that I.
     form = EffectSettings(RockShape("mean_inertia"))
     met, leaves, rock = first_impact(form, table=plain(eta_max=1.0))
-    x, y, _ = contact_frame(rock["a_m"], rock["b_m"], met[COL["theta_rad"]])
+    x, y, _ = contact_frame(rock["a_m"], rock["b_m"], met["theta_rad"])
     inertia = rock_shape.tumbling_inertia(rock["a_m"], rock["b_m"], rock["c_m"])
     after = (inertia * met[OMEGA] + y * met[VX] - x * met[VZ]) / (inertia + x * x + y * y)
     assert leaves[OMEGA] == pytest.approx(after, rel=1e-9)

@@ -21,12 +21,7 @@ from helpers.effects_lab import (
     sphere,
     sphere_mass,
 )
-from scipy import stats
-
-from sassgis.engine.effects import fragmentation
 from sassgis.engine.effects.build import effects_of, room_for_spawned
-from sassgis.engine.effects.entrainment import Entrainment
-from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.state import (
     BORN_A,
     BORN_B,
@@ -36,8 +31,13 @@ from sassgis.engine.effects.state import (
     BORN_VX,
     BORN_VZ,
 )
-from sassgis.engine.ellipse import inertia
 from sassgis.engine.rock import _bear_pieces
+from scipy import stats
+
+from sassgis.engine.effects import fragmentation
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.ellipse import inertia
 from sassgis.engine.state import Block
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError
@@ -301,8 +301,8 @@ def loose(*args, **settings):
 def set_off(effects, drop=3.0, n=3000, radius=0.5):
     """Blocks set off by one impact of each of n spheres, and what that impact took (J)."""
     blocks = sphere(radius, drop_m=(drop, drop))
-    out = run(FLAT, plain(), blocks, effects, n=n, course_events=6)
-    assert all((c[:, 0] == IMPACT).sum() == 1 for c in out.courses)
+    out = run(FLAT, plain(), blocks, effects, n=n, log_events=6)
+    assert all((c["phase"] == IMPACT).sum() == 1 for c in out.event_logs)
     return out, np.bincount(out.pieces["rock"], minlength=n), sphere_mass(radius) * G * drop
 
 

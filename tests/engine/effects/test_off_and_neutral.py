@@ -82,10 +82,10 @@ ALMOST = {
 @pytest.mark.parametrize("name", ALMOST)
 def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
     # The rule "slip" cannot hold a contact in which the impulse is nearly along the ground.
-    events = {"course_events": 12}
+    events = {"log_events": 12}
     hard, soft = play(**events), play(EffectSettings(ALMOST[name]), **events)
     close = 0
-    for one, other in zip(hard.courses, soft.courses, strict=True):
+    for one, other in zip(hard.event_logs, soft.event_logs, strict=True):
         k = min(6, len(one), len(other))
         close += int(np.allclose(one[:k, :8], other[:k, :8], rtol=1e-6, atol=1e-6))
     assert close >= 118
@@ -101,12 +101,12 @@ def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
 def test_mean_inertia_of_a_sphere_is_its_own(base):
     from helpers.effects_lab import sphere
 
-    one = run(FLAT, ground(), sphere(0.5), n=40, course_events=8)
+    one = run(FLAT, ground(), sphere(0.5), n=40, log_events=8)
     other = run(
         FLAT, ground(), sphere(0.5), EffectSettings(RockShape("mean_inertia")), n=40,
-        course_events=8,
+        log_events=8,
     )  # fmt: skip
-    for a, b in zip(one.courses, other.courses, strict=True):
+    for a, b in zip(one.event_logs, other.event_logs, strict=True):
         k = min(6, len(a), len(b))
         assert np.allclose(a[:k], b[:k], rtol=1e-9, atol=1e-9)
 
@@ -117,7 +117,7 @@ def test_an_effect_leaves_the_draws_of_others_alone():
     one, both = (
         play(
             EffectSettings(Trees(), Roughness(), air),
-            stems=0.05, course_events=400,
+            stems=0.05, log_events=400,
         )
         for air in (None, drag)
     )  # fmt: skip
@@ -125,12 +125,12 @@ def test_an_effect_leaves_the_draws_of_others_alone():
         assert (one.rocks[name] == both.rocks[name]).all()
     close = [
         bool(np.allclose(_impacts(a)[:2], _impacts(b)[:2], rtol=1e-5, atol=1e-5))
-        for a, b in zip(one.courses, both.courses, strict=True)
+        for a, b in zip(one.event_logs, both.event_logs, strict=True)
         if len(_impacts(a)) >= 2 and len(_impacts(b)) >= 2
     ]
     assert len(close) > 20
     assert np.mean(close) > 0.97
 
 
-def _impacts(course):
-    return course[course[:, 0] == 1][:, 2:]
+def _impacts(log):
+    return log[log["phase"] == 1][:, 2:]

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from helpers.effects_lab import (
-    COL,
     IMPACT,
     REST,
     G,
@@ -128,8 +127,8 @@ def test_where_a_stem_is_hit_matters():
 
 def landing(effects, flat, stems, n=1, speed=20.0, drop=40.0, blocks=None):
     blocks = blocks or sphere(RADIUS, drop_m=(drop, drop), speed_mps=(speed, speed))
-    out = run(flat, plain(), blocks, effects, n=n, course_events=600, forest=forest(flat, stems))
-    return np.array([first(c, IMPACT) for c in out.courses])
+    out = run(flat, plain(), blocks, effects, n=n, log_events=600, forest=forest(flat, stems))
+    return np.array([first(c, IMPACT) for c in out.event_logs])
 
 
 @pytest.mark.parametrize("cell", [0.5, 2.0, 100.0])
@@ -141,7 +140,7 @@ def test_stems_are_met_below_their_height_only(cell):
     n = 800
     met = landing(effects, flat, density, n, speed)
     full = 0.5 * MASS * (speed**2 + 2.0 * G * 40.0)
-    left = 0.5 * MASS * (met[:, COL["vx_mps"]] ** 2 + met[:, COL["vz_mps"]] ** 2)
+    left = 0.5 * MASS * (met["vx_mps"] ** 2 + met["vz_mps"] ** 2)
     # What a stem takes is no longer gained by falling, so counts are whole but for that.
     counts = (full - left) / take
     falls = math.sqrt(2.0 * (40.0 + RADIUS - height) / G), math.sqrt(2.0 * 40.0 / G)
@@ -153,7 +152,7 @@ def test_stems_are_met_below_their_height_only(cell):
         flat, density, n, speed,
     )  # fmt: skip
     whole = density * (2.0 * RADIUS + 0.3) * speed * falls[1]
-    left = 0.5 * MASS * (tall[:, COL["vx_mps"]] ** 2 + tall[:, COL["vz_mps"]] ** 2)
+    left = 0.5 * MASS * (tall["vx_mps"] ** 2 + tall["vz_mps"] ** 2)
     assert ((full - left) / take).mean() == pytest.approx(whole, abs=4.0 * math.sqrt(whole / n))
 
 
@@ -180,22 +179,22 @@ def test_a_viscous_forest_slows_a_flight_exponentially():
     for cell in (0.5, 2.0, 100.0):
         flat = profile(slope((200.0, 0.0)), cell)
         (met,) = landing(effects, flat, 0.01, speed=speed, drop=drop)
-        t = met[COL["t_s"]]
+        t = met["t_s"]
         decay = math.exp(-k * t / MASS)
         assert decay < 0.4
-        assert met[COL["vx_mps"]] == pytest.approx(speed * decay, rel=1e-9)
-        assert met[COL["vz_mps"]] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=1e-3)
+        assert met["vx_mps"] == pytest.approx(speed * decay, rel=1e-9)
+        assert met["vz_mps"] == pytest.approx(-MASS * G / k * (1.0 - decay), rel=1e-3)
         way = MASS * G / k * (t - MASS / k * (1.0 - decay))
         assert way == pytest.approx(drop, rel=2e-3)
     flat = profile(slope((200.0, 0.0)), 2.0)
     still = run(
-        flat, plain(), sphere(RADIUS, drop_m=(drop, drop)), effects, course_events=600,
+        flat, plain(), sphere(RADIUS, drop_m=(drop, drop)), effects, log_events=600,
         forest=forest(flat, 0.01),
     )  # fmt: skip
     # Also where it falls straight down, and not at all where no tree stands.
     assert still.rocks["max_speed_mps"][0] < 0.8 * math.sqrt(2.0 * G * drop)
     (free,) = landing(effects, flat, 0.0, speed=speed, drop=drop)
-    assert free[COL["vx_mps"]] == speed
+    assert free["vx_mps"] == speed
 
 
 @pytest.mark.parametrize("cell", [0.5, 2.0, 50.0])

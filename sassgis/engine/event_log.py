@@ -1,24 +1,24 @@
-"""Trajectories from the course of a rock's events."""
+"""Paths of blocks from their event logs."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sassgis.engine.rock import FLIGHT
+from sassgis.engine.state import FLIGHT
 from sassgis.model.grid import FloatArray
 
 
 def trajectory(
-    course: FloatArray, gravity: float, step_s: float = 0.02
+    log: NDArray[np.void], gravity: float, step_s: float = 0.02
 ) -> tuple[FloatArray, FloatArray]:
-    """Path of the centre of a rock.
+    """Path of the centre of a block.
 
     Parameters
     ----------
-    course : float64, shape (n, 11)
-        Events, columns as sassgis.engine.simulate.COURSE_COLUMNS.
+    log : EVENT_DTYPE, shape (n,)
     gravity : float
         (m/s²)
     step_s : float
@@ -29,18 +29,18 @@ def trajectory(
     s, z : float64, shape (m,)
         Chainage and height (m): parabolas in flight, straight lines on the ground.
     """
-    if course.shape[0] == 0:
+    if log.size == 0:
         return np.empty(0), np.empty(0)
     s_parts: list[FloatArray] = []
     z_parts: list[FloatArray] = []
-    for here, after in pairwise(course):
-        duration = after[1] - here[1]
-        if int(here[0]) == FLIGHT and duration > 0.0:
+    for here, after in pairwise(log):
+        duration = after["t_s"] - here["t_s"]
+        if here["phase"] == FLIGHT and duration > 0.0:
             t = np.linspace(0.0, duration, max(int(np.ceil(duration / step_s)), 1), endpoint=False)
         else:
             t = np.zeros(1)
-        s_parts.append(here[2] + here[4] * t)
-        z_parts.append(here[3] + (here[5] - 0.5 * gravity * t) * t)
-    s_parts.append(course[-1:, 2])
-    z_parts.append(course[-1:, 3])
+        s_parts.append(here["x_m"] + here["vx_mps"] * t)
+        z_parts.append(here["z_m"] + (here["vz_mps"] - 0.5 * gravity * t) * t)
+    s_parts.append(log["x_m"][-1:])
+    z_parts.append(log["z_m"][-1:])
     return np.concatenate(s_parts), np.concatenate(z_parts)

@@ -1,0 +1,177 @@
+"""One block from its start to its end: flight, impacts, rolling and sliding in turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sassgis.engine.contact import resting_height
+from sassgis.engine.effects import hooks
+from sassgis.engine.flight import flight
+from sassgis.engine.ground_motion import ground_motion, rolling_friction
+from sassgis.engine.landing import land
+from sassgis.engine.profile import segment_at, stretch_from
+from sassgis.engine.state import (
+    END,
+    FLIGHT,
+    IMPACT,
+    NEVER_STARTED,
+    REST,
+    ROLLING,
+    SLIDING,
+    STEP_LIMIT,
+    Block,
+    Output,
+    Physics,
+    Record,
+    Site,
+    Start,
+    end,
+    log_event,
+)
+from sassgis.model.jit import inlined, kernel
+
+
+@inlined
+def simulate_block(
+    state: Record,
+    block: Block,
+    site: Site,
+    output: Output,
+    physics: Physics,
+    effects: hooks.Effects | None,
+) -> None:
+    """Simulate one block from its start to its end.
+
+    Parameters
+    ----------
+    state : a row of STATE_DTYPE
+        As start_released or start_spawned leave it; changed in place.
+    block : Block
+    site : Site
+    output : Output
+        Filled.
+    physics : Physics
+    effects : Effects, optional
+        None for the model of 1986 alone.
+    """
+    hooks.on_start(effects, state, block)
+    while state.phase != END:
+        state.events += 1
+        if state.events > physics.max_events:
+            end(state, STEP_LIMIT)
+        elif state.phase == FLIGHT:
+            flight(state, block, site, output, physics, effects)
+        elif state.phase == IMPACT:
+            land(state, block, site, output, physics, effects)
+        else:
+            ground_motion(state, block, site, output, physics, effects)
+    if state.reason == REST and not state.moved:
+        state.reason = NEVER_STARTED
+    state.vx = 0.0
+    state.vz = 0.0
+    state.omega = 0.0
+    log_event(output.log, state, 0.0, 0.0)
+
+
+@kernel
+def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
+    """Set the state of a block of which nothing is known but its chainage (m)."""
+    state.spawned = False
+    state.reason = STEP_LIMIT
+    state.began = 0.0
+    state.t = 0.0
+    state.x = x
+    state.speed = 0.0
+    state.direction = 1
+    state.nx = 0.0
+    state.nz = 1.0
+    state.skip_to = -1
+    state.clear_from = 0.0
+    state.spot_x = -np.inf
+    state.spot_z = -np.inf
+    state.crowded = 0
+    state.events = 0
+    state.steps = 0
+    state.impacts = 0
+    state.slope_draws = 0
+    state.moved = False
+    state.held_x = np.inf
+    state.lines_from = x
+    state.n_passages = 0
+    state.n_touched = 0
+    state.furthest = x
+    state.top_speed = 0.0
+    state.top_height = 0.0
+    state.top_energy = 0.0
+    state.stretch = stretch_from(site.stretches, stretch, x)
+    for i in range(site.crossings.size):
+        site.crossings[i].seen = False
+
+
+@kernel
+def start_released(state: Record, block: Block, site: Site, start: Start) -> None:
+    """Set the state of a block that is released.
+
+    Dropped, it falls. At rest, it slides or rolls where the friction allows, or never starts.
+    Pushed without spin it slides; with spin it meets the ground where it lies.
+    """
+    profile = site.profile
+    _clear(state, site, start.x, 0)
+    segment = segment_at(profile, start.x, 0)
+    here = profile[segment]
+    state.segment = segment
+    state.theta = start.orientation + here.angle
+    lies = resting_height(start.x, state.theta, block.a, block.b, profile, segment)
+    state.z = lies + start.drop
+    state.vx = start.speed * here.tx
+    state.vz = start.speed * here.tz
+    state.omega = start.spin
+    state.speed = start.speed
+    state.nx = -here.tz
+    state.nz = here.tx
+    if start.drop > 0.0:
+        state.phase = FLIGHT
+    elif start.spin != 0.0:
+        state.phase = IMPACT
+    elif start.speed != 0.0:
+        state.phase = SLIDING
+    else:
+        _start_at_rest(state, block, site)
+
+
+@kernel
+def _start_at_rest(state: Record, block: Block, site: Site) -> None:
+    """Let a block that lies still slide or roll if the ground is steep enough."""
+    here = site.profile[state.segment]
+    ground = site.grounds[here.ground]
+    steep = abs(here.tz) / here.tx
+    state.direction = 1 if here.tz <= 0.0 else -1
+    if steep > ground.mu_f:
+        state.phase = SLIDING
+    elif steep > rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius):
+        state.phase = ROLLING
+        radius = block.roll_radius
+        state.z = resting_height(state.x, 0.0, radius, radius, site.profile, state.segment)
+    else:
+        end(state, NEVER_STARTED)
+
+
+@kernel
+def start_spawned(
+    state: Record, block: Block, site: Site, spawned: Record, released_x: float
+) -> None:
+    """Set the state of a block that another, released at some chainage (m), has spawned."""
+    profile = site.profile
+    first = stretch_from(site.stretches, 0, released_x)
+    _clear(state, site, spawned.x, first)
+    state.spawned = True
+    state.began = spawned.t
+    state.moved = True
+    state.phase = FLIGHT
+    state.segment = segment_at(profile, spawned.x, segment_at(profile, released_x, 0))
+    state.theta = spawned.theta
+    lies = resting_height(spawned.x, state.theta, block.a, block.b, profile, state.segment)
+    state.z = max(spawned.z, lies)
+    state.vx = spawned.vx
+    state.vz = spawned.vz
+    state.omega = spawned.omega

@@ -1,0 +1,351 @@
+"""Where effects act on the motion: the only file that the motion calls, and that names them all.
+
+Each hook is given all effects, or None for the model of 1986 alone; numba then leaves out what the
+hook does. The motion is so compiled twice at most: without effects, and with all of them behind
+their forms. What an effect does stands in its own file.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from sassgis.engine.draws import with_inertia
+from sassgis.engine.effects import (
+    air_drag,
+    entrainment,
+    fragmentation,
+    rock_shape,
+    roughness,
+    soft_ground,
+    trees,
+)
+from sassgis.engine.effects.registry import in_motion
+from sassgis.engine.effects.spawning import Spawned, room_for
+from sassgis.engine.impact import COULOMB
+from sassgis.engine.state import Block, Record, Records, Site, record_type
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.jit import inlined
+
+#: Blocks that one released block may spawn.
+MOST_SPAWNED = 5000
+
+#: What effects remember of a block, and of the step that it makes.
+MEMORY_DTYPE = record_type(
+    ("resistance", np.float64),  # of the air (1/m)
+    *trees.MEMORY,
+    ("x_from", np.float64),  # where the step began (m)
+    ("energy_from", np.float64),  # twice the energy per unit mass with which it began, less spin
+    ("cut", np.bool_),  # whether an effect has cut the step short
+)
+
+
+class Effects(NamedTuple):
+    """Every effect; its form is 0 where it is off."""
+
+    drag: air_drag.Drag
+    stand: trees.Stand
+    soft: soft_ground.Soft
+    rough: roughness.Rough
+    shape: rock_shape.Shape
+    breaking: fragmentation.Breaking
+    loose: entrainment.LooseBlocks
+    memory: Records  # MEMORY_DTYPE, one row
+    spawned: Spawned
+
+
+def prepare(
+    settings: EffectSettings,
+    table: GroundTable,
+    stems: FloatArray,
+    diameter: FloatArray,
+    most_spawned: int = MOST_SPAWNED,
+) -> Effects | None:
+    """Effects for the kernel; None if none is on.
+
+    Parameters
+    ----------
+    settings : EffectSettings
+    table : GroundTable
+    stems, diameter : float64, shape (n_cells,)
+        Stems per square metre and their diameter at breast height (m) on the cells of the chunk.
+    most_spawned : int
+        Blocks that one released block may spawn.
+    """
+    if not in_motion(settings):
+        return None
+    spawns = any(
+        settings.get(kind) for kind in (fragmentation.Fragmentation, entrainment.Entrainment)
+    )
+    return Effects(
+        air_drag.prepare(settings.get(air_drag.AirDrag)),
+        trees.prepare(settings.get(trees.Trees), stems, diameter),
+        soft_ground.prepare(settings.get(soft_ground.SoftGround), table),
+        roughness.prepare(settings.get(roughness.Roughness), table),
+        rock_shape.prepare(settings.get(rock_shape.RockShape)),
+        fragmentation.prepare(settings.get(fragmentation.Fragmentation)),
+        entrainment.prepare(settings.get(entrainment.Entrainment), table),
+        np.zeros(1, MEMORY_DTYPE),
+        room_for(most_spawned if spawns else 1),
+    )
+
+
+@inlined
+def on_block(effects: Effects | None, block: Block) -> Block:
+    """The block as it moves, from the plane ellipse of the model of 1986."""
+    if effects is not None and effects.shape.form == rock_shape.MEAN_INERTIA:
+        inertia = rock_shape.tumbling_inertia(block.a, block.b, block.c)
+        return with_inertia(block, inertia)
+    return block
+
+
+@inlined
+def on_start(effects: Effects | None, state: Record, block: Block) -> None:
+    """Set the memory for a new block."""
+    if effects is not None:
+        if not state.spawned:
+            effects.spawned.count[0] = 0
+        memory = effects.memory[0]
+        memory.resistance = air_drag.resistance(effects.drag, block.a, block.b, block.c, block.mass)
+        memory.stems_met = 0
+        memory.to_stem = np.inf
+        if effects.stand.form != trees.OFF:
+            memory.to_stem = trees.to_next_stem(block.key, 0)
+
+
+@inlined
+def before_flight(
+    effects: Effects | None,
+    state: Record,
+    block: Block,
+    site: Site,
+    gravity: float,
+    longest: float,
+) -> float:
+    """Begin a step of flight: the longest time (s) that it may take.
+
+    Half of what acts all the time acts before the step and the rest after it: second order in its
+    length.
+    """
+    limit = longest
+    if effects is not None:
+        memory = effects.memory[0]
+        memory.x_from = state.x
+        memory.stem_rate = 0.0
+        memory.stem_cell = -1
+        memory.at_stem = False
+        memory.cut = False
+        if effects.drag.form != air_drag.OFF and effects.drag.step < limit:
+            limit = effects.drag.step
+            memory.cut = True
+        if effects.stand.form != trees.OFF:
+            limit = trees.before_flight(effects.stand, memory, state, block, site, gravity, limit)
+        memory.energy_from = state.vx * state.vx + state.vz * state.vz + 2.0 * gravity * state.z
+        _brake(effects, memory, state, block, 0.5 * limit)
+    return limit
+
+
+@inlined
+def _brake(effects: Effects, memory: Record, state: Record, block: Block, time: float) -> float:
+    """Let what acts all the time act on a block in flight; returns the share left by trees."""
+    vx, vz = air_drag.slowed(memory.resistance, state.vx, state.vz, time)
+    kept = trees.left_by_viscous(effects.stand, memory.stem_cell, block.mass, time)
+    state.vx = vx * kept
+    state.vz = vz * kept
+    return kept
+
+
+@inlined
+def after_flight(
+    effects: Effects | None,
+    state: Record,
+    block: Block,
+    gravity: float,
+    limit: float,
+    until: float,
+    arrived: bool,
+) -> bool:
+    """End a step of flight; whether the same flight goes on.
+
+    Parameters
+    ----------
+    limit, until : float
+        Time that the step might have taken and has taken (s).
+    arrived : bool
+        Whether it ended at the ground or a barrier.
+    """
+    if effects is not None:
+        memory = effects.memory[0]
+        kept = _brake(effects, memory, state, block, until - 0.5 * limit)
+        # Of a step that ends early the drag before it is partly taken back, at a speed that may
+        # have grown: energy is not made.
+        has = state.vx * state.vx + state.vz * state.vz
+        if until < 0.5 * limit and (memory.resistance > 0.0 or kept > 1.0) and has > 0.0:
+            kept = min(math.sqrt(max(memory.energy_from - 2.0 * gravity * state.z, 0.0) / has), 1.0)
+            state.vx *= kept
+            state.vz *= kept
+        if effects.stand.form != trees.OFF:
+            memory.to_stem -= memory.stem_rate * abs(state.x - memory.x_from)
+            if memory.at_stem and not arrived:
+                spin = block.inertia * state.omega * state.omega
+                energy = 0.5 * (state.vx * state.vx + state.vz * state.vz + spin) * block.mass
+                kept = trees.speed_left_at_stem(effects.stand, memory, block.key, energy)
+                state.vx *= kept
+                state.vz *= kept
+                state.omega *= kept
+        return memory.cut and not arrived
+    return False
+
+
+@inlined
+def before_stretch(
+    effects: Effects | None,
+    state: Record,
+    block: Block,
+    site: Site,
+    pull: float,
+    ux: float,
+    length: float,
+    x_end: float,
+) -> tuple[float, float, bool]:
+    """Begin a stretch of rolling or sliding.
+
+    Parameters
+    ----------
+    pull : float
+        Acceleration along the ground (m/s²).
+    ux : float
+        Cosine of the slope.
+    length, x_end : float
+        Longest length of the stretch and chainage of its end (m).
+
+    Returns
+    -------
+    length, x_end : float
+        (m)
+    cut : bool
+        Whether an effect has shortened it.
+    """
+    cut = False
+    if effects is not None and effects.stand.form != trees.OFF:
+        memory = effects.memory[0]
+        memory.x_from = state.x
+        gap = trees.before_stretch(effects.stand, memory, state, block, site, pull, ux)
+        if gap < length * ux:
+            length = gap / ux
+            x_end = state.x + state.direction * gap
+            cut = True
+        else:
+            memory.at_stem = False
+        # Half of the force before the stretch and half after it: second order in its length.
+        kept = trees.left_after_path(
+            effects.stand, memory.stem_cell, block.mass, state.speed, 0.5 * length
+        )
+        state.speed *= kept
+        state.omega *= kept
+    return length, x_end, cut
+
+
+@inlined
+def after_stretch(
+    effects: Effects | None, state: Record, block: Block, length: float, at_barrier: bool
+) -> None:
+    """End a stretch of rolling or sliding of some length (m)."""
+    if effects is not None and effects.stand.form != trees.OFF:
+        memory = effects.memory[0]
+        memory.to_stem -= memory.stem_rate * abs(state.x - memory.x_from)
+        if memory.at_stem and not at_barrier:
+            spin = block.inertia * state.omega * state.omega
+            energy = 0.5 * (state.speed * state.speed + spin) * block.mass
+            kept = trees.speed_left_at_stem(effects.stand, memory, block.key, energy)
+        else:
+            kept = trees.left_after_path(
+                effects.stand, memory.stem_cell, block.mass, state.speed, 0.5 * length
+            )
+        state.speed *= kept
+        state.omega *= kept
+
+
+@inlined
+def on_contact(
+    effects: Effects | None,
+    state: Record,
+    block: Block,
+    kind: int,
+    nx: float,
+    nz: float,
+    rule: int,
+    friction: float,
+) -> tuple[float, float, int, float]:
+    """The surface that an impact meets: its normal, the rule of impact and the friction.
+
+    ``kind`` is the ground class.
+    """
+    if effects is not None:
+        if effects.rough.form != roughness.OFF and effects.rough.on[kind]:
+            nx, nz = roughness.tilted(
+                effects.rough, block.key, state.impacts, block.radius, state.vx, state.vz, nx, nz
+            )
+        if effects.soft.form == soft_ground.SLIP and effects.soft.on[kind]:
+            rule = COULOMB
+            friction = effects.soft.friction
+    return nx, nz, rule, friction
+
+
+@inlined
+def after_impact(
+    effects: Effects | None,
+    state: Record,
+    block: Block,
+    kind: int,
+    into: float,
+    wt: float,
+    wn: float,
+    omega: float,
+) -> tuple[float, float, float]:
+    """Velocity and spin after an impact with normal speed ``into`` (m/s), from those without."""
+    if effects is not None:
+        if effects.soft.on[kind]:
+            wt, wn, omega = soft_ground.after_impact(
+                effects.soft, block.mass, block.radius, into, wt, wn, omega
+            )
+        if rock_shape.lands_flat(effects.shape, block.key, state.impacts, block.b, block.c):
+            omega = 0.0
+    return wt, wn, omega
+
+
+@inlined
+def on_loss(
+    effects: Effects | None, state: Record, block: Block, ground: Record, lost: float
+) -> bool:
+    """Spawn blocks where an impact took energy (J/kg); whether the block itself is broken.
+
+    Parameters
+    ----------
+    state : Record
+        After the impact.
+    ground : a row of VERTEX_DTYPE
+        The segment that was hit.
+    """
+    if effects is not None:
+        # Spawned blocks entrain no others: a chain would have no end.
+        if (
+            not state.spawned
+            and effects.loose.form != entrainment.OFF
+            and effects.loose.on[ground.ground]
+        ):
+            entrainment.entrain(
+                effects.loose, effects.spawned, block, state.impacts, lost * block.mass, state,
+                ground,
+            )  # fmt: skip
+        if effects.breaking.form != fragmentation.OFF and fragmentation.breaks(
+            effects.breaking, block.key, state.impacts, lost
+        ):
+            return fragmentation.break_up(
+                effects.breaking, effects.spawned, block, state.impacts, state
+            )
+    return False

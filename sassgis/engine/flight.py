@@ -1,0 +1,127 @@
+"""A block in flight."""
+
+from __future__ import annotations
+
+import math
+
+from sassgis.engine.barriers import after_barrier, control_lines_in_flight, no_meeting
+from sassgis.engine.contact import next_contact
+from sassgis.engine.effects import hooks
+from sassgis.engine.profile import segment_at
+from sassgis.engine.recording import record_flight
+from sassgis.engine.state import (
+    FLIGHT,
+    IMPACT,
+    LEFT_PROFILE,
+    Block,
+    Output,
+    Physics,
+    Record,
+    Records,
+    Site,
+    end,
+    log_event,
+    same_event,
+)
+from sassgis.engine.touching import Flying
+from sassgis.model.jit import inlined
+
+# A block that moves straight up or down is looked at for so long (s).
+_LONGEST = 1e6
+
+
+@inlined
+def _time_to_end(state: Record, profile: Records) -> float:
+    """When the centre leaves the profile (s)."""
+    if state.vx > 1e-9:
+        limit = (profile[profile.size - 1].x - state.x) / state.vx
+    elif state.vx < -1e-9:
+        limit = (profile[0].x - state.x) / state.vx
+    else:
+        limit = _LONGEST
+    return float(max(limit, 0.0))
+
+
+@inlined
+def _advance(
+    state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
+) -> None:
+    """Move a block along its parabola for a time (s), and record what it passes."""
+    vx = state.vx
+    vz = state.vz
+    spin_energy = 0.5 * block.inertia * state.omega * state.omega
+    n_touched, stretch, top = record_flight(
+        site.stretches, output.work, state.n_touched, state.stretch, state.x, state.z, vx, vz,
+        spin_energy, gravity, until, state.began + state.t, block.b, site.profile,
+    )  # fmt: skip
+    state.n_touched = n_touched
+    state.stretch = stretch
+    wz = vz - gravity * until
+    half = 0.5 * (vx * vx + max(vz * vz, wz * wz))
+    state.top_height = max(state.top_height, top)
+    state.top_speed = max(state.top_speed, math.sqrt(2.0 * half))
+    state.top_energy = max(state.top_energy, half + spin_energy)
+    state.x += vx * until
+    state.z += (vz - 0.5 * gravity * until) * until
+    state.vz = wz
+    state.theta -= state.omega * until
+    state.t += until
+    if until > 0.0:
+        state.moved = True
+
+
+@inlined
+def flight(
+    state: Record,
+    block: Block,
+    site: Site,
+    output: Output,
+    physics: Physics,
+    effects: hooks.Effects | None,
+) -> None:
+    """Fly to the next contact, a barrier or the end of the profile."""
+    g = physics.gravity
+    log_event(output.log, state, 0.0, 0.0)
+    limit = hooks.before_flight(effects, state, block, site, g, _time_to_end(state, site.profile))
+    flying = Flying(
+        state.x, state.z, state.vx, state.vz, state.theta, state.omega, block.a, block.b, g
+    )
+    contact = next_contact(
+        flying, state.clear_from, limit, physics.tolerance, site.profile, state.segment,
+        state.skip_to,
+    )  # fmt: skip
+    until = contact.t if contact.segment >= 0 else limit
+    barrier = no_meeting()
+    if site.crossings.size > 0:
+        barrier = control_lines_in_flight(state, block, site, output, g, until)
+    at_barrier = barrier.line >= 0
+    if at_barrier:
+        until = barrier.when
+    _advance(state, block, site, output, g, until)
+    if at_barrier:
+        state.x = site.crossings[barrier.line].x
+    state.lines_from = state.x
+    state.furthest = max(state.furthest, state.x)
+    arrived = at_barrier or contact.segment >= 0
+    if hooks.after_flight(effects, state, block, g, limit, until, arrived):
+        state.clear_from = max(state.clear_from - until, 0.0)
+        same_event(state, physics)
+        return
+    state.clear_from = 0.0
+    state.skip_to = -1
+    if at_barrier:
+        state.vx *= barrier.speed_left
+        state.vz *= barrier.speed_left
+        state.omega *= barrier.speed_left
+        state.segment = segment_at(site.profile, state.x, state.segment)
+        after_barrier(state, barrier.outcome)
+        if state.phase != FLIGHT:
+            # It drops to the foot of the wall.
+            state.z = min(state.z, site.crossings[barrier.line].z + block.b)
+    elif contact.segment < 0:
+        end(state, LEFT_PROFILE)
+    else:
+        state.segment = contact.segment
+        state.nx = contact.nx
+        state.nz = contact.nz
+        state.phase = IMPACT

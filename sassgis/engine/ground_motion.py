@@ -1,0 +1,301 @@
+"""A block that rolls or slides along a segment: Bozzolo and Pamini (1986), equations (1), (2)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from sassgis.engine.barriers import Stretch, after_barrier, control_lines_on_ground, no_meeting
+from sassgis.engine.contact import next_contact
+from sassgis.engine.effects import hooks
+from sassgis.engine.ellipse import frame_of
+from sassgis.engine.landing import FIRST_TURN
+from sassgis.engine.profile import STRAIGHT, along, turn
+from sassgis.engine.recording import record_ground
+from sassgis.engine.rolling import (
+    GROUND_AHEAD,
+    LIFT_OFF,
+    PART,
+    PROFILE_END,
+    SEGMENT_END,
+    STOP,
+    TO_SLIDING,
+    rolling_stretch,
+)
+from sassgis.engine.state import (
+    FLIGHT,
+    IMPACT,
+    LEFT_PROFILE,
+    ROLLING,
+    SLIDING,
+    Block,
+    Output,
+    Physics,
+    Record,
+    Site,
+    end,
+    end_at_rest,
+    log_event,
+    same_event,
+)
+from sassgis.engine.touching import Flying
+from sassgis.model.jit import inlined, kernel
+
+# Gap at which a block that moves along the ground touches ground ahead of it (m).
+_TOUCH = 1e-11
+
+
+class Ahead(NamedTuple):
+    """How a stretch of rolling or sliding goes on."""
+
+    length: float  # (m)
+    x_end: float  # chainage (m)
+    ends_by: int  # one of the kinds in rolling.py
+    lift: float  # with LIFT_OFF, how long before the ellipse stands upright (rad)
+    segment: int  # that is met, -1 for none
+
+
+@kernel
+def rolling_friction(mu_0: float, k: float, d_star: float, radius: float) -> float:
+    """μ_r = μ_0 + k d*/d, equation (2); d is the diameter of the block."""
+    return mu_0 + k * d_star / (2.0 * radius)
+
+
+@inlined
+def _friction(state: Record, block: Block, site: Site) -> float:
+    """Friction on the segment under a block that rolls or slides."""
+    ground = site.grounds[site.profile[state.segment].ground]
+    if state.phase == ROLLING:
+        return rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
+    return float(ground.mu_f)
+
+
+@inlined
+def _look_ahead(state: Record, block: Block, site: Site, physics: Physics, pull: float) -> Ahead:
+    """How far a block rolls or slides before something else begins, and what.
+
+    ``pull`` is its acceleration (m/s²).
+    """
+    profile = site.profile
+    here = profile[state.segment]
+    direction = state.direction
+    ux = here.tx
+    uz = here.tz
+    v = state.speed
+    u = along(profile, state.segment, state.x, state.z)
+    length = max(here.length - u if direction > 0 else u, 0.0)
+    ends_by = SEGMENT_END
+    lift = 0.0
+    if pull < 0.0 and -v * v / (2.0 * pull) <= length:
+        length = -v * v / (2.0 * pull)
+        ends_by = STOP
+    wide = block.a
+    narrow = block.b
+    if state.phase == ROLLING:
+        wide = block.roll_radius
+        narrow = block.roll_radius
+        is_round = block.a - block.b < 1e-12 * block.a
+        length, ends_by, lift = rolling_stretch(
+            block, state.theta - here.angle, direction, v, pull, physics.gravity, ux,
+            -uz * direction, length, ends_by, physics.as_ellipse and not is_round,
+            physics.end_sliding and not is_round,
+        )  # fmt: skip
+    # Ground ahead: the block is moved in a straight line until it touches.
+    # A next segment that does not rise can only be met at the end of this one.
+    after = state.segment + direction
+    passed = state.segment
+    if 0 <= after < profile.size - 1 and turn(profile, state.segment, direction) > -STRAIGHT:
+        passed = after
+    moved = Flying(
+        state.x, state.z, direction * ux, direction * uz, state.theta, 0.0, wide, narrow, 0.0
+    )
+    contact = next_contact(moved, 0.0, length, _TOUCH, profile, state.segment, passed)
+    if contact.segment >= 0:
+        length = contact.t
+        ends_by = GROUND_AHEAD
+        state.nx = contact.nx
+        state.nz = contact.nz
+    x_end = state.x + direction * ux * length
+    first = profile[0].x
+    last = profile[profile.size - 1].x
+    if x_end > last or x_end < first:
+        end_x = last if direction > 0 else first
+        length = min(max((end_x - state.x) / (direction * ux), 0.0), length)
+        x_end = state.x + direction * ux * length
+        ends_by = PROFILE_END
+    return Ahead(length, x_end, ends_by, lift, contact.segment)
+
+
+@inlined
+def _advance(
+    state: Record, block: Block, site: Site, output: Output, stretch: Stretch, length: float
+) -> None:
+    """Move a block over a stretch of some length (m), and record what it passes."""
+    here = site.profile[state.segment]
+    direction = state.direction
+    v2, dv2 = stretch.speed2, stretch.gain
+    spin2, dspin2 = stretch.spin2, stretch.spin_gain
+    n_touched, number = record_ground(
+        site.stretches, output.work, state.n_touched, state.stretch, state.x, stretch.x_end, v2,
+        dv2, 0.5 * block.inertia * spin2, 0.5 * block.inertia * dspin2,
+        abs(stretch.x_end - state.x), length, state.began + state.t,
+    )  # fmt: skip
+    state.n_touched = n_touched
+    state.stretch = number
+    speed = math.sqrt(max(v2 + dv2, 0.0))
+    fast2 = max(v2, v2 + dv2)
+    energy = 0.5 * fast2 + 0.5 * block.inertia * max(spin2, spin2 + dspin2)
+    state.top_speed = max(state.top_speed, math.sqrt(fast2))
+    state.top_energy = max(state.top_energy, energy)
+    if state.speed + speed > 0.0:
+        state.t += 2.0 * length / (state.speed + speed)
+    state.x += direction * here.tx * length
+    state.z += direction * here.tz * length
+    state.speed = speed
+    if state.phase == ROLLING:
+        state.theta -= direction * length / block.roll_radius
+        state.omega = direction * math.sqrt(max(spin2 + dspin2, 0.0))
+    if length > 0.0:
+        state.moved = True
+
+
+@inlined
+def ground_motion(
+    state: Record,
+    block: Block,
+    site: Site,
+    output: Output,
+    physics: Physics,
+    effects: hooks.Effects | None,
+) -> None:
+    """Roll or slide along a segment until something else begins."""
+    here = site.profile[state.segment]
+    ux = here.tx
+    uz = here.tz
+    g = physics.gravity
+    mu = _friction(state, block, site)
+    down = -uz * state.direction
+    if state.speed <= 0.0:
+        state.speed = 0.0
+        if abs(uz) <= mu * ux:
+            end_at_rest(state, block)
+            return
+        state.direction = 1 if uz < 0.0 else -1
+        down = abs(uz)
+    direction = state.direction
+    pull = g * (down - mu * ux)
+    state.vx = state.speed * direction * ux
+    state.vz = state.speed * direction * uz
+    log_event(output.log, state, direction * ux, direction * uz)
+
+    ahead = _look_ahead(state, block, site, physics, pull)
+    ends_by = ahead.ends_by
+    length, x_end, cut = hooks.before_stretch(
+        effects, state, block, site, pull, ux, ahead.length, ahead.x_end
+    )
+    if cut:
+        ends_by = PART
+    stretch = _gains(state, block, x_end, pull, length, ends_by, mu * g * ux)
+    barrier = no_meeting()
+    if site.crossings.size > 0:
+        barrier = control_lines_on_ground(
+            state, block, site, output, stretch, direction * ux, direction * uz
+        )
+    at_barrier = barrier.line >= 0
+    if at_barrier:
+        share = barrier.when
+        length *= share
+        stretch = Stretch(
+            stretch.x, site.crossings[barrier.line].x, stretch.speed2, stretch.gain * share,
+            stretch.spin2, stretch.spin_gain * share,
+        )  # fmt: skip
+    _advance(state, block, site, output, stretch, length)
+    if at_barrier:
+        state.x = stretch.x_end
+    state.lines_from = state.x
+    state.furthest = max(state.furthest, state.x)
+    hooks.after_stretch(effects, state, block, length, at_barrier)
+    state.vx = direction * state.speed * ux
+    state.vz = direction * state.speed * uz
+    if at_barrier:
+        state.speed *= barrier.speed_left
+        state.omega *= barrier.speed_left
+        after_barrier(state, barrier.outcome)
+    elif ends_by == PART:
+        same_event(state, physics)
+    else:
+        _go_on(state, block, site, g, ahead)
+
+
+@inlined
+def _gains(
+    state: Record,
+    block: Block,
+    x_end: float,
+    pull: float,
+    length: float,
+    ends_by: int,
+    friction: float,
+) -> Stretch:
+    """Squares of speed and spin over a stretch; ``friction`` is its force per unit mass (m/s²)."""
+    v2 = state.speed * state.speed
+    dv2 = -v2 if ends_by == STOP else 2.0 * pull * length
+    spin2 = state.omega * state.omega
+    dspin2 = 0.0
+    if state.phase == ROLLING:
+        # Friction can turn the block no faster than its work allows.
+        target = max(v2 + dv2, 0.0) / (block.roll_radius * block.roll_radius)
+        dspin2 = min(target - spin2, 2.0 * friction * length / block.inertia)
+    return Stretch(state.x, x_end, v2, dv2, spin2, dspin2)
+
+
+@inlined
+def _go_on(state: Record, block: Block, site: Site, gravity: float, ahead: Ahead) -> None:
+    """Begin what ends a stretch."""
+    what = ahead.ends_by
+    if what == PROFILE_END:
+        end(state, LEFT_PROFILE)
+    elif what == GROUND_AHEAD:
+        state.segment = ahead.segment
+        state.phase = IMPACT
+    elif what == TO_SLIDING:
+        state.omega = 0.0
+        state.phase = SLIDING
+    elif what == LIFT_OFF:
+        _lift_off(state, block, site, gravity, ahead.lift)
+    elif what == SEGMENT_END:
+        after = state.segment + state.direction
+        if after < 0 or after >= site.profile.size - 1:
+            end(state, LEFT_PROFILE)
+            return
+        if turn(site.profile, state.segment, state.direction) > STRAIGHT:
+            state.skip_to = state.segment
+            state.phase = FLIGHT
+        state.segment = after
+
+
+@kernel
+def _lift_off(state: Record, block: Block, site: Site, gravity: float, lift: float) -> None:
+    """Let a rolling ellipse leave the ground where the normal force on it ends."""
+    here = site.profile[state.segment]
+    ux = here.tx
+    uz = here.tz
+    direction = state.direction
+    # Its centre is where it then stands.
+    state.theta = 0.5 * math.pi + direction * lift + here.angle
+    lever, support, _ = frame_of(block.a, block.b, math.cos(lift), -direction * math.sin(lift))
+    rise = support - block.roll_radius
+    # Also where the spin lags behind the speed no energy is made.
+    energy = (
+        0.5 * (state.speed * state.speed + block.inertia * state.omega * state.omega)
+        - gravity * ux * rise
+    )
+    spin = math.sqrt(2.0 * max(energy, 0.0) / (block.inertia + lever * lever + support * support))
+    omega = direction * spin
+    state.omega = omega
+    state.x += rise * -uz
+    state.z += rise * ux
+    state.vx = support * omega * ux + lever * omega * uz
+    state.vz = support * omega * uz - lever * omega * ux
+    state.clear_from = FIRST_TURN / max(spin, 1e-3)
+    state.phase = FLIGHT

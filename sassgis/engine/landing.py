@@ -1,0 +1,262 @@
+"""A block in contact with the ground: it lands softly or rebounds, and flies, rolls or slides on."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from sassgis.engine.contact import resting_height
+from sassgis.engine.effects import hooks
+from sassgis.engine.ellipse import frame_of
+from sassgis.engine.impact import impact, normal_force, turn_about_contact
+from sassgis.engine.profile import along, foot_segment
+from sassgis.engine.state import (
+    BROKEN,
+    FLIGHT,
+    ROLLING,
+    SLIDING,
+    Block,
+    Output,
+    Physics,
+    Record,
+    Records,
+    Site,
+    end,
+    end_at_rest,
+    log_event,
+)
+from sassgis.model import rng
+from sassgis.model.jit import inlined, kernel
+
+#: A flight that begins in contact without a normal speed is looked at again after this turn (rad).
+FIRST_TURN = 1e-4
+# A block that bounces on one spot with less energy than this share of g r is at rest.
+_REST_SHARE = 1e-3
+_SAME_SPOT = 1e-3
+_MOST_ON_SPOT = 20
+
+
+class Velocity(NamedTuple):
+    """Velocity along the ground and along its normal (m/s), and spin (rad/s)."""
+
+    t: float
+    n: float
+    omega: float
+
+
+@kernel
+def _kinetic(block: Block, vx: float, vz: float, omega: float) -> float:
+    """Kinetic energy (J/kg)."""
+    return 0.5 * (vx * vx + vz * vz + block.inertia * omega * omega)
+
+
+@kernel
+def _trembles(state: Record, block: Block, energy: float, gravity: float) -> bool:
+    """Whether contacts on one spot show that a block only trembles: it has come to rest."""
+    if abs(state.x - state.spot_x) + abs(state.z - state.spot_z) < _SAME_SPOT * block.radius:
+        state.crowded += 1
+        return bool(state.crowded > _MOST_ON_SPOT and energy < _REST_SHARE * gravity * block.radius)
+    state.crowded = 0
+    state.spot_x = state.x
+    state.spot_z = state.z
+    return False
+
+
+@kernel
+def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[float, float]:
+    """Normal of the ground that an impact meets, with the slope varied on descending ground.
+
+    tan β' = tan β (1 − u), Bozzolo and Pamini (1986), Table 1.
+    """
+    nx = state.nx
+    nz = state.nz
+    here = site.profile[state.segment]
+    on_segment = abs(nx + here.tz) + abs(nz - here.tx) < 1e-9
+    if not (on_segment and vt * -nx < 0.0):
+        return nx, nz
+    ground = site.grounds[here.ground]
+    u = rng.between(block.key, rng.SLOPE, state.slope_draws, ground.dp_min, ground.dp_max)
+    state.slope_draws += 1
+    p = -nx / nz * (1.0 - u)
+    mz = 1.0 / math.sqrt(1.0 + p * p)
+    return -p * mz, mz
+
+
+@inlined
+def _rebound(
+    state: Record,
+    block: Block,
+    site: Site,
+    output: Output,
+    physics: Physics,
+    effects: hooks.Effects | None,
+    vt: float,
+    energy: float,
+) -> bool:
+    """Change the velocity by an impact; whether it breaks the block.
+
+    Parameters
+    ----------
+    vt : float
+        Velocity along the ground (m/s).
+    energy : float
+        Kinetic energy before (J/kg).
+    """
+    state.impacts += 1
+    here = site.profile[state.segment]
+    ground = site.grounds[here.ground]
+    mx = state.nx
+    mz = state.nz
+    if physics.slope_variation:
+        mx, mz = _varied_normal(state, block, site, vt)
+    mx, mz, rule, friction = hooks.on_contact(
+        effects, state, block, here.ground, mx, mz, physics.eta_rule, ground.mu_f
+    )
+    st = math.sin(state.theta)
+    ct = math.cos(state.theta)
+    px, py, _ = frame_of(block.a, block.b, st * mz + ct * mx, ct * mz - st * mx)
+    log_event(output.log, state, mz, -mx)
+    vx = state.vx
+    vz = state.vz
+    wt, wn, omega = impact(
+        px, py, block.inertia, vx * mz - vz * mx, vx * mx + vz * mz, state.omega, ground.eta_max,
+        rule, friction,
+    )  # fmt: skip
+    wt, wn, omega = hooks.after_impact(
+        effects, state, block, here.ground, -(vx * mx + vz * mz), wt, wn, omega
+    )
+    state.vx = wt * mz + wn * mx
+    state.vz = wn * mz - wt * mx
+    state.omega = omega
+    lost = energy - _kinetic(block, state.vx, state.vz, omega)
+    return hooks.on_loss(effects, state, block, here, lost)
+
+
+@inlined
+def land(
+    state: Record,
+    block: Block,
+    site: Site,
+    output: Output,
+    physics: Physics,
+    effects: hooks.Effects | None,
+) -> None:
+    """From contact with ground of normal (nx, nz) to flight, to motion along the ground or to rest.
+
+    A block that reaches the ground slowly lands softly, without an impact: it turns about the point
+    of contact, equations (3) to (5) of Bozzolo and Pamini (1986).
+    """
+    g = physics.gravity
+    nx = state.nx
+    nz = state.nz
+    # The tangent points to the right.
+    ux = nz
+    uz = -nx
+    vt = state.vx * ux + state.vz * uz
+    vn = state.vx * nx + state.vz * nz
+    st = math.sin(state.theta)
+    ct = math.cos(state.theta)
+    lever, support, curvature = frame_of(block.a, block.b, st * ux - ct * uz, ct * ux + st * uz)
+    energy = _kinetic(block, state.vx, state.vz, state.omega)
+    if _trembles(state, block, energy, g):
+        end_at_rest(state, block)
+        return
+    # A start with spin has a normal speed of rounding only, of either sign.
+    soft = (
+        vn <= 1e-9 * abs(vt) and vn * vn < 2.0 * g * nz * physics.rolling_threshold * block.radius
+    )
+    if soft:
+        wt, wn, omega = turn_about_contact(lever, support, block.inertia, vt, vn, state.omega)
+        state.omega = omega
+    else:
+        if _rebound(state, block, site, output, physics, effects, vt, energy):
+            end(state, BROKEN)
+            return
+        omega = state.omega
+        wt = state.vx * ux + state.vz * uz
+        wn = state.vx * nx + state.vz * nz
+        if wn > 1e-12:
+            state.phase = FLIGHT
+            return
+        force = normal_force(lever, support, curvature, block.inertia, omega, nz, -uz, g)
+        if force < 0.0 and curvature * omega * omega < -g * nz:
+            state.clear_from = FIRST_TURN / abs(omega)
+            state.phase = FLIGHT
+            return
+    state.vx = wt * ux + wn * nx
+    state.vz = wt * uz + wn * nz
+    _settle(state, block, site, g, Velocity(wt, wn, omega))
+
+
+@kernel
+def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: Velocity) -> None:
+    """Go on along the ground: roll if the energy suffices, else slide, else rest.
+
+    The block rolls, all its energy going into rolling, if that lifts its centre to where a rolling
+    block has it; else it ends by sliding.
+    """
+    profile = site.profile
+    wt, wn, omega = velocity
+    direction = 1 if (wt > 0.0 or (wt == 0.0 and omega >= 0.0)) else -1
+    energy = 0.5 * (wt * wt + wn * wn + block.inertia * omega * omega)
+    segment = foot_segment(profile, state.segment, state.x, state.z, direction)
+    state.direction = direction
+    state.segment = segment
+    here = profile[segment]
+    u = min(max(along(profile, segment, state.x, state.z), 0.0), here.length)
+    foot_x = here.x + u * here.tx
+    foot_z = here.z + u * here.tz
+    # Let down where nothing else is in the way of the rolling block.
+    radius = block.roll_radius
+    roll_x = foot_x - radius * here.tz
+    roll_z = max(
+        foot_z + radius * here.tx, resting_height(roll_x, 0.0, radius, radius, profile, segment)
+    )
+    lifted = energy + gravity * (state.z - roll_z)
+    if lifted > 0.0:
+        state.speed = math.sqrt(2.0 * lifted / block.roll_share)
+        state.omega = direction * state.speed / radius
+        state.x = roll_x
+        state.z = roll_z
+        state.phase = ROLLING
+    else:
+        _slide_or_rest(state, block, site.grounds, profile, gravity, wt, foot_x, foot_z)
+
+
+@kernel
+def _slide_or_rest(
+    state: Record,
+    block: Block,
+    grounds: Records,
+    profile: Records,
+    gravity: float,
+    wt: float,
+    foot_x: float,
+    foot_z: float,
+) -> None:
+    """Let a block slide as it lies, if it can.
+
+    One that would have to rise first, and has not the energy, is wedged.
+    """
+    here = profile[state.segment]
+    st = math.sin(state.theta)
+    ct = math.cos(state.theta)
+    _, support, _ = frame_of(
+        block.a, block.b, st * here.tx - ct * here.tz, ct * here.tx + st * here.tz
+    )
+    slide_x = foot_x - support * here.tz
+    slide_z = max(
+        foot_z + support * here.tx,
+        resting_height(slide_x, state.theta, block.a, block.b, profile, state.segment),
+    )
+    drop_to = state.z - slide_z
+    left_over = 0.5 * wt * wt + gravity * min(drop_to, 0.0)
+    friction = grounds[here.ground].mu_f
+    if left_over <= 0.0 and (drop_to < -1e-9 or abs(here.tz) <= friction * here.tx):
+        end_at_rest(state, block)
+        return
+    state.speed = math.sqrt(max(2.0 * left_over, 0.0))
+    state.omega = 0.0
+    state.x = slide_x
+    state.z = slide_z
+    state.phase = SLIDING
