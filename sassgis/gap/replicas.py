@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.state import EVENT_DTYPE, IMPACT
 from sassgis.engine.simulate import ControlLineCrossings, Forest, Simulated, simulate
+from sassgis.engine.state import EVENT_DTYPE, IMPACT
 from sassgis.gap.case import Case
 from sassgis.gap.sample import (
     LOOSE,

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.engine.state import FLIGHT, IMPACT, ROLLING
 from sassgis.engine.simulate import ControlLineCrossings, Forest, simulate
+from sassgis.engine.state import FLIGHT, IMPACT, ROLLING
 from sassgis.gap.case import Case
 from sassgis.gap.observations.projection import project_observations, station_chainages
 from sassgis.gap.observations.tables import (
@@ -228,7 +228,9 @@ def _impacts(
             cosine = np.cos(before["theta_rad"]) * ux + np.sin(before["theta_rad"]) * uz
             y = np.hypot(a * sine, b * cosine)
             x = (a * a - b * b) * sine * cosine / y
-            dip = -float(dips_at(own, np.array([i]), np.array([before["x_m"] - x * ux + y * uz]))[0])
+            dip = -float(
+                dips_at(own, np.array([i]), np.array([before["x_m"] - x * ux + y * uz]))[0]
+            )
             c, s = np.cos(dip), np.sin(dip)
             state = []
             for e in (before, after):
@@ -268,14 +270,18 @@ def _paths(
         # Along the ground: constant acceleration over the way to the next event.
         pull = 2.0 * (way - speed0 * span) / span**2
         done = (speed0 * dt + 0.5 * pull * dt**2) / np.maximum(way, 1e-9)
-        x = np.where(flying, e["x_m"] + e["vx_mps"] * dt, e["x_m"] + done * (after["x_m"] - e["x_m"]))
+        x = np.where(
+            flying, e["x_m"] + e["vx_mps"] * dt, e["x_m"] + done * (after["x_m"] - e["x_m"])
+        )
         z = np.where(
             flying,
             e["z_m"] + e["vz_mps"] * dt - 0.5 * 9.81 * dt**2,
             e["z_m"] + done * (after["z_m"] - e["z_m"]),
         )
         v = np.where(flying, np.hypot(e["vx_mps"], e["vz_mps"] - 9.81 * dt), speed0 + pull * dt)
-        spin = np.where(e["phase"] == ROLLING, np.maximum(v, 0.0) / round_[i], np.abs(e["omega_radps"]))
+        spin = np.where(
+            e["phase"] == ROLLING, np.maximum(v, 0.0) / round_[i], np.abs(e["omega_radps"])
+        )
         rows.append(np.column_stack([np.full(t.size, i), t, x, z, np.maximum(v, 0.0), spin]))
     table = np.concatenate(rows)
     i = table[:, 0].astype(int)

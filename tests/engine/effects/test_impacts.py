@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 from effects_lab import (
-    COL,
     FLIGHT,
     IMPACT,
     MIXED,
