@@ -16,7 +16,6 @@ from sassgis.engine.recording import CellWork
 from sassgis.engine.state import (
     BARRIER,
     REST,
-    STATE_DTYPE,
     Block,
     EventLog,
     Output,
@@ -125,7 +124,7 @@ class PlaceWork(NamedTuple):
 class Work(NamedTuple):
     """Working space of a chunk."""
 
-    state: Records  # state.STATE_DTYPE, one row
+    state: Records  # hooks.BLOCK_DTYPE, one row
     cells: CellWork
     event: Event
     tally: LineTally
@@ -143,7 +142,7 @@ def working_space(totals: Totals) -> Work:
     """Working space for a chunk whose blocks are added to some totals."""
     n = totals.sums.tally.shape[0]
     return Work(
-        np.zeros(1, STATE_DTYPE),
+        np.zeros(1, hooks.BLOCK_DTYPE),
         CellWork(np.full((n, 4), -1.0), np.zeros(n, np.int64)),
         Event(np.full((n, 3), -1.0), np.zeros(n, np.int64), np.zeros(1, np.int64)),
         empty_tally(totals.reach),

@@ -25,11 +25,10 @@ from scipy import stats
 
 from sassgis.engine.draws import block_of
 from sassgis.engine.effects import fragmentation
-from sassgis.engine.effects.hooks import prepare
+from sassgis.engine.effects.hooks import BLOCK_DTYPE, prepare
 from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.ellipse import inertia
 from sassgis.engine.simulate import ControlLineCrossings
-from sassgis.engine.state import STATE_DTYPE
 from sassgis.model.effects import EffectSettings, Entrainment, Fragmentation
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
@@ -54,7 +53,7 @@ def as_read(settings):
 
 def broken(effects, block, number, vx, vz, theta, omega):
     """Fragments of a block that breaks at (5, 80)."""
-    state = np.zeros(1, STATE_DTYPE)[0]
+    state = np.zeros(1, BLOCK_DTYPE)[0]
     state.x, state.z, state.vx, state.vz, state.theta, state.omega = 5.0, 80.0, vx, vz, theta, omega
     spawned = room_for(50)
     assert fragmentation.break_up(effects.breaking, spawned, block, number, state)
