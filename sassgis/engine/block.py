@@ -44,7 +44,7 @@ def simulate_block(
 
     Parameters
     ----------
-    state : a row of STATE_DTYPE
+    state : a row of hooks.BLOCK_DTYPE
         As start_released or start_spawned leave it; changed in place.
     block : Block
     site : Site

@@ -16,7 +16,6 @@ from sassgis.engine.recording import CellWork, empty_work
 from sassgis.engine.state import (
     BARRIER,
     REST,
-    STATE_DTYPE,
     Block,
     EventLog,
     Output,
@@ -126,7 +125,7 @@ class PlaceWork(NamedTuple):
 class Work(NamedTuple):
     """Working space of a chunk."""
 
-    state: Records  # state.STATE_DTYPE, one row
+    state: Records  # hooks.BLOCK_DTYPE, one row
     cells: CellWork
     event: Event
     tally: LineTally
@@ -144,7 +143,7 @@ def working_space(totals: Totals) -> Work:
     """Working space for a chunk whose blocks are added to some totals."""
     n = totals.sums.stops.size
     return Work(
-        np.zeros(1, STATE_DTYPE),
+        np.zeros(1, hooks.BLOCK_DTYPE),
         empty_work(n),
         empty_event(n),
         empty_tally(totals.reach),
@@ -209,7 +208,7 @@ def simulate_lines(
                 if effects is None:
                     break
                 collect(work.event, work.cells, state.n_touched, block.mass)
-                if n_spawned >= min(effects.spawned.count[0], effects.spawned.rows.size):
+                if n_spawned >= min(effects.spawned.filled[0], effects.spawned.rows.size):
                     break
                 if rows.filled[1] >= rows.pieces.size:
                     return NO_ROOM
@@ -224,7 +223,7 @@ def simulate_lines(
             if effects is None:
                 add_to_totals(totals, work, state.n_touched, block.mass)
             else:
-                if effects.spawned.count[0] > n_spawned:
+                if effects.spawned.filled[0] > n_spawned:
                     return TOO_MANY_SPAWNED
                 # They count together, with their energies in J.
                 add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)

@@ -1,4 +1,4 @@
-"""A block in contact with the ground: it lands softly or rebounds, and flies, rolls or slides on."""
+"""A block that touches the ground: it lands softly or rebounds, and flies, rolls or slides on."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 The cells under a profile come as stretches that are also cut at the profile's vertices, so that
 the ground is straight in each. Over a stretch the speed of a flight is greatest at an end and its
 height above ground is a concave parabola, so all maxima are exact. So is the time at a cell's
-border: chainage is linear in time in flight, and speed squared linear in the distance on the ground.
+border: chainage is linear in time in flight, and speed squared in the distance on the ground.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ CROSSING_DTYPE = record_type(
 )
 
 #: Where a block is, how it moves, and what has become of it.
-STATE_DTYPE = record_type(
+STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("spawned", np.bool_),  # by an impact of another block
     ("phase", _I),
     ("reason", _I),  # stopping reason

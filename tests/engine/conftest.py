@@ -8,14 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sassgis.engine.simulate import COURSE_COLUMNS, simulate
+from sassgis.engine.simulate import simulate
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.ground import GroundClass, GroundTable
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.settings import EngineSettings
 
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
-COL = {name: i for i, name in enumerate(COURSE_COLUMNS)}
 
 
 def ground(
@@ -128,7 +127,6 @@ def lab() -> SimpleNamespace:
         ROLLING=ROLLING,
         SLIDING=SLIDING,
         END=END,
-        COL=COL,
         ROCK=ROCK,
         DEBRIS=DEBRIS,
         MIXED=MIXED,

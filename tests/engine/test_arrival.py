@@ -41,8 +41,8 @@ def test_a_flight_crosses_borders_at_even_speed(lab):
     ball = lab.sphere(drop_m=(40.0, 40.0), speed_mps=(speed, speed))
     out = lab.run(profiles, lab.ROCK, ball, start=[(x0, x0)], log_events=50)
     impact = out.event_logs[0][1]
-    assert impact[lab.COL["phase"]] == lab.IMPACT
-    borders = borders_ahead(profiles, x0, impact[lab.COL["x_m"]])
+    assert impact["phase"] == lab.IMPACT
+    borders = borders_ahead(profiles, x0, impact["x_m"])
     assert borders.size >= 3
     want = (borders - x0) / (speed * math.cos(beta))
     assert arrivals_at(profiles, out, borders) == pytest.approx(want, rel=1e-12)
@@ -65,7 +65,7 @@ def test_a_sliding_ball_crosses_borders_as_under_constant_acceleration(lab, spee
     d = (borders - x0) / math.cos(beta)
     # d = v t + a t²/2; the smaller root, written so that a = 0 needs no case of its own.
     want = 2.0 * d / (speed + np.sqrt(speed**2 + 2.0 * pull * d))
-    assert (out.event_logs[0][0][lab.COL["phase"]]) == lab.SLIDING
+    assert (out.event_logs[0][0]["phase"]) == lab.SLIDING
     assert arrivals_at(profiles, out, borders) == pytest.approx(want, rel=1e-9)
 
 
@@ -75,8 +75,8 @@ def test_a_rolling_ball_crosses_borders_as_under_constant_acceleration(lab):
     out = lab.run(
         profiles, lab.ground(mu_f=0.9, mu_0=mu), lab.sphere(), start=[(x0, x0)], log_events=9
     )
-    assert out.event_logs[0][0][lab.COL["phase"]] == lab.ROLLING
-    start = out.event_logs[0][0][lab.COL["x_m"]]
+    assert out.event_logs[0][0]["phase"] == lab.ROLLING
+    start = out.event_logs[0][0]["x_m"]
     borders = borders_ahead(profiles, start, 59.0)
     pull = G * (math.sin(beta) - mu * math.cos(beta))
     want = np.sqrt(2.0 * (borders - start) / math.cos(beta) / pull)
@@ -87,21 +87,21 @@ def test_a_rolling_ball_crosses_borders_as_under_constant_acceleration(lab):
 # --- Event logs ----------------------------------------------------------------------------------
 
 
-def entries(lab, profiles, course) -> dict[int, float]:
+def entries(lab, profiles, log) -> dict[int, float]:
     """First entry of a rock into each cell, from its event log: {cell: time (s)}."""
-    c, s = lab.COL, profiles.cell_s
+    s = profiles.cell_s
     found: dict[int, float] = {}
 
     def enter(x: float, t: float) -> None:
         k = int(np.clip(np.searchsorted(s, x, side="right") - 1, 0, s.size - 2))
         found.setdefault(int(profiles.cell[k]), t)
 
-    for row, after in itertools.pairwise(course):
-        t0, x0, vx = row[c["t_s"]], row[c["x_m"]], row[c["vx_mps"]]
-        dt = after[c["t_s"]] - t0
-        flies = row[c["phase"]] == lab.FLIGHT
+    for row, after in itertools.pairwise(log):
+        t0, x0, vx = row["t_s"], row["x_m"], row["vx_mps"]
+        dt = after["t_s"] - t0
+        flies = row["phase"] == lab.FLIGHT
         # Setting a rock upright as it begins to roll moves its centre, in no time.
-        x1 = x0 + vx * dt if flies or dt == 0.0 else after[c["x_m"]]
+        x1 = x0 + vx * dt if flies or dt == 0.0 else after["x_m"]
         enter(x0, t0)
         ahead = borders_ahead(profiles, *sorted((x0, x1)))
         if x1 < x0:
@@ -110,13 +110,13 @@ def entries(lab, profiles, course) -> dict[int, float]:
             share = (border - x0) / (x1 - x0)
             if not flies:
                 # s = v t + a t²/2, with the acceleration that makes the stretch last as it did.
-                speed = math.hypot(vx, row[c["vz_mps"]])
-                length = abs(x1 - x0) * math.hypot(1.0, row[c["uz"]] / row[c["ux"]])
+                speed = math.hypot(vx, row["vz_mps"])
+                length = abs(x1 - x0) * math.hypot(1.0, row["uz"] / row["ux"])
                 a = 2.0 * (length - speed * dt) / dt**2
                 both = speed + math.sqrt(max(speed**2 + 2.0 * a * share * length, 0.0))
                 share = 2.0 * share * length / both / dt
             enter(border + math.copysign(1e-9, x1 - x0), t0 + share * dt)
-        enter(after[c["x_m"]], after[c["t_s"]])
+        enter(after["x_m"], after["t_s"])
     return found
 
 
@@ -128,8 +128,8 @@ def test_times_and_their_quantiles_are_those_of_the_event_logs(lab, kind):
     n = 60
     out = lab.run(profiles, lab.ROCK, blocks, n=n, start=[(10.0, 30.0)], log_events=4000)
     times: dict[int, list[float]] = {}
-    for course in out.event_logs:
-        for cell, t in entries(lab, profiles, course).items():
+    for log in out.event_logs:
+        for cell, t in entries(lab, profiles, log).items():
             times.setdefault(cell, []).append(t)
     sums = MapSums(int(out.cells.max()) + 1)
     sums.add(out.cells, out.sums)
@@ -163,24 +163,21 @@ def test_fragments_arrive_as_long_after_the_release_as_the_rock_and_they_took(la
     profiles = lab.profile_set(lab.slope((300.0, 35.0)))
     rock = lab.sphere(drop_m=(10.0, 10.0), speed_mps=(speed, speed))
     run = {"start": [(x0, x0)], "log_events": 50}
-    c = lab.COL
-    flights = [
-        e for e in lab.run(profiles, lab.ROCK, rock, **run).event_logs[0] if e[c["phase"]] == 0
-    ]
+    flights = [e for e in lab.run(profiles, lab.ROCK, rock, **run).event_logs[0] if e["phase"] == 0]
     after = flights[1]
     effects = EffectSettings(
-        fragmentation=Fragmentation("threshold", 1e-3, loss=0.0, cone_deg=0.0, smallest_m3=0.1)
+        Fragmentation("threshold", 1e-3, loss=0.0, cone_deg=0.0, smallest_m3=0.1)
     )
     out = lab.run(profiles, lab.ROCK, rock, effects=effects, **run)
-    assert out.pieces.size == 5 and (out.pieces["start_m"] == after[c["x_m"]]).all()
-    assert out.rocks["time_s"][0] == after[c["t_s"]] > 1.0
-    before = borders_ahead(profiles, x0, after[c["x_m"]])
-    want = (before - x0) / flights[0][c["vx_mps"]]
+    assert out.pieces.size == 5 and (out.pieces["start_m"] == after["x_m"]).all()
+    assert out.rocks["time_s"][0] == after["t_s"] > 1.0
+    before = borders_ahead(profiles, x0, after["x_m"])
+    want = (before - x0) / flights[0]["vx_mps"]
     assert arrivals_at(profiles, out, before) == pytest.approx(want, rel=1e-9)
     # Smaller fragments fly on for a little longer than the whole rock.
-    beyond = borders_ahead(profiles, after[c["x_m"]], flights[2][c["x_m"]])
+    beyond = borders_ahead(profiles, after["x_m"], flights[2]["x_m"])
     assert beyond.size >= 2
-    want = after[c["t_s"]] + (beyond - after[c["x_m"]]) / after[c["vx_mps"]]
+    want = after["t_s"] + (beyond - after["x_m"]) / after["vx_mps"]
     assert arrivals_at(profiles, out, beyond) == pytest.approx(want, rel=1e-9)
     assert out.sums["reach"].max() == 1 and out.sums["arrival"].sum(axis=1).max() == 1
 

@@ -23,7 +23,6 @@ def at_chainage(log, x_control_line, a, b, lab):
 
     Returns (vx, vz, |omega|, z, phase) or None.
     """
-    c = lab.COL
     for i in range(log.shape[0] - 1):
         row, after = log[i], log[i + 1]
         x, vx = row["x_m"], row["vx_mps"]
@@ -54,7 +53,6 @@ def at_chainage(log, x_control_line, a, b, lab):
 
 
 def _stretch(row, after, lab):
-    c = lab.COL
     return after["x_m"] - row["x_m"]
 
 
@@ -181,7 +179,6 @@ def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there(lab):
         start=[(10.0, 30.0)], log_events=3000,
         control_lines=crossings(lab, (ControlLine("net", "net", 50.0, lets_go=True),), [90.0]),
     )  # fmt: skip
-    c = lab.COL
     held = out.passages["rock"][out.passages["outcome"] == Outcome.HELD_BY_NET]
     assert held.size > 30
     for rock in held:
@@ -238,7 +235,6 @@ def test_a_rock_goes_over_only_if_its_lowest_point_is_above_the_top(lab, height)
         line, lab.ROCK, lab.MIXED, n=400, start=[(10.0, 45.0)], log_events=2000,
         control_lines=crossings(lab, (ControlLine("wall", "wall", height),), [at]),
     )  # fmt: skip
-    c = lab.COL
     top = np.interp(at, *line) + height
     seen = {int(o): 0 for o in Outcome}
     for p in out.passages:

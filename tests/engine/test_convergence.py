@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from numpy.lib.recfunctions import structured_to_unstructured
 from scipy import stats
 
 N = 2000
@@ -123,7 +124,10 @@ def test_first_seconds_of_each_rock_do_not_see_the_cutting(lab, cases, name):
     ]
     differ = 0
     for one, other in zip(*logs, strict=True):
-        flights = [c[c["phase"] <= lab.IMPACT][:4, 1:8] for c in (one, other)]
+        flights = [
+            structured_to_unstructured(log[log["phase"] <= lab.IMPACT][:4])[:, 1:8]
+            for log in (one, other)
+        ]
         k = min(f.shape[0] for f in flights)
         differ += not np.allclose(flights[0][:k], flights[1][:k], rtol=0.0, atol=1e-3)
     assert differ <= 3

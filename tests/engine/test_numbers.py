@@ -200,7 +200,6 @@ def test_sphere_falling_on_a_slope_met_flatter(lab):
         log_events=20,
     )
     log = out.event_logs[0]
-    c = lab.COL
     # The second landing is below the threshold of rolling, v_n²/(2 g cos β) = 0.029 m < R/10.
     assert [int(p) for p in log["phase"][:4]] == [
         lab.FLIGHT,
@@ -211,7 +210,7 @@ def test_sphere_falling_on_a_slope_met_flatter(lab):
     met, leaves, lands = log[1], log[2], log[3]
     before = np.hypot(met["vx_mps"], met["vz_mps"])
     assert before == pytest.approx(10.0, abs=2e-6)
-    v = leaves[[c["vx_mps"], c["vz_mps"]]]
+    v = leaves["vx_mps"], leaves["vz_mps"]
     speed = np.hypot(*v)
     assert speed == pytest.approx(4.096975, abs=2e-6)
     kept = (speed**2 + 0.4 * 0.25 * leaves["omega_radps"] ** 2) / before**2
@@ -219,7 +218,7 @@ def test_sphere_falling_on_a_slope_met_flatter(lab):
     launch = 44.0 + math.degrees(math.atan2(v[1], v[0]))
     assert launch == pytest.approx(9.0, abs=1e-9)
     assert lands["t_s"] - leaves["t_s"] == pytest.approx(0.181645, abs=2e-6)
-    way = (lands - leaves)[[c["x_m"], c["z_m"]]]
+    way = [lands[name] - leaves[name] for name in ("x_m", "z_m")]
     assert np.hypot(*way) == pytest.approx(0.847454, abs=3e-6)
 
 
@@ -228,18 +227,18 @@ def test_flight_in_closed_form(lab):
     # most 0.213652 m from it. The ball is thrown from a ramp that ends at β's start: a kink of
     # 10° less slope, along which it slides at 10 m/s at the end.
     from sassgis.engine.contact import next_contact
+    from sassgis.engine.profile import profile_of
+    from sassgis.engine.touching import Flying
 
     beta = math.radians(44.0)
     s, z = lab.slope((100.0, 44.0))
-    tx, tz = np.array([math.cos(beta)]), np.array([-math.sin(beta)])
     r = 0.5
     x0 = 10.0 + r * math.sin(beta)
     z0 = float(np.interp(10.0, s, z)) + r * math.cos(beta)
     way = -beta + math.radians(10.0)
-    t, seg, nx, nz = next_contact(
-        x0, z0, 10 * math.cos(way), 10 * math.sin(way), 0.3, 7.0, r, r, G, 0.0, 10.0, 1e-9,
-        s, z, tx, tz, 0, -1,
-    )  # fmt: skip
+    ball = Flying(x0, z0, 10 * math.cos(way), 10 * math.sin(way), 0.3, 7.0, r, r, G)
+    profile = profile_of(s, z, np.zeros(s.size, np.int32))
+    t, seg, nx, nz, _ = next_contact(ball, 0.0, 10.0, 1e-9, profile, 0, -1)
     assert seg == 0
     assert (nx, nz) == pytest.approx((math.sin(beta), math.cos(beta)), abs=1e-15)
     assert t == pytest.approx(0.492150, abs=5e-7)
@@ -334,7 +333,6 @@ def test_table_1_slope_variation_is_met_at_impacts(lab, degrees, eta_max, low, h
         start=[(5.0, 10.0)],
         log_events=120,
     )
-    c = lab.COL
     hits = np.concatenate([x[x["phase"] == lab.IMPACT] for x in out.event_logs])
     u = 1.0 - (-hits["uz"] / hits["ux"]) / math.tan(math.radians(degrees))
     assert hits.shape[0] > 500
@@ -367,7 +365,6 @@ def test_a_sphere_leaves_at_the_angle_of_the_variation(lab, variation):
         start=[(20.0, 20.0)],
         log_events=10,
     )
-    c = lab.COL
     leaves = out.event_logs[0][2]
     launch = math.atan2(leaves["vz_mps"], leaves["vx_mps"]) + math.radians(44.0)
     met = math.atan(math.tan(math.radians(44.0)) * (1.0 - variation))

@@ -21,7 +21,6 @@ def brute(lab, profiles, out, fine=2e-4):
     """Maxima of each rock in each cell from its course: flights on a dense grid of times, ground
     stretches at their ends. Returns {(rock, cell): [energy kJ, height, speed]}.
     """
-    c = lab.COL
     s, z = profiles.vertices(0)
     borders = profiles.cell_s
     slope = np.diff(z) / np.diff(s)

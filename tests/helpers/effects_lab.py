@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sassgis.engine.simulate import COURSE_COLUMNS, Simulated, simulate
+from sassgis.engine.simulate import Simulated, simulate
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
@@ -17,7 +18,6 @@ from sassgis.model.settings import EngineSettings
 
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
 REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = range(6)
-COL = {name: i for i, name in enumerate(COURSE_COLUMNS)}
 G = 9.81
 
 MIXED = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
@@ -113,7 +113,7 @@ def run(
     )
 
 
-def first(course: FloatArray, phase: int) -> FloatArray:
+def first(log: NDArray[np.void], phase: int) -> np.void:
     """The first event of a phase in a log."""
     return log[np.flatnonzero(log["phase"] == phase)[0]]
 

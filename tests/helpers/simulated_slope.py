@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from sassgis.engine.simulate import simulate
+from sassgis.engine.state import FLIGHT, IMPACT, ROLLING
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import Metadata, Observations
 from sassgis.gap.observations.projection import project_observations, station_chainages

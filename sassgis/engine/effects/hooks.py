@@ -25,7 +25,7 @@ from sassgis.engine.effects import (
 from sassgis.engine.effects.registry import in_motion
 from sassgis.engine.effects.spawning import Spawned, room_for
 from sassgis.engine.impact import COULOMB
-from sassgis.engine.state import Block, Record, Records, Site, record_type
+from sassgis.engine.state import STATE_FIELDS, Block, Record, Site, record_type
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
@@ -34,8 +34,9 @@ from sassgis.model.jit import inlined
 #: Blocks that one released block may spawn.
 MOST_SPAWNED = 5000
 
-#: What effects remember of a block, and of the step that it makes.
-MEMORY_DTYPE = record_type(
+#: The state of a block, with what effects remember of it and of the step that it makes.
+BLOCK_DTYPE = record_type(
+    *STATE_FIELDS,
     ("resistance", np.float64),  # of the air (1/m)
     *trees.MEMORY,
     ("x_from", np.float64),  # where the step began (m)
@@ -54,7 +55,6 @@ class Effects(NamedTuple):
     shape: rock_shape.Shape
     breaking: fragmentation.Breaking
     loose: entrainment.LooseBlocks
-    memory: Records  # MEMORY_DTYPE, one row
     spawned: Spawned
 
 
@@ -89,7 +89,6 @@ def prepare(
         rock_shape.prepare(settings.get(rock_shape.RockShape)),
         fragmentation.prepare(settings.get(fragmentation.Fragmentation)),
         entrainment.prepare(settings.get(entrainment.Entrainment), table),
-        np.zeros(1, MEMORY_DTYPE),
         room_for(most_spawned if spawns else 1),
     )
 
@@ -108,8 +107,8 @@ def on_start(effects: Effects | None, state: Record, block: Block) -> None:
     """Set the memory for a new block."""
     if effects is not None:
         if not state.spawned:
-            effects.spawned.count[0] = 0
-        memory = effects.memory[0]
+            effects.spawned.filled[0] = 0
+        memory = state
         memory.resistance = air_drag.resistance(effects.drag, block.a, block.b, block.c, block.mass)
         memory.stems_met = 0
         memory.to_stem = np.inf
@@ -133,7 +132,7 @@ def before_flight(
     """
     limit = longest
     if effects is not None:
-        memory = effects.memory[0]
+        memory = state
         memory.x_from = state.x
         memory.stem_rate = 0.0
         memory.stem_cell = -1
@@ -179,7 +178,7 @@ def after_flight(
         Whether it ended at the ground or a barrier.
     """
     if effects is not None:
-        memory = effects.memory[0]
+        memory = state
         kept = _brake(effects, memory, state, block, until - 0.5 * limit)
         # Of a step that ends early the drag before it is partly taken back, at a speed that may
         # have grown: energy is not made.
@@ -232,7 +231,7 @@ def before_stretch(
     """
     cut = False
     if effects is not None and effects.stand.form != trees.OFF:
-        memory = effects.memory[0]
+        memory = state
         memory.x_from = state.x
         gap = trees.before_stretch(effects.stand, memory, state, block, site, pull, ux)
         if gap < length * ux:
@@ -256,7 +255,7 @@ def after_stretch(
 ) -> None:
     """End a stretch of rolling or sliding of some length (m)."""
     if effects is not None and effects.stand.form != trees.OFF:
-        memory = effects.memory[0]
+        memory = state
         memory.to_stem -= memory.stem_rate * abs(state.x - memory.x_from)
         if memory.at_stem and not at_barrier:
             spin = block.inertia * state.omega * state.omega

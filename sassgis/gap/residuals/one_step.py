@@ -135,10 +135,11 @@ def _rebounds(
     spin_error = meta.rotation_error_rel if math.isfinite(meta.rotation_error_rel) else 0.0
     drawn = np.empty((n, m, 3))
     drawn[..., 0] = rng.uniform(0.0, math.pi, (n, m))
-    drawn[..., 1] = law[:, 1:2] + (law[:, 2:3] - law[:, 1:2]) * rng.uniform(size=(n, m))
+    low, high = law["dp_min"][:, None], law["dp_max"][:, None]
+    drawn[..., 1] = low + (high - low) * rng.uniform(size=(n, m))
     varies = np.full(n, float(settings.slope_variation == "per_impact"))
     states = np.column_stack(
-        [dip, impacts.vt_in_mps, impacts.vn_in_mps, spin, law[:, 0], law[:, 3], varies]
+        [dip, impacts.vt_in_mps, impacts.vn_in_mps, spin, law["eta_max"], law["mu_f"], varies]
     )
     out = np.empty((n, m, 3))
     impact_draws(

@@ -6,20 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from helpers.effects_lab import (
-    IMPACT,
-    G,
-    ellipsoid,
-    first,
-    plain,
-    run,
-    slope,
-    sphere,
-    sphere_mass,
-)
+from helpers.effects_lab import IMPACT, G, ellipsoid, first, plain, run, slope, sphere, sphere_mass
 from scipy.integrate import solve_ivp
 
-from sassgis.engine.effects import air_drag, build
+from sassgis.engine.effects import air_drag
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.model.effects import EffectSettings
 from sassgis.model.settings import EngineSettings
@@ -91,7 +81,7 @@ def test_the_step_is_of_second_order_and_does_not_matter(monkeypatch):
     exact = exact_flight(k, 40.0, 100.0, 0.05).y[:, -1]
     errors = []
     for step in (0.2, 0.1, 0.05):
-        monkeypatch.setattr(build, "DRAG_STEP_S", step)
+        monkeypatch.setattr(air_drag, "DRAG_STEP_S", step)
         met = landing(drag_of(drag_coefficient=3.0), speed=40.0)
         errors.append(abs(met["x_m"] - exact[0]))
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.4)

@@ -21,24 +21,15 @@ from helpers.effects_lab import (
     sphere,
     sphere_mass,
 )
-from sassgis.engine.effects.build import effects_of, room_for_spawned
-from sassgis.engine.effects.state import (
-    BORN_A,
-    BORN_B,
-    BORN_MASS,
-    BORN_OMEGA,
-    BORN_THETA,
-    BORN_VX,
-    BORN_VZ,
-)
-from sassgis.engine.rock import _bear_pieces
 from scipy import stats
 
+from sassgis.engine.draws import block_of
 from sassgis.engine.effects import fragmentation
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.hooks import BLOCK_DTYPE, prepare
+from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.ellipse import inertia
-from sassgis.engine.state import Block
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
@@ -57,9 +48,18 @@ def breaking(*args, **settings):
 def as_read(settings):
     """Fragmentation as the kernel reads it."""
     none = np.zeros(0)
-    effects = effects_of(EffectSettings(settings), TALUS, none, none)
+    effects = prepare(EffectSettings(settings), TALUS, none, none)
     assert effects is not None
     return effects
+
+
+def broken(effects, block, number, vx, vz, theta, omega):
+    """Fragments of a block that breaks at (5, 80)."""
+    state = np.zeros(1, BLOCK_DTYPE)[0]
+    state.x, state.z, state.vx, state.vz, state.theta, state.omega = 5.0, 80.0, vx, vz, theta, omega
+    spawned = room_for(50)
+    assert fragmentation.break_up(effects.breaking, spawned, block, number, state)
+    return spawned.rows[: spawned.count[0]]
 
 
 def ended(out):
@@ -120,44 +120,40 @@ def test_there_are_more_stops_than_rocks_and_each_is_counted_where_it_is():
 def test_a_break_makes_neither_energy_nor_momentum(form, loss):
     settings = Fragmentation(form, loss=loss, cone_deg=40.0, smallest_m3=0.0, pieces=6)
     effects = as_read(settings)
-    block = Block(0.7, 0.5, 0.4, 4 / 3 * math.pi * 0.14 * 2700.0, np.uint64(3))
+    block = block_of(0.7, 0.5, 0.4, 2700.0, 4 / 3 * math.pi * 0.14 * 2700.0, np.uint64(3))
     vx, vz, theta, omega = 9.0, -2.0, 0.4, 11.0
     before = 0.5 * block.mass * (vx**2 + vz**2)
     turning = 0.5 * block.mass * inertia(block.a, block.b) * omega**2
     sideways = []
     for number in range(40):
-        spawned = room_for_spawned(50, EffectSettings(settings))
-        assert _bear_pieces(effects, spawned, block, number, 5.0, 80.0, vx, vz, theta, omega)
-        rows = spawned.rows[: spawned.born[0]]
+        rows = broken(effects, block, number, vx, vz, theta, omega)
         assert len(rows) == 6
-        mass = rows[:, BORN_MASS]
-        v2 = rows[:, BORN_VX] ** 2 + rows[:, BORN_VZ] ** 2
+        mass = rows["mass"]
+        v2 = rows["vx"] ** 2 + rows["vz"] ** 2
         moving = 0.5 * (mass * v2).sum()
-        spin = 0.5 * (mass * inertia_of(rows) * rows[:, BORN_OMEGA] ** 2).sum()
+        spin = 0.5 * (mass * inertia_of(rows) * rows["omega"] ** 2).sum()
         assert moving == pytest.approx((1.0 - loss) * before, rel=1e-12)
         assert spin <= (1.0 - loss) * turning * (1 + 1e-12)
-        side = mass * (rows[:, BORN_VZ] * vx - rows[:, BORN_VX] * vz)
-        ahead = (mass * (rows[:, BORN_VX] * vx + rows[:, BORN_VZ] * vz)).sum()
+        side = mass * (rows["vz"] * vx - rows["vx"] * vz)
+        ahead = (mass * (rows["vx"] * vx + rows["vz"] * vz)).sum()
         assert abs(side.sum()) < 1e-9 * abs(side).max()
         assert 0.0 < ahead <= block.mass * (vx**2 + vz**2) * (1 + 1e-12)
-        assert (rows[:, BORN_THETA] == theta).all()
+        assert (rows["theta"] == theta).all()
         sideways.append(abs(side).max())
     assert np.unique(sideways).size == 40
 
 
 def inertia_of(rows):
-    return np.array([inertia(a, b) for a, b in rows[:, [BORN_A, BORN_B]]])
+    return np.array([inertia(a, b) for a, b in zip(rows["a"], rows["b"], strict=True)])
 
 
 def test_without_a_cone_pieces_go_on_as_the_whole():
     settings = Fragmentation(cone_deg=0.0, loss=0.0, smallest_m3=0.0)
-    spawned = room_for_spawned(50, EffectSettings(settings))
-    block = Block(0.7, 0.5, 0.4, 1500.0, np.uint64(3))
-    assert _bear_pieces(as_read(settings), spawned, block, 1, 5.0, 80.0, 9.0, -2.0, 0.4, 11.0)
-    rows = spawned.rows[: spawned.born[0]]
-    assert rows[:, BORN_VX] == pytest.approx(9.0, rel=1e-14)
-    assert rows[:, BORN_VZ] == pytest.approx(-2.0, rel=1e-14)
-    assert rows[:, BORN_OMEGA] == pytest.approx(11.0, rel=1e-14)
+    block = block_of(0.7, 0.5, 0.4, 2700.0, 1500.0, np.uint64(3))
+    rows = broken(as_read(settings), block, 1, 9.0, -2.0, 0.4, 11.0)
+    assert rows["vx"] == pytest.approx(9.0, rel=1e-14)
+    assert rows["vz"] == pytest.approx(-2.0, rel=1e-14)
+    assert rows["omega"] == pytest.approx(11.0, rel=1e-14)
 
 
 def test_shares_are_those_of_the_fractal():
@@ -194,7 +190,7 @@ def test_the_threshold_is_one():
 
 def test_endless_breaking_is_told_and_not_cut_off():
     effects = breaking("threshold", 0.0, pieces=20, smallest_m3=0.0)
-    with pytest.raises(InputError, match="too many pieces") as caught:
+    with pytest.raises(InputError, match="spawns too many") as caught:
         run(ROUGH, ground(), MIXED, effects, n=3)
     assert caught.value.field == "effects"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from helpers.effects_lab import MIXED, forest, ground, profile, rough_slope, run, same
+from numpy.lib.recfunctions import structured_to_unstructured as matrix
 
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.entrainment import Entrainment
@@ -87,7 +88,14 @@ def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
     close = 0
     for one, other in zip(hard.event_logs, soft.event_logs, strict=True):
         k = min(6, len(one), len(other))
-        close += int(np.allclose(one[:k, :8], other[:k, :8], rtol=1e-6, atol=1e-6))
+        close += int(
+            np.allclose(
+                matrix(one[:k])[:, :8],
+                matrix(other[:k])[:, :8],
+                rtol=1e-6,
+                atol=1e-6,
+            )
+        )
     assert close >= 118
     strong = {
         "fast reference": SoftGround(reference_speed_mps=1.0, classes=()),
@@ -108,7 +116,12 @@ def test_mean_inertia_of_a_sphere_is_its_own(base):
     )  # fmt: skip
     for a, b in zip(one.event_logs, other.event_logs, strict=True):
         k = min(6, len(a), len(b))
-        assert np.allclose(a[:k], b[:k], rtol=1e-9, atol=1e-9)
+        assert np.allclose(
+            matrix(a[:k]),
+            matrix(b[:k]),
+            rtol=1e-9,
+            atol=1e-9,
+        )
 
 
 def test_an_effect_leaves_the_draws_of_others_alone():
@@ -133,4 +146,4 @@ def test_an_effect_leaves_the_draws_of_others_alone():
 
 
 def _impacts(log):
-    return log[log["phase"] == 1][:, 2:]
+    return matrix(log[log["phase"] == 1])[:, 2:]
