@@ -207,7 +207,7 @@ def simulate_lines(
                 if effects is None:
                     break
                 collect(work.event, work.cells, state.n_touched, block.mass)
-                if n_spawned >= min(effects.spawned.count[0], effects.spawned.rows.size):
+                if n_spawned >= min(effects.spawned.filled[0], effects.spawned.rows.size):
                     break
                 if rows.filled[1] >= rows.pieces.size:
                     return NO_ROOM
@@ -222,7 +222,7 @@ def simulate_lines(
             if effects is None:
                 add_to_totals(totals, work, state.n_touched, block.mass)
             else:
-                if effects.spawned.count[0] > n_spawned:
+                if effects.spawned.filled[0] > n_spawned:
                     return TOO_MANY_SPAWNED
                 # They count together, with their energies in J.
                 add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)

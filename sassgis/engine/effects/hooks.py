@@ -104,7 +104,7 @@ def on_start(effects: Effects | None, state: Record, block: Block) -> None:
     """Set the memory for a new block."""
     if effects is not None:
         if not state.spawned:
-            effects.spawned.count[0] = 0
+            effects.spawned.filled[0] = 0
         memory = state
         memory.resistance = air_drag.resistance(effects.drag, block.a, block.b, block.c, block.mass)
         memory.stems_met = 0

@@ -15,7 +15,7 @@ class Spawned(NamedTuple):
     """Blocks that one released block and those that it has spawned have spawned so far."""
 
     rows: Records  # SPAWNED_DTYPE
-    count: NDArray[np.int64]  # (1,), beyond the rows if there were too few
+    filled: NDArray[np.int64]  # (1,), beyond the rows if there were too few
 
 
 def room_for(most: int) -> Spawned:
@@ -37,8 +37,8 @@ def spawn(
     mass: float,
 ) -> None:
     """Add a block ``size`` times as long as its parent; one without room is counted only."""
-    i = spawned.count[0]
-    spawned.count[0] = i + 1
+    i = spawned.filled[0]
+    spawned.filled[0] = i + 1
     if i < spawned.rows.shape[0]:
         row = spawned.rows[i]
         row.x = x
