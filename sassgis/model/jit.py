@@ -58,14 +58,15 @@ def _compiled(function: F, **options: Any) -> F:
     """Compile with numba; its settings of cache and level hold for this package's code."""
     import numba
 
+    config: Any = numba.config
     if not os.environ.get("NUMBA_OPT"):
         # A sixth less time to compile than at numba's own level, for code that is no slower.
-        numba.config.OPT = type(numba.config.OPT)(2)
-    before = numba.config.CACHE_DIR
+        config.OPT = type(config.OPT)(2)
+    before = config.CACHE_DIR
     # Where the machine code is kept is decided here, as the function is decorated.
-    numba.config.CACHE_DIR = before or str(_cache_folder())
+    config.CACHE_DIR = before or str(_cache_folder())
     try:
         compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
     return compiled

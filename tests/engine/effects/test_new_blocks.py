@@ -59,7 +59,7 @@ def broken(effects, block, number, vx, vz, theta, omega):
     state.x, state.z, state.vx, state.vz, state.theta, state.omega = 5.0, 80.0, vx, vz, theta, omega
     spawned = room_for(50)
     assert fragmentation.break_up(effects.breaking, spawned, block, number, state)
-    return spawned.rows[: spawned.count[0]]
+    return spawned.rows[: spawned.filled[0]]
 
 
 def ended(out):
