@@ -186,9 +186,7 @@ def test_a_rock_and_its_entrained_blocks_are_one_arrival_the_earliest(lab):
     # An entrained block may overtake its rock, or go further.
     line = lab.rough(3, amplitude=0.1)
     profiles = lab.profile_set(line, cell=2.0)
-    effects = EffectSettings(
-        entrainment=Entrainment(number=1.0, size_ratio=0.9, share=1.0, classes=())
-    )
+    effects = EffectSettings(Entrainment(number=1.0, size_ratio=0.9, share=1.0, classes=()))
     run = {"start": [(3.0, 20.0)], "n": 1, "seed": 4}
     ahead = 0
     for rock in range(15):
