@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sassgis.cli.options import JOBS, OUT
-from sassgis.cli.progress import Progress
+from sassgis.cli.progress_bar import ProgressBar
 
 
 @click.command("check")
@@ -35,7 +35,7 @@ def check_diagnosis(
     from sassgis.gap.check.check_scores import acceptance
     from sassgis.runs.gap_check import check
 
-    with Progress() as progress:
+    with ProgressBar() as progress:
         result = check(
             out,
             worlds=worlds,

@@ -35,7 +35,7 @@ def profile(
 ) -> None:
     """Simulate one profile: trajectories, stations, run-out, energy along the slope."""
     from sassgis.model.errors import ConfigError
-    from sassgis.runs.profile import run_profile
+    from sassgis.runs.profile_run import run_profile
 
     if csv_file is not None and point is not None:
         raise ConfigError("--csv and --point exclude each other", expected="one of them")

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sassgis.cli.options import AREAS, CONFIG, JOBS, OUT, OVERWRITE, SEED
-from sassgis.cli.progress import Progress, conclude
+from sassgis.cli.progress_bar import ProgressBar, conclude
 
 
 @click.command()
@@ -40,7 +40,7 @@ def zoned(
     """Make hazard zones and say how it came out."""
     from sassgis.runs.zone import zone as make_zones
 
-    with Progress() as progress:
+    with ProgressBar() as progress:
         result = make_zones(
             config,
             out,

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sassgis.hazard.along_profile import ProfileResult
+from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.progress import Progress, line_ends
-from sassgis.hazard.rules import preset_unverified
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundClass
 from sassgis.model.hazard import HazardPreset

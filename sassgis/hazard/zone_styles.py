@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sassgis.hazard.rules import energy_labels
+from sassgis.hazard.preset_labels import energy_labels
 from sassgis.model.hazard import HazardLevel, HazardPreset
 from sassgis.model.styles import StyleClass, Symbol, VectorStyle
 

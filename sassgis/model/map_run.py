@@ -208,7 +208,7 @@ class MapRun:
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class BlockRows:
     """Rocks and passages one by one, with their place on the map.
 
     Attributes

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import risk_totals
-from sassgis.hazard.rules import energy_labels, period_labels
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import rounded

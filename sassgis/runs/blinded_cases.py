@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from sassgis.gap.check.labels import label_of
+from sassgis.gap.check.blinded_labels import label_of
 from sassgis.gap.check.worlds import World, WorldSpec, fresh_rocks, make_world, observe, setup
 from sassgis.io.write.gap_case_files import folder_digest, write_case, write_observations
 

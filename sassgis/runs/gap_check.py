@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_of
 from sassgis.gap.check.check_scores import (
     SHRINKAGE_ROCKS,
     Answer,
@@ -22,7 +23,6 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
-from sassgis.gap.check.labels import blinding_hash, labels_text, truth_of
 from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool
 from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds

@@ -17,7 +17,7 @@ from sassgis.io.read.config import load_config, settings_hash
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.checkpoint import Checkpoint
@@ -192,7 +192,7 @@ def _simulate(
     keep = _keeps_rows(config)
     saved = time.monotonic()
 
-    def on_chunk(now: Progress, chunks: int, rows: Rows) -> None:
+    def on_chunk(now: Progress, chunks: int, rows: BlockRows) -> None:
         nonlocal saved
         if keep:
             checkpoint.hand_on(rows)

@@ -326,10 +326,7 @@ def _trace_line(
         if not following:
             rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, slope, flat, turning)
             turn = abs(_angle(gu, gv, cos_fan, sin_fan, hu, hv))
-            step = min(limit, 0.25, _TURN_PER_STEP / (rate * turn + 1e-300))
-            step = min(step, _RATE_PER_STEP / (np.sqrt(rate * min(bend, 1e12)) + 1e-300))
-            step = max(step, _SHORTEST_STEP)
-            step = min(step, max_length - s_old)
+            step = min(_coasting_step(limit, rate, turn, bend), max_length - s_old)
             ku, kv, nu, nv = _coast(
                 coefficients, u, v, gu, gv, hu, hv, step, cos_fan, sin_fan, flat, turning
             )
@@ -372,10 +369,7 @@ def _trace_line(
         ):
             gap = _length(u_new - line[size - 1, 0], v_new - line[size - 1, 1])
             if gap > 10.0 * _INSIDE:
-                if size >= line.shape[0]:
-                    longer = np.empty((2 * line.shape[0], 3))
-                    longer[:size] = line
-                    line = longer
+                line = _with_room(line, size)
                 line[size, 0], line[size, 1] = u_new, v_new
                 line[size, 2] = line[size - 1, 2] + gap
                 size += 1
@@ -397,6 +391,24 @@ def _trace_line(
             else:
                 # A line that coasts keeps its heading, so the kick turns that.
                 hu, hv = _turned(hu, hv, angle)
+
+
+@kernel
+def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float:
+    """Length of a step away from the descent (cells), so that the heading turns little in it."""
+    step = min(limit, 0.25, _TURN_PER_STEP / (rate * turn + 1e-300))
+    step = min(step, _RATE_PER_STEP / (np.sqrt(rate * min(bend, 1e12)) + 1e-300))
+    return max(step, _SHORTEST_STEP)
+
+
+@kernel
+def _with_room(line: FloatArray, size: int) -> FloatArray:
+    """The buffer ``line``, twice as long if its ``size`` rows fill it."""
+    if size < line.shape[0]:
+        return line
+    longer = np.empty((2 * line.shape[0], 3))
+    longer[:size] = line
+    return longer
 
 
 @kernel

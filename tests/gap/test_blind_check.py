@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from sassgis.gap.check import check_scores
-from sassgis.gap.check.labels import blinding_hash, labels_text
+from sassgis.gap.check.blinded_labels import blinding_hash, labels_text
 from sassgis.gap.check.worker_pool import Task, WorkerPool
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.io.read.gap_thresholds import read_thresholds

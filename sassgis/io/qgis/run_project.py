@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.hazard.rules import preset_unverified
+from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project

@@ -12,7 +12,7 @@ from rasterio.features import rasterize
 from rasterio.warp import Resampling, reproject
 
 from sassgis.io.read.csv_table import number
-from sassgis.io.read.features import read_features
+from sassgis.io.read.vector_features import read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.settings import ForestPlace

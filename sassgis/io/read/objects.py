@@ -13,7 +13,7 @@ import shapely
 from shapely.ops import substring
 
 from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of, read_text
-from sassgis.io.read.features import Feature, nearest, read_features
+from sassgis.io.read.vector_features import Feature, nearest, read_features
 from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (

@@ -11,9 +11,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from sassgis.hazard.rules import preset_unverified
+from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.io.read.csv_table import read_text
-from sassgis.io.read.features import nearest
+from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
 

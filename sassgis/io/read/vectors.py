@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from sassgis.io.read.features import (
+from sassgis.io.read.vector_features import (
     Feature,
     cells_under,
     nearest,

@@ -14,7 +14,7 @@ from sassgis.hazard.along_profile import ProfileResult
 from sassgis.io.staging import writing
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import IntArray
-from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import Outcome, StopReason
 from sassgis.terrain.plan import Plan
 
@@ -30,7 +30,7 @@ def require_parquet() -> None:
         ) from None
 
 
-def rock_frame(rows: Rows, run: MapRun, planned: Plan) -> pd.DataFrame:
+def rock_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """A row per rock, units in the names."""
     frame = pd.DataFrame({name: rows.rocks[name] for name in rows.rocks.dtype.names or ()})
     frame.insert(0, "area", _areas(rows.rocks["line"], run, planned))
@@ -48,7 +48,7 @@ def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
     return names[area] if names.size else np.empty(0, dtype=object)
 
 
-def passage_frame(rows: Rows, run: MapRun, planned: Plan) -> pd.DataFrame:
+def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """A row per rock and station or barrier, units in the names."""
     frame = pd.DataFrame({name: rows.passages[name] for name in rows.passages.dtype.names or ()})
     names = np.array([g.name for g, _ in run.control_lines], dtype=object)

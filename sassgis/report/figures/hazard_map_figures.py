@@ -227,7 +227,7 @@ def _outer_labels(ax: Axes, *, first: bool, last: bool) -> None:
 def _draw_panel(
     ax: Axes,
     panel: _Panel,
-    window: relief.Window,
+    window: relief.GridWindow,
     part: Grid,
     factor: int,
     metres_per_inch: float,

@@ -13,7 +13,7 @@ from shapely import LineString, MultiLineString, MultiPoint, MultiPolygon, Point
 
 from sassgis.io.read.checked import section_of
 from sassgis.io.read.config import load_config
-from sassgis.io.read.features import cells_under, steepest_slope_deg
+from sassgis.io.read.vector_features import cells_under, steepest_slope_deg
 from sassgis.io.read.vectors import START_SLOPE_DEG, read_control_lines, read_release
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid

@@ -279,7 +279,7 @@ def _tracks(run: Run, rng: np.random.Generator) -> Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class SiteSetup:
     """What the diagnosing side knows besides the observations: enough to write a configuration.
 
     Attributes
@@ -305,11 +305,11 @@ class Setup:
     stations: dict[str, tuple[float, float, float, float]]
 
 
-def setup(world: World) -> Setup:
+def setup(world: World) -> SiteSetup:
     """The nominal set-up of a world: no true parameter, no truth."""
     b = world.blocks
     lines = world.station_lines()
-    return Setup(
+    return SiteSetup(
         dem=world.relief.grid,
         class_names=CLASSES,
         class_codes=world.relief.ground,

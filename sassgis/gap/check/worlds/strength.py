@@ -15,7 +15,7 @@ import numpy as np
 
 from sassgis.gap.check.worlds.observe import distort
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
-from sassgis.gap.check.worlds.world import LIMITS, Effect, Run, World, with_effects
+from sassgis.gap.check.worlds.world import LIMITS, PlacedEffect, Run, World, with_effects
 from sassgis.model.grid import FloatArray
 
 # Sizes that go by each name, as (lowest, aimed at, highest).
@@ -117,7 +117,7 @@ def effect_size(base: list[FloatArray], changed: list[FloatArray], first_station
     return max(*stops, float(passing.max()))
 
 
-def calibrated(world: World, effect: Effect) -> Effect:
+def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
     """Give an effect the magnitude at which its size is in the band of its strength.
 
     The world is compared with itself as it is before this effect: the second of a pair is measured

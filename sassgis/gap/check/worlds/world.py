@@ -116,7 +116,7 @@ class WorldSpec:
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class PlacedEffect:
     """One effect as it acts in a world.
 
     Attributes
@@ -183,7 +183,7 @@ class World:
     releases : float64, shape (n_releases, 3)
         Release points x, y, z (m).
     blocks : Blocks
-    effects : tuple of Effect
+    effects : tuple of PlacedEffect
         The truth.
     """
 
@@ -195,7 +195,7 @@ class World:
     stations_s: FloatArray
     releases: FloatArray
     blocks: Blocks
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[PlacedEffect, ...] = ()
     _fields: dict[str, Field] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -254,7 +254,7 @@ class Run:
     energy_gain: FloatArray
 
 
-def with_effects(world: World, effects: tuple[Effect, ...]) -> World:
+def with_effects(world: World, effects: tuple[PlacedEffect, ...]) -> World:
     """The same world with other effects."""
     grid = world.relief.grid
     for effect in effects:
@@ -265,12 +265,12 @@ def with_effects(world: World, effects: tuple[Effect, ...]) -> World:
     return replace(world, effects=effects, true_grid=grid, _fields=fields)
 
 
-def _standing(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+def _standing(effects: tuple[PlacedEffect, ...]) -> tuple[PlacedEffect, ...]:
     """The effects that are part of the ground rather than of the motion."""
     return tuple(e for e in effects if e.name in ("trees", "collisions", "terrace"))
 
 
-def _terrace(world: World, effect: Effect) -> FloatArray:
+def _terrace(world: World, effect: PlacedEffect) -> FloatArray:
     """What a terrace adds to the surveyed heights: cut at the back, filled at the front (m)."""
     grid = world.relief.grid
     x, y = grid.cell_centres(np.arange(grid.values.size))

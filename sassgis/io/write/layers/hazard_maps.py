@@ -14,7 +14,7 @@ from sassgis.hazard.levels import (
     levels_of_interval,
     rocks_factor,
 )
-from sassgis.hazard.rules import energy_labels, preset_unverified
+from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.results import Band, RasterClass, RasterLayer

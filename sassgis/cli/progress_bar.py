@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 
-class Progress:
+class ProgressBar:
     """A bar with the time left on a terminal; a line now and then in a log.
 
     A context manager: the line of the bar ends with it, however it is left.
@@ -22,7 +22,7 @@ class Progress:
         self._shown = time.monotonic()
         self._open = False
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ProgressBar:
         return self
 
     def __exit__(self, *_: object) -> None:
