@@ -7,11 +7,11 @@ Runs
     ``load_config`` reads a configuration, ``check_inputs`` says what its files hold, ``run``,
     ``zone`` and ``run_profile`` do what the commands ``run``, ``zone`` and ``profile`` do.
 Engine
-    ``simulate`` follows rocks down profiles that are given as arrays; ``read_dem`` reads a terrain
+    ``simulate`` follows blocks down profiles that are given as arrays; ``read_dem`` reads a terrain
     model.
 Types
     ``Grid``, ``GroundTable`` and ``GroundClass``, ``BlockPopulation``, ``EngineSettings``,
-    ``Gate``, ``StopReason``, ``Outcome``.
+    ``ControlLine``, ``StopReason``, ``Outcome``.
 
 docs/python.md has examples.
 """

@@ -21,7 +21,7 @@ from sassgis.cli.options import CONFIG, OUT, OVERWRITE, SEED
     metavar="X Y",
     help="Cut the profile from the terrain, from here.",
 )
-@click.option("--rocks", type=click.IntRange(1), help="Rocks per block scenario.")
+@click.option("--rocks", type=click.IntRange(1), help="Blocks per block scenario.")
 @SEED
 @OVERWRITE
 def profile(
@@ -42,4 +42,4 @@ def profile(
     result = run_profile(
         config, out, csv_file=csv_file, point=point, rocks=rocks, seed=seed, overwrite=overwrite
     )
-    click.echo(f"{result.rocks.size} rocks. Open {out / 'report.html'} in a browser.")
+    click.echo(f"{result.rocks.size} blocks. Open {out / 'report.html'} in a browser.")

@@ -39,4 +39,4 @@ def run(
             on_progress=progress.step,
             say=progress.say,
         )
-    conclude(result.warnings, f"{result.rocks} rocks in {result.seconds:.1f} s.", out)
+    conclude(result.warnings, f"{result.rocks} blocks in {result.seconds:.1f} s.", out)

@@ -50,7 +50,7 @@ class SourceTally:
     Attributes
     ----------
     cells, objects : SourceSums
-        Places are flat indices of cells and numbers of objects. A rock counts for a cell if it
+        Places are flat indices of cells and numbers of objects. A block counts for a cell if it
         comes within half the reference width of its centre.
     control_lines : ControlLineSums
     rocks : int
@@ -71,7 +71,7 @@ class SourceTally:
         )
 
     def add(self, result: Simulated) -> None:
-        """Add the rocks of a chunk."""
+        """Add the blocks of a chunk."""
         if result.windows.size:
             self.cells.add(result.windows, *result.window_sums.values())
         else:
@@ -94,16 +94,16 @@ class Progress:
     sums : MapSums
     control_lines : ControlLineSums
     reasons : int64, shape (len(StopReason),)
-        Rocks by the reason of their end.
+        Blocks by the reason of their end.
     lost : int
         Blocks of lines that are too short to be simulated on.
     runout : int64, shape (len(StopReason), n_bins)
-        Rocks by the reason of their end and by run-out chainage, in metres.
+        Blocks by the reason of their end and by run-out chainage, in metres.
     lines : list of FallLines
     stops : list of BlockRows
-        The rocks whose stop is kept one by one; kept_stops joins them.
-    furthest : (run-out, line, scenario, rock) or None
-        The rock with the longest run-out of all (m).
+        The blocks whose stop is kept one by one; kept_stops joins them.
+    furthest : (run-out, line, scenario, block) or None
+        The block with the longest run-out of all (m).
     sources : dict of (area, scenario) to SourceTally
         By position in ``areas`` and ``blocks``.
     pieces : int
@@ -134,7 +134,7 @@ class Progress:
 def add_chunk(
     progress: Progress, outcome: ChunkResult, run: MapRun, share: float, first: bool
 ) -> None:
-    """Add the result of a chunk; chunks come in their order.
+    """Add the result of a chunk; chunks are added in their order.
 
     Parameters
     ----------
@@ -231,14 +231,14 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
 
 
 def evenly_kept(rows: BlockRows, seed: int, share: float) -> BlockRows:
-    """A share of the rocks, chosen by the identity of each; smaller shares are parts of larger."""
+    """A share of the blocks, chosen by the identity of each; smaller shares are parts of larger."""
     if share >= 1.0:
         return _rocks_alone(rows, np.ones(rows.rocks.size, bool))
     return _rocks_alone(rows, _lots(rows, seed).astype(np.float64) < share * 2.0**64)
 
 
 def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
-    """The rocks that are kept one by one, ``stop_points_max`` at most, by repetition."""
+    """The blocks that are kept one by one, ``stop_points_max`` at most, by repetition."""
     rows = joined_rows(progress.stops)
     # A run has them in this order; the sums of several areas were added up area by area.
     repetition = rows.rocks["rock"] // run.rocks_per_line
@@ -251,7 +251,7 @@ def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
 
 
 def _lots(rows: BlockRows, seed: int) -> NDArray[np.uint64]:
-    """A number for each rock, drawn from its identity."""
+    """A number for each block, drawn from its identity."""
     lots: NDArray[np.uint64] = rng.combined(
         rng.combined(
             rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),

@@ -38,7 +38,7 @@ class Checkpoint:
     fingerprint : str
         Of settings and inputs.
     part : str
-        Tells several simulations for one result apart.
+        Distinguishes several simulations for one result.
     """
 
     def __init__(self, work: Path, fingerprint: str, part: str = "") -> None:

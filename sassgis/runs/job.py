@@ -29,7 +29,7 @@ from sassgis.terrain.plan import Plan, plan
 #: Seconds between two savings of the state of a run.
 SAVE_EVERY_S = 60.0
 
-#: Called with (chunks done, chunks in all, rocks done).
+#: Called with (chunks done, chunks in all, blocks done).
 OnProgress = Callable[[int, int, int], None]
 
 
@@ -209,16 +209,16 @@ def _simulate(
         with held_back():
             checkpoint.save(progress)
         raise Interrupted(
-            f"stopped by the user after {int(progress.reasons.sum())} rocks; what was computed is "
+            f"stopped by the user after {int(progress.reasons.sum())} blocks; what was computed is "
             f"kept in {checkpoint.folder}: the same command goes on from there"
         ) from None
     if not progress.reasons.sum():
         # An empty map would read as "no hazard".
         raise InputError(
-            "no rock could be simulated",
+            "no block could be simulated",
             file=config.release.file,
             field="release.file",
-            found=f"{progress.lost} rocks, on fall lines that all end where they begin",
+            found=f"{progress.lost} blocks, on fall lines that all end where they begin",
             expected="release areas on slopes, on known terrain and not at its edge",
         )
     # Whatever happens while the result is written, the simulation is not lost.

@@ -158,7 +158,7 @@ def chunks_of(planned: Plan, size: int = CHUNK_POINTS, repetitions: int = 1) -> 
 def _in_order(
     work: Callable[[Chunk], ChunkResult], chunks: list[Chunk], jobs: int
 ) -> Generator[ChunkResult, None, None]:
-    """Results of ``work`` in the order of the chunks, a few of them under way at a time.
+    """Results of ``work`` in the order of the chunks, a few of them at work at a time.
 
     Never in the calling thread: Ctrl-C would strike within compiled code, which turns it into a
     SystemError.
@@ -187,7 +187,7 @@ def simulate_map(
     on_chunk: Callable[[Progress, int, BlockRows], None] | None = None,
     chunk_points: int = CHUNK_POINTS,
 ) -> Progress:
-    """Simulate all rocks of a plan.
+    """Simulate all blocks of a plan.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ def test_from_the_template_to_a_result(slope: Slope, call) -> None:
     assert code == 0, err
     manifest = json.loads((slope.folder / "result" / "manifest.json").read_text())
     rocks = manifest["counts"]["rocks"]
-    assert rocks > 0 and f"{rocks} rocks in" in out
+    assert rocks > 0 and f"{rocks} blocks in" in out
     assert sum(manifest["counts"][f"rocks_{r.name.lower()}"] for r in StopReason) == rocks
 
 

@@ -570,9 +570,9 @@ def _merge_straight_runs(
 
 @kernel
 def _exchange_areas(
-    p: int,
-    e: int,
-    q: int,
+    p: Whole,
+    e: Whole,
+    q: Whole,
     x: IntArray,
     y: IntArray,
     ends: IntArray,

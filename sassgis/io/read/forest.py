@@ -18,7 +18,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.settings import ForestPlace
 
 _HECTARE_M2 = 1e4
-#: Stands for local coordinates, which have no system: the warper will not work without one, and as
+#: Represents local coordinates, which have no system: the warper will not work without one, and as
 #: source and target are then set equal, any plane system in metres leaves them what they are.
 _ANY_PLANE = "EPSG:2056"
 

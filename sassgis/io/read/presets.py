@@ -130,7 +130,7 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
 
 
 class _Reading:
-    """What the names within a file stand for."""
+    """What the names within a file refer to."""
 
     def __init__(self, content: _File, file: str) -> None:
         self._content = content

@@ -314,7 +314,7 @@ def confidence_figure(
     zones: Sequence[FloatArray] = (),
     control_lines: Sequence[MapControlLine] = (),
     extent: Extent | None = None,
-    title: str = "Where the sample of rocks leaves the level open",
+    title: str = "Where the sample of blocks leaves the level open",
     note: str = "",
 ) -> Figure:
     """Draw the hazard level, with fine black lines over the cells whose level is uncertain.

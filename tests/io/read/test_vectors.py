@@ -311,7 +311,7 @@ def test_overlaps_are_warned_of_within_a_scenario(make_layer, slope_grid, caplog
     assert not caplog.records
     read_release(settings(path), slope_grid, BLOCKS)
     assert [r.getMessage().split(": ")[1] for r in caplog.records] == [
-        "areas area 1 and area 2 overlap by 600.0 m2; rocks start there from both"
+        "areas area 1 and area 2 overlap by 600.0 m2; blocks start there from both"
     ]
 
 

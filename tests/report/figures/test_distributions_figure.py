@@ -35,7 +35,7 @@ def test_station_panels_hold_the_counts(find, texts) -> None:
     words = texts(figure)
     for word in ("Camera 2", "speed (m/s)", "rotation (Hz)", "passing height (m)", "12 of 20"):
         assert word in words
-    assert "number of rocks" in words
+    assert "number of blocks" in words
     # Bins beyond the last rock are not shown; the open last bin is named where it holds rocks.
     assert figure.axes[0].get_xlim()[1] < 4.5
     assert len(find(figure, "open-bin")) == 1
@@ -55,7 +55,7 @@ def test_observed_of_another_number_is_compared_by_share(find, texts) -> None:
     assert solid.get_linestyle() in ("-", "solid")
     assert dashed.get_linestyle() not in ("-", "solid")
     words = texts(figure)
-    assert "share of the rocks" in words and "2 rocks" in words
+    assert "share of the blocks" in words and "2 blocks" in words
 
 
 def test_coarser_observed_bins_are_matched(find) -> None:
