@@ -598,7 +598,7 @@ def _exchange_areas(
         if f == e:
             continue
         r = _other(ends, f, p)
-        cross = (x[q] - x[p]) * (y[r] - y[p]) - (y[q] - y[p]) * (x[r] - x[p])
+        cross: Whole = (x[q] - x[p]) * (y[r] - y[p]) - (y[q] - y[p]) * (x[r] - x[p])
         if cross == 0:
             continue
         if cross > 0:
