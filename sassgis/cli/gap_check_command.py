@@ -52,6 +52,6 @@ def check_diagnosis(
         share = f"{100 * row['reached']:.0f} %" if row["worlds"] else "-"
         click.echo(
             f"{row['measure']}: {share} ({row['hits']} of {row['worlds']}; "
-            f"asked for: {row['asked_is']} {100 * row['asked']:.0f} %)"
+            f"required: {row['asked_is']} {100 * row['asked']:.0f} %)"
         )
     click.echo(f"Open {out / 'report.html'} in a browser.")

@@ -117,11 +117,11 @@ def map_parts(
     first = headline(diagnosis.where)
     chosen = _one_per_place(diagnosis.where, first)
     stretches = [
-        GapStretch(course, f.gap, significance(f) != "open")
+        GapStretch(trace, f.gap, significance(f) != "open")
         for f in chosen
         if is_stretch(f)
         for i in used_lines(case)
-        if len(course := line_stretch(case.traces, i, *limits_on(case, f, i))) > 1
+        if len(trace := line_stretch(case.traces, i, *limits_on(case, f, i))) > 1
     ]
     at_station = {f.place: f for f in chosen if not is_stretch(f)}
     table = case.observations.stations
@@ -211,7 +211,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "gap_contenders",
             "Explanations that were tried",
             "The base and the most probable ones were calibrated further than the others; all were "
-            "judged on rocks left out of it.",
+            "scored on held-out rocks.",
             figures.gap_hypotheses_figure(
                 diagnosis.which, verdict=verdict.effect, confusion=verdict.confusion_set
             ),
@@ -289,7 +289,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
             )
             for c in diagnosis.which
         ),
-        "Score: energy score of rocks left out of the calibration; less is better. Gain: score of "
+        "Score: energy score of rocks held out of the calibration; less is better. Gain: score of "
         "the calibrated base model less this one." + _other_causes(diagnosis.verdict.probabilities),
     )  # fmt: skip
 
@@ -339,8 +339,8 @@ def _shrinkage_table(shrinkage: Shrinkage) -> ReportTable:
             ("chance alone", ""), ("shrinks by", "%"),
         ),
         tuple(rows),
-        "On rocks that were not used to fit. Shrinks by: (base − effect) / (base − chance); a dash "
-        "where the base model is not surely worse than chance.",
+        "On held-out rocks. Shrinks by: (base − effect) / (base − chance); a dash "
+        "where the base model is not certainly worse than chance.",
     )  # fmt: skip
 
 

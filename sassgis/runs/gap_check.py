@@ -1,4 +1,4 @@
-"""The blind check of the diagnosis: worlds with blinded labels, answers, scores."""
+"""The blind check of the diagnosis: sites with blinded labels, answers, scores."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ MEASURER = "sassgis.runs.fresh_shrinkage:measured_shrinkage"
 
 _FORMAT = 1
 _MAKER = "sassgis.runs.blinded_cases"
-#: Worlds whose fresh rocks are on the disk at the same time.
+#: Sites whose fresh rocks are on the disk at the same time.
 _BATCH = 8
 
 OnProgress = Callable[[int, int, int], None]
@@ -131,10 +131,10 @@ def check(
 ) -> CheckResult:
     """Let the diagnosis answer on synthetic sites whose truth is withheld from it, and score it.
 
-    First all worlds are made; what their observers have and know is written to ``cases``, of the
-    truth nothing but a hash (``labels.sha256``). Each world is then diagnosed in a process that
+    First all sites are made; what their observers have and know is written to ``cases``, of the
+    truth nothing but a hash (``labels.sha256``). Each site is then diagnosed in a process that
     cannot load the synthetic sites and sees nothing of the folder but its own case and answer. When
-    all answers are there, their hashes are written, the worlds are made a second time, and the
+    all answers are there, their hashes are written, the sites are made a second time, and the
     labels, which must have the hash that was written before, are put beside the answers.
 
     An interrupted check goes on with the same call.
@@ -149,7 +149,7 @@ def check(
     jobs : int, optional
         Processes; default: one for each core.
     quick : bool
-        Six small worlds, to see whether everything runs.
+        Six small sites, to see whether everything runs.
     development : bool
         Whether a battery may be used on which thresholds were chosen; the scores then say so.
     diagnoser, measurer : str
@@ -193,7 +193,7 @@ def check(
     try:
         programs = _claim(place, plan)
         if not place.blinding.exists():
-            tell(f"Making {len(planned)} worlds")
+            tell(f"Making {len(planned)} sites")
             _make(place, planned, jobs, step)
         if not place.answer_list.exists():
             tell("Diagnosing them, with blinded labels")
@@ -297,7 +297,7 @@ def _all(tasks: Sequence[Task], jobs: int, step: OnProgress) -> dict[str, Any]:
     with WorkerPool(jobs) as pool:
         for outcome in pool.run(tasks):
             if outcome.failure:
-                raise OutputError(f"world {outcome.key} cannot be made: {outcome.failure}")
+                raise OutputError(f"site {outcome.key} cannot be made: {outcome.failure}")
             values[outcome.key] = outcome.value
             step(len(values), len(tasks), 0)
     return values
@@ -454,7 +454,7 @@ def _measure(
     left = [w for w in due if not place.measured(w.case).exists()]
     if not left:
         return
-    tell(f"Measuring the shrinkage of {len(due)} worlds on {FRESH_ROCKS} fresh rocks each")
+    tell(f"Measuring the shrinkage of {len(due)} sites on {FRESH_ROCKS} fresh rocks each")
     done = len(due) - len(left)
     with WorkerPool(jobs) as makers, WorkerPool(jobs, place.root) as measurers:
         for first in range(0, len(left), _BATCH):
@@ -470,7 +470,7 @@ def _measure(
             for outcome in makers.run(fresh):
                 if outcome.failure:
                     raise OutputError(
-                        f"fresh rocks of world {outcome.key} cannot be made: {outcome.failure}"
+                        f"fresh rocks of site {outcome.key} cannot be made: {outcome.failure}"
                     )
             for outcome in measurers.run(_measure_tasks(place, some, measurer)):
                 _write_json(place.measured(outcome.key), _measured(outcome))

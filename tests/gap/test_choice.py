@@ -490,7 +490,7 @@ def test_refinement_betters_the_score(problem: CalibrationProblem, ensemble: Ens
     before = ensemble.scores[ensemble.of(NONE)].mean(axis=1).min()
     refined = refine(
         problem, ensemble, (NONE,), lambda tasks: [run_refined(problem, t) for t in tasks],
-        rounds=2, draws=8,
+        repetitions=2, draws=8,
     )  # fmt: skip
     best = refined.scores[refined.of(NONE)].mean(axis=1)
     assert best.min() <= before

@@ -174,7 +174,7 @@ def test_rocks_that_stop_or_pass_are_told_apart():
     case = observed(12, 1, tables=("passages", "deposits"))
     seen = observed_at_stations(case)
     assert seen.speed_mps.shape == (12, 4)
-    np.testing.assert_array_equal(seen.came == 1.0, np.isfinite(seen.speed_mps))
+    np.testing.assert_array_equal(seen.arrived == 1.0, np.isfinite(seen.speed_mps))
     # A rock seen further down has passed, also where nobody looked.
     passages = case.observations.passages
     first = passages.take(passages.station != "S2")
@@ -183,7 +183,7 @@ def test_rocks_that_stop_or_pass_are_told_apart():
         observations=dataclasses.replace(case.observations, passages=first),
         projected={**case.projected, "passages": _taken(case, passages.station != "S2")},
     )
-    np.testing.assert_array_equal(observed_at_stations(hidden).came, seen.came)
+    np.testing.assert_array_equal(observed_at_stations(hidden).arrived, seen.arrived)
 
 
 def _taken(case: Any, which: Any) -> Any:
@@ -196,9 +196,9 @@ def test_runs_from_the_release_are_those_of_the_engine():
     run = free_run(case, RunModel.of(case, TABLE, None, None, 4), 6)
     assert run.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
     assert (run.stops == 1.0).all() and (run.largest == 1.0).all()
-    came = run.at.came == 1.0
-    np.testing.assert_array_equal(came, run.runout_m[:, :, None] >= case.station_s[:, None, :])
-    np.testing.assert_array_equal(came, np.isfinite(run.at.speed_mps))
+    arrived = run.at.arrived == 1.0
+    np.testing.assert_array_equal(arrived, run.runout_m[:, :, None] >= case.station_s[:, None, :])
+    np.testing.assert_array_equal(arrived, np.isfinite(run.at.speed_mps))
     edges = reach_edges(case, run)
     np.testing.assert_allclose(edges[1:, 0], STATIONS, atol=0.1)
     np.testing.assert_array_equal(edges[1:, 0], edges[:-1, 1])

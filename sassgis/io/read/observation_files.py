@@ -122,7 +122,7 @@ def read_observations(
     grid
         The DEM. Geometries are brought into its coordinates, and all is compared with it.
     crs
-        Coordinates to bring geometries into where there is no DEM at hand, such as "EPSG:2056".
+        Coordinates to bring geometries into where there is no DEM, such as "EPSG:2056".
 
     Returns
     -------

@@ -59,13 +59,13 @@ def nominal_law() -> FloatArray:
 
 
 def make_world(spec: WorldSpec, seed: int) -> World:
-    """Draw a world; its effects are brought to the strengths that are asked for.
+    """Draw a site; its effects are brought to the strengths that are asked for.
 
     Parameters
     ----------
     spec : WorldSpec
     seed : int
-        Same specification and seed, same world.
+        Same specification and seed, same site.
 
     Raises
     ------

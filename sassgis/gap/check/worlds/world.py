@@ -1,4 +1,4 @@
-"""Worlds: a synthetic slope, rocks, and a truth that the diagnosing side does not know."""
+"""Sites: a synthetic slope, rocks, and a truth that the diagnosing side does not know."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class EffectSpec:
 
 @dataclass(frozen=True, slots=True)
 class WorldSpec:
-    """What a world is to be.
+    """What a site is to be.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class WorldSpec:
 
 @dataclass(frozen=True, slots=True)
 class PlacedEffect:
-    """One effect as it acts in a world.
+    """One effect as it acts in a site.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class PlacedEffect:
     ground : str
         Class of ground that it is bound to; empty if none.
     size : float
-        Standardised energy distance from the same world without it (0 to 1); NaN if not measured.
+        Standardised energy distance from the same site without it (0 to 1); NaN if not measured.
     seed : int
         Where its own random parts come from.
     """
@@ -240,7 +240,7 @@ class WorldRocks:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Everything that the rocks of a world did, without errors of measurement.
+    """Everything that the rocks of a site did, without errors of measurement.
 
     Each table holds rock, number of the piece and kind of block before the columns named in
     ``sassgis.gap.check.worlds.motion``.
@@ -255,7 +255,7 @@ class Run:
 
 
 def with_effects(world: World, effects: tuple[PlacedEffect, ...]) -> World:
-    """The same world with other effects."""
+    """The same site with other effects."""
     grid = world.relief.grid
     for effect in effects:
         if effect.name == "terrace":

@@ -217,7 +217,8 @@ class _Maker:
             f"than one level open. Levels: {codes}. {self._sampled} Cells that no block reached "
             "are left out. Factor of blocks: how many times the blocks would make the level "
             "certain; missing where the frequency lies on a limit of the matrix, so that no "
-            f"sample does, or where the sample does not give its error. {self._frequencies} {self._rules}",
+            "sample does, or where the sample does not give its error. "
+            f"{self._frequencies} {self._rules}",
             (
                 self._band(
                     "uncertain",
