@@ -189,7 +189,7 @@ def test_layers_that_do_not_belong_together(valley: Grid) -> None:
 def test_uncertain_cells_have_lines_over_them(valley: Grid, find, texts) -> None:
     open_ = np.zeros(valley.shape, bool)
     open_[10:14, 22:26] = True
-    open_[30:, :] = True  # No rock comes here.
+    open_[30:, :] = True  # No block arrives here.
     figure = confidence_figure(valley, level_of(valley), open_)
     stripes = [s for s in find(figure, "stripes") if s.axes.get_label() == "map"]
     assert len(stripes) == 2
@@ -301,7 +301,7 @@ def test_the_note_tells_the_level_and_what_decides_it(texts) -> None:
     assert "by blocks of 30 kJ and more, once in 25 years." in texts(
         hazard_curve_figure(often, 1, PRESET)
     )
-    assert "No rock comes here." in texts(hazard_curve_figure(CURVE, 0, PRESET))
+    assert "No block arrives here." in texts(hazard_curve_figure(CURVE, 0, PRESET))
 
 
 def test_many_sources_are_brought_together() -> None:
