@@ -296,8 +296,8 @@ def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) 
 
 def test_kinds_of_numbers_do_not_know_places() -> None:
     assert kind_and_place("S12:speed|mean") == ("S:speed|mean", 12)
-    assert kind_and_place("hit3:kept|all_sd") == ("hit_reach:kept|all_sd", 3)
-    assert kind_and_place("leg2:speed_change~S1:speed") == ("reach:speed_change~S:speed", 2)
+    assert kind_and_place("hit3:kept|all_sd") == ("hit_leg:kept|all_sd", 3)
+    assert kind_and_place("leg2:speed_change~S1:speed") == ("leg:speed_change~S:speed", 2)
     assert kind_and_place("hit@meadow:kept~size", ("meadow",)) == ("hit_soft:kept~size", 0)
     assert kind_and_place("hit@rock:kept~size", ("meadow",)) == ("hit_hard:kept~size", 0)
 
