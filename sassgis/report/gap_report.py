@@ -208,7 +208,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         )
     if diagnosis.which:
         add(
-            "gap_contenders",
+            "gap_hypotheses",
             "Explanations that were tried",
             "The base and the most probable ones were calibrated further than the others; all were "
             "judged on rocks left out of it.",

@@ -47,7 +47,7 @@ class Scale:
     def rows(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
 
-        A rock that never came to a station has no speed there, which is told by the flag.
+        A rock that never came to a station has no speed there, which the flag states.
         """
         if not self.names:
             return np.zeros((self.n_rocks, 0))

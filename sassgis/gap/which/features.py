@@ -337,9 +337,9 @@ def _middle(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
     return middle
 
 
-#: Quantities of which the mean alone is told: counts and shares.
+#: Quantities of which the mean alone is given: counts and shares.
 _COUNTS = (":passed", ":number", ":blocks", ":pieces", ":no_spin")
-#: Quantities that are told on a scale of their own in ``summary``.
+#: Quantities that have a scale of their own in ``summary``.
 _APART = (":blocks", ":pieces")
 
 

@@ -229,7 +229,7 @@ def signature_of(reference: Reference, features: Mapping[str, float]) -> dict[st
     ----------
     reference : Reference
     features : mapping
-        As ``features_of`` returns them; numbers that are not had are not told.
+        As ``features_of`` returns them; missing numbers are left out.
 
     Returns
     -------

@@ -93,7 +93,7 @@ def decide(
             NONE,
             none,
             "the calibrated base model shows the same, as far as chance and its own discrepancies "
-            f"let it be told (probability {none:.2f})",
+            f"let it be seen (probability {none:.2f})",
         )
     best = best_cause(shares)
     probability = probability_of(best, shares)
