@@ -7,8 +7,22 @@ import math
 import numpy as np
 import pytest
 from helpers.effects_lab import (
-    FLIGHT, IMPACT, MIXED, STEP_LIMIT, G, first, forest, ground, plain, profile, rough_slope, run,
-    same, slope, sphere, sphere_mass,
+    FLIGHT,
+    IMPACT,
+    MIXED,
+    STEP_LIMIT,
+    G,
+    first,
+    forest,
+    ground,
+    plain,
+    profile,
+    rough_slope,
+    run,
+    same,
+    slope,
+    sphere,
+    sphere_mass,
 )  # fmt: skip
 from scipy.integrate import solve_ivp
 
