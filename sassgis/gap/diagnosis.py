@@ -226,7 +226,7 @@ class Diagnosis:
     settings_hash : str
     seed : int
     warnings : tuple of str
-        What in the observations deserves a look.
+        What in the configuration or the observations deserves a look.
     """
 
     verdict: Verdict

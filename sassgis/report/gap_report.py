@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -385,6 +385,7 @@ def gap_report(
     terrain: str,
     crs: str,
     configuration: str,
+    warnings: Sequence[str],
     seconds: float | None,
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together.
@@ -397,6 +398,8 @@ def gap_report(
         Of the figures.
     project, terrain, crs, configuration : str
         Names of the project, the terrain file, the coordinate system and the configuration file.
+    warnings : sequence of str
+        What a reader must know before trusting the answer.
     seconds : float or None
         Computing time.
     """
@@ -406,7 +409,7 @@ def gap_report(
         subtitle="What separates the field observations from the SASS model, and why",
         verdict=verdict_sentence(diagnosis),
         answer=answer(diagnosis),
-        warnings=tuple(report_warnings(case, diagnosis)),
+        warnings=tuple(warnings),
         what_was_run=(
             ("Observed rocks", diagnosis.rocks),
             ("Observations", ", ".join(f"{n} {t}" for t, n in diagnosis.tables.items()) or "none"),

@@ -174,6 +174,7 @@ def diagnose(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
                 "goes on from there"
             ) from None
+        diagnosis = replace(diagnosis, warnings=(*settings.notes, *diagnosis.warnings))
         tell("Writing the results")
         if report:
             write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)

@@ -383,14 +383,14 @@ def _open(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress)
     tasks = [Task(w.case, f"{_MAKER}:make_label", (w.spec, w.seed, w.case)) for w in planned]
     labels = _all(tasks, jobs, step)
     text = labels_text([labels[w.case] for w in planned])
-    _verify_seal(place, text, "labels made anew")
+    _verify_blinding(place, text, "labels made anew")
     _write_text(place.labels, text)
 
 
 def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
     """The opened labels, after everything has been compared with its hash."""
     text = place.labels.read_text(encoding="utf-8")
-    _verify_seal(place, text, str(place.labels))
+    _verify_blinding(place, text, str(place.labels))
     _verify_answers(place, planned)
     for line in place.case_list.read_text(encoding="utf-8").splitlines():
         digest, name = line.split("  ")
@@ -403,7 +403,7 @@ def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
     return [truth_of(label) for label in json.loads(text)]
 
 
-def _verify_seal(place: _Place, text: str, found: str) -> None:
+def _verify_blinding(place: _Place, text: str, found: str) -> None:
     blinded = place.blinding.read_text(encoding="utf-8").split()[0]
     salt = place.salt.read_text(encoding="utf-8").strip()
     actual = blinding_hash(salt, text)
