@@ -29,7 +29,7 @@ class Local(NamedTuple):
     s1: float = FAR
 
 
-class Wind(NamedTuple):
+class SteadyWind(NamedTuple):
     """A steady push towards (x, y) in plan; on a rock of radius R it is q · 0.3 m/R (m/s²)."""
 
     q: float = 0.0
@@ -47,7 +47,7 @@ class Forces(NamedTuple):
     plates: Local = Local()  # rock_shape: weight of the third axis
     bumps: Local = Local()  # roughness: half chord of the caps on the ground (m)
     air: Local = Local()  # air_drag: density over that of air
-    wind: Wind = Wind()
+    wind: SteadyWind = SteadyWind()
     snow: Local = Local()  # friction that grows by q per 10 m/s
     ice: Local = Local()  # share of the ground under lenses of ice
     wet: Local = Local()  # share of η_max lost by the last rock of the campaign; less friction

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from sassgis.gap.check.worlds import motion, motion_state
-from sassgis.gap.check.worlds.forces import Forces, Local, Wind
+from sassgis.gap.check.worlds.forces import Forces, Local, SteadyWind
 from sassgis.gap.check.worlds.motion_state import Field, Tables
 from sassgis.gap.check.worlds.slopes import guide
 from sassgis.gap.check.worlds.world import Run, World, WorldRocks
@@ -147,7 +147,7 @@ def forces_of(world: World) -> Forces:
         "magnus": "magnus",
     }
     found: dict[str, Local] = {}
-    wind = Wind()
+    wind = SteadyWind()
     for effect in world.effects:
         if effect.name in slots:
             local = Local(float(effect.magnitude), float(effect.s0_m), float(effect.s1_m))
@@ -158,7 +158,7 @@ def forces_of(world: World) -> Forces:
             frame = world.relief.frame
             c, s = math.cos(sign * turn), math.sin(sign * turn)
             x, y = c * frame.ux - s * frame.uy, s * frame.ux + c * frame.uy
-            wind = Wind(float(effect.magnitude), float(x), float(y))
+            wind = SteadyWind(float(effect.magnitude), float(x), float(y))
     return Forces(**found, wind=wind)
 
 
