@@ -110,7 +110,7 @@ def _rebound(
     if physics.slope_variation:
         mx, mz = _varied_normal(state, block, site, vt)
     mx, mz, rule, friction = hooks.on_contact(
-        effects, state, block, here.ground, mx, mz, physics.eta_rule, ground.mu_f
+        effects, state, block, ground, mx, mz, physics.eta_rule, ground.mu_f
     )
     st = math.sin(state.theta)
     ct = math.cos(state.theta)
@@ -123,13 +123,13 @@ def _rebound(
         rule, friction,
     )  # fmt: skip
     wt, wn, omega = hooks.after_impact(
-        effects, state, block, here.ground, -(vx * mx + vz * mz), wt, wn, omega
+        effects, state, block, ground, -(vx * mx + vz * mz), wt, wn, omega
     )
     state.vx = wt * mz + wn * mx
     state.vz = wn * mz - wt * mx
     state.omega = omega
     lost = energy - _kinetic(block, state.vx, state.vz, omega)
-    return hooks.on_loss(effects, state, block, here, lost)
+    return hooks.on_loss(effects, state, block, output.spawned, here, ground, lost)
 
 
 @inlined

@@ -87,7 +87,9 @@ def without_straight_vertices(
 
 
 @kernel
-def stretches_of(cell_s: FloatArray, cell: IntArray, s: FloatArray) -> Records:
+def stretches_of(
+    cell_s: FloatArray, cell: IntArray, stems: FloatArray, diameter: FloatArray, s: FloatArray
+) -> Records:
     """Stretches of cells, cut at the vertices.
 
     Parameters
@@ -95,6 +97,8 @@ def stretches_of(cell_s: FloatArray, cell: IntArray, s: FloatArray) -> Records:
     cell_s : float64, shape (n_cells + 1,)
         Borders of the cells along the profile (m).
     cell : int64, shape (n_cells,)
+    stems, diameter : float64, shape (n_cells,)
+        Stems per square metre and their diameter at breast height (m).
     s : float64, shape (n,)
         Chainage of the vertices (m).
 
@@ -114,6 +118,8 @@ def stretches_of(cell_s: FloatArray, cell: IntArray, s: FloatArray) -> Records:
             rows[n].start = here
             rows[n].cell = cell[i]
             rows[n].segment = j
+            rows[n].stems = stems[i]
+            rows[n].diameter = diameter[i]
             n += 1
             here = end
         if cell_s[i + 1] <= end:
@@ -195,14 +201,14 @@ def stretch_from(stretches: Records, i: int, x: float) -> int:
 
 @kernel
 def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
-    """Cell ahead of a block that moves in a direction, and the distance to its border (m)."""
+    """Stretch ahead of a block that moves in a direction, and the distance to its border (m)."""
     n = stretches.size - 1
     while direction > 0 and i < n - 1 and stretches[i + 1].start <= x + _PAST:
         i += 1
     while direction < 0 and i > 0 and stretches[i].start >= x - _PAST:
         i -= 1
     gap = stretches[i + 1].start - x if direction > 0 else x - stretches[i].start
-    return stretches[i].cell, max(gap, _PAST)
+    return i, max(gap, _PAST)
 
 
 @kernel

@@ -30,6 +30,8 @@ STRETCH_DTYPE = np.dtype(
             ("start", np.float64),  # chainage (m)
             ("cell", np.int64),  # position in the chunk's cells, -1 for none
             ("segment", np.int64),
+            ("stems", np.float64),  # of the forest there, per m²
+            ("diameter", np.float64),  # of the stems at breast height (m)
         ],
     )
 )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine import barriers as control_line_rules
 from sassgis.engine import impact as impact_rules
-from sassgis.engine.effects.hooks import MOST_SPAWNED, prepare
+from sassgis.engine.effects.hooks import MOST_SPAWNED, ground_of, most_spawned, prepare
 from sassgis.engine.kernel import (
     NO_ROOM,
     TOO_MANY_SPAWNED,
@@ -173,6 +173,39 @@ def _control_line_table(crossings: ControlLineCrossings) -> ControlLineTable:
     )
 
 
+def _forest_under(profiles: ProfileSet, forest: Forest | None) -> tuple[FloatArray, FloatArray]:
+    """Stems per square metre and their diameter (m) on each cell of each line."""
+    if forest is None:
+        none = np.zeros(profiles.cell.size)
+        return none, none
+    inside = profiles.cell >= 0
+    return (
+        np.where(inside, forest.stems_per_m2[profiles.cell], 0.0),
+        np.where(inside, forest.diameter_m[profiles.cell], 0.0),
+    )
+
+
+def _empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
+    """Room for so many released blocks, passages, spawned blocks and events of each block."""
+    return Rows(
+        rocks=np.zeros(n, _RECORDS_OF_ROCKS),
+        passages=np.zeros(max(n_passages, 1), _RECORDS_OF_PASSAGES),
+        pieces=np.zeros(n_spawned, _RECORDS_OF_ROCKS),
+        events=np.zeros((n, n_events), EVENT_DTYPE),
+        event_counts=np.zeros(n, np.int64),
+        filled=np.zeros(2, np.int64),
+    )
+
+
+def _too_many_spawned() -> InputError:
+    return InputError(
+        "a block spawns too many others",
+        field="effects",
+        found=f"more than {MOST_SPAWNED} from one released block",
+        expected="fewer fragments, a larger smallest fragment, or fewer blocks per impact",
+    )
+
+
 def simulate(
     profiles: ProfileSet,
     table: GroundTable,
@@ -251,8 +284,8 @@ def simulate(
     _check(profiles, table)
     starts = _checked_starts(profiles, starts)
     cells, local = _cells_of(profiles)
-    if line_numbers is None:
-        line_numbers = np.arange(n_lines, dtype=np.int64)
+    stems, diameter = _forest_under(profiles, forest)
+    own_number = np.arange(n_lines, dtype=np.int64)
     lines = Lines(
         offset=profiles.offset,
         s=profiles.s,
@@ -261,9 +294,11 @@ def simulate(
         cell_offset=profiles.cell_offset,
         cell_s=profiles.cell_s,
         cell=local,
-        number=np.asarray(line_numbers, np.int64),
+        stems=stems,
+        diameter=diameter,
+        number=np.asarray(own_number if line_numbers is None else line_numbers, np.int64),
         key=np.asarray(line_keys, np.uint64),
-        stratum=np.asarray(np.arange(n_lines) if strata is None else strata, np.int64),
+        stratum=np.asarray(own_number if strata is None else strata, np.int64),
         start=starts,
         control_line_offset=crossings.offset,
         control_line_x=crossings.chainage,
@@ -271,7 +306,7 @@ def simulate(
     )
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     setup = Setup(
-        table.rows(),
+        ground_of(effects, table),
         np.stack([population.limits() for population in populations]),
         _physics(settings),
         _control_line_table(crossings),
@@ -280,9 +315,7 @@ def simulate(
         rocks_per_line,
     )
     centres, windows = _windows(window, cells)
-    stems = forest.stems_per_m2[cells] if forest is not None else np.zeros(0)
-    diameter = forest.diameter_m[cells] if forest is not None else np.zeros(0)
-    hooked = prepare(effects, table, stems, diameter)
+    hooked = prepare(effects, bool((stems > 0.0).any()))
     n = n_lines * rocks_per_line
     room = 1
     while True:
@@ -293,27 +326,19 @@ def simulate(
             Places(windows, no_exceedance(centres.size, bins)),
             Places(Objects(*objects.under(cells)), no_exceedance(objects.n_objects, bins)),
         )
-        rows = Rows(
-            rocks=np.zeros(n, _RECORDS_OF_ROCKS),
-            passages=np.zeros(
-                max(room * crossings.chainage.size * rocks_per_line, 1), _RECORDS_OF_PASSAGES
-            ),
-            pieces=np.zeros(room * n if hooked is not None else 0, _RECORDS_OF_ROCKS),
-            events=np.zeros((n, log_events), EVENT_DTYPE),
-            event_counts=np.zeros(n, np.int64),
-            filled=np.zeros(2, np.int64),
+        rows = _empty_rows(
+            n,
+            room * crossings.chainage.size * rocks_per_line,
+            room * n if hooked is not None else 0,
+            log_events,
         )
-        status = simulate_lines(lines, setup, totals, rows, working_space(totals), hooked)
+        work = working_space(totals, most_spawned(effects))
+        status = simulate_lines(lines, setup, totals, rows, work, hooked)
         if status != NO_ROOM:
             break
         room *= 4
     if status == TOO_MANY_SPAWNED:
-        raise InputError(
-            "a block spawns too many others",
-            field="effects",
-            found=f"more than {MOST_SPAWNED} from one released block",
-            expected="fewer fragments, a larger smallest fragment, or fewer blocks per impact",
-        )
+        raise _too_many_spawned()
     n_passages, n_pieces = rows.filled
     counts = rows.event_counts
     return Simulated(

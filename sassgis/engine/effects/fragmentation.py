@@ -9,8 +9,8 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from sassgis.engine.effects.spawning import Spawned, spawn
-from sassgis.engine.state import Block, Record
+from sassgis.engine.effects.spawning import spawn
+from sassgis.engine.state import Block, Record, Spawned
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
 from sassgis.model.grid import FloatArray
