@@ -18,7 +18,7 @@ from sassgis.engine.state import (
     end,
 )
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 # What became of it; the same numbers as model.results.Outcome.
 PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
@@ -83,7 +83,7 @@ def crossings_of(
     return rows
 
 
-@kernel
+@lean
 def _write_passage(
     state: Record,
     output: Output,
@@ -122,7 +122,7 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
     return STOPPED, 0.0
 
 
-@kernel
+@lean
 def control_lines_in_flight(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
 ) -> Meeting:
@@ -180,7 +180,7 @@ class Stretch(NamedTuple):
     spin_gain: float
 
 
-@kernel
+@lean
 def control_lines_on_ground(
     state: Record, block: Block, site: Site, output: Output, stretch: Stretch, ux: float, uz: float
 ) -> Meeting:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sassgis.engine.recording import STRETCH_DTYPE
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE, Records
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9
@@ -135,7 +135,7 @@ def stretches_of(
     return rows[: n + 1]
 
 
-@kernel
+@lean
 def segment_at(profile: Records, x: float, near: int) -> int:
     """The segment under chainage x."""
     j = near
@@ -147,14 +147,14 @@ def segment_at(profile: Records, x: float, near: int) -> int:
     return j
 
 
-@kernel
+@lean
 def along(profile: Records, j: int, x: float, z: float) -> float:
     """Distance of a point along segment j from its start (m)."""
     row = profile[j]
     return float((x - row.x) * row.tx + (z - row.z) * row.tz)
 
 
-@kernel
+@lean
 def turn(profile: Records, j: int, direction: int) -> float:
     """Sine of the turn from segment j to the next in a direction; above 0: convex."""
     here = profile[j]
@@ -163,7 +163,7 @@ def turn(profile: Records, j: int, direction: int) -> float:
     return float(-direction * cross)
 
 
-@kernel
+@lean
 def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -> int:
     """The segment along which a block that touches segment j moves on in a direction."""
     n = profile.size - 1
@@ -191,7 +191,7 @@ def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -
             return j
 
 
-@kernel
+@lean
 def stretch_from(stretches: Records, i: int, x: float) -> int:
     """The stretch under chainage x, looking ahead from stretch i."""
     while i < stretches.size - 2 and stretches[i + 1].start < x:
@@ -199,7 +199,7 @@ def stretch_from(stretches: Records, i: int, x: float) -> int:
     return i
 
 
-@kernel
+@lean
 def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
     """Stretch ahead of a block that moves in a direction, and the distance to its border (m)."""
     n = stretches.size - 1
@@ -211,7 +211,7 @@ def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tupl
     return i, max(gap, _PAST)
 
 
-@kernel
+@lean
 def last_cell(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
     """Cell in which a block ends; -1 outside."""
     if x < profile[0].x or x > profile[profile.size - 1].x:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
 
@@ -100,7 +100,7 @@ def by_name(sums: CellSums, reach: Exceedance, bins: FlatBins) -> dict[str, NDAr
     return out
 
 
-@kernel
+@lean
 def _hunt(edges: FloatArray, value: float, near: int) -> int:
     """The bin that holds a value, looking from one near it; the end bins take what lies beyond."""
     n = edges.size - 1
@@ -112,7 +112,7 @@ def _hunt(edges: FloatArray, value: float, near: int) -> int:
     return i
 
 
-@kernel
+@lean
 def _tally(tally: LineTally, n_line: int, place: int, level: int) -> int:
     """Count a rock of the line at a place; returns the number of places that the line touched."""
     if not tally.came[place]:
@@ -131,7 +131,7 @@ def empty_tally(sums: Exceedance) -> LineTally:
     )
 
 
-@kernel
+@lean
 def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
     """Add a line's rocks to the sums and clear its tally."""
     last = tally.hits.shape[1] - 1
@@ -146,7 +146,7 @@ def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
         tally.came[place] = False
 
 
-@kernel
+@lean
 def at_objects(
     work: CellWork,
     n_touched: int,
@@ -180,7 +180,7 @@ def at_objects(
     return n_line
 
 
-@kernel
+@lean
 def _level(threshold: FloatArray, value: float, near: int) -> int:
     """The highest threshold that a value reaches, looking from one near it."""
     i = near
@@ -191,7 +191,7 @@ def _level(threshold: FloatArray, value: float, near: int) -> int:
     return i
 
 
-@kernel
+@lean
 def flush(
     work: CellWork,
     n_touched: int,
@@ -249,7 +249,7 @@ def empty_event(n_cells: int) -> Event:
     )
 
 
-@kernel
+@lean
 def collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
     """Move the cells of one block to those of the event."""
     for k in range(n_touched):
@@ -268,7 +268,7 @@ def collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
         work.peak[cell, ENERGY] = -1.0
 
 
-@kernel
+@lean
 def give_back(event: Event, work: CellWork) -> int:
     """Move the cells of the event to the work, as of one block of 1 kg; returns their number."""
     n = event.filled[0]

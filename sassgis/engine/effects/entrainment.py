@@ -13,7 +13,7 @@ from sassgis.engine.effects.spawning import spawn
 from sassgis.engine.state import Block, Record, Spawned
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ def angle_of(key: np.uint64, number: int, i: int) -> float:
     return _STEEPEST * rng.uniform(key, rng.ENTRAINED_ANGLE, 64 * number + i)
 
 
-@kernel
+@lean
 def entrain(
     loose: LooseBlocks,
     spawned: Spawned,

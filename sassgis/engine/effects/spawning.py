@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sassgis.engine.state import SPAWNED_DTYPE, Block, Spawned
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 
 def room_for(most: int) -> Spawned:
@@ -13,7 +13,7 @@ def room_for(most: int) -> Spawned:
     return Spawned(np.zeros(most, SPAWNED_DTYPE), np.zeros(1, np.int64))
 
 
-@kernel
+@lean
 def spawn(
     spawned: Spawned,
     x: float,

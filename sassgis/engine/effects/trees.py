@@ -13,7 +13,7 @@ from sassgis.engine.profile import segment_at, to_cell_border
 from sassgis.engine.state import Block, Record, Site
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +190,7 @@ def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> 
     return True, max((climb - math.sqrt(square)) / gravity, _SHORTEST_CUT_S)
 
 
-@kernel
+@lean
 def before_flight(
     stand: Stand,
     memory: Record,
@@ -233,7 +233,7 @@ def before_flight(
     return limit
 
 
-@kernel
+@lean
 def before_stretch(
     stand: Stand, memory: Record, state: Record, block: Block, site: Site, pull: float, ux: float
 ) -> float:
