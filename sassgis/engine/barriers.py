@@ -23,8 +23,9 @@ from sassgis.model.jit import kernel, lean
 # What became of it; the same numbers as model.results.Outcome.
 PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
 
-# Kinds of control line: no barrier, one that stops for good, one that only takes the speed.
-STATION, STOPS, RELEASES = 0, 1, 2
+# Kinds of control line: no barrier, one that stops for good, one after which a block moves on from
+# rest.
+STATION, STOPS, RESTARTS = 0, 1, 2
 
 
 class Meeting(NamedTuple):
@@ -117,7 +118,7 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
     """What a block that meets a barrier does, and the share of its speed that is left."""
     if energy > crossing.capacity:
         return BROKE_THROUGH, math.sqrt(1.0 - crossing.capacity / energy)
-    if crossing.kind == RELEASES:
+    if crossing.kind == RESTARTS:
         return HELD_BY_NET, 0.0
     return STOPPED, 0.0
 

@@ -112,10 +112,10 @@ class Rows(NamedTuple):
 
     rocks: Records  # (n_lines * n_rocks,) model.results.ROCK_DTYPE
     passages: Records  # model.results.PASSAGE_DTYPE, filled from the top
-    pieces: Records  # ROCK_DTYPE, spawned blocks, filled from the top
+    spawned: Records  # ROCK_DTYPE, spawned blocks, filled from the top
     events: Records  # (n_lines * n_rocks, n_events) state.EVENT_DTYPE; n_events may be 0
     event_counts: NDArray[np.int64]  # (n_lines * n_rocks,)
-    filled: NDArray[np.int64]  # (2,) rows of passages and of pieces that there are
+    filled: NDArray[np.int64]  # (2,) rows of passages and of spawned blocks that there are
 
 
 class PlaceWork(NamedTuple):
@@ -221,13 +221,15 @@ def simulate_lines(
                 collect(work.event, work.cells, state.n_touched, block.mass)
                 if n_spawned >= min(spawned.filled[0], spawned.rows.size):
                     break
-                if rows.filled[1] >= rows.pieces.size:
+                if rows.filled[1] >= rows.spawned.size:
                     return NO_ROOM
-                born = spawned.rows[n_spawned]
+                leaving = spawned.rows[n_spawned]
                 n_spawned += 1
-                block = hooks.on_block(effects, spawned_block(born, block.density, key, n_spawned))
-                start_spawned(state, block, site, born, start.x)
-                row = rows.pieces[rows.filled[1]]
+                block = hooks.on_block(
+                    effects, spawned_block(leaving, block.density, key, n_spawned)
+                )
+                start_spawned(state, block, site, leaving, start.x)
+                row = rows.spawned[rows.filled[1]]
                 rows.filled[1] += 1
                 open_row(row, lines.number[i], setup.first_rock + r, n_spawned, state.x)
                 log = EventLog(log.rows[:0], log.filled)
@@ -270,18 +272,22 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
 
 
 @kernel
-def spawned_block(born: Record, density: float, key: np.uint64, number: int) -> Block:
+def spawned_block(spawned_row: Record, density: float, key: np.uint64, number: int) -> Block:
     """The spawned block of some number of a released block with a key; it has draws of its own."""
     own = rng.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
-    return block_of(born.a, born.b, born.c, density, born.mass, own)
+    return block_of(spawned_row.a, spawned_row.b, spawned_row.c, density, spawned_row.mass, own)
 
 
 @kernel
-def open_row(row: Record, line: int, rock: int, piece: int, start: float) -> None:
-    """Write which block a row is about, and the chainage at which it starts (m)."""
+def open_row(row: Record, line: int, number: int, spawned: int, start: float) -> None:
+    """Write which block a row is about, and the chainage at which it starts (m).
+
+    ``number`` is that of the released block on its line; ``spawned`` that of a block that it has
+    spawned, 0 for itself.
+    """
     row.line = line
-    row.rock = rock
-    row.piece = piece
+    row.rock = number
+    row.piece = spawned
     row.start_m = start
 
 
