@@ -260,7 +260,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "data": {
                 "rocks": diagnosis.rocks,
                 "tables": dict(diagnosis.tables),
-                "not_identifiable": list(diagnosis.not_identifiable),
+                "cannot_tell": list(diagnosis.not_identifiable),
                 "measure_next": list(diagnosis.measure_next),
                 "warnings": list(diagnosis.warnings),
             },

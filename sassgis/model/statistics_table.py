@@ -272,7 +272,7 @@ STATISTICS = (
         meaning="time from the release to the first entry into the cell (s), of the blocks "
         "*that reach the cell*; a block and its fragments count once, with the earliest time",
         breaks=(0.0, 5.0, 10.0, 20.0, 40.0, 80.0),
-        ramp="viridis",
+        ramp="viridis_r",
         edges=_arrival_edges,
         bins="0.5 s up to 10 s, then steps of 5 % up to half an hour",
         resolution="0.5 s, 5 %",

@@ -185,7 +185,7 @@ def test_json_holds_the_agreed_keys_and_no_nan(made: Made, tmp_path: Path) -> No
     assert read["where"][-1]["gap"] == "inf"
     assert read["which"][0]["parameters"]["stems_per_ha"] == 420.0
     assert read["shrinkage"]["value"] == 0.74
-    assert read["data"]["rocks"] == 40 and read["data"]["not_identifiable"]
+    assert read["data"]["rocks"] == 40 and read["data"]["cannot_tell"]
     assert read["seed"] == 1 and len(read["settings_hash"]) == 64
 
 

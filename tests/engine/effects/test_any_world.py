@@ -44,8 +44,12 @@ def forms(kind, *names, **ranges):
     )
 
 
+def _those_on(**effects):
+    return EffectSettings(*(own for own in effects.values() if own is not None))
+
+
 EVERYTHING = st.builds(
-    EffectSettings,
+    _those_on,
     air_drag=forms(AirDrag, "constant", "sphericity", drag_coefficient=(0.0, 10.0)),
     trees=forms(
         Trees, "stems", "full_stems", "viscous", efficiency=(0.0, 2.0), drag_kgps=(0.0, 3000.0),
@@ -61,7 +65,7 @@ EVERYTHING = st.builds(
     rock_shape=forms(RockShape, "flat_landing", "mean_inertia", strength=(0.0, 1.0)),
 )  # fmt: skip
 NEW_BLOCKS = st.builds(
-    EffectSettings,
+    _those_on,
     air_drag=forms(AirDrag, "constant", drag_coefficient=(0.0, 2.0)),
     roughness=forms(Roughness, "uniform", obstacle_m=(0.0, 0.5)),
     fragmentation=forms(

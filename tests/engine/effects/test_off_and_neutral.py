@@ -129,10 +129,10 @@ def test_an_effect_leaves_the_draws_of_others_alone():
     drag = AirDrag(air_density_kgm3=1e-9)
     one, both = (
         play(
-            EffectSettings(Trees(), Roughness(), air),
+            EffectSettings(Trees(), Roughness(), *air),
             stems=0.05, log_events=400,
         )
-        for air in (None, drag)
+        for air in ((), (drag,))
     )  # fmt: skip
     for name in ("start_m", "a_m", "b_m", "c_m", "density_kgm3", "mass_kg"):
         assert (one.rocks[name] == both.rocks[name]).all()

@@ -277,7 +277,7 @@ def test_what_the_wall_changes_adds_up(made: Result) -> None:
         assert not (made.folder / "tables" / "level_changes.csv").exists()
         return
     table = made.table("level_changes").set_index("level_without")
-    labels = ["residual", "slight", "mean", "substantial"]
+    labels = ["residual", "low (yellow)", "moderate (blue)", "high (red)"]
     for layer, sums in (
         ("hazard_zones", table.sum(axis=0).to_numpy()),
         ("hazard_zones_without", table.sum(axis=1).to_numpy()),
