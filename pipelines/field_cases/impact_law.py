@@ -160,7 +160,7 @@ def numbers_of(soft: SoftGround) -> soft_ground.Soft:
     }
     return soft_ground.Soft(
         forms[soft.form], soft.reference_speed_mps, soft.modulus_mpa, soft.depth_factor,
-        soft.drag_coefficient, soft.soil_density_kgm3, soft.friction, np.ones(1, np.bool_),
+        soft.drag_coefficient, soft.soil_density_kgm3, soft.friction,
     )  # fmt: skip
 
 

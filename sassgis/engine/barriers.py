@@ -18,13 +18,14 @@ from sassgis.engine.state import (
     end,
 )
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 # What became of it; the same numbers as model.results.Outcome.
 PASSED, STOPPED, OVERTOPPED, BROKE_THROUGH, HELD_BY_NET = 0, 1, 2, 3, 4
 
-# Kinds of control line: no barrier, one that stops for good, one that only takes the speed.
-STATION, STOPS, RELEASES = 0, 1, 2
+# Kinds of control line: no barrier, one that stops for good, one after which a block moves on from
+# rest.
+STATION, STOPS, RESTARTS = 0, 1, 2
 
 
 class Meeting(NamedTuple):
@@ -83,7 +84,7 @@ def crossings_of(
     return rows
 
 
-@kernel
+@lean
 def _write_passage(
     state: Record,
     output: Output,
@@ -117,12 +118,12 @@ def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
     """What a block that meets a barrier does, and the share of its speed that is left."""
     if energy > crossing.capacity:
         return BROKE_THROUGH, math.sqrt(1.0 - crossing.capacity / energy)
-    if crossing.kind == RELEASES:
+    if crossing.kind == RESTARTS:
         return HELD_BY_NET, 0.0
     return STOPPED, 0.0
 
 
-@kernel
+@lean
 def control_lines_in_flight(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
 ) -> Meeting:
@@ -180,7 +181,7 @@ class Stretch(NamedTuple):
     spin_gain: float
 
 
-@kernel
+@lean
 def control_lines_on_ground(
     state: Record, block: Block, site: Site, output: Output, stretch: Stretch, ux: float, uz: float
 ) -> Meeting:

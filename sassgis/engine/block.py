@@ -28,7 +28,7 @@ from sassgis.engine.state import (
     end,
     log_event,
 )
-from sassgis.model.jit import inlined, kernel
+from sassgis.model.jit import inlined, lean
 
 
 @inlined
@@ -73,7 +73,7 @@ def simulate_block(
     log_event(output.log, state, 0.0, 0.0)
 
 
-@kernel
+@lean
 def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     """Set the state of a block of which nothing is known but its chainage (m)."""
     state.spawned = False
@@ -108,7 +108,7 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
         site.crossings[i].seen = False
 
 
-@kernel
+@lean
 def start_released(state: Record, block: Block, site: Site, start: Start) -> None:
     """Set the state of a block that is released.
 
@@ -139,7 +139,7 @@ def start_released(state: Record, block: Block, site: Site, start: Start) -> Non
         _start_at_rest(state, block, site)
 
 
-@kernel
+@lean
 def _start_at_rest(state: Record, block: Block, site: Site) -> None:
     """Let a block that lies still slide or roll if the ground is steep enough."""
     here = site.profile[state.segment]
@@ -156,7 +156,7 @@ def _start_at_rest(state: Record, block: Block, site: Site) -> None:
         end(state, NEVER_STARTED)
 
 
-@kernel
+@lean
 def start_spawned(
     state: Record, block: Block, site: Site, spawned: Record, released_x: float
 ) -> None:

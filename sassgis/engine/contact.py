@@ -14,7 +14,7 @@ import numpy as np
 
 from sassgis.engine.state import Records
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
-from sassgis.model.jit import inlined, kernel
+from sassgis.model.jit import inlined, lean
 
 
 class Contact(NamedTuple):
@@ -49,7 +49,7 @@ def is_convex(profile: Records, k: int) -> bool:
     return bool(behind.tx * here.tz - behind.tz * here.tx < -1e-12)
 
 
-@kernel
+@lean
 def _core_contact(
     flying: Flying,
     core: float,
@@ -84,7 +84,7 @@ def _core_contact(
     return best, nx, nz, met
 
 
-@kernel
+@lean
 def _first_segment(flying: Flying, start: float, profile: Records, near: int, step: int) -> int:
     """The segment under the rear end of a block at time ``start``."""
     n = profile.size - 1
@@ -145,7 +145,7 @@ def _same_time(surface: float, a: float, tolerance: float) -> float:
     return (2.0 * tolerance + 1e-9 * a) / surface if surface > 0.0 else 0.0
 
 
-@kernel
+@lean
 def next_contact(
     flying: Flying,
     start: float,
@@ -286,7 +286,7 @@ def _contact_at(
     return best
 
 
-@kernel
+@lean
 def resting_height(
     x: float,
     theta: float,

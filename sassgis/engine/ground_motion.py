@@ -39,7 +39,7 @@ from sassgis.engine.state import (
     same_event,
 )
 from sassgis.engine.touching import Flying
-from sassgis.model.jit import inlined, kernel
+from sassgis.model.jit import inlined, kernel, lean
 
 # Gap at which a block that moves along the ground touches ground ahead of it (m).
 _TOUCH = 1e-11
@@ -274,7 +274,7 @@ def _go_on(state: Record, block: Block, site: Site, gravity: float, ahead: Ahead
         state.segment = after
 
 
-@kernel
+@lean
 def _lift_off(state: Record, block: Block, site: Site, gravity: float, lift: float) -> None:
     """Let a rolling ellipse leave the ground where the normal force on it ends."""
     here = site.profile[state.segment]

@@ -13,7 +13,7 @@ SCALE, COULOMB = 0, 1
 def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega: float) -> float:
     """η_min: share of the kinetic energy kept when P becomes the centre of rotation.
 
-    Equation (6). 1 for a rock that does not move.
+    Equation (6). 1 for a block that does not move.
     """
     before = inertia * omega * omega + vx * vx + vy * vy
     if before == 0.0:

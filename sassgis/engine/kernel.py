@@ -11,6 +11,7 @@ from sassgis.engine.barriers import crossings_of
 from sassgis.engine.block import simulate_block, start_released, start_spawned
 from sassgis.engine.draws import block_of, draw_block, draw_start
 from sassgis.engine.effects import hooks
+from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.profile import last_cell, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work
 from sassgis.engine.state import (
@@ -23,6 +24,7 @@ from sassgis.engine.state import (
     Record,
     Records,
     Site,
+    Spawned,
 )
 from sassgis.engine.statistics import (
     CellSums,
@@ -57,6 +59,8 @@ class Lines(NamedTuple):
     cell_offset: NDArray[np.int64]
     cell_s: NDArray[np.float64]
     cell: NDArray[np.int64]
+    stems: NDArray[np.float64]  # as cell: stems per m² there
+    diameter: NDArray[np.float64]  # as cell: of the stems at breast height (m)
     number: NDArray[np.int64]  # of the line in the run
     key: NDArray[np.uint64]  # identity of the line for random draws
     stratum: NDArray[np.int64]  # (n,) of the sample; lines of one stratum follow each other
@@ -77,7 +81,7 @@ class ControlLineTable(NamedTuple):
 class Setup(NamedTuple):
     """What the blocks of all lines have in common."""
 
-    grounds: Records  # model.ground.GROUND_DTYPE
+    grounds: Records  # ground_switch.GROUND_DTYPE
     limits: Records  # (1, 2) or (n_lines, 2), model.blocks.LIMITS_DTYPE
     physics: Physics
     control_lines: ControlLineTable
@@ -108,10 +112,10 @@ class Rows(NamedTuple):
 
     rocks: Records  # (n_lines * n_rocks,) model.results.ROCK_DTYPE
     passages: Records  # model.results.PASSAGE_DTYPE, filled from the top
-    pieces: Records  # ROCK_DTYPE, spawned blocks, filled from the top
+    spawned: Records  # ROCK_DTYPE, spawned blocks, filled from the top
     events: Records  # (n_lines * n_rocks, n_events) state.EVENT_DTYPE; n_events may be 0
     event_counts: NDArray[np.int64]  # (n_lines * n_rocks,)
-    filled: NDArray[np.int64]  # (2,) rows of passages and of pieces that there are
+    filled: NDArray[np.int64]  # (2,) rows of passages and of spawned blocks that there are
 
 
 class PlaceWork(NamedTuple):
@@ -132,6 +136,7 @@ class Work(NamedTuple):
     windows: PlaceWork
     objects: PlaceWork
     n_line: NDArray[np.int64]  # (3,) cells, windows and objects that the stratum touched
+    spawned: Spawned
 
 
 def _place_work(places: Places) -> PlaceWork:
@@ -139,8 +144,11 @@ def _place_work(places: Places) -> PlaceWork:
     return PlaceWork(empty_tally(places.reach), np.full(n, -1.0), np.zeros(n, np.int64))
 
 
-def working_space(totals: Totals) -> Work:
-    """Working space for a chunk whose blocks are added to some totals."""
+def working_space(totals: Totals, most_spawned: int) -> Work:
+    """Working space for a chunk whose blocks are added to some totals.
+
+    ``most_spawned`` is how many blocks one released block may spawn.
+    """
     n = totals.sums.stops.size
     return Work(
         np.zeros(1, hooks.BLOCK_DTYPE),
@@ -150,6 +158,7 @@ def working_space(totals: Totals) -> Work:
         _place_work(totals.windows),
         _place_work(totals.objects),
         np.zeros(3, np.int64),
+        room_for(most_spawned),
     )
 
 
@@ -183,6 +192,7 @@ def simulate_lines(
         DONE; or NO_ROOM or TOO_MANY_SPAWNED: then nothing that was filled is of use.
     """
     state = work.state[0]
+    spawned = work.spawned
     n_lines = lines.number.size
     for i in range(n_lines):
         site = site_of(i, lines, setup)
@@ -198,32 +208,35 @@ def simulate_lines(
             open_row(row, lines.number[i], setup.first_rock + r, 0, state.x)
             log = EventLog(rows.events[number], rows.event_counts[number:])
             n_spawned = 0
+            spawned.filled[0] = 0
             while True:
                 n = rows.filled[0]
                 if n + site.crossings.size > rows.passages.size:
                     return NO_ROOM
-                output = Output(rows.passages[n:], work.cells, log)
+                output = Output(rows.passages[n:], work.cells, log, spawned)
                 simulate_block(state, block, site, output, setup.physics, effects)
                 finish_block(row, block, state, site, rows, totals.sums)
                 if effects is None:
                     break
                 collect(work.event, work.cells, state.n_touched, block.mass)
-                if n_spawned >= min(effects.spawned.filled[0], effects.spawned.rows.size):
+                if n_spawned >= min(spawned.filled[0], spawned.rows.size):
                     break
-                if rows.filled[1] >= rows.pieces.size:
+                if rows.filled[1] >= rows.spawned.size:
                     return NO_ROOM
-                born = effects.spawned.rows[n_spawned]
+                leaving = spawned.rows[n_spawned]
                 n_spawned += 1
-                block = hooks.on_block(effects, spawned_block(born, block.density, key, n_spawned))
-                start_spawned(state, block, site, born, start.x)
-                row = rows.pieces[rows.filled[1]]
+                block = hooks.on_block(
+                    effects, spawned_block(leaving, block.density, key, n_spawned)
+                )
+                start_spawned(state, block, site, leaving, start.x)
+                row = rows.spawned[rows.filled[1]]
                 rows.filled[1] += 1
                 open_row(row, lines.number[i], setup.first_rock + r, n_spawned, state.x)
                 log = EventLog(log.rows[:0], log.filled)
             if effects is None:
                 add_to_totals(totals, work, state.n_touched, block.mass)
             else:
-                if effects.spawned.filled[0] > n_spawned:
+                if spawned.filled[0] > n_spawned:
                     return TOO_MANY_SPAWNED
                 # They count together, with their energies in J.
                 add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)
@@ -244,7 +257,10 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
     profile = profile_of(s, z, ground)
     c0 = lines.cell_offset[i]
     c1 = lines.cell_offset[i + 1]
-    stretches = stretches_of(lines.cell_s[c0 + i : c1 + i + 1], lines.cell[c0:c1], s)
+    stretches = stretches_of(
+        lines.cell_s[c0 + i : c1 + i + 1], lines.cell[c0:c1], lines.stems[c0:c1],
+        lines.diameter[c0:c1], s,
+    )  # fmt: skip
     g0 = lines.control_line_offset[i]
     g1 = lines.control_line_offset[i + 1]
     table = setup.control_lines
@@ -256,18 +272,22 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
 
 
 @kernel
-def spawned_block(born: Record, density: float, key: np.uint64, number: int) -> Block:
+def spawned_block(spawned_row: Record, density: float, key: np.uint64, number: int) -> Block:
     """The spawned block of some number of a released block with a key; it has draws of its own."""
     own = rng.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
-    return block_of(born.a, born.b, born.c, density, born.mass, own)
+    return block_of(spawned_row.a, spawned_row.b, spawned_row.c, density, spawned_row.mass, own)
 
 
 @kernel
-def open_row(row: Record, line: int, rock: int, piece: int, start: float) -> None:
-    """Write which block a row is about, and the chainage at which it starts (m)."""
+def open_row(row: Record, line: int, number: int, spawned: int, start: float) -> None:
+    """Write which block a row is about, and the chainage at which it starts (m).
+
+    ``number`` is that of the released block on its line; ``spawned`` that of a block that it has
+    spawned, 0 for itself.
+    """
     row.line = line
-    row.rock = rock
-    row.piece = piece
+    row.rock = number
+    row.piece = spawned
     row.start_m = start
 
 

@@ -26,7 +26,7 @@ from sassgis.engine.state import (
     log_event,
 )
 from sassgis.model import rng
-from sassgis.model.jit import inlined, kernel
+from sassgis.model.jit import inlined, kernel, lean
 
 #: A flight that begins in contact without a normal speed is looked at again after this turn (rad).
 FIRST_TURN = 1e-4
@@ -62,7 +62,7 @@ def _trembles(state: Record, block: Block, energy: float, gravity: float) -> boo
     return False
 
 
-@kernel
+@lean
 def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[float, float]:
     """Normal of the ground that an impact meets, with the slope varied on descending ground.
 
@@ -110,7 +110,7 @@ def _rebound(
     if physics.slope_variation:
         mx, mz = _varied_normal(state, block, site, vt)
     mx, mz, rule, friction = hooks.on_contact(
-        effects, state, block, here.ground, mx, mz, physics.eta_rule, ground.mu_f
+        effects, state, block, ground, mx, mz, physics.eta_rule, ground.mu_f
     )
     st = math.sin(state.theta)
     ct = math.cos(state.theta)
@@ -123,13 +123,13 @@ def _rebound(
         rule, friction,
     )  # fmt: skip
     wt, wn, omega = hooks.after_impact(
-        effects, state, block, here.ground, -(vx * mx + vz * mz), wt, wn, omega
+        effects, state, block, ground, -(vx * mx + vz * mz), wt, wn, omega
     )
     state.vx = wt * mz + wn * mx
     state.vz = wn * mz - wt * mx
     state.omega = omega
     lost = energy - _kinetic(block, state.vx, state.vz, omega)
-    return hooks.on_loss(effects, state, block, here, lost)
+    return hooks.on_loss(effects, state, block, output.spawned, here, ground, lost)
 
 
 @inlined
@@ -188,7 +188,7 @@ def land(
     _settle(state, block, site, g, Velocity(wt, wn, omega))
 
 
-@kernel
+@lean
 def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: Velocity) -> None:
     """Go on along the ground: roll if the energy suffices, else slide, else rest.
 
@@ -223,7 +223,7 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
         _slide_or_rest(state, block, site.grounds, profile, gravity, wt, foot_x, foot_z)
 
 
-@kernel
+@lean
 def _slide_or_rest(
     state: Record,
     block: Block,

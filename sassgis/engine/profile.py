@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sassgis.engine.recording import STRETCH_DTYPE
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE, Records
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 # A vertex nearer than this to the line between its neighbours is none (m).
 _STRAIGHT_M = 1e-9
@@ -87,7 +87,9 @@ def without_straight_vertices(
 
 
 @kernel
-def stretches_of(cell_s: FloatArray, cell: IntArray, s: FloatArray) -> Records:
+def stretches_of(
+    cell_s: FloatArray, cell: IntArray, stems: FloatArray, diameter: FloatArray, s: FloatArray
+) -> Records:
     """Stretches of cells, cut at the vertices.
 
     Parameters
@@ -95,6 +97,8 @@ def stretches_of(cell_s: FloatArray, cell: IntArray, s: FloatArray) -> Records:
     cell_s : float64, shape (n_cells + 1,)
         Borders of the cells along the profile (m).
     cell : int64, shape (n_cells,)
+    stems, diameter : float64, shape (n_cells,)
+        Stems per square metre and their diameter at breast height (m).
     s : float64, shape (n,)
         Chainage of the vertices (m).
 
@@ -114,6 +118,8 @@ def stretches_of(cell_s: FloatArray, cell: IntArray, s: FloatArray) -> Records:
             rows[n].start = here
             rows[n].cell = cell[i]
             rows[n].segment = j
+            rows[n].stems = stems[i]
+            rows[n].diameter = diameter[i]
             n += 1
             here = end
         if cell_s[i + 1] <= end:
@@ -129,7 +135,7 @@ def stretches_of(cell_s: FloatArray, cell: IntArray, s: FloatArray) -> Records:
     return rows[: n + 1]
 
 
-@kernel
+@lean
 def segment_at(profile: Records, x: float, near: int) -> int:
     """The segment under chainage x."""
     j = near
@@ -141,14 +147,14 @@ def segment_at(profile: Records, x: float, near: int) -> int:
     return j
 
 
-@kernel
+@lean
 def along(profile: Records, j: int, x: float, z: float) -> float:
     """Distance of a point along segment j from its start (m)."""
     row = profile[j]
     return float((x - row.x) * row.tx + (z - row.z) * row.tz)
 
 
-@kernel
+@lean
 def turn(profile: Records, j: int, direction: int) -> float:
     """Sine of the turn from segment j to the next in a direction; above 0: convex."""
     here = profile[j]
@@ -157,7 +163,7 @@ def turn(profile: Records, j: int, direction: int) -> float:
     return float(-direction * cross)
 
 
-@kernel
+@lean
 def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -> int:
     """The segment along which a block that touches segment j moves on in a direction."""
     n = profile.size - 1
@@ -185,7 +191,7 @@ def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -
             return j
 
 
-@kernel
+@lean
 def stretch_from(stretches: Records, i: int, x: float) -> int:
     """The stretch under chainage x, looking ahead from stretch i."""
     while i < stretches.size - 2 and stretches[i + 1].start < x:
@@ -193,19 +199,19 @@ def stretch_from(stretches: Records, i: int, x: float) -> int:
     return i
 
 
-@kernel
+@lean
 def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
-    """Cell ahead of a block that moves in a direction, and the distance to its border (m)."""
+    """Stretch ahead of a block that moves in a direction, and the distance to its border (m)."""
     n = stretches.size - 1
     while direction > 0 and i < n - 1 and stretches[i + 1].start <= x + _PAST:
         i += 1
     while direction < 0 and i > 0 and stretches[i].start >= x - _PAST:
         i -= 1
     gap = stretches[i + 1].start - x if direction > 0 else x - stretches[i].start
-    return stretches[i].cell, max(gap, _PAST)
+    return i, max(gap, _PAST)
 
 
-@kernel
+@lean
 def last_cell(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
     """Cell in which a block ends; -1 outside."""
     if x < profile[0].x or x > profile[profile.size - 1].x:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES
 
 #: Columns of what is recorded: energy per unit mass (J/kg), -1 where the block has not been; height
@@ -30,6 +30,8 @@ STRETCH_DTYPE = np.dtype(
             ("start", np.float64),  # chainage (m)
             ("cell", np.int64),  # position in the chunk's cells, -1 for none
             ("segment", np.int64),
+            ("stems", np.float64),  # of the forest there, per m²
+            ("diameter", np.float64),  # of the stems at breast height (m)
         ],
     )
 )
@@ -50,7 +52,7 @@ def empty_work(n_cells: int) -> CellWork:
     return CellWork(np.full((n_cells, N_RECORDED), -1.0), np.zeros(n_cells, np.int64))
 
 
-@kernel
+@lean
 def _raise(
     work: CellWork,
     n_touched: int,
@@ -75,7 +77,7 @@ def _raise(
     return n_touched
 
 
-@kernel
+@lean
 def record_flight(
     stretches: NDArray[np.void],
     work: CellWork,
@@ -177,7 +179,7 @@ def record_flight(
         i += step
 
 
-@kernel
+@lean
 def record_ground(
     stretches: NDArray[np.void],
     work: CellWork,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine import barriers as control_line_rules
 from sassgis.engine import impact as impact_rules
-from sassgis.engine.effects.hooks import MOST_SPAWNED, prepare
+from sassgis.engine.effects.hooks import MOST_SPAWNED, ground_of, most_spawned, prepare
 from sassgis.engine.kernel import (
     NO_ROOM,
     TOO_MANY_SPAWNED,
@@ -43,14 +43,14 @@ _RECORDS_OF_PASSAGES = np.dtype((np.record, PASSAGE_DTYPE))
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    """What the rocks of some lines left.
+    """What the blocks of some lines left.
 
     Attributes
     ----------
     cells : int64, shape (n_cells,)
         Flat indices of the grid cells under the lines, ascending.
     sums : dict of str to array with a row for each of ``cells``
-        Those of model.statistics_table.SUMS, histograms in the bins of the run; and of the rocks
+        Those of model.statistics_table.SUMS, histograms in the bins of the run; and of the blocks
         that reach each threshold "exceed" and, summed over lines, its square "exceed_square".
     windows : int64, shape (n_windows,)
         Flat indices of the cells in the middle of the windows; empty unless asked for.
@@ -111,7 +111,9 @@ def _control_line_rule(control_line: ControlLine) -> int:
     """How the kernel treats a control line."""
     if control_line.kind == "station":
         return control_line_rules.STATION
-    return control_line_rules.RELEASES if control_line.lets_go else control_line_rules.STOPS
+    return (
+        control_line_rules.RESTARTS if control_line.restarts_from_rest else control_line_rules.STOPS
+    )
 
 
 def _check(profiles: ProfileSet, table: GroundTable) -> None:
@@ -173,6 +175,71 @@ def _control_line_table(crossings: ControlLineCrossings) -> ControlLineTable:
     )
 
 
+def _forest_under(profiles: ProfileSet, forest: Forest | None) -> tuple[FloatArray, FloatArray]:
+    """Stems per square metre and their diameter (m) on each cell of each line."""
+    if forest is None:
+        none = np.zeros(profiles.cell.size)
+        return none, none
+    inside = profiles.cell >= 0
+    return (
+        np.where(inside, forest.stems_per_m2[profiles.cell], 0.0),
+        np.where(inside, forest.diameter_m[profiles.cell], 0.0),
+    )
+
+
+def _lines(
+    profiles: ProfileSet,
+    local: IntArray,
+    forest: Forest | None,
+    crossings: ControlLineCrossings,
+    numbers: IntArray,
+    keys: NDArray[np.uint64],
+    strata: IntArray,
+    starts: FloatArray,
+) -> Lines:
+    """The profiles as the kernel takes them; ``local`` is the position of each cell."""
+    stems, diameter = _forest_under(profiles, forest)
+    return Lines(
+        offset=profiles.offset,
+        s=profiles.s,
+        z=profiles.z,
+        ground=profiles.ground,
+        cell_offset=profiles.cell_offset,
+        cell_s=profiles.cell_s,
+        cell=local,
+        stems=stems,
+        diameter=diameter,
+        number=np.asarray(numbers, np.int64),
+        key=np.asarray(keys, np.uint64),
+        stratum=np.asarray(strata, np.int64),
+        start=starts,
+        control_line_offset=crossings.offset,
+        control_line_x=crossings.chainage,
+        control_line=crossings.control_line,
+    )
+
+
+def _empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
+    """Room for so many released blocks, passages, spawned blocks and events of each block."""
+    return Rows(
+        rocks=np.zeros(n, _RECORDS_OF_ROCKS),
+        passages=np.zeros(max(n_passages, 1), _RECORDS_OF_PASSAGES),
+        spawned=np.zeros(n_spawned, _RECORDS_OF_ROCKS),
+        events=np.zeros((n, n_events), EVENT_DTYPE),
+        event_counts=np.zeros(n, np.int64),
+        filled=np.zeros(2, np.int64),
+    )
+
+
+def _too_many_spawned() -> InputError:
+    return InputError(
+        "a block spawns too many others",
+        field="effects",
+        found=f"more than {MOST_SPAWNED} from one released block",
+        expected="fewer fragments, a larger smallest fragment, or fewer blocks per impact",
+    )
+
+
 def simulate(
     profiles: ProfileSet,
     table: GroundTable,
@@ -196,7 +263,7 @@ def simulate(
 ) -> Simulated:
     """Simulate blocks down profiles.
 
-    The rocks depend only on seed, line key and number on the line, never on what else is simulated.
+    They depend only on seed, line key and number on the line, never on what else is simulated.
 
     Parameters
     ----------
@@ -213,23 +280,23 @@ def simulate(
         Limits of the starting chainage (m).
     control_lines : ControlLineCrossings, optional
     objects : ObjectCells, optional
-        At each of which every rock counts once, with its largest energy in the object's cells.
+        At each of which every block counts once, with its largest energy in the object's cells.
     window : Window, optional
-        In which a rock counts once with its largest energy, besides the counts by cell.
+        In which a block counts once with its largest energy, besides the counts by cell.
     line_numbers : int64, shape (n_lines,), optional
         Number of each line in the run; default 0, 1, 2, ...
     strata : int64, shape (n_lines,), optional
         Stratum of the sample of each line, over which the squares are summed; lines of one stratum
         follow each other. Default: each line is one.
     first_rock : int
-        Number of the first rock on each line.
+        Number of the first block on each line.
     bins : Bins, optional
         Edges of the histograms per cell, thresholds of the hazard curves; default
         ``default_bins()``.
     log_events : int
         Events to keep in the log of each block.
     effects : EffectSettings, optional
-        What the model of 1986 leaves out. A rock and its pieces count once in each cell.
+        What the model of 1986 leaves out. A block and those that it spawns count once in each cell.
     forest : Forest, optional
         For the effect of trees.
 
@@ -251,27 +318,15 @@ def simulate(
     _check(profiles, table)
     starts = _checked_starts(profiles, starts)
     cells, local = _cells_of(profiles)
-    if line_numbers is None:
-        line_numbers = np.arange(n_lines, dtype=np.int64)
-    lines = Lines(
-        offset=profiles.offset,
-        s=profiles.s,
-        z=profiles.z,
-        ground=profiles.ground,
-        cell_offset=profiles.cell_offset,
-        cell_s=profiles.cell_s,
-        cell=local,
-        number=np.asarray(line_numbers, np.int64),
-        key=np.asarray(line_keys, np.uint64),
-        stratum=np.asarray(np.arange(n_lines) if strata is None else strata, np.int64),
-        start=starts,
-        control_line_offset=crossings.offset,
-        control_line_x=crossings.chainage,
-        control_line=crossings.control_line,
-    )
+    one_by_one = np.arange(n_lines, dtype=np.int64)
+    lines = _lines(
+        profiles, local, forest, crossings,
+        one_by_one if line_numbers is None else line_numbers, line_keys,
+        one_by_one if strata is None else strata, starts,
+    )  # fmt: skip
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     setup = Setup(
-        table.rows(),
+        ground_of(effects, table),
         np.stack([population.limits() for population in populations]),
         _physics(settings),
         _control_line_table(crossings),
@@ -280,9 +335,7 @@ def simulate(
         rocks_per_line,
     )
     centres, windows = _windows(window, cells)
-    stems = forest.stems_per_m2[cells] if forest is not None else np.zeros(0)
-    diameter = forest.diameter_m[cells] if forest is not None else np.zeros(0)
-    hooked = prepare(effects, table, stems, diameter)
+    hooked = prepare(effects, bool((lines.stems > 0.0).any()))
     n = n_lines * rocks_per_line
     room = 1
     while True:
@@ -293,28 +346,16 @@ def simulate(
             Places(windows, no_exceedance(centres.size, bins)),
             Places(Objects(*objects.under(cells)), no_exceedance(objects.n_objects, bins)),
         )
-        rows = Rows(
-            rocks=np.zeros(n, _RECORDS_OF_ROCKS),
-            passages=np.zeros(
-                max(room * crossings.chainage.size * rocks_per_line, 1), _RECORDS_OF_PASSAGES
-            ),
-            pieces=np.zeros(room * n if hooked is not None else 0, _RECORDS_OF_ROCKS),
-            events=np.zeros((n, log_events), EVENT_DTYPE),
-            event_counts=np.zeros(n, np.int64),
-            filled=np.zeros(2, np.int64),
-        )
-        status = simulate_lines(lines, setup, totals, rows, working_space(totals), hooked)
+        n_passages = room * crossings.chainage.size * rocks_per_line
+        rows = _empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
+        work = working_space(totals, most_spawned(effects))
+        status = simulate_lines(lines, setup, totals, rows, work, hooked)
         if status != NO_ROOM:
             break
         room *= 4
     if status == TOO_MANY_SPAWNED:
-        raise InputError(
-            "a block spawns too many others",
-            field="effects",
-            found=f"more than {MOST_SPAWNED} from one released block",
-            expected="fewer fragments, a larger smallest fragment, or fewer blocks per impact",
-        )
-    n_passages, n_pieces = rows.filled
+        raise _too_many_spawned()
+    n_passages, n_spawned = rows.filled
     counts = rows.event_counts
     return Simulated(
         cells=cells,
@@ -323,7 +364,7 @@ def simulate(
         window_sums=_exceedance(totals.windows.reach),
         objects=_exceedance(totals.objects.reach),
         rocks=rows.rocks.view(ROCK_DTYPE),
-        pieces=rows.pieces[:n_pieces].view(ROCK_DTYPE),
+        pieces=rows.spawned[:n_spawned].view(ROCK_DTYPE),
         passages=rows.passages[:n_passages].view(PASSAGE_DTYPE),
         event_logs=tuple(rows.events[i, : counts[i]] for i in range(n)) if log_events else (),
     )

@@ -171,7 +171,7 @@ class Site(NamedTuple):
     """What a block moves over."""
 
     profile: Records  # VERTEX_DTYPE
-    grounds: Records  # model.ground.GROUND_DTYPE
+    grounds: Records  # ground_switch.GROUND_DTYPE
     crossings: Records  # CROSSING_DTYPE
     stretches: Records  # recording.STRETCH_DTYPE
 
@@ -183,12 +183,20 @@ class EventLog(NamedTuple):
     filled: NDArray[np.int64]  # (1,) number of rows written
 
 
+class Spawned(NamedTuple):
+    """Blocks that one released block and those that it has spawned have spawned so far."""
+
+    rows: Records  # SPAWNED_DTYPE
+    filled: NDArray[np.int64]  # (1,), beyond the rows if there were too few
+
+
 class Output(NamedTuple):
     """What a block leaves behind as it moves."""
 
     passages: Records  # PASSAGE_DTYPE, those of this block from the top
     work: CellWork
     log: EventLog
+    spawned: Spawned
 
 
 @inlined

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
 
@@ -43,11 +43,11 @@ class Exceedance(NamedTuple):
     """Rocks that came to each place (cell or object) with at least the energy of a threshold."""
 
     rocks: NDArray[np.int64]  # (n, thresholds)
-    square: NDArray[np.int64]  # sum over strata of the square of the stratum's number of rocks
+    square: NDArray[np.int64]  # sum over strata of the square of the stratum's number of blocks
 
 
 class CellSums(NamedTuple):
-    """Statistics per cell of a chunk, one entry per rock and cell: the table's sums by kind.
+    """Statistics per cell of a chunk, one entry per block and cell: the table's sums by kind.
 
     Whole numbers, so that the order of adding does not matter.
     """
@@ -100,7 +100,7 @@ def by_name(sums: CellSums, reach: Exceedance, bins: FlatBins) -> dict[str, NDAr
     return out
 
 
-@kernel
+@lean
 def _hunt(edges: FloatArray, value: float, near: int) -> int:
     """The bin that holds a value, looking from one near it; the end bins take what lies beyond."""
     n = edges.size - 1
@@ -112,9 +112,9 @@ def _hunt(edges: FloatArray, value: float, near: int) -> int:
     return i
 
 
-@kernel
+@lean
 def _tally(tally: LineTally, n_line: int, place: int, level: int) -> int:
-    """Count a rock of the line at a place; returns the number of places that the line touched."""
+    """Count a block of the line at a place; returns the number of places that the line touched."""
     if not tally.came[place]:
         tally.came[place] = True
         tally.touched[n_line] = place
@@ -131,9 +131,9 @@ def empty_tally(sums: Exceedance) -> LineTally:
     )
 
 
-@kernel
+@lean
 def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
-    """Add a line's rocks to the sums and clear its tally."""
+    """Add a line's blocks to the sums and clear its tally."""
     last = tally.hits.shape[1] - 1
     for k in range(n_line):
         place = tally.touched[k]
@@ -146,7 +146,7 @@ def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
         tally.came[place] = False
 
 
-@kernel
+@lean
 def at_objects(
     work: CellWork,
     n_touched: int,
@@ -158,7 +158,7 @@ def at_objects(
     tally: LineTally,
     n_line: int,
 ) -> int:
-    """Count one rock at the objects whose cells it touched, with its largest energy there.
+    """Count one block at the objects whose cells it touched, with its largest energy there.
 
     ``peak`` is -1 for all objects before and after; ``met`` is working space.
     """
@@ -180,7 +180,7 @@ def at_objects(
     return n_line
 
 
-@kernel
+@lean
 def _level(threshold: FloatArray, value: float, near: int) -> int:
     """The highest threshold that a value reaches, looking from one near it."""
     i = near
@@ -191,7 +191,7 @@ def _level(threshold: FloatArray, value: float, near: int) -> int:
     return i
 
 
-@kernel
+@lean
 def flush(
     work: CellWork,
     n_touched: int,
@@ -201,7 +201,7 @@ def flush(
     tally: LineTally,
     n_line: int,
 ) -> int:
-    """Add one rock's cells to the sums; returns the number of cells that its line has touched."""
+    """Add one block's cells to the sums; returns the number of cells that its line has touched."""
     level = 0
     for k in range(n_touched):
         cell = work.touched[k]
@@ -233,7 +233,7 @@ def flush(
 
 
 class Event(NamedTuple):
-    """What a rock and all its fragments did in each cell, as one block of 1 kg."""
+    """What a block and all that it spawned did in each cell, as one block of 1 kg."""
 
     peak: NDArray[np.float64]  # (n_cells, N_RECORDED), energy -1 where none has been
     touched: NDArray[np.int64]
@@ -241,7 +241,7 @@ class Event(NamedTuple):
 
 
 def empty_event(n_cells: int) -> Event:
-    """Room for what a rock and its fragments do in some cells."""
+    """Room for what a block and those that it spawns do in some cells."""
     return Event(
         np.full((n_cells, N_RECORDED), -1.0),
         np.zeros(n_cells, np.int64),
@@ -249,7 +249,7 @@ def empty_event(n_cells: int) -> Event:
     )
 
 
-@kernel
+@lean
 def collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
     """Move the cells of one block to those of the event."""
     for k in range(n_touched):
@@ -268,7 +268,7 @@ def collect(event: Event, work: CellWork, n_touched: int, mass: float) -> None:
         work.peak[cell, ENERGY] = -1.0
 
 
-@kernel
+@lean
 def give_back(event: Event, work: CellWork) -> int:
     """Move the cells of the event to the work, as of one block of 1 kg; returns their number."""
     n = event.filled[0]

@@ -10,15 +10,8 @@ from numpy.typing import NDArray
 from sassgis.model.errors import InputError
 
 #: Parameters of a ground class; the numbers among the attributes of GroundClass.
-GROUND_DTYPE = np.dtype(
-    (
-        np.record,
-        [
-            (name, np.float64)
-            for name in ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
-        ],
-    )
-)
+PARAMETERS = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
+_ROW_DTYPE = np.dtype([(name, np.float64) for name in PARAMETERS])
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +103,8 @@ class GroundTable:
             ) from None
 
     def rows(self) -> NDArray[np.void]:
-        """The parameters as the kernel reads them: GROUND_DTYPE, shape (n_classes,)."""
-        rows = np.zeros(len(self.classes), GROUND_DTYPE)
-        for name in GROUND_DTYPE.names or ():
+        """The parameters as a structured array, a field for each; shape (n_classes,)."""
+        rows = np.zeros(len(self.classes), _ROW_DTYPE)
+        for name in PARAMETERS:
             rows[name] = [getattr(c, name) for c in self.classes]
         return rows

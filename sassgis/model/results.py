@@ -89,7 +89,7 @@ class ControlLine:
         Height of the top above the ground, vertical (m); unused for a station.
     capacity_kj : float
         Energy that the barrier takes (kJ); infinite if it stops every block that meets it.
-    lets_go : bool
+    restarts_from_rest : bool
         Whether a block that the barrier takes is only brought to zero speed there and then moves
         on, as the paper saw nets do, instead of being stopped for good.
     """
@@ -98,7 +98,7 @@ class ControlLine:
     kind: Literal["station", "wall", "net"]
     height_m: float = 0.0
     capacity_kj: float = float("inf")
-    lets_go: bool = False
+    restarts_from_rest: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from sassgis.gap.words import (
     quantity_name,
     significance,
     tested_by,
-    with_unit,
 )
+from sassgis.model.styles import with_unit
 from sassgis.report.page import (
     ReportAnswer,
     sensible,

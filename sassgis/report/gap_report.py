@@ -426,7 +426,7 @@ def gap_report(
         tables=tuple(gap_tables(case, diagnosis)),
         provenance=(
             ("Program", f"sassgis {sassgis.__version__}"),
-            ("Seed", diagnosis.seed),
+            ("Seed", str(diagnosis.seed)),
             ("Settings and inputs (SHA-256)", diagnosis.settings_hash),
             ("Configuration", configuration),
             ("Calibrated model", "model/config.toml"),

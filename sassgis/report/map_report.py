@@ -301,7 +301,7 @@ def map_report(
                 line_ends),
         provenance=(
             ("Program", str(facts["program"])),
-            ("Seed", run.seed),
+            ("Seed", str(run.seed)),
             ("Settings and inputs (SHA-256)", str(facts["settings_hash"])),
             ("Configuration", str(facts["config_file"])),
         ),

@@ -143,7 +143,7 @@ def test_a_barrier_higher_than_any_bounce_stops_all(lab, kind, barrier, at):
         n=300,
         start=[(10.0, 30.0)],
         control_lines=crossings(
-            lab, (ControlLine("high", barrier, 500.0, lets_go=barrier == "net"),), [at]
+            lab, (ControlLine("high", barrier, 500.0, restarts_from_rest=barrier == "net"),), [at]
         ),
     )
     free = lab.run(line, lab.ROCK, lab.MIXED, n=300, start=[(10.0, 30.0)]).rocks
@@ -177,7 +177,9 @@ def test_a_net_takes_all_speed_and_the_rock_goes_on_from_there(lab):
     out = lab.run(
         line, lab.ROCK, dataclasses.replace(lab.MIXED, drop_m=(1.0, 3.0)), n=100,
         start=[(10.0, 30.0)], log_events=3000,
-        control_lines=crossings(lab, (ControlLine("net", "net", 50.0, lets_go=True),), [90.0]),
+        control_lines=crossings(
+            lab, (ControlLine("net", "net", 50.0, restarts_from_rest=True),), [90.0]
+        ),
     )  # fmt: skip
     held = out.passages["rock"][out.passages["outcome"] == Outcome.HELD_BY_NET]
     assert held.size > 30

@@ -1,7 +1,7 @@
 """Effects that the model of 1986 leaves out, one file each; they do not know each other.
 
-An effect is a NamedTuple of parameters, whose ``form`` is 0 where it is off, and small kernels for
-the hooks it needs: flight and way (per path), contact (changes the rebound), birth (new blocks).
-The course of a rock is compiled twice: without any effect, and with all of them behind their
-switches.
+An effect is its settings, a NamedTuple of numbers for the kernel, whose ``form`` is 0 where it is
+off, and small kernels that the hooks call (``hooks.py``). What differs from place to place is no
+part of it: it stands in the rows of the ground and of the stretches. The motion is compiled twice:
+without any effect, and with all of them behind their forms.
 """

@@ -8,15 +8,12 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
-from sassgis.engine.effects.ground_switch import classes_on, nowhere
-from sassgis.engine.effects.spawning import Spawned, spawn
-from sassgis.engine.state import Block, Record
+from sassgis.engine.effects.spawning import spawn
+from sassgis.engine.state import Block, Record, Spawned
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
-from sassgis.model.ground import GroundTable
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,20 +60,18 @@ class LooseBlocks(NamedTuple):
     energy: float  # J
     ratio: float
     share: float
-    on: NDArray[np.bool_]  # by ground class
 
 
-def prepare(settings: Entrainment | None, table: GroundTable) -> LooseBlocks:
+def prepare(settings: Entrainment | None) -> LooseBlocks:
     """From settings to what the kernel reads."""
     if settings is None or settings.number == 0.0:
-        return LooseBlocks(OFF, 0.0, 1.0, 1.0, 0.0, nowhere(table))
+        return LooseBlocks(OFF, 0.0, 1.0, 1.0, 0.0)
     return LooseBlocks(
         {"poisson": POISSON, "energy": ENERGY}[settings.form],
         float(settings.number),
         1e3 * float(settings.energy_kj),
         float(settings.size_ratio),
         float(settings.share),
-        classes_on(settings.classes, table, "entrainment"),
     )
 
 
@@ -108,7 +103,7 @@ def angle_of(key: np.uint64, number: int, i: int) -> float:
     return _STEEPEST * rng.uniform(key, rng.ENTRAINED_ANGLE, 64 * number + i)
 
 
-@kernel
+@lean
 def entrain(
     loose: LooseBlocks,
     spawned: Spawned,

@@ -9,12 +9,12 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from sassgis.engine.effects.spawning import Spawned, spawn
-from sassgis.engine.state import Block, Record
+from sassgis.engine.effects.spawning import spawn
+from sassgis.engine.state import Block, Record, Spawned
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
 from sassgis.model.grid import FloatArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool
     return bool(rng.uniform(key, rng.BREAKS, number) < chance)
 
 
-@kernel
+@lean
 def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
     """Shares of the volume of the fragments, largest first; they add up to 1.
 
@@ -139,7 +139,7 @@ def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
     return n
 
 
-@kernel
+@lean
 def sideways_speeds(
     breaking: Breaking, key: np.uint64, number: int, n: int, share: FloatArray, out: FloatArray
 ) -> float:

@@ -7,8 +7,40 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.state import Records, record_type
 from sassgis.model.errors import ConfigError
-from sassgis.model.ground import GroundTable
+from sassgis.model.ground import PARAMETERS, GroundTable
+
+#: Effects with ground classes, by the name of their settings.
+SWITCHED = ("soft_ground", "roughness", "entrainment")
+
+#: Parameters of a ground class, and whether each of these effects acts there.
+GROUND_DTYPE = record_type(
+    *((name, np.float64) for name in PARAMETERS), *((name, np.bool_) for name in SWITCHED)
+)
+
+
+def ground_rows(table: GroundTable, classes: dict[str, Sequence[str]]) -> Records:
+    """The ground table as the kernel reads it: GROUND_DTYPE, shape (n_classes,).
+
+    Parameters
+    ----------
+    table : GroundTable
+    classes : dict of str to sequence of str
+        Ground classes of each effect that acts; no names are all classes.
+
+    Raises
+    ------
+    ConfigError
+        A name is no ground class.
+    """
+    parameters = table.rows()
+    rows = np.zeros(parameters.size, GROUND_DTYPE)
+    for name in PARAMETERS:
+        rows[name] = parameters[name]
+    for effect, names in classes.items():
+        rows[effect] = classes_on(names, table, effect)
+    return rows
 
 
 def classes_on(names: Sequence[str], table: GroundTable, effect: str) -> NDArray[np.bool_]:
@@ -29,8 +61,3 @@ def classes_on(names: Sequence[str], table: GroundTable, effect: str) -> NDArray
                 expected="one of " + ", ".join(known),
             )
     return np.array([not names or name in names for name in known], np.bool_)
-
-
-def nowhere(table: GroundTable) -> NDArray[np.bool_]:
-    """No ground class at all."""
-    return np.zeros(len(table.names), np.bool_)

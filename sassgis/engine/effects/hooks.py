@@ -23,12 +23,19 @@ from sassgis.engine.effects import (
     trees,
     wind,
 )
+from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.registry import in_motion
-from sassgis.engine.effects.spawning import Spawned, room_for
 from sassgis.engine.impact import COULOMB
-from sassgis.engine.state import STATE_FIELDS, Block, Record, Site, record_type
+from sassgis.engine.state import (
+    STATE_FIELDS,
+    Block,
+    Record,
+    Records,
+    Site,
+    Spawned,
+    record_type,
+)
 from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.jit import inlined
 
@@ -57,44 +64,48 @@ class Effects(NamedTuple):
     shape: rock_shape.Shape
     breaking: fragmentation.Breaking
     loose: entrainment.LooseBlocks
-    spawned: Spawned
     push: wind.Push
 
 
-def prepare(
-    settings: EffectSettings,
-    table: GroundTable,
-    stems: FloatArray,
-    diameter: FloatArray,
-    most_spawned: int = MOST_SPAWNED,
-) -> Effects | None:
+def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
     """Effects for the kernel; None if none is on.
 
     Parameters
     ----------
     settings : EffectSettings
-    table : GroundTable
-    stems, diameter : float64, shape (n_cells,)
-        Stems per square metre and their diameter at breast height (m) on the cells of the chunk.
-    most_spawned : int
-        Blocks that one released block may spawn.
+    has_stems : bool
+        Whether there is any forest on the cells of the chunk.
     """
     if not in_motion(settings):
         return None
-    spawns = any(
-        settings.get(kind) for kind in (fragmentation.Fragmentation, entrainment.Entrainment)
-    )
     return Effects(
         air_drag.prepare(settings.get(air_drag.AirDrag)),
-        trees.prepare(settings.get(trees.Trees), stems, diameter),
-        soft_ground.prepare(settings.get(soft_ground.SoftGround), table),
-        roughness.prepare(settings.get(roughness.Roughness), table),
+        trees.prepare(settings.get(trees.Trees), has_stems),
+        soft_ground.prepare(settings.get(soft_ground.SoftGround)),
+        roughness.prepare(settings.get(roughness.Roughness)),
         rock_shape.prepare(settings.get(rock_shape.RockShape)),
         fragmentation.prepare(settings.get(fragmentation.Fragmentation)),
-        entrainment.prepare(settings.get(entrainment.Entrainment), table),
-        room_for(most_spawned if spawns else 1),
+        entrainment.prepare(settings.get(entrainment.Entrainment)),
         wind.prepare(settings.get(wind.Wind)),
     )
+
+
+def ground_of(settings: EffectSettings, table: GroundTable) -> Records:
+    """Ground classes for the kernel (ground_switch.GROUND_DTYPE), with the effects on each."""
+    if not in_motion(settings):
+        return ground_rows(table, {})
+    switched = (
+        settings.get(soft_ground.SoftGround),
+        settings.get(roughness.Roughness),
+        settings.get(entrainment.Entrainment),
+    )
+    return ground_rows(table, {own.name: own.classes for own in switched if own is not None})
+
+
+def most_spawned(settings: EffectSettings) -> int:
+    """For how many blocks that one released block spawns there has to be room."""
+    spawning = (fragmentation.Fragmentation, entrainment.Entrainment)
+    return MOST_SPAWNED if any(settings.get(kind) for kind in spawning) else 0
 
 
 @inlined
@@ -110,8 +121,6 @@ def on_block(effects: Effects | None, block: Block) -> Block:
 def on_start(effects: Effects | None, state: Record, block: Block) -> None:
     """Set the memory for a new block."""
     if effects is not None:
-        if not state.spawned:
-            effects.spawned.filled[0] = 0
         memory = state
         memory.resistance = air_drag.resistance(effects.drag, block.a, block.b, block.c, block.mass)
         memory.push_before = 0.0
@@ -140,7 +149,7 @@ def before_flight(
         memory = state
         memory.x_from = state.x
         memory.stem_rate = 0.0
-        memory.stem_cell = -1
+        memory.stems = 0.0
         memory.at_stem = False
         memory.cut = False
         if effects.drag.form != air_drag.OFF and effects.drag.step < limit:
@@ -163,7 +172,7 @@ def before_flight(
 def _brake(effects: Effects, memory: Record, state: Record, block: Block, time: float) -> float:
     """Let what acts all the time act on a block in flight; returns the share left by trees."""
     vx, vz = air_drag.slowed(memory.resistance, state.vx, state.vz, time)
-    kept = trees.left_by_viscous(effects.stand, memory.stem_cell, block.mass, time)
+    kept = trees.left_by_viscous(effects.stand, memory.stems, block.mass, time)
     state.vx = vx * kept
     state.vz = vz * kept
     return kept
@@ -257,7 +266,7 @@ def before_stretch(
             memory.at_stem = False
         # Half of the force before the stretch and half after it: second order in its length.
         kept = trees.left_after_path(
-            effects.stand, memory.stem_cell, block.mass, state.speed, 0.5 * length
+            effects.stand, memory.stems, block.mass, state.speed, 0.5 * length
         )
         state.speed *= kept
         state.omega *= kept
@@ -278,7 +287,7 @@ def after_stretch(
             kept = trees.speed_left_at_stem(effects.stand, memory, block.key, energy)
         else:
             kept = trees.left_after_path(
-                effects.stand, memory.stem_cell, block.mass, state.speed, 0.5 * length
+                effects.stand, memory.stems, block.mass, state.speed, 0.5 * length
             )
         state.speed *= kept
         state.omega *= kept
@@ -289,7 +298,7 @@ def on_contact(
     effects: Effects | None,
     state: Record,
     block: Block,
-    kind: int,
+    ground: Record,
     nx: float,
     nz: float,
     rule: int,
@@ -297,14 +306,14 @@ def on_contact(
 ) -> tuple[float, float, int, float]:
     """The surface that an impact meets: its normal, the rule of impact and the friction.
 
-    ``kind`` is the ground class.
+    ``ground`` is the row of the ground class.
     """
     if effects is not None:
-        if effects.rough.form != roughness.OFF and effects.rough.on[kind]:
+        if effects.rough.form != roughness.OFF and ground.roughness:
             nx, nz = roughness.tilted(
                 effects.rough, block.key, state.impacts, block.radius, state.vx, state.vz, nx, nz
             )
-        if effects.soft.form == soft_ground.SLIP and effects.soft.on[kind]:
+        if effects.soft.form == soft_ground.SLIP and ground.soft_ground:
             rule = COULOMB
             friction = effects.soft.friction
     return nx, nz, rule, friction
@@ -315,7 +324,7 @@ def after_impact(
     effects: Effects | None,
     state: Record,
     block: Block,
-    kind: int,
+    ground: Record,
     into: float,
     wt: float,
     wn: float,
@@ -323,7 +332,7 @@ def after_impact(
 ) -> tuple[float, float, float]:
     """Velocity and spin after an impact with normal speed ``into`` (m/s), from those without."""
     if effects is not None:
-        if effects.soft.on[kind]:
+        if ground.soft_ground:
             wt, wn, omega = soft_ground.after_impact(
                 effects.soft, block.mass, block.radius, into, wt, wn, omega
             )
@@ -334,7 +343,13 @@ def after_impact(
 
 @inlined
 def on_loss(
-    effects: Effects | None, state: Record, block: Block, ground: Record, lost: float
+    effects: Effects | None,
+    state: Record,
+    block: Block,
+    spawned: Spawned,
+    here: Record,
+    ground: Record,
+    lost: float,
 ) -> bool:
     """Spawn blocks where an impact took energy (J/kg); whether the block itself is broken.
 
@@ -342,24 +357,19 @@ def on_loss(
     ----------
     state : Record
         After the impact.
-    ground : a row of VERTEX_DTYPE
-        The segment that was hit.
+    spawned : Spawned
+        Added to.
+    here, ground : a row of VERTEX_DTYPE, a row of GROUND_DTYPE
+        The segment that was hit, and its ground class.
     """
     if effects is not None:
         # Spawned blocks entrain no others: a chain would have no end.
-        if (
-            not state.spawned
-            and effects.loose.form != entrainment.OFF
-            and effects.loose.on[ground.ground]
-        ):
+        if not state.spawned and effects.loose.form != entrainment.OFF and ground.entrainment:
             entrainment.entrain(
-                effects.loose, effects.spawned, block, state.impacts, lost * block.mass, state,
-                ground,
+                effects.loose, spawned, block, state.impacts, lost * block.mass, state, here
             )  # fmt: skip
         if effects.breaking.form != fragmentation.OFF and fragmentation.breaks(
             effects.breaking, block.key, state.impacts, lost
         ):
-            return fragmentation.break_up(
-                effects.breaking, effects.spawned, block, state.impacts, state
-            )
+            return fragmentation.break_up(effects.breaking, spawned, block, state.impacts, state)
     return False

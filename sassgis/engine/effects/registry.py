@@ -279,5 +279,5 @@ EFFECTS: Mapping[str, Effect] = {row.name: row for row in _ROWS}
 
 
 def in_motion(effects: EffectSettings) -> bool:
-    """Whether an effect is on that changes the motion of a rock along its path."""
+    """Whether an effect is on that changes the motion of a block along its path."""
     return any(EFFECTS[name].phase != "path" for name in effects.names)

@@ -8,12 +8,9 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
-from sassgis.engine.effects.ground_switch import classes_on, nowhere
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
-from sassgis.model.ground import GroundTable
 from sassgis.model.jit import kernel
 
 
@@ -50,18 +47,16 @@ class Rough(NamedTuple):
     form: int
     obstacle: float  # m
     wavelength: float  # m
-    on: NDArray[np.bool_]  # by ground class
 
 
-def prepare(settings: Roughness | None, table: GroundTable) -> Rough:
+def prepare(settings: Roughness | None) -> Rough:
     """From settings to what the kernel reads."""
     if settings is None or settings.obstacle_m == 0.0:
-        return Rough(OFF, 0.0, 1.0, nowhere(table))
+        return Rough(OFF, 0.0, 1.0)
     return Rough(
         {"uniform": UNIFORM, "wave": WAVE}[settings.form],
         float(settings.obstacle_m),
         float(settings.wavelength_m),
-        classes_on(settings.classes, table, "roughness"),
     )
 
 

@@ -6,13 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
-import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
-from sassgis.engine.effects.ground_switch import classes_on, nowhere
 from sassgis.model.effects import EffectSection
-from sassgis.model.ground import GroundTable
 from sassgis.model.jit import kernel
 
 
@@ -66,13 +62,12 @@ class Soft(NamedTuple):
     drag: float
     density: float
     friction: float
-    on: NDArray[np.bool_]  # by ground class
 
 
-def prepare(settings: SoftGround | None, table: GroundTable) -> Soft:
+def prepare(settings: SoftGround | None) -> Soft:
     """From settings to what the kernel reads."""
     if settings is None:
-        return Soft(OFF, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, nowhere(table))
+        return Soft(OFF, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
     return Soft(
         {"velocity_scaled": VELOCITY_SCALED, "scar": SCAR, "slip": SLIP}[settings.form],
         float(settings.reference_speed_mps),
@@ -81,7 +76,6 @@ def prepare(settings: SoftGround | None, table: GroundTable) -> Soft:
         float(settings.drag_coefficient),
         float(settings.soil_density_kgm3),
         float(settings.friction),
-        classes_on(settings.classes, table, "soft_ground"),
     )
 
 

@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
-from sassgis.engine.state import SPAWNED_DTYPE, Block, Records
-from sassgis.model.jit import kernel
-
-
-class Spawned(NamedTuple):
-    """Blocks that one released block and those that it has spawned have spawned so far."""
-
-    rows: Records  # SPAWNED_DTYPE
-    filled: NDArray[np.int64]  # (1,), beyond the rows if there were too few
+from sassgis.engine.state import SPAWNED_DTYPE, Block, Spawned
+from sassgis.model.jit import lean
 
 
 def room_for(most: int) -> Spawned:
@@ -23,7 +13,7 @@ def room_for(most: int) -> Spawned:
     return Spawned(np.zeros(most, SPAWNED_DTYPE), np.zeros(1, np.int64))
 
 
-@kernel
+@lean
 def spawn(
     spawned: Spawned,
     x: float,

@@ -8,14 +8,12 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
-from numpy.typing import NDArray
 
 from sassgis.engine.profile import segment_at, to_cell_border
 from sassgis.engine.state import Block, Record, Site
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
-from sassgis.model.grid import FloatArray
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,52 +66,49 @@ MEMORY = (
     ("to_stem", np.float64),  # stems expected up to the next one that is met
     ("stems_met", np.int64),
     ("stem_rate", np.float64),  # stems per metre of the present step
-    ("stem_cell", np.int64),  # cell of the present step, -1 where no stem can be met
+    ("stems", np.float64),  # per m² where the present step is; 0 where none can be met
+    ("diameter", np.float64),  # of the stems there, at breast height (m)
     ("at_stem", np.bool_),  # whether the present step ends at a stem
 )
 
 
 class Stand(NamedTuple):
-    """Trees as the kernel reads it, and the forest on the cells of the chunk."""
+    """Trees as the kernel reads it; the forest stands on the stretches of the profile."""
 
     form: int
     efficiency: float
     drag: float  # kg/s
     height: float  # m
-    stems: NDArray[np.float64]  # (n_cells,) per m²
-    diameter: NDArray[np.float64]  # (n_cells,) at breast height (m)
 
 
-def prepare(settings: Trees | None, stems: FloatArray, diameter: FloatArray) -> Stand:
-    """From settings to what the kernel reads; parameters as hooks.prepare."""
-    if settings is None or not settings.takes_anything or not (stems > 0.0).any():
-        none = np.zeros(0)
-        return Stand(OFF, 0.0, 0.0, 0.0, none, none)
+def prepare(settings: Trees | None, has_stems: bool) -> Stand:
+    """From settings to what the kernel reads; ``has_stems``: whether there is any forest."""
+    if settings is None or not settings.takes_anything or not has_stems:
+        return Stand(OFF, 0.0, 0.0, 0.0)
     return Stand(
         {"stems": STEMS, "full_stems": FULL_STEMS, "viscous": VISCOUS}[settings.form],
         float(settings.efficiency),
         float(settings.drag_kgps),
         float(settings.height_m),
-        np.ascontiguousarray(stems, np.float64),
-        np.ascontiguousarray(diameter, np.float64),
     )
 
 
 @kernel
-def stands_on(stand: Stand, cell: int) -> bool:
-    """Whether forest stands on a cell."""
-    return bool(cell >= 0 and stand.stems[cell] > 0.0)
-
-
-@kernel
-def stems_per_metre(stand: Stand, cell: int, width: float) -> float:
+def stems_per_metre(stand: Stand, stems: float, diameter: float, width: float) -> float:
     """Stems that a block of some width meets on a metre of its path in plan.
 
     A stem is met if its axis lies within half the width of block and stem from the path.
+
+    Parameters
+    ----------
+    stems, diameter : float
+        Stems per square metre; their diameter at breast height (m).
+    width : float
+        (m)
     """
-    if cell < 0 or stand.form == OFF or stand.form == VISCOUS:
+    if stand.form == OFF or stand.form == VISCOUS:
         return 0.0
-    return float(stand.stems[cell] * (width + stand.diameter[cell]))
+    return float(stems * (width + diameter))
 
 
 @kernel
@@ -141,9 +136,9 @@ def share_taken(offset: float) -> float:
 
 
 @kernel
-def stem_loss(stand: Stand, key: np.uint64, number: int, cell: int) -> float:
-    """Energy that a stem takes (J)."""
-    centimetres = 100.0 * stand.diameter[cell]
+def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> float:
+    """Energy that a stem of a diameter (m) takes (J)."""
+    centimetres = 100.0 * diameter
     most = 38.7 * centimetres**2.31 * stand.efficiency
     if stand.form == STEMS:
         return float(most * share_taken(rng.uniform(key, rng.STEM_OFFSET, number)))
@@ -151,25 +146,25 @@ def stem_loss(stand: Stand, key: np.uint64, number: int, cell: int) -> float:
 
 
 @kernel
-def left_by_viscous(stand: Stand, cell: int, mass: float, time: float) -> float:
+def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> float:
     """Share of the speed that the viscous forest leaves after a time."""
-    if stand.form != VISCOUS or not stands_on(stand, cell):
+    if stand.form != VISCOUS or stems <= 0.0:
         return 1.0
     return math.exp(-stand.drag * time / mass)
 
 
 @kernel
-def left_after_path(stand: Stand, cell: int, mass: float, speed: float, path: float) -> float:
+def left_after_path(stand: Stand, stems: float, mass: float, speed: float, path: float) -> float:
     """Share of the speed that it leaves after a path along the ground: dv = -k/m dx."""
-    if stand.form != VISCOUS or not stands_on(stand, cell) or speed <= 0.0:
+    if stand.form != VISCOUS or stems <= 0.0 or speed <= 0.0:
         return 1.0
     return max(1.0 - stand.drag * path / (mass * speed), 0.0)
 
 
 @kernel
-def longest_step(stand: Stand, cell: int, mass: float) -> float:
+def longest_step(stand: Stand, stems: float, mass: float) -> float:
     """Longest time between two turns of the viscous force (s): a tenth of the speed, or 5 ms."""
-    if stand.form != VISCOUS or not stands_on(stand, cell):
+    if stand.form != VISCOUS or stems <= 0.0:
         return np.inf
     return max(_SHARE_PER_STEP * mass / stand.drag, _SHORTEST_STEP_S)
 
@@ -196,7 +191,7 @@ def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> 
     return True, max((climb - math.sqrt(square)) / gravity, _SHORTEST_CUT_S)
 
 
-@kernel
+@lean
 def before_flight(
     stand: Stand,
     memory: Record,
@@ -208,9 +203,11 @@ def before_flight(
 ) -> float:
     """How long a flight may go on before the forest changes or a stem is met (s)."""
     direction = 1 if state.vx >= 0.0 else -1
-    cell, gap = to_cell_border(site.stretches, state.stretch, state.x, direction)
+    ahead, gap = to_cell_border(site.stretches, state.stretch, state.x, direction)
+    stretch = site.stretches[ahead]
+    stems = stretch.stems
     limit = longest
-    if stands_on(stand, cell):
+    if stems > 0.0:
         under = site.profile[segment_at(site.profile, state.x, state.segment)]
         slope = under.tz / under.tx
         below, ends = time_to_height(
@@ -218,13 +215,14 @@ def before_flight(
             gravity,
         )  # fmt: skip
         if not below:
-            cell = -1
-        ends = min(ends, longest_step(stand, cell, block.mass))
+            stems = 0.0
+        ends = min(ends, longest_step(stand, stems, block.mass))
         if ends < limit:
             limit = ends
             memory.cut = True
-        memory.stem_rate = stems_per_metre(stand, cell, 2.0 * block.c)
-    memory.stem_cell = cell
+        memory.stem_rate = stems_per_metre(stand, stems, stretch.diameter, 2.0 * block.c)
+    memory.stems = stems
+    memory.diameter = stretch.diameter
     if memory.stem_rate * gap >= memory.to_stem:
         gap = memory.to_stem / memory.stem_rate
         memory.at_stem = True
@@ -236,18 +234,20 @@ def before_flight(
     return limit
 
 
-@kernel
+@lean
 def before_stretch(
     stand: Stand, memory: Record, state: Record, block: Block, site: Site, pull: float, ux: float
 ) -> float:
     """Chainage over which a block may roll or slide before the forest changes or a stem is met."""
-    cell, gap = to_cell_border(site.stretches, state.stretch, state.x, state.direction)
-    memory.stem_cell = cell
-    memory.stem_rate = stems_per_metre(stand, cell, 2.0 * block.c)
+    ahead, gap = to_cell_border(site.stretches, state.stretch, state.x, state.direction)
+    stretch = site.stretches[ahead]
+    memory.stems = stretch.stems
+    memory.diameter = stretch.diameter
+    memory.stem_rate = stems_per_metre(stand, stretch.stems, stretch.diameter, 2.0 * block.c)
     memory.at_stem = memory.stem_rate * gap >= memory.to_stem
     if memory.at_stem:
         gap = memory.to_stem / memory.stem_rate
-    time = longest_step(stand, cell, block.mass)
+    time = longest_step(stand, stretch.stems, block.mass)
     step = max((state.speed + 0.5 * abs(pull) * time) * time, _CREEP) * ux
     if step < gap:
         gap = step
@@ -264,7 +264,7 @@ def speed_left_at_stem(stand: Stand, memory: Record, key: np.uint64, energy: flo
     energy : float
         Kinetic energy of the block (J).
     """
-    taken = stem_loss(stand, key, memory.stems_met, memory.stem_cell)
+    taken = stem_loss(stand, key, memory.stems_met, memory.diameter)
     memory.stems_met += 1
     memory.to_stem = to_next_stem(key, memory.stems_met)
     return math.sqrt(max(1.0 - taken / energy, 0.0)) if energy > 0.0 else 1.0

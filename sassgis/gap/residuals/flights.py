@@ -38,8 +38,6 @@ _LEAST_ROLLING_S = 0.8
 _LEAST_WAY_M, _LEAST_SPEED_MPS = 2.0, 0.5
 #: A rock that turns by less than this share of rolling slides.
 _SLIDES = 0.3
-#: Accelerations along the ground, from speeds and positions with errors, are known to this (m/s²).
-_ROLLING_MPS2 = 0.3
 #: Runs of each stretch along the ground, in each of two orientations.
 _ROLLED = 5
 

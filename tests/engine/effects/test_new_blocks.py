@@ -47,8 +47,7 @@ def breaking(*args, **settings):
 
 def as_read(settings):
     """Fragmentation as the kernel reads it."""
-    none = np.zeros(0)
-    effects = prepare(EffectSettings(settings), TALUS, none, none)
+    effects = prepare(EffectSettings(settings), False)
     assert effects is not None
     return effects
 

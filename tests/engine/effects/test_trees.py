@@ -100,9 +100,9 @@ def test_nothing_is_met_outside_the_stand():
 
 
 def test_a_stem_takes_what_the_formula_says():
-    stand = trees.Stand(trees.FULL_STEMS, 0.5, 0.0, 15.0, np.ones(2), np.array([0.3, 0.452]))
-    for cell, dbh in ((0, 30.0), (1, 45.2)):
-        taken = trees.stem_loss(stand, np.uint64(5), 0, cell)
+    stand = trees.Stand(trees.FULL_STEMS, 0.5, 0.0, 15.0)
+    for dbh in (30.0, 45.2):
+        taken = trees.stem_loss(stand, np.uint64(5), 0, 0.01 * dbh)
         assert taken == pytest.approx(0.5 * 38.7 * dbh**2.31, rel=1e-12)
     # Dorren and Berger (2006): some 100 kJ for a fir of 30 cm, several hundred for one of 50 cm.
     assert pytest.approx(100e3, rel=0.05) == ONE_STEM
@@ -115,8 +115,8 @@ def test_where_a_stem_is_hit_matters():
     assert share[0] == pytest.approx(0.98, abs=1e-3)
     assert share[-1] == 0.0
     assert trees.share_taken(0.58) == pytest.approx(-0.046 + 0.5 * (0.98 + 0.046), rel=1e-12)
-    stand = trees.Stand(trees.STEMS, 1.0, 0.0, 15.0, np.ones(1), np.array([0.3]))
-    taken = [trees.stem_loss(stand, np.uint64(9), i, 0) for i in range(4000)]
+    stand = trees.Stand(trees.STEMS, 1.0, 0.0, 15.0)
+    taken = [trees.stem_loss(stand, np.uint64(9), i, 0.3) for i in range(4000)]
     exact = ONE_STEM * np.trapezoid(share, offsets)
     assert np.mean(taken) == pytest.approx(exact, rel=0.03)
     assert min(taken) >= 0.0 and max(taken) <= ONE_STEM

@@ -39,6 +39,8 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
         )
     counts = json.loads((tmp_path / "out" / "manifest.json").read_text())["counts"]
     assert counts["rocks"] == 40
+    # To be copied into a configuration: no spaces between thousands.
+    assert "<td>1986</td>" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 def test_equal_seeds_give_equal_profiles_and_others_do_not(bedrina: Path) -> None:
