@@ -20,6 +20,7 @@ from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
+from sassgis.engine.effects.wind import Wind
 from sassgis.engine.simulate import simulate
 from sassgis.io.read.ground_map import read_ground_table
 from sassgis.model.blocks import BlockPopulation
@@ -38,6 +39,7 @@ CASES: dict[str, EffectSettings | None] = {
     "none": None,
     "off": EffectSettings(),
     "air_drag": EffectSettings(AirDrag()),
+    "wind": EffectSettings(Wind()),
     "trees, stems": EffectSettings(Trees()),
     "trees, viscous": EffectSettings(Trees("viscous")),
     "soft_ground": EffectSettings(SoftGround()),

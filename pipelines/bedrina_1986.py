@@ -22,7 +22,7 @@ from sassgis.io.write.frames import write_table
 from sassgis.model.errors import SassgisError
 from sassgis.report.figures import profile_comparison_figure, save, station_figure
 from sassgis.report.profile_report import profile_panel
-from sassgis.runs.profile import run_profile
+from sassgis.runs.profile_run import run_profile
 from sassgis.runs.samples import sample_folder
 
 #: Quantities of Fig. 12 with their unit and the range in which the paper's histograms mostly lie.

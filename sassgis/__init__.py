@@ -7,11 +7,11 @@ Runs
     ``load_config`` reads a configuration, ``check_inputs`` says what its files hold, ``run``,
     ``zone`` and ``run_profile`` do what the commands ``run``, ``zone`` and ``profile`` do.
 Engine
-    ``simulate`` follows rocks down profiles that are given as arrays; ``read_dem`` reads a terrain
+    ``simulate`` follows blocks down profiles that are given as arrays; ``read_dem`` reads a terrain
     model.
 Types
     ``Grid``, ``GroundTable`` and ``GroundClass``, ``BlockPopulation``, ``EngineSettings``,
-    ``Gate``, ``StopReason``, ``Outcome``.
+    ``ControlLine``, ``StopReason``, ``Outcome``.
 
 docs/python.md has examples.
 """
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from sassgis.model.ground import GroundClass, GroundTable
     from sassgis.model.results import ControlLine, Outcome, StopReason
     from sassgis.model.settings import EngineSettings
-    from sassgis.runs.profile import run_profile
+    from sassgis.runs.profile_run import run_profile
     from sassgis.runs.run import run
     from sassgis.runs.zone import zone
 
@@ -69,7 +69,7 @@ _HOMES = {
     "load_config": "sassgis.io.read.config",
     "read_dem": "sassgis.io.read.dem",
     "run": "sassgis.runs.run",
-    "run_profile": "sassgis.runs.profile",
+    "run_profile": "sassgis.runs.profile_run",
     "simulate": "sassgis.engine.simulate",
     "zone": "sassgis.runs.zone",
 }

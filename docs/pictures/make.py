@@ -16,7 +16,7 @@ from sassgis.io.read.config import load_config
 from sassgis.model.results import StopReason
 from sassgis.report.figures import profile_comparison_figure, save
 from sassgis.report.profile_report import profile_panel
-from sassgis.runs.profile import profile_from_csv, simulate_profile
+from sassgis.runs.profile_run import profile_from_csv, simulate_profile
 from sassgis.runs.samples import sample_folder
 from sassgis.runs.zone import zone
 

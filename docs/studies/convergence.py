@@ -45,13 +45,13 @@ class Variant:
 
 #: Constants of sassgis.engine that exist only because numbers are finite, halved one after another.
 NUMERICAL = (
-    ("rock._TOUCH",),
-    ("rock._FOOT",),
-    ("rock._STRAIGHT", "kernel._STRAIGHT_M"),
-    ("rock._FIRST_TURN",),
-    ("contact._DEEP", "contact._TINY", "contact._WAIT"),
+    ("ground_motion._TOUCH",),
+    ("profile._PAST",),
+    ("profile.STRAIGHT", "profile._STRAIGHT_M"),
+    ("landing.FIRST_TURN",),
+    ("touching._DEEP", "touching._TINY", "touching._WAIT"),
     # Criterion of rest for repeated contacts at one point.
-    ("rock._REST_SHARE", "rock._SAME_SPOT"),
+    ("landing._REST_SHARE", "landing._SAME_SPOT"),
 )
 
 
@@ -86,15 +86,27 @@ def variants() -> list[Variant]:
     ]
 
 
+def change_constant(name: str, factor: float) -> None:
+    """Multiply a constant of sassgis.engine, also where other files of the engine import it.
+
+    Nothing is compiled before its first call, so the compiled code sees the new value.
+    """
+    import_module("sassgis.engine.simulate")
+    file, constant = name.split(".")
+    value = getattr(import_module(f"sassgis.engine.{file}"), constant)
+    for module in [m for path, m in sys.modules.items() if path.startswith("sassgis.engine.")]:
+        if hasattr(module, constant):
+            # Two constants of one name would be changed together.
+            assert getattr(module, constant) == value, (module.__name__, constant)
+            setattr(module, constant, value * factor)
+
+
 def work(
     constants: dict[str, float], jobs: list[tuple[str, dict[str, object]]], rocks: int
 ) -> None:
     """Simulate rocks with changed constants; runs in a process of its own."""
     for name, factor in constants.items():
-        # Nothing is compiled before its first call, so the compiled code sees the new value.
-        file, constant = name.split(".")
-        module = import_module(f"sassgis.engine.{file}")
-        setattr(module, constant, getattr(module, constant) * factor)
+        change_constant(name, factor)
     from slopes import follow, table_slope, valley_slopes
 
     from sassgis.model.settings import EngineSettings
@@ -143,8 +155,8 @@ def simulated(rocks: int) -> dict[str, dict[str, NDArray[np.float64]]]:
             environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
             cache = Path(folder) / f"cache-{number}"
             if number:
-                # These hold the constants, or contain what does.
-                changed = shutil.ignore_patterns("contact.*", "rock.*", "kernel.*")
+                # The files of the engine hold the constants, or contain what does.
+                changed = shutil.ignore_patterns("engine_*", "effects_*")
                 shutil.copytree(Path(folder) / "cache-0", cache, ignore=changed)
             environment["SASSGIS_CACHE_DIR"] = str(cache)
             subprocess.run(

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sassgis.cli.options import JOBS, OUT, SEED
-from sassgis.cli.progress import Progress, conclude
+from sassgis.cli.progress_bar import ProgressBar, conclude
 
 
 @click.command()
@@ -45,7 +45,7 @@ def batch(
     """
     from sassgis.runs.batch import batch as run_batch
 
-    with Progress() as progress:
+    with ProgressBar() as progress:
         result = run_batch(
             releases,
             out,

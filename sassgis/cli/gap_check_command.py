@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sassgis.cli.options import JOBS, OUT
-from sassgis.cli.progress import Progress
+from sassgis.cli.progress_bar import ProgressBar
 
 
 @click.command("check")
@@ -35,7 +35,7 @@ def check_diagnosis(
     from sassgis.gap.check.check_scores import acceptance
     from sassgis.runs.gap_check import check
 
-    with Progress() as progress:
+    with ProgressBar() as progress:
         result = check(
             out,
             worlds=worlds,
@@ -52,6 +52,6 @@ def check_diagnosis(
         share = f"{100 * row['reached']:.0f} %" if row["worlds"] else "-"
         click.echo(
             f"{row['measure']}: {share} ({row['hits']} of {row['worlds']}; "
-            f"asked for: {row['asked_is']} {100 * row['asked']:.0f} %)"
+            f"required: {row['asked_is']} {100 * row['asked']:.0f} %)"
         )
     click.echo(f"Open {out / 'report.html'} in a browser.")

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sassgis.cli.options import CONFIG, JOBS, OUT, OVERWRITE
-from sassgis.cli.progress import Progress
+from sassgis.cli.progress_bar import ProgressBar
 
 
 @click.command()
@@ -54,7 +54,7 @@ def diagnose(
     from sassgis.runs.diagnose import DRAWS
     from sassgis.runs.diagnose import diagnose as run_diagnosis
 
-    with Progress() as progress:
+    with ProgressBar() as progress:
         result = run_diagnosis(
             config,
             observations,
@@ -74,7 +74,7 @@ def diagnose(
     if with_map:
         from sassgis.runs.gap_map_change import map_change
 
-        with Progress() as progress:
+        with ProgressBar() as progress:
             change = map_change(
                 config, out / "model" / "config.toml", out / "map", jobs, say=progress.say
             )

@@ -21,7 +21,7 @@ from sassgis.cli.options import CONFIG, OUT, OVERWRITE, SEED
     metavar="X Y",
     help="Cut the profile from the terrain, from here.",
 )
-@click.option("--rocks", type=click.IntRange(1), help="Rocks per block scenario.")
+@click.option("--rocks", type=click.IntRange(1), help="Blocks per block scenario.")
 @SEED
 @OVERWRITE
 def profile(
@@ -35,11 +35,11 @@ def profile(
 ) -> None:
     """Simulate one profile: trajectories, stations, run-out, energy along the slope."""
     from sassgis.model.errors import ConfigError
-    from sassgis.runs.profile import run_profile
+    from sassgis.runs.profile_run import run_profile
 
     if csv_file is not None and point is not None:
         raise ConfigError("--csv and --point exclude each other", expected="one of them")
     result = run_profile(
         config, out, csv_file=csv_file, point=point, rocks=rocks, seed=seed, overwrite=overwrite
     )
-    click.echo(f"{result.rocks.size} rocks. Open {out / 'report.html'} in a browser.")
+    click.echo(f"{result.rocks.size} blocks. Open {out / 'report.html'} in a browser.")

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sassgis.cli.options import AREAS, CONFIG, JOBS, OUT, OVERWRITE, SEED
-from sassgis.cli.progress import Progress, conclude
+from sassgis.cli.progress_bar import ProgressBar, conclude
 
 
 @click.command()
@@ -28,7 +28,7 @@ def run(
     """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
     from sassgis.runs.run import run as run_map
 
-    with Progress() as progress:
+    with ProgressBar() as progress:
         result = run_map(
             config,
             out,
@@ -39,4 +39,4 @@ def run(
             on_progress=progress.step,
             say=progress.say,
         )
-    conclude(result.warnings, f"{result.rocks} rocks in {result.seconds:.1f} s.", out)
+    conclude(result.warnings, f"{result.rocks} blocks in {result.seconds:.1f} s.", out)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sassgis.cli.options import AREAS, CONFIG, JOBS, OUT, OVERWRITE, SEED
-from sassgis.cli.progress import Progress, conclude
+from sassgis.cli.progress_bar import ProgressBar, conclude
 
 
 @click.command()
@@ -37,10 +37,10 @@ def zoned(
     jobs: int | None,
     overwrite: bool,
 ) -> None:
-    """Make hazard zones and say how it came out."""
+    """Make hazard zones and report the result."""
     from sassgis.runs.zone import zone as make_zones
 
-    with Progress() as progress:
+    with ProgressBar() as progress:
         result = make_zones(
             config,
             out,
@@ -53,7 +53,7 @@ def zoned(
         )
     hazard = result.found.hazard
     summary = (
-        f"{result.run.rocks} rocks, {hazard.levels.polygons.size} zones, "
+        f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones, "
         f"{100 * hazard.uncertain_share:.1f} % of the reached cells statistically uncertain."
     )
     conclude(result.run.warnings, summary, out)

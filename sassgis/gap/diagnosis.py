@@ -107,7 +107,7 @@ class Hypothesis:
     form : str
         Functional form that fits best.
     score : float
-        Energy score of rocks left out of the calibration, mean over rocks; less is better.
+        Energy score of rocks held out of the calibration, mean over rocks; less is better.
     gain : float
         Score of the calibrated base less this one.
     ci95 : (low, high)
@@ -132,7 +132,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class Shrinkage:
-    """How far the gap shrinks on rocks left out, S = (D_base − D_effect)/(D_base − D_floor).
+    """How far the gap shrinks on held-out rocks, S = (D_base − D_effect)/(D_base − D_floor).
 
     Attributes
     ----------
@@ -226,7 +226,7 @@ class Diagnosis:
     settings_hash : str
     seed : int
     warnings : tuple of str
-        What in the observations deserves a look.
+        What in the configuration or the observations deserves a look.
     """
 
     verdict: Verdict

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.diagnosis import GapFinding
+from sassgis.model.styles import with_unit
 
 #: Findings below this level count: of the largest gap over all (headline), or as a share of false
 #: ones among those shown (map).
@@ -112,11 +113,6 @@ def place_words(place: str) -> str:
     if upper == "release":
         return "from the release to the stop" if lower == "end" else f"above {lower}"
     return f"below {upper}" if lower == "end" else f"between {upper} and {lower}"
-
-
-def with_unit(text: str, unit: str) -> str:
-    """A number with its unit, if it has one."""
-    return f"{text} {unit}" if unit and unit != "1" else text
 
 
 def with_unit_in_brackets(text: str, unit: str) -> str:

@@ -1,1 +1,1 @@
-"""Statistics of simulated rocks: sums per cell, quantiles, the layers of the map."""
+"""Statistics of simulated blocks: sums per cell, quantiles, the layers of the map."""

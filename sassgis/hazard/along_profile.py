@@ -33,7 +33,7 @@ class ProfileInput:
     table : GroundTable
     control_lines : tuple of (ControlLine, chainage)
     start : (low, high)
-        Chainages between which rocks start (m).
+        Chainages between which blocks start (m).
     forest : Forest or None
         Stems on the stretches of the profile.
     """
@@ -50,7 +50,7 @@ class ProfileInput:
 
 @dataclass(frozen=True, slots=True)
 class ProfileResult:
-    """What the rocks of a profile left.
+    """What the blocks of a profile left.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class ProfileResult:
     passages : PASSAGE_DTYPE
     control_lines : ControlLineSums
     paths : tuple of (s, z)
-        Trajectories of the first rocks of each block scenario (m).
+        Trajectories of the first blocks of each block scenario (m).
     drawn : int
         How many of each scenario.
     stretches : float64, shape (n + 1,)
@@ -137,7 +137,7 @@ def share_within(
 
 
 def arrivals(result: ProfileResult, control_line: str) -> int:
-    """Rocks that came to a station or barrier, by its name."""
+    """Blocks that reached a station or barrier, by its name."""
     names = [g.name for g, _ in result.profile.control_lines]
     return result.control_lines.arrivals(names.index(control_line))
 

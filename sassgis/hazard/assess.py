@@ -33,9 +33,9 @@ class ZoneFacts:
     ----------
     area_m2 : float64, shape (n_zones,)
     cells : int64, shape (n_zones,)
-        Cells that rocks reach; the others were raised when the zone was drawn.
+        Cells that blocks reach; the others were raised when the zone was drawn.
     uncertain : float64, shape (n_zones,)
-        Share of those cells whose level another sample of rocks might change; NaN without any.
+        Share of those cells whose level another sample of blocks might change; NaN without any.
     shares : float64, shape (n_zones, n_sources)
         Of each source in the rate that makes the level; NaN in zones without a reached cell.
     governing : int64, shape (n_zones,)
@@ -72,7 +72,7 @@ class Hazard:
     intensities : tuple of IntensityMap
         From frequent to rare; class k is the preset's intensity k - 1.
     uncertain : bool, shape (n_cells,)
-        Whether another sample of rocks might change the level of a cell of ``curves``.
+        Whether another sample of blocks might change the level of a cell of ``curves``.
     """
 
     sampled: tuple[Sampled, ...]
@@ -84,7 +84,7 @@ class Hazard:
 
     @property
     def uncertain_share(self) -> float:
-        """Share of the cells that rocks reach whose level another sample might change."""
+        """Share of the cells that blocks reach whose level another sample might change."""
         return _share(self.uncertain)
 
 
@@ -284,7 +284,7 @@ class Assessment:
 
     @property
     def without_barriers(self) -> tuple[Sampled, ...]:
-        """The sources as they come to a line if no barrier holds them."""
+        """The sources as they reach a line without barriers."""
         return (self.without or self.hazard).sampled
 
 

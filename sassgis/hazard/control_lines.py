@@ -30,7 +30,7 @@ class Distribution:
     ----------
     count : int
     mean, smallest, largest : float
-        Exact, to 1e-6 of the unit; NaN if nothing came.
+        Exact, to 1e-6 of the unit; NaN if no block arrived.
     histogram : Histogram
     """
 
@@ -41,7 +41,7 @@ class Distribution:
     histogram: Histogram
 
     def quantile(self, *probabilities: float) -> tuple[float, ...]:
-        """Quantiles, exact to the width of a bin; NaN if nothing came."""
+        """Quantiles, exact to the width of a bin; NaN if no block arrived."""
         values = quantiles(
             self.histogram.counts[None, :],
             self.histogram.edges,
@@ -87,7 +87,7 @@ class ControlLineSums:
             np.maximum.at(self._most[q], control_line, values)
 
     def add_sums(self, other: ControlLineSums, numbers: IntArray) -> None:
-        """Join the counts of other rocks.
+        """Join the counts of other blocks.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class ControlLineSums:
             self._most[q][numbers] = np.maximum(self._most[q][numbers], other._most[q])
 
     def outcomes(self, control_line: int) -> dict[Outcome, int]:
-        """How many rocks had which outcome at a control line (its position)."""
+        """How many blocks had which outcome at a control line (its position)."""
         return {o: int(self._outcomes[control_line, o]) for o in Outcome}
 
     def arrivals(self, control_line: int) -> int:

@@ -1,8 +1,8 @@
-"""Hazard curves: how often rocks come to each place with at least some energy.
+"""Hazard curves: how often blocks reach each place with at least some energy.
 
-Each simulated rock stands for a yearly frequency, its source's onset frequency over the rocks that
-were simulated. The rate of a place is the sum over the rocks that came there; what those rocks say
-of the energy makes the curve.
+Each simulated block has an annual frequency, its source's onset frequency over the blocks that
+were simulated. The rate of a place is the sum over the blocks that arrived there; their energies
+make the curve.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _ROUNDING = 1e-12
 
 
 def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
-    """Yearly frequency with which the rocks of one source come to its places.
+    """Annual frequency with which the blocks of one source reach its places.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def source_rate(source: Source, counts: SourceCounts) -> FloatArray:
     Returns
     -------
     float64, shape (n, n_energies)
-        λ(E >= e) per year: onset frequency times the share of the rocks that came.
+        λ(E >= e) per year: onset frequency times the share of the blocks that arrived.
     """
     rate: FloatArray = source.rate_per_rock * counts.count.astype(np.float64)
     return rate
@@ -49,9 +49,9 @@ def source_variance(source: Source, counts: SourceCounts) -> FloatArray:
     Returns
     -------
     float64, shape (n, n_energies)
-        In 1/year²; see ``statistics.count_variance``. NaN where rocks were counted but the sample
-        cannot tell (one rock per line, one random line); 0 where none was, as in the places that
-        the source does not reach at all.
+        In 1/year²; see ``statistics.count_variance``. NaN where blocks were counted but the sample
+        does not give it (one block per line, one random line); 0 where none was, as in the places
+        that the source does not reach at all.
     """
     variance = count_variance(
         counts.count,
@@ -75,10 +75,11 @@ def hazard_curves(
     Sources are independent samples, and their variances add up. Not so the scenarios of an area
     whose release points were drawn at random: they start from the same points, and where one is by
     chance too often, the others are too. There the standard errors are added, which is the most
-    that they can come to.
+    that they can reach.
 
-    The rate of one rock is the largest of the scenarios of those areas from which any rock came:
-    none of a few rocks of a frequent scenario says little against it where a rare one arrives.
+    The rate of one block is the largest of the scenarios of those areas from which any block
+    arrived: none of a few blocks of a frequent scenario says little against it where a rare one
+    arrives.
 
     Parameters
     ----------
@@ -191,7 +192,7 @@ def meets(rate: ArrayLike, years: float) -> NDArray[np.bool_]:
 def probability_over(years: float, rate: ArrayLike) -> FloatArray:
     """Probability of at least one event within some years.
 
-    p = 1 − (1 − 1/T)^n with 1/T the yearly rate: at most one event a year. At rates of one a year
+    p = 1 − (1 − 1/T)^n with 1/T the annual rate: at most one event a year. At rates of one a year
     and more, where that formula ends, p is 1.
 
     Parameters
@@ -201,11 +202,11 @@ def probability_over(years: float, rate: ArrayLike) -> FloatArray:
     rate : array_like
         1/T, per year.
     """
-    yearly = np.clip(np.asarray(rate, np.float64), 0.0, 1.0)
+    annual = np.clip(np.asarray(rate, np.float64), 0.0, 1.0)
     if years <= 0.0:
-        return np.where(np.isnan(yearly), np.nan, 0.0)
+        return np.where(np.isnan(annual), np.nan, 0.0)
     with np.errstate(divide="ignore"):
-        probability: FloatArray = -np.expm1(years * np.log1p(-yearly))
+        probability: FloatArray = -np.expm1(years * np.log1p(-annual))
     return probability
 
 
@@ -214,8 +215,8 @@ def energy_at(curves: HazardCurves, years: float) -> FloatArray:
 
     The largest energy e with λ(E >= e) >= 1/T. Between two energies of the curve both logarithms
     are taken as linear, with two exceptions: from 0 kJ to the next energy, the energy itself is
-    linear (0 has no logarithm); and up to an energy that no rock has, the rate itself is linear
-    (as if the rocks were spread evenly between the two energies). Beyond the last energy of the
+    linear (0 has no logarithm); and up to an energy that no block has, the rate itself is linear
+    (as if the blocks were spread evenly between the two energies). Beyond the last energy of the
     curve nothing is known: the last one is given there.
 
     Parameters
@@ -227,7 +228,7 @@ def energy_at(curves: HazardCurves, years: float) -> FloatArray:
     Returns
     -------
     float64, shape (n,)
-        kJ; NaN where rocks come less often than once in T.
+        kJ; NaN where blocks arrive less often than once in T.
     """
     energies = curves.energies_kj
     met = meets(curves.rate, years)
@@ -256,14 +257,14 @@ def energy_at(curves: HazardCurves, years: float) -> FloatArray:
 
 
 def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Limits between which the rates lie, given the sample of rocks.
+    """Limits between which the rates lie, given the sample of blocks.
 
     The gamma interval for weighted sums of counts (Fay and Feuer 1997, Statistics in Medicine 16:
     791-801): the lower limit is a quantile of the gamma distribution with the mean λ and variance v
     of the rate, the upper one of that with mean λ + w and variance v + w², w being the rate of one
-    rock more. For counts with one weight it is the exact interval of a Poisson mean. It tells what
-    another sample of rocks would change, and nothing of the model, its parameters or the onset
-    frequency.
+    block more. For counts with one weight it is the exact interval of a Poisson mean. It states
+    what another sample of blocks would change, and nothing of the model, its parameters or the
+    onset frequency.
 
     Parameters
     ----------
@@ -274,7 +275,7 @@ def rate_interval(curves: HazardCurves, confidence: float = 0.95) -> tuple[Float
     Returns
     -------
     lower, upper : float64, shape (n, n_energies)
-        Per year. With no rock counted the lower limit is 0; with variance 0 it is the rate. NaN
+        Per year. With no block counted the lower limit is 0; with variance 0 it is the rate. NaN
         where the variance is.
     """
     return _interval(curves.rate, curves.variance, curves.rate_of_a_rock[:, None], confidence)

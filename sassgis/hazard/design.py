@@ -14,7 +14,7 @@ from sassgis.model.hazard import Source
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """How often rocks come to a line with at least some energy, height or the like.
+    """How often blocks reach a line with at least some energy, height or the like.
 
     Attributes
     ----------
@@ -23,9 +23,9 @@ class Arrivals:
     rate : float64, shape (n + 1,)
         Frequency at or above each edge, per year; 0 at the last.
     rocks : int64, shape (n + 1,)
-        Simulated rocks behind it.
+        Simulated blocks behind it.
     largest : float
-        Largest value of any rock; NaN if none came.
+        Largest value of any block; NaN if none arrived.
     """
 
     edges: FloatArray
@@ -69,12 +69,12 @@ def arrivals(
 def value_at_rate(curve: Arrivals, rate: float) -> float:
     """The smallest value that is exceeded no more often than ``rate`` (per year).
 
-    Within a bin the rocks are taken as spread evenly; no value lies above the largest seen.
+    Within a bin the blocks are taken as spread evenly; no value lies above the largest seen.
 
     Returns
     -------
     float
-        NaN where rocks come less often than that at all: there is no such value.
+        NaN where blocks arrive less often than that at all: there is no such value.
     """
     if curve.rate[0] <= rate:
         return float("nan")
@@ -87,12 +87,12 @@ def value_at_rate(curve: Arrivals, rate: float) -> float:
 
 
 def quantile(curve: Arrivals, probability: float) -> float:
-    """Quantile of the rocks that arrive, weighted by their frequency; NaN where none comes."""
+    """Quantile of the blocks that arrive, weighted by their frequency; NaN where none arrives."""
     return value_at_rate(curve, (1.0 - probability) * float(curve.rate[0]))
 
 
 def rocks_beyond(curve: Arrivals, rate: float) -> int:
-    """Simulated rocks above the value that is exceeded at ``rate``: few mean a poor estimate.
+    """Simulated blocks above the value that is exceeded at ``rate``: few mean a poor estimate.
 
     Counted from the upper edge of the bin that holds the value.
     """

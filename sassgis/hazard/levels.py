@@ -12,7 +12,7 @@ from sassgis.hazard.curves import at_energies, meets, rate_interval
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 
-#: Beyond this many times the rocks a cell counts as one that no sample decides.
+#: Beyond this many times the blocks a cell counts as one that no sample decides.
 MAX_FACTOR = 2.0**20
 _STEPS = 10  # halvings of the logarithm of MAX_FACTOR: the factor is found to 1.4 %
 
@@ -20,7 +20,7 @@ _STEPS = 10  # halvings of the logarithm of MAX_FACTOR: the factor is found to 1
 def intensity_class(
     curves: HazardCurves, preset: HazardPreset, years: float | None
 ) -> NDArray[np.int16]:
-    """Strongest class of intensity that comes at least once in a return period.
+    """Strongest class of intensity that is reached at least once in a return period.
 
     Parameters
     ----------
@@ -28,13 +28,13 @@ def intensity_class(
         With the thresholds of the preset among its energies.
     preset : HazardPreset
     years : float or None
-        Return period T: a class is met if λ(E >= its lower limit) >= 1/T, the lowest class if rocks
-        come that often at all. None: the extreme event, whatever came at all.
+        Return period T: a class is met if λ(E >= its lower limit) >= 1/T, the lowest class if
+        blocks arrive that often at all. None: the extreme event, whatever arrived at all.
 
     Returns
     -------
     int16, shape (n,)
-        0 where rocks come less often, else the class's position in the preset plus 1.
+        0 where blocks arrive less often, else the class's position in the preset plus 1.
     """
     rate = at_energies(curves, preset.thresholds_kj).rate
     met = rate > 0.0 if years is None else meets(rate, years)
@@ -68,10 +68,10 @@ def levels_of_rates(rate: FloatArray, preset: HazardPreset) -> NDArray[np.int16]
 
 
 def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16]:
-    """Hazard level of each place: the worst level of the matrix that its curve crosses.
+    """Hazard level of each place: the highest level of the matrix that its curve crosses.
 
     Along the curve the rate falls as the energy rises, so within a class of intensity its lower
-    limit has the worst level: the thresholds alone decide.
+    limit has the highest level: the thresholds alone decide.
 
     Parameters
     ----------
@@ -82,11 +82,11 @@ def hazard_level(curves: HazardCurves, preset: HazardPreset) -> NDArray[np.int16
     Returns
     -------
     int16, shape (n,)
-        0 where no rock comes, else the level's position in the preset plus 1.
+        0 where no block arrives, else the level's position in the preset plus 1.
     """
     rate = at_energies(curves, preset.thresholds_kj).rate
-    worst: NDArray[np.int16] = levels_of_rates(rate, preset).max(axis=1, initial=0)
-    return worst
+    highest: NDArray[np.int16] = levels_of_rates(rate, preset).max(axis=1, initial=0)
+    return highest
 
 
 def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
@@ -101,7 +101,7 @@ def deciding_energy(curves: HazardCurves, preset: HazardPreset) -> IntArray:
     -------
     int64, shape (n,)
         Column among ``curves.energies_kj``: the lower limit of the weakest class of intensity that
-        gives the level. -1 where no rock comes.
+        gives the level. -1 where no block arrives.
     """
     columns = np.array([curves.column(e) for e in preset.thresholds_kj], np.int64)
     levels = levels_of_rates(curves.rate[:, columns], preset)
@@ -129,8 +129,8 @@ def level_interval(
     Returns
     -------
     lowest, highest : int16, shape (n,)
-        The level lies between them. A place that rocks come to is never "not reached" at its lower
-        limits. Where the sample cannot tell the variance, the rate may be anything above 0.
+        The level lies between them. A place that blocks reach is never "not reached" at its lower
+        limits. Where the sample does not give the variance, the rate may be anything above 0.
     """
     few = at_energies(curves, preset.thresholds_kj)
     lower, upper = rate_interval(few, confidence)
@@ -145,22 +145,22 @@ def levels_of_interval(
     Parameters
     ----------
     rate, lower, upper : float64, shape (n, n_intensities)
-        Rates at the thresholds and their limits; limits that are NaN tell nothing.
+        Rates at the thresholds and their limits; limits that are NaN are unknown.
     preset : HazardPreset
     """
-    came = rate > 0.0
+    arrived = rate > 0.0
     least = np.finfo(np.float64).tiny
-    lower = np.where(came, np.maximum(np.nan_to_num(lower, nan=0.0), least), 0.0)
+    lower = np.where(arrived, np.maximum(np.nan_to_num(lower, nan=0.0), least), 0.0)
     upper = np.where(np.isnan(upper), np.inf, upper)
     lowest = levels_of_rates(lower, preset).max(axis=1, initial=0)
     highest = levels_of_rates(upper, preset).max(axis=1, initial=0)
-    return lowest, np.where(came.any(axis=1), highest, 0).astype(np.int16)
+    return lowest, np.where(arrived.any(axis=1), highest, 0).astype(np.int16)
 
 
 def uncertain(
     curves: HazardCurves, preset: HazardPreset, confidence: float = 0.95
 ) -> NDArray[np.bool_]:
-    """Whether another sample of rocks might give a place another level, shape (n,)."""
+    """Whether another sample of blocks might give a place another level, shape (n,)."""
     lowest, highest = level_interval(curves, preset, confidence)
     differ: NDArray[np.bool_] = lowest != highest
     return differ
@@ -169,10 +169,10 @@ def uncertain(
 def rocks_factor(
     curves: HazardCurves, preset: HazardPreset, confidence: float = 0.95
 ) -> FloatArray:
-    """How many times the rocks it would take to decide the level of each place.
+    """How many times the blocks it would take to decide the level of each place.
 
-    With g times the rocks of every source, the rates being as they are, the variance falls to v/g
-    and the rate of one rock to w/g; the factor is the least g for which both ends of the interval
+    With g times the blocks of every source, the rates being as they are, the variance falls to v/g
+    and the rate of one block to w/g; the factor is the least g for which both ends of the interval
     give the same level.
 
     Parameters
@@ -186,7 +186,7 @@ def rocks_factor(
     -------
     float64, shape (n,)
         1 where the level is decided; infinite where the rate lies on a limit of the matrix, so that
-        no sample decides; NaN where the sample cannot tell its variance. Rounded up by 1.4 %.
+        no sample decides; NaN where the sample does not give its variance. Rounded up by 1.4 %.
     """
     few = at_energies(curves, preset.thresholds_kj)
     unsure = uncertain(few, preset, confidence)

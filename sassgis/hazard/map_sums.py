@@ -1,9 +1,9 @@
 """Sums per cell of the map, and what is read from them; the table of statistics says which.
 
-Every rock enters a cell's statistics once, with the largest energy, passing height and speed that
+Every block enters a cell's statistics once, with the largest energy, passing height and speed that
 it had there and the time at which it first entered. All sums are whole numbers and extremes, so
 that the result does not depend on the order of adding, and memory grows with the cells that are
-reached, not with the number of rocks.
+reached, not with the number of blocks.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sassgis.model.statistics_table import SUM_NAMES, SUMS, CellSum, Statistic, 
 
 
 class MapSums:
-    """Growing sums over the cells that rocks have come to.
+    """Growing sums over the cells that blocks reach.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class MapSums:
 
     @property
     def cells(self) -> IntArray:
-        """Flat indices of the cells with sums, in the order in which they came."""
+        """Flat indices of the cells with sums, in the order of their first block."""
         return self._cells[: self._used]
 
     def column(self, name: str) -> NDArray[Any]:
@@ -52,12 +52,12 @@ class MapSums:
         sums : mapping
             Arrays with one row per cell, by name as in the table.
         """
-        came = (np.asarray(sums["reach"], np.int64) + np.asarray(sums["stops"], np.int64)) > 0
-        cells = cells[came]
+        reached = (np.asarray(sums["reach"], np.int64) + np.asarray(sums["stops"], np.int64)) > 0
+        cells = cells[reached]
         rows = self._rows_of(cells, sums)
         for kept in SUMS:
             own = self._sums[kept.name]
-            own[rows] = kept.join(own[rows], sums[kept.name][came])
+            own[rows] = kept.join(own[rows], sums[kept.name][reached])
 
     def _rows_of(self, cells: IntArray, like: Mapping[str, NDArray[Any]]) -> IntArray:
         """Rows of the cells, made where there were none."""
@@ -144,12 +144,12 @@ def quantiles(
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """How many rocks stand behind a map.
+    """How many blocks stand behind a map.
 
     Attributes
     ----------
     rocks : int
-        All rocks released: the denominator of the reach probability.
+        All blocks released: the denominator of the reach probability.
     rocks_per_line : int
     lines : int
         Lines times block scenarios: the strata of the sample.
@@ -166,10 +166,10 @@ class Sample:
 def count_variance(
     count: IntArray, square: IntArray, rocks_per_line: int, strata: int, random_points: bool
 ) -> FloatArray:
-    """Sampling variance of the number of rocks that come to a place.
+    """Sampling variance of the number of blocks that reach a place.
 
-    With k_l of the n rocks of line l in the place and K = Σ k_l: release points on a lattice are
-    fixed, so only the rocks of each line are a sample (stratified sampling; Cochran 1977, section
+    With k_l of the n blocks of line l in the place and K = Σ k_l: release points on a lattice are
+    fixed, so only the blocks of each line are a sample (stratified sampling; Cochran 1977, section
     5.3): Var K = Σ k_l (n − k_l)/(n − 1). Points drawn at random make the line the unit (cluster
     sampling; ibid., section 9A.2): Var K = L/(L − 1) · (Σ k_l² − K²/L).
 
@@ -186,7 +186,7 @@ def count_variance(
     Returns
     -------
     float64
-        In the shape of ``count``; NaN where the sample cannot tell it: one rock per line, or one
+        In the shape of ``count``; NaN where the sample does not give it: one block per line, or one
         random line.
     """
     k = count.astype(np.float64)
@@ -206,9 +206,9 @@ def count_variance(
 def reach_probability(
     reach: IntArray, reach_square: IntArray, sample: Sample
 ) -> tuple[FloatArray, FloatArray]:
-    """Share of all rocks that come to each cell, and its sampling standard error.
+    """Share of all blocks that reach each cell, and its sampling standard error.
 
-    With k_l of n rocks of line l in the cell and N rocks in all, P = Σ k_l / N; the error is the
+    With k_l of n blocks of line l in the cell and N blocks in all, P = Σ k_l / N; the error is the
     root of ``count_variance`` over N.
 
     Parameters
@@ -220,7 +220,7 @@ def reach_probability(
     Returns
     -------
     probability, standard_error : float64, shape (n,)
-        The error is NaN where the sample cannot tell it: one rock per line, or one random line.
+        The error is NaN where the sample does not give it: one block per line, or one random line.
     """
     variance = count_variance(
         reach, reach_square, sample.rocks_per_line, sample.lines, sample.random_points
@@ -244,7 +244,7 @@ def band_values(
     Returns
     -------
     dict of str to float64, shape (n,)
-        Rows as ``sums.cells``; NaN where no rock came, or none stopped.
+        Rows as ``sums.cells``; NaN where no block arrived, or none stopped.
     """
     reach = sums.column("reach").astype(np.int64)
     shares = {b: p for b in row.bands if (p := probability_of(b)) is not None}

@@ -14,7 +14,7 @@ from sassgis.hazard.map_sums import MapSums, Sample
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.model import rng
 from sassgis.model.grid import IntArray
-from sassgis.model.map_run import FallLines, MapRun, Rows
+from sassgis.model.map_run import BlockRows, FallLines, MapRun
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, StopReason
 from sassgis.terrain.plan import Plan
@@ -30,7 +30,7 @@ class ChunkResult:
         Position of its release area.
     sums : dict of int to Simulated
         By the position of the block scenario in ``blocks``.
-    rows : Rows
+    rows : BlockRows
     lines : FallLines
     lost : int
         Blocks of lines that are too short to be simulated on.
@@ -38,7 +38,7 @@ class ChunkResult:
 
     area: int
     sums: dict[int, Simulated]
-    rows: Rows
+    rows: BlockRows
     lines: FallLines
     lost: int
 
@@ -50,7 +50,7 @@ class SourceTally:
     Attributes
     ----------
     cells, objects : SourceSums
-        Places are flat indices of cells and numbers of objects. A rock counts for a cell if it
+        Places are flat indices of cells and numbers of objects. A block counts for a cell if it
         comes within half the reference width of its centre.
     control_lines : ControlLineSums
     rocks : int
@@ -71,7 +71,7 @@ class SourceTally:
         )
 
     def add(self, result: Simulated) -> None:
-        """Add the rocks of a chunk."""
+        """Add the blocks of a chunk."""
         if result.windows.size:
             self.cells.add(result.windows, *result.window_sums.values())
         else:
@@ -94,16 +94,16 @@ class Progress:
     sums : MapSums
     control_lines : ControlLineSums
     reasons : int64, shape (len(StopReason),)
-        Rocks by the reason of their end.
+        Blocks by the reason of their end.
     lost : int
         Blocks of lines that are too short to be simulated on.
     runout : int64, shape (len(StopReason), n_bins)
-        Rocks by the reason of their end and by run-out chainage, in metres.
+        Blocks by the reason of their end and by run-out chainage, in metres.
     lines : list of FallLines
-    stops : list of Rows
-        The rocks whose stop is kept one by one; kept_stops joins them.
-    furthest : (run-out, line, scenario, rock) or None
-        The rock with the longest run-out of all (m).
+    stops : list of BlockRows
+        The blocks whose stop is kept one by one; kept_stops joins them.
+    furthest : (run-out, line, scenario, block) or None
+        The block with the longest run-out of all (m).
     sources : dict of (area, scenario) to SourceTally
         By position in ``areas`` and ``blocks``.
     pieces : int
@@ -117,7 +117,7 @@ class Progress:
     lost: int = 0
     runout: IntArray = field(default_factory=lambda: np.zeros((len(StopReason), 0), np.int64))
     lines: list[FallLines] = field(default_factory=list)
-    stops: list[Rows] = field(default_factory=list)
+    stops: list[BlockRows] = field(default_factory=list)
     furthest: tuple[float, int, int, int] | None = None
     sources: dict[tuple[int, int], SourceTally] = field(default_factory=dict)
     pieces: int = 0
@@ -134,7 +134,7 @@ class Progress:
 def add_chunk(
     progress: Progress, outcome: ChunkResult, run: MapRun, share: float, first: bool
 ) -> None:
-    """Add the result of a chunk; chunks come in their order.
+    """Add the result of a chunk; chunks are added in their order.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def add_chunk(
     progress.chunks += 1
 
 
-def _furthest(rows: Rows) -> tuple[float, int, int, int]:
+def _furthest(rows: BlockRows) -> tuple[float, int, int, int]:
     """The longest run-out and whose it is; the first in the order of the run among equals."""
     rows = _rocks_alone(rows, rows.rocks["piece"] == 0)
     reach = rows.rocks["runout_m"]
@@ -201,9 +201,9 @@ def line_ends(progress: Progress) -> dict[LineEnd, int]:
     return {e: int((ends == e).sum()) for e in LineEnd}
 
 
-def joined_rows(parts: list[Rows]) -> Rows:
+def joined_rows(parts: list[BlockRows]) -> BlockRows:
     """Rows of several chunks as one."""
-    return Rows(
+    return BlockRows(
         np.concatenate([np.empty(0, ROCK_DTYPE), *(p.rocks for p in parts)]),
         np.concatenate([np.empty(0, np.int64), *(p.rock_scenario for p in parts)]),
         np.concatenate([np.empty(0), *(p.x for p in parts)]),
@@ -230,15 +230,15 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
     )
 
 
-def evenly_kept(rows: Rows, seed: int, share: float) -> Rows:
-    """A share of the rocks, chosen by the identity of each; smaller shares are parts of larger."""
+def evenly_kept(rows: BlockRows, seed: int, share: float) -> BlockRows:
+    """A share of the blocks, chosen by the identity of each; smaller shares are parts of larger."""
     if share >= 1.0:
         return _rocks_alone(rows, np.ones(rows.rocks.size, bool))
     return _rocks_alone(rows, _lots(rows, seed).astype(np.float64) < share * 2.0**64)
 
 
-def kept_stops(run: MapRun, progress: Progress) -> Rows:
-    """The rocks that are kept one by one, ``stop_points_max`` at most, by repetition."""
+def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
+    """The blocks that are kept one by one, ``stop_points_max`` at most, by repetition."""
     rows = joined_rows(progress.stops)
     # A run has them in this order; the sums of several areas were added up area by area.
     repetition = rows.rocks["rock"] // run.rocks_per_line
@@ -250,8 +250,8 @@ def kept_stops(run: MapRun, progress: Progress) -> Rows:
     return _rocks_alone(rows, np.sort(order[: run.stop_points_max]))
 
 
-def _lots(rows: Rows, seed: int) -> NDArray[np.uint64]:
-    """A number for each rock, drawn from its identity."""
+def _lots(rows: BlockRows, seed: int) -> NDArray[np.uint64]:
+    """A number for each block, drawn from its identity."""
     lots: NDArray[np.uint64] = rng.combined(
         rng.combined(
             rng.combined(rows.rocks["line"].astype(np.uint64), rows.rocks["rock"]),
@@ -262,8 +262,8 @@ def _lots(rows: Rows, seed: int) -> NDArray[np.uint64]:
     return lots
 
 
-def _rocks_alone(rows: Rows, which: NDArray[np.generic]) -> Rows:
-    return Rows(
+def _rocks_alone(rows: BlockRows, which: NDArray[np.generic]) -> BlockRows:
+    return BlockRows(
         rows.rocks[which], rows.rock_scenario[which], rows.x[which], rows.y[which],
         rows.passages[:0], rows.passage_scenario[:0],
     )  # fmt: skip

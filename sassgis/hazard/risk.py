@@ -1,13 +1,13 @@
 """Risk of exposed objects: hits per year by intensity, losses, deaths, and what each source adds.
 
-Everything is linear in the hits: with h the yearly hits of an object by intensity class i and
+Everything is linear in the hits: with h the annual hits of an object by intensity class i and
 source s, every quantity is q = Σ_s Σ_i h[s, i] · c[s, i], where c is what one hit of the class by a
 block of the source costs. The object risk and the risk to persons follow the usual product of
 frequency, presence, vulnerability and value (Fell, Ho, Lacasse and Leroi, 2005, A framework for
 landslide risk assessment and management; in Switzerland PLANAT and EconoMe), the vehicles on a road
 Hungr, Evans and Hazzard (1999, Canadian Geotechnical Journal 36: 224-238), with the width of the
-block added to the length of the vehicle. The formulas are from general knowledge and were not
-compared with these publications line by line.
+block added to the length of the vehicle. The formulas are not checked line
+by line against these publications.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from sassgis.model.exposure import VEHICLE, ExposedObject, Vulnerability
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, Source, SourceCounts
 
-#: What is told of each object, all per year; see RiskTable.
+#: What is stated of each object, all per year; see RiskTable.
 QUANTITIES = (
     "hits",
     "property_loss",
@@ -52,7 +52,7 @@ class RiskTable:
     intensities : tuple of str
         Codes of the intensity classes, from weak to strong.
     hits : float64, shape (n_sources, n_objects, n_intensities)
-        Rocks per year whose largest energy on the object is of the class.
+        Blocks per year whose largest energy on the object is of the class.
     hits_variance : float64, same shape
         Upper bound of their sampling variance (1/year²).
     values : mapping of str to float64, shape (n_sources, n_objects)
@@ -83,7 +83,7 @@ class RiskTable:
 
     @property
     def one_rock(self) -> FloatArray:
-        """Hits per year for which one simulated rock stands, shape (n_objects,).
+        """Hits per year of one simulated block, shape (n_objects,).
 
         The largest of the sources that reach the object; 0 where none does.
         """
@@ -106,9 +106,9 @@ class RiskTotal:
     values : mapping of str to float
         The ADDITIVE quantities; each is the correctly rounded sum of the objects' values.
     standard_error : mapping of str to float
-        Upper bound: as if each source's rocks hit all objects or none.
+        Upper bound: as if each source's blocks hit all objects or none.
     standard_error_apart : mapping of str to float
-        Upper bound if no rock hits two of the objects.
+        Upper bound if no block hits two of the objects.
     individual_risk : float
         The largest of one person (1/year). Who drives along a road passes all its stretches: there
         it is the sum. NaN for a source.
@@ -212,12 +212,12 @@ def weighted_variance(
 ) -> FloatArray:
     """Upper bound of the sampling variance of Σ_i h_i c_i for one source.
 
-    The classes' counts are nested (a rock of a strong class is among those of the weak ones), so
+    The classes' counts are nested (a block of a strong class is among those of the weak ones), so
     that their errors hang together, while the sample keeps the squares of each count only and not
     their products. With w_i = c_i − c_{i−1} the quantity is Σ_i w_i λ_i.
 
-    *Release points on a lattice* (strata of n rocks). The variance of a stratum is n times the
-    variance of what one rock costs, n/(n−1) (Σ y² − (Σ y)²/n), and for costs y >= 0 no more than
+    *Release points on a lattice* (strata of n blocks). The variance of a stratum is n times the
+    variance of what one block costs, n/(n−1) (Σ y² − (Σ y)²/n), and for costs y >= 0 no more than
     Σ y²: in all f/N Σ_i h_i c_i², as for independent rare hits. Also Cov(λ_i, λ_j) = Σ k_j (n −
     k_i)/(n−1) lies between 0 and Var λ_j for the stronger class j (k_j <= k_i), which bounds
     Σ_i Σ_j w_i w_j Cov(λ_i, λ_j). The smaller of the two is given.
@@ -237,7 +237,7 @@ def weighted_variance(
     Returns
     -------
     float64, shape (n,)
-        NaN where the sample cannot tell: random points with a single line.
+        NaN where the sample does not give it: random points with a single line.
     """
     hits = class_hits(rate)
     step = np.diff(cost, axis=-1, prepend=0.0)
@@ -257,7 +257,7 @@ def weighted_variance(
         for j in range(i + 1, n):
             together = np.minimum(variance[..., j], error[..., i] * error[..., j])
             nested = nested + 2.0 * np.maximum(step[..., i] * step[..., j], 0.0) * together
-    # Lines of one rock tell no variance; the bound by the number of hits holds all the same.
+    # Lines of one block give no variance; the bound by the number of hits holds all the same.
     return np.asarray(np.fmin(rare, nested), np.float64)
 
 

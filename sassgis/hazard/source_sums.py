@@ -1,4 +1,4 @@
-"""Growing counts of one source: how many rocks came to each place, by energy."""
+"""Growing counts of one source: how many blocks reached each place, by energy."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class SourceSums:
         count, square : int64, shape (n, n_energies)
             As in SourceCounts.
         """
-        came = count[:, 0] > 0
-        if came.any():
-            self._parts.append(SourceCounts(places[came], count[came], square[came]))
+        reached = count[:, 0] > 0
+        if reached.any():
+            self._parts.append(SourceCounts(places[reached], count[reached], square[reached]))
         if len(self._parts) > _WAITING:
             self._parts = [joined(self._parts, self.n_energies)]
 

@@ -72,7 +72,7 @@ def onset_frequencies(
     InputError
         A unit does not go with the shape of an area.
     """
-    yearly = {}
+    annual = {}
     for area in areas:
         for scenario in area.scenarios:
             single = table.onsets.get((area.name, scenario))
@@ -97,8 +97,8 @@ def onset_frequencies(
                     found=f"{onset.unit}, {area.geometry.geom_type}",
                     expected=f"{_PLACE[onset.unit]}, or per_year",
                 )
-            yearly[area.name, scenario] = onset.frequency * onset.share * size
-    return yearly
+            annual[area.name, scenario] = onset.frequency * onset.share * size
+    return annual
 
 
 def _size(area: ReleaseArea, onset: Onset) -> float:
@@ -133,7 +133,7 @@ def sampled_sources(
 
 
 def on_known_terrain(counts: SourceCounts, grid: Grid) -> SourceCounts:
-    """The counts without cells of unknown height, which rocks beside them count for as well."""
+    """The counts without cells of unknown height, which blocks beside them count for as well."""
     known = np.isfinite(grid.values.ravel()[counts.places])
     if known.all():
         return counts

@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sassgis.hazard.along_profile import ProfileResult
+from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.progress import Progress, line_ends
-from sassgis.hazard.rules import preset_unverified
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundClass
 from sassgis.model.hazard import HazardPreset
@@ -50,7 +50,7 @@ def ground_warnings(used: Sequence[GroundClass], built_in: Sequence[GroundClass]
     used : sequence of GroundClass
         Those that occur.
     built_in : sequence of GroundClass
-        Those that come with sassgis: their diameters of blocks are placeholders.
+        The built-in ones: their diameters of blocks are placeholders.
     """
     out = []
     names = [c.name for c in used if not c.verified]
@@ -76,8 +76,8 @@ def spread_warnings(lines_per_point: int) -> list[str]:
     if lines_per_point > 1:
         return []
     return [
-        "All rocks of a release point keep to one fall line: maps and zones are too narrow where "
-        "rocks spread sideways. [spread] or [effects.lateral_deflection] gives them a width."
+        "All blocks of a release point keep to one fall line: maps and zones are too narrow where "
+        "blocks spread laterally. [spread] or [effects.lateral_deflection] gives them a width."
     ]
 
 
@@ -94,10 +94,10 @@ def simulation_warnings(
     for reason, what in _STOPS:
         n = int(progress.reasons[reason])
         if n:
-            out.append(f"{n} of {total} rocks ({100 * n / total:.2g} %) {what}.")
+            out.append(f"{n} of {total} blocks ({100 * n / total:.2g} %) {what}.")
     if progress.lost:
         out.append(
-            f"{progress.lost} rocks were not simulated: their fall lines end where they begin "
+            f"{progress.lost} blocks were not simulated: their fall lines end where they begin "
             "(release points on nodata or at the edge of the terrain model). They are not part of "
             "the denominator of the reach probability."
         )
@@ -105,7 +105,7 @@ def simulation_warnings(
     given = run.rocks_per_line * run.lines_per_point
     if given != asked:
         out.append(
-            f"Each release point releases {given} rocks instead of {asked}: "
+            f"Each release point releases {given} blocks instead of {asked}: "
             f"release.rocks_per_point is shared among {run.lines_per_point} lines and rounded up."
         )
     idle = [
@@ -114,7 +114,7 @@ def simulation_warnings(
         if progress.control_lines.arrivals(i) == 0
     ]
     if idle:
-        out.append("No rock comes to: " + ", ".join(idle) + ".")
+        out.append("No block reaches: " + ", ".join(idle) + ".")
     used = np.unique(run.ground[np.isfinite(run.grid.values)])
     classes = [run.table.classes[i] for i in used]
     return [*out, *ground_warnings(classes, built_in), *spread_warnings(run.lines_per_point)]
@@ -154,5 +154,5 @@ def profile_warnings(result: ProfileResult, effects: EffectSettings) -> list[str
     for reason, _ in _STOPS:
         n = int((result.rocks["reason"] == reason).sum())
         if n:
-            out.append(f"{n} of {result.rocks.size} rocks: {STOP_TEXT[reason]}.")
+            out.append(f"{n} of {result.rocks.size} blocks: {STOP_TEXT[reason]}.")
     return out

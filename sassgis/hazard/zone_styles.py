@@ -1,7 +1,7 @@
 """Ready styles of hazard zones: levels, intensities, changes by barriers, uncertain levels.
 
-Colours and names are those of the preset. Levels are not told apart by colour alone: a level that
-the preset calls hatched is drawn as stripes on white.
+Colours and names are those of the preset. Levels are not distinguished by colour alone: a level
+that the preset calls hatched is drawn as stripes on white.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from sassgis.hazard.rules import energy_labels
+from sassgis.hazard.preset_labels import energy_labels
 from sassgis.model.hazard import HazardLevel, HazardPreset
 from sassgis.model.styles import StyleClass, Symbol, VectorStyle
 
@@ -95,7 +95,7 @@ def level_change_style(column: str) -> VectorStyle:
 
 
 def uncertain_style() -> VectorStyle:
-    """Fine black lines over places whose level the sample of rocks does not settle.
+    """Fine black lines over places whose level the sample of blocks does not settle.
 
     They fall to the right, across the stripes of hatched levels.
     """

@@ -242,7 +242,7 @@ def _open_work(work: Path) -> Iterator[None]:
     with writing(work):
         if work.is_dir() and any(work.iterdir()) and not (work / MARKER_NAME).is_file():
             raise OutputError(
-                f"{work}: is in the way: the result is prepared in a folder of this name; "
+                f"{work}: exists already: the result is prepared in a folder of this name; "
                 "move it away or delete it"
             )
         work.mkdir(parents=True, exist_ok=True)

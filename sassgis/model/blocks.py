@@ -1,4 +1,4 @@
-"""Block populations: what is drawn at random for each rock."""
+"""Block populations: what is drawn at random for each block."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LIMITS_DTYPE = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class BlockPopulation:
-    """Limits between which each rock is drawn, all uniform and independent.
+    """Limits between which each block is drawn, all uniform and independent.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class BlockPopulation:
     speed_mps : (low, high)
         Initial speed along the slope, positive downhill.
     spin_radps : (low, high)
-        Initial spin, positive as a rock that rolls downhill.
+        Initial spin, positive as a block that rolls downhill.
     drop_m : (low, high)
-        Height above the resting position from which the rock is let go.
+        Height above the resting position from which the block is released.
     orientation_rad : (low, high)
         Angle of the major axis to the slope.
     volume_m3 : (low, high), optional
@@ -119,12 +119,12 @@ class BlockPopulation:
 
     @property
     def largest_mass_kg(self) -> float:
-        """Mass of the heaviest rock that can be drawn (kg)."""
+        """Mass of the heaviest block that can be drawn (kg)."""
         return self.largest_volume_m3 * self.density_kgm3[1]
 
     @property
     def largest_volume_m3(self) -> float:
-        """Volume of the largest rock that can be drawn (m³)."""
+        """Volume of the largest block that can be drawn (m³)."""
         if self.volume_m3 is not None:
             return self.volume_m3[1]
         axes = self.axis_1_m[1] * self.axis_2_m[1] * self.axis_3_m[1]
@@ -132,7 +132,7 @@ class BlockPopulation:
 
     @property
     def mean_width_m(self) -> float:
-        """Twice the mean semi-axis (m): how wide a strip a typical rock sweeps."""
+        """Twice the mean semi-axis (m): how wide a strip a typical block sweeps."""
         axes = [0.5 * sum(limits) for limits in (self.axis_1_m, self.axis_2_m, self.axis_3_m)]
         if self.volume_m3 is None:
             return 2.0 * sum(axes) / 3.0

@@ -1,6 +1,6 @@
 """What the settings of all effects share; each stands with its kernels in sassgis/engine/effects.
 
-None is on unless it is asked for.
+None is on unless it is configured.
 """
 
 from __future__ import annotations

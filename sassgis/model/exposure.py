@@ -1,4 +1,4 @@
-"""What rocks may hit, and what a hit does to it."""
+"""What blocks may hit, and what a hit does to it."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Traffic:
 
 @dataclass(frozen=True, slots=True)
 class ExposedObject:
-    """Something that rocks may hit: a building, a stretch of road or of a line, a group of people.
+    """Something that blocks may hit: a building, a stretch of road or of a line, a group of people.
 
     Attributes
     ----------
@@ -364,7 +364,7 @@ class PlacedObjects:
     objects : tuple of ExposedObject
     geometries : tuple of shapely geometry
         Polygons, line strings or points in the coordinates of the DEM (m), one per object: the
-        ground on which a rock meets the object.
+        ground on which a block meets the object.
     """
 
     objects: tuple[ExposedObject, ...]

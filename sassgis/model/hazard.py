@@ -1,4 +1,4 @@
-"""How often rocks start, what they do to the cells of the map, and the rules that make a level."""
+"""How often blocks start, what they do to the cells of the map, and the rules that make a level."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Source:
     frequency : float
         Onset frequency: blocks released per year, in the whole area.
     rocks : int
-        Rocks that were followed.
+        Simulated blocks.
     rocks_per_line : int
-        Rocks of one stratum of the sample: one fall line, or one round of it.
+        Blocks of one stratum of the sample: one fall line, or one round of it.
     random_points : bool
         Whether the release points were themselves drawn at random.
     block_width_m : float
@@ -47,13 +47,13 @@ class Source:
 
     @property
     def rate_per_rock(self) -> float:
-        """Yearly frequency for which each simulated rock stands."""
+        """Annual frequency of each simulated block."""
         return self.frequency / self.rocks if self.rocks else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SourceCounts:
-    """Rocks of one source that came to each place with at least some energy.
+    """Blocks of one source that reached each place with at least some energy.
 
     A place is a cell of the map, or an exposed object.
 
@@ -62,10 +62,10 @@ class SourceCounts:
     places : int64, shape (n,)
         Flat indices of cells, or numbers of objects; ascending, each once.
     count : int64, shape (n, n_energies)
-        Rocks whose largest energy in the place is at least that of the column. The first column is
-        for 0 kJ: all rocks that came.
+        Blocks whose largest energy in the place is at least that of the column. The first column is
+        for 0 kJ: all blocks that arrived.
     square : int64, shape (n, n_energies)
-        Sum over the strata of the sample (fall lines) of the square of the number of rocks.
+        Sum over the strata of the sample (fall lines) of the square of the number of blocks.
     """
 
     places: IntArray
@@ -74,14 +74,14 @@ class SourceCounts:
 
     @classmethod
     def none(cls, n_energies: int) -> SourceCounts:
-        """No rock came anywhere."""
+        """No block arrived anywhere."""
         empty = np.zeros((0, n_energies), np.int64)
         return cls(np.empty(0, np.int64), empty, empty.copy())
 
 
 @dataclass(frozen=True, slots=True)
 class HazardCurves:
-    """Yearly frequency with which rocks come to each place with at least some energy.
+    """Annual frequency with which blocks reach each place with at least some energy.
 
     Attributes
     ----------
@@ -92,10 +92,10 @@ class HazardCurves:
     rate : float64, shape (n, n_energies)
         λ(E >= e) per year, from all sources.
     variance : float64, shape (n, n_energies)
-        Of the rate, by the sampling of rocks (1/year²).
+        Of the rate, by the sampling of blocks (1/year²).
     rate_of_a_rock : float64, shape (n,)
-        The largest frequency for which one simulated rock stands, of all scenarios of the areas
-        from which a rock came to the place (1/year): what one rock more or less would change.
+        The largest frequency of one simulated block, of all scenarios of the areas
+        from which a block reached the place (1/year): what one block more or less would change.
     """
 
     places: IntArray

@@ -1,4 +1,4 @@
-"""What a run on the map is given, and what it keeps of single rocks and lines."""
+"""What a run on the map is given, and what it keeps of single blocks and lines."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Forest:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A disk of cells around each cell, in which a rock counts once.
+    """A disk of cells around each cell, in which a block counts once.
 
     Attributes
     ----------
@@ -126,12 +126,12 @@ class MapRun:
     stop_points_max : int
         Most stop points to keep one by one.
     repetitions : int
-        How often ``rocks_per_point`` rocks are released; those of the first repetitions stay the
+        How often ``rocks_per_point`` blocks are released; those of the first repetitions stay the
         same when there are more.
     thresholds_kj : tuple of float
         Energies that hazard curves must have a value for.
     objects : ObjectCells
-        Exposed objects at which rocks are counted.
+        Exposed objects at which blocks are counted.
     ref_width_m : float
         Reference width of the hazard curves (m); 0: one cell.
     effects : EffectSettings
@@ -164,20 +164,20 @@ class MapRun:
 
     @property
     def rocks_per_line(self) -> int:
-        """Rocks on each line of a bundle: those of the point, shared out and rounded up."""
+        """Blocks on each line of a bundle: those of the point, shared out and rounded up."""
         return -(-self.rocks_per_point // self.lines_per_point)
 
     @property
     def lines_per_point(self) -> int:
         """Lines traced from each release point in each repetition."""
-        # Rocks that share a path arrive or not together: their errors would be understated.
+        # Blocks that share a path arrive or not together: their errors would be understated.
         if self.effects.get(LateralDeflection) is not None:
             return self.rocks_per_point
         return self.spread.lines_per_point
 
     @property
     def lateral_spread(self) -> str:
-        """In words: how rocks leave the fall line."""
+        """In words: how blocks leave the fall line."""
         lateral = self.effects.get(LateralDeflection)
         if lateral is not None:
             how = (
@@ -195,21 +195,21 @@ class MapRun:
 
     @property
     def rocks_per_stratum(self) -> int:
-        """Rocks of one stratum of the sample: of a line, or of a point where paths are random."""
+        """Blocks of one stratum of the sample: of a line, or of a point where paths are random."""
         if self.effects.get(LateralDeflection) is None:
             return self.rocks_per_line
         return self.rocks_per_line * self.lines_per_point
 
     @property
     def window(self) -> Window | None:
-        """The cells in which a rock counts for the hazard at the one in their middle."""
+        """The cells in which a block counts for the hazard at the one in their middle."""
         radius = 0.5 * self.ref_width_m / self.grid.cell_size
         return Window(*self.grid.shape, radius) if radius >= 1.0 else None
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
-    """Rocks and passages one by one, with their place on the map.
+class BlockRows:
+    """Blocks and passages one by one, with their place on the map.
 
     Attributes
     ----------
@@ -219,7 +219,7 @@ class Rows:
     rock_scenario, passage_scenario : int64
         Position in ``blocks``.
     x, y : float64
-        Where each rock ends (m).
+        Where each block ends (m).
     """
 
     rocks: NDArray[np.void]

@@ -66,7 +66,7 @@ class TraceSet:
     point : int64, shape (n,)
         The release point of each line.
     fan : float64, shape (n,)
-        Sideways deviation of the line in its bundle, as a share of its length; 0: the fall line.
+        Lateral deviation of the line in its bundle, as a share of its length; 0: the fall line.
     end : uint8, shape (n,)
         A LineEnd.
     """

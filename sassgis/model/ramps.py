@@ -2,7 +2,7 @@
 
 The ramps are tables of 256 colours, ``data/ramps.csv``, as matplotlib 3.10 makes them: Blues, BuPu,
 RdBu, RdPu, YlGnBu and YlOrRd by ColorBrewer (Brewer 2002), plasma and viridis by Smith and van der
-Walt (2015). A name with ``_r`` at its end is the same ramp the other way round.
+Walt (2015). A name with ``_r`` at its end is the same ramp reversed.
 """
 
 from __future__ import annotations

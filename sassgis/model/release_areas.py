@@ -1,4 +1,4 @@
-"""Where rocks start, and how the lines are traced on which they move."""
+"""Where blocks start, and how the lines are traced on which they move."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sassgis.model.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class ReleaseArea:
-    """A place from which rocks start.
+    """A place from which blocks start.
 
     Attributes
     ----------
@@ -34,11 +34,11 @@ class FallLineSettings:
     Attributes
     ----------
     smoothing_m : float
-        Standard deviation of the Gaussian by which the terrain is smoothed for tracing (m): a rock
+        Standard deviation of the Gaussian by which the terrain is smoothed for tracing (m): a block
         does not answer to every dent. Heights of the profiles are never smoothed.
     flat_slope_deg : float
         Below this slope the line tends to keep its heading (degrees). The default is well below the
-        20° or so on which rocks still roll on, so that whatever arrives there arrives with speed,
+        20° or so on which blocks still roll on, so that whatever arrives there arrives with speed,
         and above the slope of valley floors and most debris fans.
     turning_length_m : float
         L above (m): on ground of the flat slope a coasting line turns towards the descent over this
@@ -47,7 +47,7 @@ class FallLineSettings:
         body that moves across a slope of 8° at 8 m/s.
     energy_line_angle_deg : float
         Angle below the horizontal of the line that, drawn from the release point over the plan
-        length of the fall line, no rock is expected to reach beyond (degrees). Where the terrain
+        length of the fall line, no block is expected to reach beyond (degrees). Where the terrain
         rises above it the fall line ends. The idea of one overall friction angle from source to
         stop is A. Heim's (1932, Bergsturz und Menschenleben).
     energy_line_free_m : float
@@ -85,7 +85,7 @@ class FallLineSettings:
 
 @dataclass(frozen=True, slots=True)
 class SpreadSettings:
-    """Sideways spread of the lines of a release point.
+    """Lateral spread of the lines of a release point.
 
     Attributes
     ----------

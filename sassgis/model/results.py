@@ -1,4 +1,4 @@
-"""What a run leaves: rows per rock and per passage, and layers for the map."""
+"""What a run leaves: rows per block and per passage, and layers for the map."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class StopReason(IntEnum):
 
 
 class Outcome(IntEnum):
-    """What became of a rock at a station or barrier."""
+    """What became of a block at a station or barrier."""
 
     PASSED = 0
     STOPPED = 1
@@ -31,8 +31,8 @@ class Outcome(IntEnum):
     HELD_BY_NET = 4
 
 
-#: One row per rock, and per piece of a broken rock or block set in motion: ``piece`` is 0 for the
-#: rock itself. Chainages in m along the profile; ``line`` counts the profiles of the run.
+#: One row per block, and per fragment or entrained block: ``piece`` is 0 for the
+#: block itself. Chainages in m along the profile; ``line`` counts the profiles of the run.
 ROCK_DTYPE = np.dtype(
     [
         ("line", np.int64),
@@ -56,7 +56,7 @@ ROCK_DTYPE = np.dtype(
     ]
 )
 
-#: One row per rock and station or barrier: the first time that the rock comes to it downhill.
+#: One row per block and station or barrier: the first time that the block reaches it downhill.
 #: ``height_m`` is the vertical distance from the ground to the centre, less the resting height.
 PASSAGE_DTYPE = np.dtype(
     [
@@ -88,7 +88,7 @@ class ControlLine:
     height_m : float
         Height of the top above the ground, vertical (m); unused for a station.
     capacity_kj : float
-        Energy that the barrier takes (kJ); infinite if it stops every rock that meets it.
+        Energy that the barrier takes (kJ); infinite if it stops every block that meets it.
     restarts_from_rest : bool
         Whether a block that the barrier takes is only brought to zero speed there and then moves
         on, as the paper saw nets do, instead of being stopped for good.

@@ -1,7 +1,7 @@
 """Counter-based random draws.
 
-A draw is a pure function of (rock key, stream, event): the same rocks come out whatever the chunks,
-threads or order, and one stream never shifts another.
+A draw is a pure function of (block key, stream, event): the same blocks result whatever the
+chunks, threads or order, and one stream never shifts another.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def mix(z: int | np.uint64) -> np.uint64:
 
 @kernel
 def rock_key(seed: int | np.uint64, line_key: np.uint64, rock: int) -> np.uint64:
-    """Key of one rock from the seed of the run, the key of its line and its number on it."""
+    """Key of one block from the seed of the run, the key of its line and its number on it."""
     key = mix(np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15))
     key = mix(key ^ np.uint64(line_key))
     return mix(key + np.uint64(rock) * np.uint64(0x9E3779B97F4A7C15))
@@ -63,7 +63,7 @@ def normal(key: np.uint64, stream: int, event: int) -> float:
 def combined(
     keys: NDArray[np.uint64], word: int | np.uint64 | IntArray | NDArray[np.uint64]
 ) -> NDArray[np.uint64]:
-    """Keys of things that are told apart by a further number, by the same scrambling.
+    """Keys of things that are distinguished by a further number, by the same scrambling.
 
     Parameters
     ----------

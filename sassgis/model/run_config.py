@@ -32,7 +32,7 @@ from sassgis.model.settings import (
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """What the user asked for, checked in itself but not yet against the files it names.
+    """What the user configured, checked in itself but not yet against the files it names.
 
     Attributes
     ----------

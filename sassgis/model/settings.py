@@ -78,7 +78,7 @@ class TerrainSettings(Section):
 
 @dataclass(frozen=True, slots=True)
 class ReleaseSettings(Section):
-    """Where rocks start."""
+    """Where blocks start."""
 
     file: Annotated[
         Path | None,
@@ -103,7 +103,7 @@ class ReleaseSettings(Section):
         Literal["grid", "random"], "how points are laid out: on a grid, or at random as densely"
     ] = "grid"
     rocks_per_point: Annotated[
-        int, Interval(ge=1, le=1_000_000), "rocks released at each release point"
+        int, Interval(ge=1, le=1_000_000), "blocks released at each release point"
     ] = 50
     #: The configuration, for messages of those who are given this section alone.
     config_file: Path | None = field(default=None, compare=False, repr=False)
@@ -222,7 +222,7 @@ class BlockSettings(Section):
         "(m3), from which the power law gives the frequency between the limits of volume_m3",
         Example(0.1),
     ] = None
-    density_kgm3: Annotated[Span, Interval(ge=500, le=10_000), "density of the rock (kg/m3)"] = (
+    density_kgm3: Annotated[Span, Interval(ge=500, le=10_000), "density of the block (kg/m3)"] = (
         2700.0,
         2700.0,
     )
@@ -232,10 +232,10 @@ class BlockSettings(Section):
     spin_radps: Annotated[
         Span,
         Interval(ge=-300, le=300),
-        "spin at the start, positive as a rock rolling downhill (rad/s)",
+        "spin at the start, positive as a block rolling downhill (rad/s)",
     ] = (0.0, 0.0)
     drop_m: Annotated[
-        Span, Interval(ge=0, le=1000), "height above rest from which the rock is released (m)"
+        Span, Interval(ge=0, le=1000), "height above rest from which the block is released (m)"
     ] = (0.0, 0.0)
     orientation_rad: Annotated[
         Span,
@@ -278,7 +278,7 @@ class BlockSettings(Section):
 
 @dataclass(frozen=True, slots=True)
 class StationSettings(Section):
-    """A line on the map, or a chainage, where passing rocks are recorded."""
+    """A line on the map, or a chainage, where passing blocks are recorded."""
 
     name: Annotated[Name, "name of the station", Example("road")]
     line: Annotated[
@@ -324,12 +324,12 @@ class BarrierSettings(StationSettings):
     capacity_kj: Annotated[
         float | None,
         Interval(gt=0),
-        "energy that it takes (kJ); without it every rock that meets it is stopped",
+        "energy that it takes (kJ); without it every block that meets it is stopped",
         Example(2000.0),
     ] = None
     restarts_from_rest: Annotated[
         bool,
-        "whether rocks that it takes move on from zero speed, as nets may let them",
+        "whether blocks that it takes move on from zero speed, as nets may let them",
         Renamed("lets_go"),
     ] = False
 
@@ -359,24 +359,24 @@ class EngineSettings(Section):
     rolling_threshold: Annotated[
         float,
         Interval(ge=0.0, le=10.0),
-        "a rock lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius",
+        "a block lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius",
     ] = 0.1
     rolling: Annotated[
         Literal["round", "ellipse"],
-        '"round": dv/dt = g (sin β − μ_r cos β), the paper\'s words; the rock leaves the ground at '
-        'convex vertices only. "ellipse": also the turning ellipse counts, whose centre rises and '
-        "falls, and it leaves the ground where the normal force on it ends (N <= 0)",
+        '"round": dv/dt = g (sin β − μ_r cos β), the paper\'s words; the block leaves the ground '
+        'at convex vertices only. "ellipse": also the turning ellipse counts, whose centre rises '
+        "and falls, and it leaves the ground where the normal force on it ends (N <= 0)",
     ] = "round"
     end_sliding: Annotated[
-        bool, "whether a rock too slow to turn over its longer axis ends by sliding"
+        bool, "whether a block too slow to turn over its longer axis ends by sliding"
     ] = True
     contact_tolerance_m: Annotated[
-        float, Interval(ge=1e-12, le=1e-2), "gap below which ground and rock touch (m)"
+        float, Interval(ge=1e-12, le=1e-2), "gap below which ground and block touch (m)"
     ] = 1e-6
     max_events: Annotated[
         int,
         Interval(ge=100, le=10_000_000),
-        "contacts after which a rock is given up and reported",
+        "contacts after which a block is given up and reported",
     ] = 20_000
 
 
@@ -384,7 +384,7 @@ class EngineSettings(Section):
 class LateralDeflection(EffectSection):
     """Paths in plan that leave the fall line, on the terrain.
 
-    Each rock has a path of its own, traced before it is simulated: sideways it is a random walk,
+    Each block has a path of its own, traced before it is simulated: laterally it is a random walk,
     not the outcome of its impacts. Tests report 5 to 20 degrees per impact, and widths of 10 to 20
     per cent (Azzoni et al. 1995, Crosta and Agliardi 2004).
     """
@@ -472,8 +472,8 @@ class ProfileSettings(Section):
         "CSV with columns s_m, z_m and, if wanted, ground",
         Example("profile.csv"),
     ] = None
-    start_m: Annotated[Span, "chainages between which rocks start (m)"] = (0.0, 0.0)
-    rocks: Annotated[int, Interval(ge=1, le=100_000_000), "number of rocks"] = 100
+    start_m: Annotated[Span, "chainages between which blocks start (m)"] = (0.0, 0.0)
+    rocks: Annotated[int, Interval(ge=1, le=100_000_000), "number of blocks"] = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -481,7 +481,7 @@ class RunSettings(Section):
     """Seed and processor cores."""
 
     seed: Annotated[
-        int, Interval(ge=0, le=2**63 - 1), "the same seed gives the same rocks, whatever the jobs"
+        int, Interval(ge=0, le=2**63 - 1), "the same seed gives the same blocks, whatever the jobs"
     ] = 1
     jobs: Annotated[int, Interval(ge=0, le=4096), "processor cores; 0: all of them"] = 0
 
@@ -496,8 +496,8 @@ class OutputSettings(Section):
     stop_points_max: Annotated[
         int, Interval(ge=0, le=100_000_000), "most stop points written to the map"
     ] = 100_000
-    rock_table: Annotated[TableFormat, "one row per rock"] = "none"
-    passage_table: Annotated[TableFormat, "one row per rock and station or barrier"] = "none"
+    rock_table: Annotated[TableFormat, "one row per block"] = "none"
+    passage_table: Annotated[TableFormat, "one row per block and station or barrier"] = "none"
     energy_classes_kj: Annotated[
         tuple[Annotated[float, Interval(gt=0)], ...],
         MinLen(1),
@@ -517,7 +517,7 @@ class OutputSettings(Section):
 
 @dataclass(frozen=True, slots=True)
 class HazardSettings(Section):
-    """From rocks to intensities and hazard levels (sassgis zone); needs onset frequencies."""
+    """From blocks to intensities and hazard levels (sassgis zone); needs onset frequencies."""
 
     preset: Annotated[
         Text,
@@ -535,14 +535,14 @@ class HazardSettings(Section):
     ref_width_m: Annotated[
         float | None,
         Interval(gt=0, le=1000),
-        "reference width of all frequencies (m): a rock counts for a place if it comes "
+        "reference width of all frequencies (m): a block counts for a place if it comes "
         "within half of it, as block plus exposed object; default: one cell",
         Example(10.0),
     ] = None
     confidence: Annotated[
         float,
         Interval(ge=0.5, le=0.9999),
-        "of the sampling interval that tells whether a level is statistically certain",
+        "of the sampling interval that decides whether a level is statistically certain",
     ] = 0.95
     uncertain_share_max: Annotated[
         float | None,

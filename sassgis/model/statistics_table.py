@@ -65,7 +65,7 @@ class CellSum:
 
     @property
     def empty(self) -> float:
-        """Value where nothing came."""
+        """Value where no block arrives."""
         return np.inf if self.reducer == "min" else 0.0
 
 
@@ -129,9 +129,9 @@ class Statistic:
         """A band in words."""
         short = self.title.split(",")[0]
         if probability_of(band) is not None:
-            return f"{self.label}, {band[1:]} % quantile of the rocks that reach the cell"
+            return f"{self.label}, {band[1:]} % quantile of the blocks that reach the cell"
         return {
-            "mean": f"{short}, mean of the rocks",
+            "mean": f"{short}, mean of the blocks",
             "max": f"{short}, largest",
             "min": f"{short}, smallest",
             "standard_error": f"Sampling standard error of the {self.label.lower()}",
@@ -194,18 +194,18 @@ STATISTICS = (
         unit="1",
         label="Reach probability",
         bands=("reach", "standard_error"),
-        note="Share of all {rocks} rocks released that come into the cell. {width} {error}",
+        note="Share of all {rocks} released blocks that reach the cell. {width} {error}",
         meaning="share of all simulated blocks that reach the cell",
         breaks=(0.0, 0.0001, 0.001, 0.01, 0.03, 0.1, 0.3),
         ramp="plasma_r",
     ),
     Statistic(
         stem="passages",
-        title="Rocks passing",
-        unit="rocks",
-        label="Rocks that come into the cell",
+        title="Arriving blocks",
+        unit="blocks",
+        label="Blocks that reach the cell",
         bands=("passages",),
-        note="Number of rocks that come into the cell. {width}",
+        note="Number of blocks that reach the cell. {width}",
         meaning="number of blocks that reach the cell",
         breaks=(0, 10, 100, 1000, 10000),
         ramp="BuPu",
@@ -279,12 +279,12 @@ STATISTICS = (
     ),
     Statistic(
         stem="stops",
-        title="Rocks that stop",
-        unit="rocks",
-        label="Rocks that end in the cell",
+        title="Stopping blocks",
+        unit="blocks",
+        label="Blocks that stop in the cell",
         bands=("stops",),
-        note="Number of rocks that come to rest in the cell or are stopped by a barrier there. "
-        "Rocks that never started are not among them.",
+        note="Number of blocks that come to rest in the cell or are stopped by a barrier there. "
+        "Blocks that never started are not among them.",
         meaning="number of blocks that stop in the cell, at rest or at a barrier; not those that "
         "never started",
         breaks=(0, 3, 10, 30, 100),

@@ -204,12 +204,12 @@ def class_tint(entry: RasterClass) -> str:
 
 
 def class_name(entry: RasterClass) -> str:
-    """Legend text of a class on a raster; it says where a pale tint stands for a hatch."""
+    """Legend text of a class on a raster; it says where a pale tint represents a hatch."""
     return f"{entry.label} (pale)" if entry.hatched else entry.label
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A text with its unit, if there is one to tell."""
+    """A text with its unit, if it has one."""
     return f"{text} {unit}" if unit and unit != "1" else text
 
 
@@ -224,7 +224,7 @@ def _range_label(low: float, high: float, unit: str) -> str:
 def zero_is_nothing(unit: str) -> bool:
     """Whether a value of 0 in this unit stays clear on the map.
 
-    A passing height of 0 m is a rock that rolls; a count, probability or energy of 0 is no rock.
+    A passing height of 0 m is a block that rolls; a count, probability or energy of 0 is no block.
     """
     return unit != "m"
 

@@ -12,8 +12,8 @@ from sassgis.gap.words import (
     quantity_name,
     significance,
     tested_by,
-    with_unit,
 )
+from sassgis.model.styles import with_unit
 from sassgis.report.page import (
     ReportAnswer,
     sensible,
@@ -76,11 +76,11 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         )
         if named.gain > 0.0:
             gain = sensible(named.gain)
-            out.append(f"With it, single rocks left out are predicted better by {gain} {interval}.")
+            out.append(f"With it, single held-out rocks are predicted better by {gain} {interval}.")
         else:
             out.append(
-                f"Single rocks left out are not predicted better with it {interval}: what speaks "
-                "for it are patterns over all rocks, such as trends, scatter and single impacts."
+                f"Single held-out rocks are not predicted better with it {interval}: the evidence "
+                "for it is in patterns over all rocks, such as trends, scatter and single impacts."
             )
     return ReportAnswer("How sure this is", tuple(out))
 
@@ -135,17 +135,16 @@ def _where(findings: tuple[GapFinding, ...]) -> ReportAnswer:
     likely = [f for f in findings if significance(f) == "likely"]
     if not sure:
         text = (
-            f"Of {len(findings)} comparisons by place, phase and quantity none differs by more "
-            "than chance would let one of so many differ: the gap, if there is one, cannot be "
-            "placed."
+            f"Of {len(findings)} comparisons by place, phase and quantity none is significant "
+            "after adjustment for their number: the gap, if there is one, cannot be placed."
         )
         if likely:
             text += f" {len(likely)} are likely (see the figure)."
         return ReportAnswer(heading, (text,))
     stated = _one_per_quantity(sure)[:_STATED]
     text = (
-        f"{len(sure)} of {len(findings)} comparisons differ by more than chance would let one of "
-        "so many differ"
+        f"{len(sure)} of {len(findings)} comparisons are significant after adjustment for their "
+        "number"
         + (f", {len(likely)} more are likely" if likely else "")
         + (". The most certain, one of each quantity:" if len(sure) > len(stated) else ":")
     )
@@ -179,7 +178,7 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
         return ReportAnswer(heading, (base, *note))
     if shrinkage.value is None:
         first = (
-            "By what share the gap shrinks is not given, as the gap itself is not surely above "
+            "By what share the gap shrinks is not given, as the gap itself is not certainly above "
             "what chance leaves."
         )
     else:
@@ -190,7 +189,7 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
         )
         first = (
             f"With {effect_name(shrinkage.effect)} added, {_share(shrinkage.value)} of the gap "
-            f"that is not chance closes{span}, on rocks that were not used to fit it."
+            f"that is not chance closes{span}, on rocks that were not used in the calibration."
         )
     return ReportAnswer(heading, (first, left, *note))
 

@@ -1,4 +1,4 @@
-"""What a check leaves behind: scores, a row for each world, figures, report."""
+"""What a check leaves: scores, a row for each site, figures, report."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _TITLES: Mapping[str, str] = {
     "top1_modest": "single effect named; medium or strong, 40 rocks, stations and stops",
     "top1_clear": "single effect named; medium or strong, all designs",
     "top1_single": "single effect named; all strengths and designs",
-    "top1_all": "answer right; all worlds",
+    "top1_all": "answer right; all sites",
     "false_alarm": "no effect, yet one is named",
     "null_unknown": "no effect, answer “unknown”",
     "null_right": "no effect, answer “none”",
     "covered_single": "single effect in the confusion set",
-    "covered_all": "truth in the confusion set; all worlds",
+    "covered_all": "truth in the confusion set; all sites",
     "confident_right": f"right; confidence {NAMED_CONFIDENCE} or more",
     "named_right": "right; one is named",
     "confident_named_right": f"right; one is named, confidence {NAMED_CONFIDENCE} or more",
@@ -61,7 +61,7 @@ _TITLES: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class WorldRow:
-    """A world with its truth, its answer, and what was measured on fresh rocks.
+    """A site with its truth, its answer, and what was measured on fresh rocks.
 
     Attributes
     ----------
@@ -129,12 +129,12 @@ def _warnings(record: CheckRecord) -> tuple[str, ...]:
     scores, lines = record.scores, []
     if record.plan["development"]:
         lines.append(
-            "Run for development: thresholds may have been chosen on these very worlds, and the "
+            "Run for development: thresholds may have been chosen on these very sites, and the "
             "scores may flatter."
         )
     if record.plan["quick"]:
         lines.append(
-            f"A quick run of {scores.worlds} worlds: it shows that everything runs, "
+            f"A quick run of {scores.worlds} sites: it shows that everything runs, "
             "and nothing about how good the diagnosis is."
         )
     if len(record.programs) > 1:
@@ -144,13 +144,13 @@ def _warnings(record: CheckRecord) -> tuple[str, ...]:
         )
     if scores.failed:
         lines.append(
-            f"{scores.failed} of {scores.worlds} worlds have no answer, as the diagnosis failed; "
+            f"{scores.failed} of {scores.worlds} sites have no answer, as the diagnosis failed; "
             "they count as wrong (see worlds.csv)."
         )
     broken = sum(bool(row.measured.get("failure")) for row in record.rows)
     if broken:
         lines.append(
-            f"The shrinkage on fresh rocks of {broken} worlds could not be measured; they are "
+            f"The shrinkage on fresh rocks of {broken} sites could not be measured; they are "
             "left out of that score (see worlds.csv)."
         )
     return tuple(lines)
@@ -202,7 +202,7 @@ def _pictures(record: CheckRecord) -> dict[str, ReportFigure]:
     pictures = {
         "confusion": ReportFigure(
             "What was answered",
-            "Numbers of worlds by truth and answer, shaded by their share of the row; right "
+            "Numbers of sites by truth and answer, shaded by their share of the row; right "
             "answers are outlined. Pairs stand together: an answer of the right column may name "
             "other effects than the true ones.",
             to_png(confusion_figure(scores.confusion)),
@@ -219,7 +219,7 @@ def _pictures(record: CheckRecord) -> dict[str, ReportFigure]:
         pictures["shrinkage"] = ReportFigure(
             "How far the gap shrinks",
             f"Shrinkage as stated from the observed rocks, and as found on fresh rocks of the same "
-            f"world. {len(compared)} worlds; the band is what is asked for.",
+            f"site. {len(compared)} sites; the band is what is required.",
             to_png(shrinkage_figure(stated, measured, SHRINKAGE_TOLERANCE)),
         )
     return pictures
@@ -233,9 +233,9 @@ def _report(
         title="Blind check of the diagnosis",
         subtitle=f"{scores.worlds} synthetic sites, blinded labels, battery of seed {plan['seed']}",
         what_was_run=(
-            ("Worlds", scores.worlds),
+            ("Sites", scores.worlds),
             ("Rocks observed", sum(row.truth.rocks for row in record.rows)),
-            ("Worlds without an answer", scores.failed),
+            ("Sites without an answer", scores.failed),
             ("Mean size of the confusion set", scores.confusion_set_size),
             ("Mean overlap of the reaches of local effects", scores.location_overlap),
             ("Time of all diagnoses together (h)", sum(r.seconds for r in record.rows) / 3600.0),
@@ -298,14 +298,14 @@ def _acceptance_table(scores: CheckScores) -> ReportTable:
         for row in acceptance(scores)
     ]
     return ReportTable(
-        "What is asked for, and what is reached",
+        "What is required, and what is reached",
         (
-            ("measure", ""), ("asked for", ""), ("reached", ""), ("95 % interval", ""),
-            ("worlds", ""), ("met", ""),
+            ("measure", ""), ("required", ""), ("reached", ""), ("95 % interval", ""),
+            ("sites", ""), ("met", ""),
         ),
         tuple(rows),
-        "Met says whether the reached share is on the right side of what is asked for; only where "
-        "the whole interval is, can one be sure of it.",
+        "Met states whether the reached share is on the right side of what is required; it is "
+        "certain only where the whole interval is.",
     )  # fmt: skip
 
 
@@ -314,7 +314,7 @@ def _share_table(
 ) -> ReportTable:
     return ReportTable(
         title,
-        ((head, ""), ("share", ""), ("95 % interval", ""), ("worlds", "")),
+        ((head, ""), ("share", ""), ("95 % interval", ""), ("sites", "")),
         tuple(
             (
                 name.replace("_", " "),
@@ -332,7 +332,7 @@ def _shrinkage_table(scores: CheckScores) -> ReportTable:
     s = scores.shrinkage
     return ReportTable(
         "Shrinkage, stated and on fresh rocks",
-        (("", ""), ("worlds", "")),
+        (("", ""), ("sites", "")),
         (
             ("measured on fresh rocks", s.worlds),
             ("both given", s.compared),
@@ -342,7 +342,7 @@ def _shrinkage_table(scores: CheckScores) -> ReportTable:
             ("mean of stated less measured", s.bias),
             ("mean absolute difference", s.mean_error),
         ),
-        f"Worlds with {SHRINKAGE_ROCKS} rocks or more in which an effect was named or a shrinkage "
+        f"Sites with {SHRINKAGE_ROCKS} rocks or more in which an effect was named or a shrinkage "
         "stated.",
     )
 
@@ -367,7 +367,7 @@ def _answers_table(record: CheckRecord) -> ReportTable:
     return ReportTable(
         "All answers",
         (
-            ("world", ""), ("rocks, seen", ""), ("truth", ""), ("answer", ""), ("confidence", ""),
+            ("site", ""), ("rocks, seen", ""), ("truth", ""), ("answer", ""), ("confidence", ""),
             ("right", ""), ("covered", ""),
         ),
         tuple(rows),

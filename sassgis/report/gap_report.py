@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -117,11 +117,11 @@ def map_parts(
     first = headline(diagnosis.where)
     chosen = _one_per_place(diagnosis.where, first)
     stretches = [
-        GapStretch(course, f.gap, significance(f) != "open")
+        GapStretch(trace, f.gap, significance(f) != "open")
         for f in chosen
         if is_stretch(f)
         for i in used_lines(case)
-        if len(course := line_stretch(case.traces, i, *limits_on(case, f, i))) > 1
+        if len(trace := line_stretch(case.traces, i, *limits_on(case, f, i))) > 1
     ]
     at_station = {f.place: f for f in chosen if not is_stretch(f)}
     table = case.observations.stations
@@ -208,10 +208,10 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
         )
     if diagnosis.which:
         add(
-            "gap_contenders",
+            "gap_hypotheses",
             "Explanations that were tried",
             "The base and the most probable ones were calibrated further than the others; all were "
-            "judged on rocks left out of it.",
+            "scored on held-out rocks.",
             figures.gap_hypotheses_figure(
                 diagnosis.which, verdict=verdict.effect, confusion=verdict.confusion_set
             ),
@@ -289,7 +289,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
             )
             for c in diagnosis.which
         ),
-        "Score: energy score of rocks left out of the calibration; less is better. Gain: score of "
+        "Score: energy score of rocks held out of the calibration; less is better. Gain: score of "
         "the calibrated base model less this one." + _other_causes(diagnosis.verdict.probabilities),
     )  # fmt: skip
 
@@ -339,8 +339,8 @@ def _shrinkage_table(shrinkage: Shrinkage) -> ReportTable:
             ("chance alone", ""), ("shrinks by", "%"),
         ),
         tuple(rows),
-        "On rocks that were not used to fit. Shrinks by: (base − effect) / (base − chance); a dash "
-        "where the base model is not surely worse than chance.",
+        "On held-out rocks. Shrinks by: (base − effect) / (base − chance); a dash "
+        "where the base model is not certainly worse than chance.",
     )  # fmt: skip
 
 
@@ -385,6 +385,7 @@ def gap_report(
     terrain: str,
     crs: str,
     configuration: str,
+    warnings: Sequence[str],
     seconds: float | None,
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together.
@@ -397,6 +398,8 @@ def gap_report(
         Of the figures.
     project, terrain, crs, configuration : str
         Names of the project, the terrain file, the coordinate system and the configuration file.
+    warnings : sequence of str
+        What a reader must know before trusting the answer.
     seconds : float or None
         Computing time.
     """
@@ -406,7 +409,7 @@ def gap_report(
         subtitle="What separates the field observations from the SASS model, and why",
         verdict=verdict_sentence(diagnosis),
         answer=answer(diagnosis),
-        warnings=tuple(report_warnings(case, diagnosis)),
+        warnings=tuple(warnings),
         what_was_run=(
             ("Observed rocks", diagnosis.rocks),
             ("Observations", ", ".join(f"{n} {t}" for t, n in diagnosis.tables.items()) or "none"),
@@ -423,7 +426,7 @@ def gap_report(
         tables=tuple(gap_tables(case, diagnosis)),
         provenance=(
             ("Program", f"sassgis {sassgis.__version__}"),
-            ("Seed", diagnosis.seed),
+            ("Seed", str(diagnosis.seed)),
             ("Settings and inputs (SHA-256)", diagnosis.settings_hash),
             ("Configuration", configuration),
             ("Calibrated model", "model/config.toml"),

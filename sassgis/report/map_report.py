@@ -55,12 +55,12 @@ def line_figure(shown: LinePaths) -> Figure:
     return figures.profile_figure(
         s[:last], z[:last], shown.paths, ground=shown.ground[:last],
         ground_names=shown.ground_names, control_lines=control_lines, stops=shown.stops,
-        title=f"Fall line of the rock that came furthest: {shown.area}, {shown.scenario}",
+        title=f"Fall line of the block with the longest run-out: {shown.area}, {shown.scenario}",
     )  # fmt: skip
 
 
 def station_figures(control_lines: ControlLineSums, n: int) -> list[tuple[str, Figure]]:
-    """A figure for each station or barrier to which rocks came."""
+    """A figure for each station or barrier that blocks reach."""
     out = []
     for i, control_line in enumerate(control_lines.control_lines):
         if not control_lines.arrivals(i):
@@ -98,7 +98,7 @@ def stopping_reasons(counts: IntArray) -> ReportTable:
     total = max(int(counts.sum()), 1)
     return ReportTable(
         "Stopping reasons",
-        (("reason", ""), ("rocks", ""), ("share", "%")),
+        (("reason", ""), ("blocks", ""), ("share", "%")),
         tuple((STOP_TEXT[r], int(counts[r]), 100.0 * int(counts[r]) / total) for r in StopReason),
     )
 
@@ -113,7 +113,7 @@ def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
 
     stations = [r for r in rows if r["kind"] == "station"]
     columns: tuple[tuple[str, str], ...] = (
-        ("station", ""), ("rocks", ""), ("speed, median", "m/s"), ("speed, 95 %", "m/s"),
+        ("station", ""), ("blocks", ""), ("speed, median", "m/s"), ("speed, 95 %", "m/s"),
         ("rotation, 95 %", "Hz"), ("height, 95 %", "m"), ("energy, median", "kJ"),
         ("energy, 95 %", "kJ"), ("energy, 99 %", "kJ"),
     )  # fmt: skip
@@ -127,7 +127,7 @@ def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
                 "Stations",
                 columns,
                 tuple(tuple(number(r[k]) for k in keys) for r in stations),
-                "First downhill passage of each rock.",
+                "First downhill passage of each block.",
             )
         )
     barriers = [r for r in rows if r["kind"] != "station"]
@@ -136,7 +136,7 @@ def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
             ReportTable(
                 "Walls and nets",
                 (
-                    ("barrier", ""), ("kind", ""), ("arriving rocks", ""), ("hits", ""),
+                    ("barrier", ""), ("kind", ""), ("arriving blocks", ""), ("hits", ""),
                     ("stopped", ""), ("taken, then move on", ""), ("over the top", ""),
                     ("break through", ""), ("energy, 95 %", "kJ"), ("energy, 99 %", "kJ"),
                     ("height, 95 %", "m"), ("height, 99 %", "m"),
@@ -152,7 +152,7 @@ def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
                     )
                     for r in barriers
                 ),
-                "Energy (translation + rotation) and passing height of all rocks at their first "
+                "Energy (translation + rotation) and passing height of all blocks at their first "
                 "arrival, also of those that pass over.",
             )
         )  # fmt: skip
@@ -222,7 +222,7 @@ def map_report(
     layers : tuple of RasterLayer
         Maps of what was simulated.
     furthest : LinePaths or None
-        Paths on the line of the block that came furthest.
+        Paths on the line of the block with the longest run-out.
     warnings : sequence of str
     facts : mapping of str to object
         As in the GeoPackage, and the names "terrain_file" and "config_file".
@@ -249,7 +249,7 @@ def map_report(
             figure = line_figure(furthest)
             pictures.append(
                 ReportFigure(
-                    "A fall line with the paths of its rocks",
+                    "A fall line with the paths of its blocks",
                     "Flattened into one vertical plane. Walls and nets at their true height.",
                     save_figure(folder, "profile_furthest", figure),
                 )
@@ -257,7 +257,7 @@ def map_report(
         pictures.append(
             ReportFigure(
                 "Run-out",
-                "Chainage in plan along the fall line at which rocks end, by the reason.",
+                "Chainage in plan along the fall line at which blocks stop, by stopping reason.",
                 save_figure(folder, "runout", runout_counts(progress)),
             )
         )
@@ -266,7 +266,7 @@ def map_report(
         pictures.append(
             ReportFigure(
                 f"At {name}",
-                "First downhill passage of each rock.",
+                "First downhill passage of each block.",
                 save_figure(folder, f"station_{stem}", figure),
             )
         )
@@ -287,7 +287,7 @@ def map_report(
             ("Heights", str(facts["vertical_datum"])),
             ("Release areas", ", ".join(a.name for a in run.areas)),
             ("Release points", len(planned.points)),
-            ("Rocks", total),
+            ("Simulated blocks", total),
             ("Lateral spread", run.lateral_spread),
             ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),
             ("Reference width of the reach probability", f"{run.grid.cell_size:.4g} m (one cell)"),
@@ -301,7 +301,7 @@ def map_report(
                 line_ends),
         provenance=(
             ("Program", str(facts["program"])),
-            ("Seed", run.seed),
+            ("Seed", str(run.seed)),
             ("Settings and inputs (SHA-256)", str(facts["settings_hash"])),
             ("Configuration", str(facts["config_file"])),
         ),

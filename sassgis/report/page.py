@@ -96,7 +96,7 @@ class ReportContext:
     ----------
     title, subtitle : str
     what_was_run : tuple of (name, value)
-        Terrain, release areas, blocks, number of rocks, settings.
+        Terrain, release areas, blocks, number of blocks, settings.
     warnings : tuple of str
         What a reader must know before trusting the numbers; shown first.
     verdict : str

@@ -74,7 +74,7 @@ def profile_report(
             ("Profile", f"{p.s.size} vertices, {p.s[-1] - p.s[0]:.0f} m long, "
              f"{p.z.max() - p.z.min():.0f} m of relief"),
             ("Start", f"chainage {p.start[0]:g} to {p.start[1]:g} m"),
-            ("Rocks", int(result.rocks.size)),
+            ("Simulated blocks", int(result.rocks.size)),
             ("Fragments and entrained blocks", spawned),
             ("Effects beyond the model of 1986", ", ".join(effects) or "none"),
         ),
@@ -96,7 +96,7 @@ def _figures(result: ProfileResult) -> list[tuple[str, str, str, Figure]]:
         (
             "profile",
             "Trajectories",
-            "Paths of the centres of the rocks; chainage in plan.",
+            "Paths of the centres of the blocks; chainage in plan.",
             figures.profile_comparison_figure([profile_panel(result)]),
         )
     ]
@@ -109,7 +109,7 @@ def _figures(result: ProfileResult) -> list[tuple[str, str, str, Figure]]:
             quantity=quantity,
             control_lines=list(p.control_lines),
         )
-        caption = f"Quantiles of the rocks that come into each stretch of {STRETCH_M:g} m."
+        caption = f"Quantiles of the blocks that reach each stretch of {STRETCH_M:g} m."
         out.append((f"{quantity}_along", f"{words} along the profile", caption, figure))
     ended = np.concatenate([result.rocks, result.pieces])
     more = ", fragments and entrained blocks too" if result.pieces.size else ""
@@ -117,7 +117,7 @@ def _figures(result: ProfileResult) -> list[tuple[str, str, str, Figure]]:
         (
             "runout",
             "Run-out",
-            f"Chainage at which rocks end, by the reason{more}.",
+            f"Chainage at which blocks stop, by stopping reason{more}.",
             figures.runout_figure(ended["runout_m"], ended["reason"].astype(np.int64)),
         )
     )

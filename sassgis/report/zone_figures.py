@@ -33,7 +33,7 @@ def telling_place(hazard: Hazard) -> int | None:
     Returns
     -------
     int or None
-        Position in ``curves.places``; None if no rock comes anywhere.
+        Position in ``curves.places``; None if no block arrives anywhere.
     """
     curves = hazard.curves
     if not curves.places.size:
@@ -102,7 +102,7 @@ def zone_figures(
         (
             "intensity",
             "Intensity by return period",
-            f"Strongest intensity that comes at least once in the return period. {width}",
+            f"Strongest intensity that is reached at least once in the return period. {width}",
             figures.intensity_figure(
                 grid, [m for m in maps if m.stem.startswith("intensity")], note=width, **around
             ),
@@ -111,8 +111,8 @@ def zone_figures(
             "confidence",
             "Where the level is statistically uncertain",
             f"Cells whose level changes within the {100 * confidence:g} % interval "
-            "of the sampling of rocks. More rocks settle them; other frequencies or ground values "
-            "may change any cell.",
+            "of the sampling of blocks. More blocks settle them; other frequencies or ground "
+            "values may change any cell.",
             figures.confidence_figure(
                 grid,
                 by_stem["hazard_level"],
@@ -129,7 +129,7 @@ def zone_figures(
             (
                 "barriers",
                 "What walls and nets change",
-                "Hazard level of the cells without and with walls and nets, from the same rocks.",
+                "Hazard level of the cells without and with walls and nets, from the same blocks.",
                 figures.change_figure(
                     grid, *layers, names=("Without walls and nets", "With them"), note=width,
                     **around,
@@ -140,7 +140,7 @@ def zone_figures(
         (
             "hazard_curve",
             "A hazard curve",
-            "At the cell that most sources reach. The level is the worst field that the curve "
+            "At the cell that most sources reach. The level is the highest field that the curve "
             f"crosses. {width}",
             figures.hazard_curve_figure(
                 hazard.curves, place, rules.preset, by_source=curves_at(hazard, place),
@@ -158,7 +158,7 @@ def zone_figures(
                     f"risk_{quantity}",
                     f"Risk: {quantity}",
                     "Objects with the largest values, with the 95 % interval of the sampling of "
-                    "rocks (at most). Values and vulnerability are the user's.",
+                    "blocks (at most). Values and vulnerability are the user's.",
                     figures.risk_figure(
                         [o.name for o in found.risk.objects], values,
                         found.risk.standard_error(quantity), quantity=quantity, unit=unit,

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.preset_labels import energy_labels, period_labels
 from sassgis.hazard.risk import risk_totals
-from sassgis.hazard.rules import energy_labels, period_labels
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import rounded
@@ -42,7 +42,7 @@ def zone_tables(
         ReportTable(
             "Sources",
             (("release area", ""), ("block scenario", ""), ("onset frequency", "1/year"),
-             ("rocks", ""), ("annual frequency per simulated block", "1/year")),
+             ("blocks", ""), ("annual frequency per simulated block", "1/year")),
             _cells(sources),  # type: ignore[arg-type]
             "Onset frequencies are the user's; the hazard is proportional to them.",
         )
@@ -94,7 +94,7 @@ def zone_facts_of(
         ("Repetitions", str(repetitions)),
         (
             "Statistically uncertain",
-            f"{share:.1f} % of the cells that rocks reach: their level changes within the "
+            f"{share:.1f} % of the cells that blocks reach: their level changes within the "
             f"{100 * confidence:g} % sampling interval",
         ),
     )
@@ -111,7 +111,7 @@ def _matrix_table(preset: HazardPreset) -> ReportTable:
                 list(zip(preset.intensities, energy_labels(preset), preset.matrix, strict=True))
             )
         ),
-        f"{preset.title}. The level of a cell is the worst that its hazard curve crosses.",
+        f"{preset.title}. The level of a cell is the highest that its hazard curve crosses.",
     )  # fmt: skip
 
 
@@ -135,10 +135,10 @@ def _design_tables(
                     *((f"exceeded once in {t} years", shown) for t in years),
                 ),
                 _cells(design[keys]),  # type: ignore[arg-type]
-                "As if no wall or net held a rock, sources weighted by their onset frequency. A "
-                "dash: rocks come less often than that. Height of the centre above its resting "
+                "As if no wall or net held a block, sources weighted by their onset frequency. A "
+                "dash: blocks arrive less often than that. Height of the centre above its resting "
                 "height: a barrier needs the block's half height and freeboard on top. How many "
-                "simulated rocks lie beyond each value is in tables/design.csv.",
+                "simulated blocks lie beyond each value is in tables/design.csv.",
             )
         )  # fmt: skip
     return tables
@@ -175,7 +175,7 @@ def _risk_tables(currency: str, found: Assessment) -> list[ReportTable]:
             tuple(rows),
             "Values, presence, vulnerability and lethality are the user's. Each object is in "
             "tables/risk_objects.csv, each source in tables/risk_sources.csv. Standard errors are "
-            "of the sampling of rocks only.",
+            "of the sampling of blocks only.",
         )
     ]
 

@@ -94,7 +94,7 @@ def batch(
     ConfigError, InputError
         If what all areas share cannot be used, or no area could be run.
     OutputError
-        If a result is in the way or the disk is full or not writable.
+        If a result exists already, or the disk is full or not writable.
     Interrupted
         If the user stops the batch; what was computed is kept.
     """
@@ -153,7 +153,7 @@ def _why_skipped(error: Exception) -> str:
         return "not enough memory; fewer release points or larger cells need less"
     log.debug("", exc_info=error)
     text = " ".join(str(error).split())
-    return f"unexpected {type(error).__name__}: {text} (a fault of sassgis; --debug tells more)"
+    return f"unexpected {type(error).__name__}: {text} (a fault of sassgis; --debug shows more)"
 
 
 def _check_folder(folder: Path) -> None:

@@ -16,9 +16,9 @@ import sassgis
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.progress import Progress
 from sassgis.io.read.config import SECTIONS, file_digest, settings_hash
-from sassgis.io.read.features import Feature
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
+from sassgis.io.read.vector_features import Feature
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
 from sassgis.io.staging import staged_output
 from sassgis.model.errors import ConfigError, InputError, OutputError
@@ -32,8 +32,8 @@ from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_state import (
-    BARE_NAME,
     SIMULATION_NAME,
+    WITHOUT_BARRIERS_NAME,
     Record,
     read_record,
     write_record,
@@ -209,7 +209,7 @@ def kept_areas(
     Raises
     ------
     OutputError
-        If a result is in the way.
+        If a result exists already.
     """
     kept = {}
     for candidate in candidates:
@@ -219,7 +219,7 @@ def kept_areas(
         record = read_record(own)
         same = False
         if record is not None:
-            # An area that cannot be used any more is told of when it is its turn.
+            # An area that cannot be used any more is reported when it is its turn.
             with suppress(InputError), collected_notices():
                 part = record.part(setting.terrain)
                 feature = area_feature(setting, candidate)
@@ -290,7 +290,7 @@ def run_area(
         done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
         write_state(work / SIMULATION_NAME, done.progress, done.run)
         if without is not None:
-            write_state(work / BARE_NAME, without.progress, without.run)
+            write_state(work / WITHOUT_BARRIERS_NAME, without.progress, without.run)
         record = Record(
             fingerprint=_fingerprint(setting, cut.part, run.grid, run.areas[0], frequencies),
             area=candidate.name,

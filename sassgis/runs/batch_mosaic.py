@@ -21,7 +21,13 @@ from sassgis.model.grid import Grid
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature
 from sassgis.runs.batch_areas import Candidate
-from sassgis.runs.batch_state import BARE_NAME, SIMULATION_NAME, Record, add_area, read_state
+from sassgis.runs.batch_state import (
+    SIMULATION_NAME,
+    WITHOUT_BARRIERS_NAME,
+    Record,
+    add_area,
+    read_state,
+)
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.inputs import collected_notices, forest_of, map_run_of, yearly_frequencies
 from sassgis.runs.job import Job, Simulation
@@ -136,8 +142,8 @@ def _mosaic_job(
     said = dict.fromkeys(text for r in own for text in r.notices)
     if len({r.repetitions for r in own}) > 1:
         said[
-            "Areas had different numbers of repetitions: maps that count rocks (reach "
-            "probability, energy, height) weigh them by rocks, those of hazard by frequency."
+            "Areas had different numbers of repetitions: maps that count blocks (reach "
+            "probability, energy, height) weigh them by blocks, those of hazard by frequency."
         ] = None
     return Job(run, planned, ()), place, (*said, *notices)
 
@@ -157,7 +163,7 @@ def _sum_of_areas(
     released = int(sum(r.rocks for r, _ in own))
     share = run.stop_points_max / released if released else 1.0
     for i, (record, folder) in enumerate(own):
-        file = folder / BARE_NAME
+        file = folder / WITHOUT_BARRIERS_NAME
         if not without or not file.is_file():
             # Where an area has no walls and nets, both are the same.
             file = folder / SIMULATION_NAME

@@ -23,8 +23,8 @@ from sassgis.runs.checkpoint import progress_from, state_of
 from sassgis.terrain.plan import Plan
 
 RECORD_NAME = "area.json"
-#: Sums of the simulation, and of the same rocks without walls and nets.
-SIMULATION_NAME, BARE_NAME = "simulation.npz", "without_barriers.npz"
+#: Sums of the simulation, and of the same blocks without walls and nets.
+SIMULATION_NAME, WITHOUT_BARRIERS_NAME = "simulation.npz", "without_barriers.npz"
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,7 @@ def add_area(
     record, part, state
         Of the area.
     share : float
-        Of the rocks whose stop is kept one by one.
+        Of the blocks whose stop is kept one by one.
     """
     control_lines_in = tuple(run.control_lines[i] for i in record.control_lines)
     own = progress_from(state, part.n_rows * part.n_cols, tuple(g for g, _ in control_lines_in))
@@ -196,8 +196,8 @@ def add_area(
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> IntArray:
     """Columns of the wanted energies that hold those of an area.
 
-    The energies of a larger relief begin with those of a smaller one and go on beyond what any rock
-    can have there: what is missing counts nothing.
+    The energies of a larger relief begin with those of a smaller one and go on beyond what any
+    block can have there: what is missing counts nothing.
     """
     at: IntArray = np.searchsorted(wanted, own).astype(np.int64)
     if at.size and (at[-1] >= wanted.size or not np.array_equal(wanted[at], own)):

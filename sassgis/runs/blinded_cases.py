@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from sassgis.gap.check.labels import label_of
+from sassgis.gap.check.blinded_labels import label_of
 from sassgis.gap.check.worlds import World, WorldSpec, fresh_rocks, make_world, observe, setup
 from sassgis.io.write.gap_case_files import folder_digest, write_case, write_observations
 
@@ -15,14 +15,14 @@ _CAMPAIGN = 0
 
 
 def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, Any]:
-    """Make a world, and write what its observers have and know.
+    """Make a site, and write what its observers have and know.
 
     Parameters
     ----------
     spec : WorldSpec
     seed : int
     case : str
-        Number of the site, which says nothing.
+        Number of the site, without meaning.
     folder : str
         Of the case.
 
@@ -54,7 +54,7 @@ def write_world(world: World, folder: Path, case: str, kind: str, n_rocks: int) 
 
 
 def make_label(spec: WorldSpec, seed: int, case: str) -> dict[str, Any]:
-    """The label alone, from a world that is made anew."""
+    """The label alone, from a site that is made anew."""
     return label_of(make_world(spec, seed), case)
 
 

@@ -21,7 +21,7 @@ from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.staging import CHECKPOINT_STEM, writing
-from sassgis.model.map_run import FallLines, MapRun, Rows
+from sassgis.model.map_run import BlockRows, FallLines, MapRun
 from sassgis.model.results import ControlLine
 
 _LINE_FIELDS = ("offset", "x", "y", "point", "fan", "length_m", "drop_m", "end")
@@ -38,13 +38,13 @@ class Checkpoint:
     fingerprint : str
         Of settings and inputs.
     part : str
-        Tells several simulations for one result apart.
+        Distinguishes several simulations for one result.
     """
 
     def __init__(self, work: Path, fingerprint: str, part: str = "") -> None:
         self.folder = work / CHECKPOINT_STEM / part
         self.fingerprint = fingerprint
-        self._waiting: list[Rows] = []
+        self._waiting: list[BlockRows] = []
         self._parts = 0
 
     def restore(self, run: MapRun) -> Progress | None:
@@ -66,7 +66,7 @@ class Checkpoint:
         n_rows, n_cols = run.grid.shape
         return progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.control_lines))
 
-    def hand_on(self, rows: Rows) -> None:
+    def hand_on(self, rows: BlockRows) -> None:
         """Take rows that are to be written to tables; they are saved with the next state."""
         self._waiting.append(rows)
 
@@ -146,14 +146,14 @@ def progress_from(
     lines = _group(state, "lines")
     progress.lines = [FallLines(*(lines[f] for f in _LINE_FIELDS))]
     rows = _group(state, "stops")
-    progress.stops = [Rows(*(rows[f] for f in _ROW_FIELDS))]
+    progress.stops = [BlockRows(*(rows[f] for f in _ROW_FIELDS))]
     return progress
 
 
-def read_rows(part: Path) -> Rows:
+def read_rows(part: Path) -> BlockRows:
     """Rows of one file of a checkpoint."""
     with np.load(part, allow_pickle=False) as stored:
-        return Rows(*(stored[f] for f in _ROW_FIELDS))
+        return BlockRows(*(stored[f] for f in _ROW_FIELDS))
 
 
 def _sources(

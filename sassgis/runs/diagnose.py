@@ -80,7 +80,7 @@ _FEWEST_ROCKS = 5
 #: Draws of each hypothesis in the first round.
 DRAWS = 40
 #: Repetitions of the refinement, and draws in each.
-ROUNDS, REFINED = 3, 24
+REPETITIONS, REFINED = 3, 24
 #: Effects that are calibrated further, the most probable ones.
 _FURTHER = 3
 #: Draws of a pair of effects.
@@ -174,6 +174,7 @@ def diagnose(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
                 "goes on from there"
             ) from None
+        diagnosis = replace(diagnosis, warnings=(*settings.notes, *diagnosis.warnings))
         tell("Writing the results")
         if report:
             write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
@@ -245,7 +246,7 @@ def _ensemble(
 
 
 class _Counter:
-    """Tells how many draws are done, of how many, and the rocks simulated for them."""
+    """Reports how many draws are done, of how many, and the rocks simulated for them."""
 
     def __init__(self, on_progress: OnProgress | None, total: int, n_rocks: int) -> None:
         self._on_progress, self._total, self._rocks = on_progress, total, COUNT * n_rocks
@@ -324,12 +325,12 @@ def _diagnosis(
         ensemble = ensemble.with_more(problem, list(run(_try, tasks)))
         further.append(best)
 
-    counter = _Counter(on_progress, ROUNDS * REFINED * len(further), case.n_rocks)
+    counter = _Counter(on_progress, REPETITIONS * REFINED * len(further), case.n_rocks)
 
     def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
         return list(counter.counted(run(_try_refined, tasks)))
 
-    ensemble = refine(problem, ensemble, further, again, rounds=ROUNDS, draws=REFINED)
+    ensemble = refine(problem, ensemble, further, again, repetitions=REPETITIONS, draws=REFINED)
     part = folds_of(case.n_rocks, seed)
     shrinkage = shrinkage_of(problem, ensemble, best, part, draws=_BOOTSTRAP, seed=seed)
     fitted = [ensemble.tried[i].draw for i in best_draws(ensemble, best).tolist()]
@@ -344,7 +345,7 @@ def _diagnosis(
         shrinkage = replace(
             shrinkage, note=f"No effect is named; this is of {best.replace('_', ' ')}, as a bound."
         )
-    told = what_is_identifiable(case.observations)
+    known = what_is_identifiable(case.observations)
     effect = fitted[0] if named else base
     diagnosis = Diagnosis(
         verdict=verdict,
@@ -353,7 +354,7 @@ def _diagnosis(
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
-        not_identifiable=told.not_identifiable,
+        not_identifiable=known.not_identifiable,
         measure_next=measure_next(case, verdict.confusion_set),
         comparisons=_comparisons(problem, ensemble, best if named else ""),
         base=_calibrated(base),

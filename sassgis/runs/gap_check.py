@@ -1,4 +1,4 @@
-"""The blind check of the diagnosis: worlds with blinded labels, answers, scores."""
+"""The blind check of the diagnosis: sites with blinded labels, answers, scores."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_of
 from sassgis.gap.check.check_scores import (
     SHRINKAGE_ROCKS,
     Answer,
@@ -22,7 +23,6 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
-from sassgis.gap.check.labels import blinding_hash, labels_text, truth_of
 from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool
 from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
@@ -42,7 +42,7 @@ MEASURER = "sassgis.runs.fresh_shrinkage:measured_shrinkage"
 
 _FORMAT = 1
 _MAKER = "sassgis.runs.blinded_cases"
-#: Worlds whose fresh rocks are on the disk at the same time.
+#: Sites whose fresh rocks are on the disk at the same time.
 _BATCH = 8
 
 OnProgress = Callable[[int, int, int], None]
@@ -131,10 +131,10 @@ def check(
 ) -> CheckResult:
     """Let the diagnosis answer on synthetic sites whose truth is withheld from it, and score it.
 
-    First all worlds are made; what their observers have and know is written to ``cases``, of the
-    truth nothing but a hash (``labels.sha256``). Each world is then diagnosed in a process that
+    First all sites are made; what their observers have and know is written to ``cases``, of the
+    truth nothing but a hash (``labels.sha256``). Each site is then diagnosed in a process that
     cannot load the synthetic sites and sees nothing of the folder but its own case and answer. When
-    all answers are there, their hashes are written, the worlds are made a second time, and the
+    all answers are there, their hashes are written, the sites are made a second time, and the
     labels, which must have the hash that was written before, are put beside the answers.
 
     An interrupted check goes on with the same call.
@@ -149,7 +149,7 @@ def check(
     jobs : int, optional
         Processes; default: one for each core.
     quick : bool
-        Six small worlds, to see whether everything runs.
+        Six small sites, to see whether everything runs.
     development : bool
         Whether a battery may be used on which thresholds were chosen; the scores then say so.
     diagnoser, measurer : str
@@ -193,7 +193,7 @@ def check(
     try:
         programs = _claim(place, plan)
         if not place.blinding.exists():
-            tell(f"Making {len(planned)} worlds")
+            tell(f"Making {len(planned)} sites")
             _make(place, planned, jobs, step)
         if not place.answer_list.exists():
             tell("Diagnosing them, with blinded labels")
@@ -297,7 +297,7 @@ def _all(tasks: Sequence[Task], jobs: int, step: OnProgress) -> dict[str, Any]:
     with WorkerPool(jobs) as pool:
         for outcome in pool.run(tasks):
             if outcome.failure:
-                raise OutputError(f"world {outcome.key} cannot be made: {outcome.failure}")
+                raise OutputError(f"site {outcome.key} cannot be made: {outcome.failure}")
             values[outcome.key] = outcome.value
             step(len(values), len(tasks), 0)
     return values
@@ -383,14 +383,14 @@ def _open(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress)
     tasks = [Task(w.case, f"{_MAKER}:make_label", (w.spec, w.seed, w.case)) for w in planned]
     labels = _all(tasks, jobs, step)
     text = labels_text([labels[w.case] for w in planned])
-    _verify_seal(place, text, "labels made anew")
+    _verify_blinding(place, text, "labels made anew")
     _write_text(place.labels, text)
 
 
 def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
     """The opened labels, after everything has been compared with its hash."""
     text = place.labels.read_text(encoding="utf-8")
-    _verify_seal(place, text, str(place.labels))
+    _verify_blinding(place, text, str(place.labels))
     _verify_answers(place, planned)
     for line in place.case_list.read_text(encoding="utf-8").splitlines():
         digest, name = line.split("  ")
@@ -403,7 +403,7 @@ def _truths(place: _Place, planned: Sequence[_World]) -> list[Truth]:
     return [truth_of(label) for label in json.loads(text)]
 
 
-def _verify_seal(place: _Place, text: str, found: str) -> None:
+def _verify_blinding(place: _Place, text: str, found: str) -> None:
     blinded = place.blinding.read_text(encoding="utf-8").split()[0]
     salt = place.salt.read_text(encoding="utf-8").strip()
     actual = blinding_hash(salt, text)
@@ -454,7 +454,7 @@ def _measure(
     left = [w for w in due if not place.measured(w.case).exists()]
     if not left:
         return
-    tell(f"Measuring the shrinkage of {len(due)} worlds on {FRESH_ROCKS} fresh rocks each")
+    tell(f"Measuring the shrinkage of {len(due)} sites on {FRESH_ROCKS} fresh rocks each")
     done = len(due) - len(left)
     with WorkerPool(jobs) as makers, WorkerPool(jobs, place.root) as measurers:
         for first in range(0, len(left), _BATCH):
@@ -470,7 +470,7 @@ def _measure(
             for outcome in makers.run(fresh):
                 if outcome.failure:
                     raise OutputError(
-                        f"fresh rocks of world {outcome.key} cannot be made: {outcome.failure}"
+                        f"fresh rocks of site {outcome.key} cannot be made: {outcome.failure}"
                     )
             for outcome in measurers.run(_measure_tasks(place, some, measurer)):
                 _write_json(place.measured(outcome.key), _measured(outcome))

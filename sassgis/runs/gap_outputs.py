@@ -51,6 +51,7 @@ def write_outputs(
     write_diagnosis_json(work / "diagnosis.json", diagnosis)
     write_gap_gpkg(work / "gap.gpkg", case, diagnosis)
     write_config_back(work / "model" / "config.toml", config_file, diagnosis, case)
+    warnings = [*config.notes, *report_warnings(case, diagnosis)]
     context = gap_report(
         case,
         diagnosis,
@@ -59,6 +60,7 @@ def write_outputs(
         terrain=config.dem_path.name,
         crs=crs_name(case.grid.crs or ""),
         configuration=config.file.name,
+        warnings=warnings,
         seconds=seconds,
     )
     write_report(work / "report.html", context)
@@ -90,5 +92,5 @@ def write_outputs(
             "comparisons": len(diagnosis.where),
             "explanations": len(diagnosis.which),
         },
-        warnings=report_warnings(case, diagnosis),
+        warnings=warnings,
     )

@@ -255,10 +255,10 @@ def check_rules(config: Config, grid: Grid | None = None) -> list[str]:
     """
     run = read_map_run(config, grid=grid)
     rules = read_rules(config, run)
-    yearly = sum(rules.frequencies.values())
+    annual = sum(rules.frequencies.values())
     lines = [
         f"zoning: preset {rules.preset.name} ({rules.preset.title})",
-        f"  onset: {yearly:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
+        f"  onset: {annual:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
         f"  reference width: {rules.ref_width_m:.4g} m",
     ]
     if len(rules.placed):

@@ -17,7 +17,7 @@ from sassgis.io.read.config import load_config, settings_hash
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.write.frames import require_parquet
 from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.checkpoint import Checkpoint
@@ -29,7 +29,7 @@ from sassgis.terrain.plan import Plan, plan
 #: Seconds between two savings of the state of a run.
 SAVE_EVERY_S = 60.0
 
-#: Called with (chunks done, chunks in all, rocks done).
+#: Called with (chunks done, chunks in all, blocks done).
 OnProgress = Callable[[int, int, int], None]
 
 
@@ -192,7 +192,7 @@ def _simulate(
     keep = _keeps_rows(config)
     saved = time.monotonic()
 
-    def on_chunk(now: Progress, chunks: int, rows: Rows) -> None:
+    def on_chunk(now: Progress, chunks: int, rows: BlockRows) -> None:
         nonlocal saved
         if keep:
             checkpoint.hand_on(rows)
@@ -209,16 +209,16 @@ def _simulate(
         with held_back():
             checkpoint.save(progress)
         raise Interrupted(
-            f"stopped by the user after {int(progress.reasons.sum())} rocks; what was computed is "
+            f"stopped by the user after {int(progress.reasons.sum())} blocks; what was computed is "
             f"kept in {checkpoint.folder}: the same command goes on from there"
         ) from None
     if not progress.reasons.sum():
         # An empty map would read as "no hazard".
         raise InputError(
-            "no rock could be simulated",
+            "no block could be simulated",
             file=config.release.file,
             field="release.file",
-            found=f"{progress.lost} rocks, on fall lines that all end where they begin",
+            found=f"{progress.lost} blocks, on fall lines that all end where they begin",
             expected="release areas on slopes, on known terrain and not at its edge",
         )
     # Whatever happens while the result is written, the simulation is not lost.

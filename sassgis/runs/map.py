@@ -23,7 +23,7 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import ChunkResult, Progress, add_chunk, joined_rows
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
-from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.settings import LateralDeflection
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
@@ -59,7 +59,7 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
     start = prepared.starts(planned.moved[which][lines.point])
     length = prepared.length_m
     sums: dict[int, Simulated] = {}
-    parts: list[Rows] = []
+    parts: list[BlockRows] = []
     for k in scenarios if len(lines) else ():
         blocks = run.blocks[k]
         result = simulate(
@@ -86,7 +86,7 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
         x, y = chainage_to_xy(lines, local, np.clip(ended["runout_m"], 0.0, length[local]))
         sums[k] = result
         parts.append(
-            Rows(
+            BlockRows(
                 ended, np.full(ended.size, k, np.int64), x, y,
                 result.passages, np.full(result.passages.size, k, np.int64),
             )
@@ -158,7 +158,7 @@ def chunks_of(planned: Plan, size: int = CHUNK_POINTS, repetitions: int = 1) -> 
 def _in_order(
     work: Callable[[Chunk], ChunkResult], chunks: list[Chunk], jobs: int
 ) -> Generator[ChunkResult, None, None]:
-    """Results of ``work`` in the order of the chunks, a few of them under way at a time.
+    """Results of ``work`` in the order of the chunks, a few of them at work at a time.
 
     Never in the calling thread: Ctrl-C would strike within compiled code, which turns it into a
     SystemError.
@@ -184,10 +184,10 @@ def simulate_map(
     *,
     jobs: int = 1,
     resume: Progress | None = None,
-    on_chunk: Callable[[Progress, int, Rows], None] | None = None,
+    on_chunk: Callable[[Progress, int, BlockRows], None] | None = None,
     chunk_points: int = CHUNK_POINTS,
 ) -> Progress:
-    """Simulate all rocks of a plan.
+    """Simulate all blocks of a plan.
 
     Parameters
     ----------

@@ -355,7 +355,7 @@ def publish_profile(
     write_table(tables / "passages.csv", [profile_passage_frame(result)])
     provenance = (
         ("Program", f"sassgis {sassgis.__version__}"),
-        ("Seed", seed),
+        ("Seed", str(seed)),
         ("Settings and inputs (SHA-256)", settings_hash(config)),
     )
     effects = config.effects.names

@@ -68,11 +68,11 @@ def run(
     overwrite : bool
         Whether a result that is there already may be replaced.
     areas : sequence of str, optional
-        Names of the release areas to run; default: all. Their rocks are those of a run of all.
+        Names of the release areas to run; default: all. Their blocks are those of a run of all.
     seed, jobs : int, optional
         In place of those of the configuration.
     on_progress : callable, optional
-        Called with (chunks done, chunks in all, rocks done).
+        Called with (chunks done, chunks in all, blocks done).
     say : callable, optional
         Called with a line of text now and then.
 

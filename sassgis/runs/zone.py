@@ -46,7 +46,7 @@ def prepared(job: Job, rules: Rules) -> Job:
 
 
 def without_barriers(job: Job) -> Job:
-    """The job with its walls and nets as mere stations: they see rocks and hold none."""
+    """The job with its walls and nets as stations: they record blocks and stop none."""
     control_lines = tuple(
         (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
     )
@@ -116,7 +116,7 @@ def write_zones(
         As for sassgis.runs.publish.publish_map.
     rules : Rules
     without : Simulation or None
-        The same rocks without walls and nets.
+        The same blocks without walls and nets.
     first : callable, optional
         Called with what was found before anything is written.
 
@@ -124,7 +124,7 @@ def write_zones(
     -------
     found : Assessment
     layers : tuple of RasterLayer
-        The maps of the rocks.
+        The maps of the blocks.
     warnings : tuple of str
         Of the zoning.
     """
@@ -168,7 +168,7 @@ def simulations(
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
 ) -> tuple[Simulation, Simulation | None]:
-    """Simulate with the barriers and, if that is wanted, without them: the same rocks."""
+    """Simulate with the barriers and, if that is wanted, without them: the same blocks."""
     limit = config.hazard.uncertain_share_max
     confidence = config.hazard.confidence
 

@@ -13,7 +13,7 @@ from sassgis.model.profiles import TraceSet
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-# Stretches shorter than this (m) are rounding, not ground that a rock passes.
+# Stretches shorter than this (m) are rounding, not ground that a block passes.
 SHORTEST_STRETCH = 1e-9
 
 
@@ -65,7 +65,7 @@ def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
 
 @kernel
 def next_line(position: float, target: float) -> float:
-    """First whole number strictly ahead of ``position`` on the way to ``target``."""
+    """First whole number strictly ahead of ``position`` towards ``target``."""
     if target > position:
         return float(np.floor(position)) + 1.0
     return float(np.ceil(position)) - 1.0
@@ -73,7 +73,7 @@ def next_line(position: float, target: float) -> float:
 
 @kernel
 def next_share(start: float, target: float, line: float) -> float:
-    """Share of the way from start to target at which ``line`` is met; 2 if it is not."""
+    """Share of the distance from start to target at which ``line`` is met; 2 if it is not."""
     if target > start:
         return (line - start) / (target - start) if line <= target else 2.0
     if target < start:
@@ -133,7 +133,7 @@ def _stretches(
                         count += 1
                         borders[count + i] = end
                 t = t_next
-        # The last border is the end of the line itself, whatever was dropped on the way.
+        # The last border is the end of the line itself, whatever was dropped along it.
         if count > begin:
             borders[count + i] = s[last]
         cell_offset[i + 1] = count

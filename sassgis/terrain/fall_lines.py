@@ -1,10 +1,10 @@
-"""Fall lines: where a rock's way leads down the terrain.
+"""Fall lines: where a block's path leads down the terrain.
 
 On descending ground a fall line follows the steepest descent of a smooth surface through the DEM,
 at any point and in any direction, not from cell to cell. Where the ground is nearly flat or rises
-ahead, the direction of steepest descent says little about a rock that arrives with speed: there
+ahead, the direction of steepest descent says little about a block that arrives with speed: there
 the line keeps its heading, so that it runs out over a valley floor and up the other side, until
-the ground ahead descends again. What a rock really does on that line is left to the engine.
+the ground ahead descends again. What a block really does on that line is left to the engine.
 
 A line that follows the descent does so until the slope falls below the flat slope (tangent m_f) or
 the descent turns away from the heading by more than 60°. From there it coasts:
@@ -12,7 +12,7 @@ the descent turns away from the heading by more than 60°. From there it coasts:
     d psi / d s = (psi_d - psi) q min(1, q) a(cos(psi_d - psi)) / L,    q = m / m_f,
 
 with heading psi, direction of steepest descent psi_d, slope m (tangent), turning length L, and a
-smooth step ``a`` from 0 (descent sideways or backwards) to 1 (within 60° of the heading). It
+smooth step ``a`` from 0 (descent across or backwards) to 1 (within 60° of the heading). It
 follows again once the slope is m_f or more and the heading has come within 5° of the descent.
 These are equations of the line, free of the step with which they are solved.
 """
@@ -40,7 +40,7 @@ _MAX_LENGTH = int(LineEnd.MAX_LENGTH)
 _CLOSED_LOOP = int(LineEnd.CLOSED_LOOP)
 
 # All in cells or radians. On two alpine DEMs of 5 m, smoothed by 5 m, steps about three times as
-# fine move nine lines in ten by less than an eighth of a cell anywhere on their way; those that
+# fine move nine lines in ten by less than an eighth of a cell anywhere on their path; those that
 # move more pass a divide or a pit so closely that any change of the terrain would move them.
 _STEP = 1.0
 _SHORTEST_STEP = 1.0 / 128.0
@@ -50,7 +50,7 @@ _TURN_PER_POINT = 0.1
 _RATE_PER_STEP = 0.4
 _COS_STEP = math.cos(2.0 * _TURN_PER_STEP)
 _COS_POINT = math.cos(_TURN_PER_POINT)
-# A line that comes this near to itself, after at least this much of way, has closed.
+# A line that comes this near to itself, after at least this length of path, has closed.
 _LOOP_DISTANCE = 0.5
 _LOOP_WAY = 4.0
 # Ends lie this much inside the last valid cell: rounding of map coordinates cannot push them out.
@@ -63,7 +63,7 @@ _LEVEL = 1e-10
 
 @dataclass(frozen=True, slots=True)
 class Kicks:
-    """Sideways deviations of single lines.
+    """Lateral deviations of single lines.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ def trace(
       last valid point (a millionth of a cell before the border). A release point there gives a
       line of that single point.
     - ENERGY_LINE: the terrain rises above the energy line of the release point (see
-      FallLineSettings): a rock cannot be expected beyond. The energy line starts from the height
+      FallLineSettings): a block cannot be expected beyond. The energy line starts from the height
       of the DEM at the release point, or of the smoothed surface if that is higher, and is
       compared with the smoothed surface.
     - MAX_LENGTH: the plan length is used up.
@@ -140,7 +140,7 @@ def trace(
         All or a part of the release points.
     settings : FallLineSettings
     fans : float64, shape (m,), optional
-        Sideways deviations of the lines of each point as a share of their length, positive to the
+        Lateral deviations of the lines of each point as a share of their length, positive to the
         right; default one line with 0. See sassgis.terrain.spread.
     kicks : Kicks, optional
         Deviations of each line of its own, in place of ``fans``.
@@ -326,10 +326,7 @@ def _trace_line(
         if not following:
             rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, slope, flat, turning)
             turn = abs(_angle(gu, gv, cos_fan, sin_fan, hu, hv))
-            step = min(limit, 0.25, _TURN_PER_STEP / (rate * turn + 1e-300))
-            step = min(step, _RATE_PER_STEP / (np.sqrt(rate * min(bend, 1e12)) + 1e-300))
-            step = max(step, _SHORTEST_STEP)
-            step = min(step, max_length - s_old)
+            step = min(_coasting_step(limit, rate, turn, bend), max_length - s_old)
             ku, kv, nu, nv = _coast(
                 coefficients, u, v, gu, gv, hu, hv, step, cos_fan, sin_fan, flat, turning
             )
@@ -372,10 +369,7 @@ def _trace_line(
         ):
             gap = _length(u_new - line[size - 1, 0], v_new - line[size - 1, 1])
             if gap > 10.0 * _INSIDE:
-                if size >= line.shape[0]:
-                    longer = np.empty((2 * line.shape[0], 3))
-                    longer[:size] = line
-                    line = longer
+                line = _with_room(line, size)
                 line[size, 0], line[size, 1] = u_new, v_new
                 line[size, 2] = line[size - 1, 2] + gap
                 size += 1
@@ -400,8 +394,26 @@ def _trace_line(
 
 
 @kernel
+def _coasting_step(limit: float, rate: float, turn: float, bend: float) -> float:
+    """Length of a step away from the descent (cells), so that the heading turns little in it."""
+    step = min(limit, 0.25, _TURN_PER_STEP / (rate * turn + 1e-300))
+    step = min(step, _RATE_PER_STEP / (np.sqrt(rate * min(bend, 1e12)) + 1e-300))
+    return float(max(step, _SHORTEST_STEP))
+
+
+@kernel
+def _with_room(line: FloatArray, size: int) -> FloatArray:
+    """The buffer ``line``, twice as long if its ``size`` rows fill it."""
+    if size < line.shape[0]:
+        return line
+    longer = np.empty((2 * line.shape[0], 3))
+    longer[:size] = line
+    return longer
+
+
+@kernel
 def _length(a: float, b: float) -> float:
-    """Length of a vector; several times faster than hypot, whose care for overflow is idle here."""
+    """Length of a vector; several times faster than hypot, as it has no guard against overflow."""
     return float(np.sqrt(a * a + b * b))
 
 

@@ -1,4 +1,4 @@
-"""Flattening: fall lines unrolled into a vertical plane, and the way back to the map.
+"""Flattening: fall lines unrolled into a vertical plane, and back onto the map.
 
 As in D. Bozzolo and R. Pamini (1986, Simulation of rock falls down a valley side, Acta
 Mechanica 63, 113-130, fig. 1a), the trace of the fall line on the terrain is turned into a common

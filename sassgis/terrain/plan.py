@@ -42,7 +42,7 @@ class Plan:
     repetitions: tuple[int, ...] = ()
 
     def rocks_of_point(self, run: MapRun) -> IntArray:
-        """Rocks that are released at each point, shape (n,)."""
+        """Blocks that are released at each point, shape (n,)."""
         each = run.rocks_per_line * run.lines_per_point
         given = self.repetitions or (run.repetitions,) * len(self.scenarios)
         counts = np.array(given, np.int64) * np.array([len(s) for s in self.scenarios], np.int64)

@@ -136,7 +136,7 @@ def line_draw_keys(
 
 
 def scenario_word(name: str) -> np.uint64:
-    """A number that stands for a scenario's name in the random draws."""
+    """A number that represents a scenario's name in the random draws."""
     return np.uint64(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little"))
 
 
@@ -182,7 +182,7 @@ def thinned(traces: TraceSet, grid: Grid) -> FallLines:
 def drawn_lines(run: MapRun, traces: TraceSet, points: IntArray) -> FallLines:
     """Lines of some release points (their numbers in the plan) for the map.
 
-    Where paths are random, the first of each point stands for all.
+    Where paths are random, the first of each point represents all.
     """
     lines = thinned(traces, run.grid)
     if run.effects.get(LateralDeflection) is not None:

@@ -57,7 +57,7 @@ def release_points(
     ConfigError
         If the spacing is not positive, or the placement is unknown.
     InputError
-        If a name comes twice, or a geometry is missing, empty or invalid.
+        If a name occurs twice, or a geometry is missing, empty or invalid.
     """
     if not (np.isfinite(spacing_m) and spacing_m > 0.0):
         raise ConfigError(

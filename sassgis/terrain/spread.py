@@ -1,6 +1,6 @@
-"""Bundles of lines that spread sideways from the fall line.
+"""Bundles of lines that spread laterally from the fall line.
 
-Rocks leave the line of steepest descent. Field tests and models put the width of their spread at
+Blocks leave the line of steepest descent. Field tests and models put the width of their spread at
 some 10 to 20 per cent of the slope length (P. Azzoni, G. La Barbera, A. Zaninetti, 1995, Analysis
 and prediction of rockfalls using a mathematical model, Int. J. Rock Mech. Min. Sci. 32, 709-724;
 G. B. Crosta, F. Agliardi, 2004, Parametric evaluation of 3D dispersion of rockfall trajectories,
@@ -21,10 +21,10 @@ from sassgis.terrain.surface import Surface
 
 
 def fans(settings: SpreadSettings) -> FloatArray:
-    """Sideways deviations of the lines of a bundle.
+    """Lateral deviations of the lines of a bundle.
 
     The width is cut into as many equal parts as there are lines, and each line is the middle of its
-    part: lines of equal weight then stand for a uniform spread over the whole width.
+    part: lines of equal weight then represent a uniform spread over the whole width.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def trace_bundles(
 
     A line of fan f heads, everywhere, atan f beside the local steepest descent: on a plane it
     has left the fall line by f times the distance down that line. In a gully the walls hold it near
-    the axis, as they would a rock. All other rules, and the ends, are those of
+    the axis, as they would a block. All other rules, and the ends, are those of
     sassgis.terrain.fall_lines.trace.
 
     Parameters

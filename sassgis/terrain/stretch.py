@@ -1,4 +1,4 @@
-"""The stretch of a fall line on which its rocks start, and the ground behind it."""
+"""The stretch of a fall line on which its blocks start, and the ground behind it."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ SHORTEST_LINE_M = 1.0
 def moved_uphill(
     points: ReleasePoints, surface: Surface, distance_m: float, inside: NDArray[np.bool_] | None
 ) -> tuple[ReleasePoints, FloatArray]:
-    """Move release points up the slope, so that rocks can start on both sides of them.
+    """Move release points up the slope, so that blocks can start on both sides of them.
 
-    A lattice point stands for a square of the release area; its rocks start on the fall line within
-    half the spacing above and below it.
+    A lattice point represents a square of the release area; its blocks start on the fall line
+    within half the spacing above and below it.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def take_profiles(profiles: ProfileSet, which: NDArray[np.bool_]) -> ProfileSet:
 def with_lead_in(profiles: ProfileSet, length_m: float) -> ProfileSet:
     """Let the ground go on behind the start at the slope of the first segment.
 
-    A rock that rebounds uphill from the first metres would otherwise be lost from the profile.
+    A block that rebounds uphill from the first metres would otherwise be lost from the profile.
     Ground that rises down the line is continued level. No cell of the map belongs to the lead-in.
 
     Parameters

@@ -51,7 +51,7 @@ def test_from_the_template_to_a_result(slope: Slope, call) -> None:
     assert code == 0, err
     manifest = json.loads((slope.folder / "result" / "manifest.json").read_text())
     rocks = manifest["counts"]["rocks"]
-    assert rocks > 0 and f"{rocks} rocks in" in out
+    assert rocks > 0 and f"{rocks} blocks in" in out
     assert sum(manifest["counts"][f"rocks_{r.name.lower()}"] for r in StopReason) == rocks
 
 
@@ -124,7 +124,7 @@ def test_ctrl_c_keeps_the_state_and_the_next_run_ends_as_if_nothing_had_been(
     command = [*SASSGIS, "run", str(slope.config), "-o", str(slope.folder / "result")]
     master, process = started(command)
     try:
-        seen = read_until(master, rb"\[#+-+\] +\d+ %, [1-9]\d* rocks, about [\d:]+ left", 300)
+        seen = read_until(master, rb"\[#+-+\] +\d+ %, [1-9]\d* blocks, about [\d:]+ left", 300)
         process.send_signal(signal.SIGINT)
         seen += read_until(master, b"", 60)
         assert process.wait(60) == 130, seen.decode()
@@ -133,7 +133,7 @@ def test_ctrl_c_keeps_the_state_and_the_next_run_ends_as_if_nothing_had_been(
         os.close(master)
     text = seen.decode().replace("\r\n", "\n")
     # On a terminal a bar with the time left.
-    assert "\r" in text and re.search(r"\[#+-+\] +\d+ %, \d+ rocks, about [\d:]+ left", text)
+    assert "\r" in text and re.search(r"\[#+-+\] +\d+ %, \d+ blocks, about [\d:]+ left", text)
     errors = [line for line in text.splitlines() if line.startswith("Error: ")]
     assert len(errors) == 1 and "the same command goes on from there" in errors[0]
     assert "Traceback" not in text

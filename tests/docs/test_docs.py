@@ -229,6 +229,21 @@ def test_fig9_study(repository, tmp_path):
     assert f"{facts['largest_difference_percent']:g} percentage" in page
 
 
+def test_convergence_study_changes_the_constants_of_the_engine(repository, monkeypatch):
+    study = load(repository / "docs" / "studies" / "convergence.py")
+    for name in (name for some in study.NUMERICAL for name in some):
+        file, constant = name.split(".")
+        assert getattr(importlib.import_module(f"sassgis.engine.{file}"), constant) > 0.0, name
+    from sassgis.engine import ground_motion, landing
+
+    # The first assignment has the value put back at the end.
+    for module in (landing, ground_motion):
+        monkeypatch.setattr(module, "FIRST_TURN", landing.FIRST_TURN)
+    before = landing.FIRST_TURN
+    study.change_constant("landing.FIRST_TURN", 0.5)
+    assert landing.FIRST_TURN == ground_motion.FIRST_TURN == 0.5 * before
+
+
 def test_cutting_segments_leaves_the_ground(repository):
     import numpy as np
 

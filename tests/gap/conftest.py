@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
+from helpers.simulated_slope import observed
 
+from sassgis.gap.which.ensemble import CalibrationProblem, Tried, problem_of
+from sassgis.gap.which.signature import Base, base_of
 from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid
 
@@ -43,3 +46,15 @@ def folder(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write
+
+
+@pytest.fixture(scope="session")
+def problem() -> CalibrationProblem:
+    """Of rocks that the engine released without any effect."""
+    return problem_of(observed(24, 3), 5)
+
+
+@pytest.fixture(scope="session")
+def made(problem: CalibrationProblem) -> tuple[Base, list[Tried]]:
+    """The base model of this problem, with its campaigns."""
+    return base_of(problem, 20)

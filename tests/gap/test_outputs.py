@@ -104,7 +104,7 @@ def test_everything_is_written_and_listed(written: Path) -> None:
     assert {
         "diagnosis.json", "gap.gpkg", "report.html", "model/config.toml", "model/forest.gpkg",
         "model/ground_classes.csv", "figures/gap_map.png", "figures/gap_where.png",
-        "figures/gap_distributions.png", "figures/gap_contenders.png",
+        "figures/gap_distributions.png", "figures/gap_hypotheses.png",
     } == listed  # fmt: skip
     roles = {entry["role"] for entry in manifest["inputs"]}
     assert {"config", "dem", "release", "observations rocks.csv"} <= roles
@@ -139,7 +139,7 @@ def test_stops_alone_are_enough(stops_only: Made, tmp_path: Path) -> None:
         with_trees(case), where=(finding("all", "stopping", "runout_m", -21.0),), which=()
     )
     write_outputs(tmp_path / "out", case, diagnosis, config)
-    assert not (tmp_path / "out" / "figures" / "gap_contenders.png").exists()
+    assert not (tmp_path / "out" / "figures" / "gap_hypotheses.png").exists()
     assert len(gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stations")) == 0
     assert len(gpd.read_file(tmp_path / "out" / "gap.gpkg", layer="stops")) == 16
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from helpers.hazard_samples import swiss
 
-from sassgis.hazard.rules import energy_labels, period_labels, preset_unverified
+from sassgis.hazard.preset_labels import energy_labels, period_labels, preset_unverified
 from sassgis.io.read.presets import preset_names, read_preset
 from sassgis.model.errors import InputError
 

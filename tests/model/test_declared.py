@@ -101,7 +101,9 @@ def test_every_row_is_complete(name):
     settings = row.settings()
     parameters = {f.name for f in dataclasses.fields(settings)}
     fit = row.calibration
-    assert fit is not None
+    if fit is None:
+        assert name == "wind"  # Not tried by the diagnosis.
+        return
     place = set() if row.place is None else set(declared(row.place))
     assert set(fit.ranges) <= parameters | place
     for form in fit.forms:

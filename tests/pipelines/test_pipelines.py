@@ -18,7 +18,7 @@ import rasterio
 import shapely
 
 from sassgis.io.read.config import load_config
-from sassgis.runs.profile import profile_from_csv, simulate_profile
+from sassgis.runs.profile_run import profile_from_csv, simulate_profile
 from sassgis.runs.samples import copy_sample
 
 PIPELINES = Path(__file__).resolve().parents[2] / "pipelines"

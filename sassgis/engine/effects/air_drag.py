@@ -42,8 +42,6 @@ class AirDrag(EffectSection):
 OFF, CONSTANT, SPHERICITY = 0, 1, 2
 #: Longest flight between two turns of drag (s): halving it moves nothing that matters.
 DRAG_STEP_S = 0.05
-#: C_d of a sphere in fast flow, on which the sphericity works.
-SPHERE = 0.43
 
 
 class Drag(NamedTuple):

@@ -21,6 +21,7 @@ from sassgis.engine.effects import (
     roughness,
     soft_ground,
     trees,
+    wind,
 )
 from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.registry import in_motion
@@ -46,6 +47,7 @@ BLOCK_DTYPE = record_type(
     *STATE_FIELDS,
     ("resistance", np.float64),  # of the air (1/m)
     *trees.MEMORY,
+    *wind.MEMORY,
     ("x_from", np.float64),  # where the step began (m)
     ("energy_from", np.float64),  # twice the energy per unit mass with which it began, less spin
     ("cut", np.bool_),  # whether an effect has cut the step short
@@ -62,6 +64,7 @@ class Effects(NamedTuple):
     shape: rock_shape.Shape
     breaking: fragmentation.Breaking
     loose: entrainment.LooseBlocks
+    push: wind.Push
 
 
 def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
@@ -83,6 +86,7 @@ def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
         rock_shape.prepare(settings.get(rock_shape.RockShape)),
         fragmentation.prepare(settings.get(fragmentation.Fragmentation)),
         entrainment.prepare(settings.get(entrainment.Entrainment)),
+        wind.prepare(settings.get(wind.Wind)),
     )
 
 
@@ -119,6 +123,7 @@ def on_start(effects: Effects | None, state: Record, block: Block) -> None:
     if effects is not None:
         memory = state
         memory.resistance = air_drag.resistance(effects.drag, block.a, block.b, block.c, block.mass)
+        memory.push_before = 0.0
         memory.stems_met = 0
         memory.to_stem = np.inf
         if effects.stand.form != trees.OFF:
@@ -150,8 +155,14 @@ def before_flight(
         if effects.drag.form != air_drag.OFF and effects.drag.step < limit:
             limit = effects.drag.step
             memory.cut = True
+        pushed_after = wind.longest_step(effects.push, memory)
+        if pushed_after < limit:
+            limit = pushed_after
+            memory.cut = True
         if effects.stand.form != trees.OFF:
             limit = trees.before_flight(effects.stand, memory, state, block, site, gravity, limit)
+        if effects.push.form != wind.OFF:
+            wind.push_before(effects.push, memory, state, limit)
         memory.energy_from = state.vx * state.vx + state.vz * state.vz + 2.0 * gravity * state.z
         _brake(effects, memory, state, block, 0.5 * limit)
     return limit
@@ -196,6 +207,10 @@ def after_flight(
             kept = min(math.sqrt(max(memory.energy_from - 2.0 * gravity * state.z, 0.0) / has), 1.0)
             state.vx *= kept
             state.vz *= kept
+        # Outside of what is taken back above: the wind gives energy.
+        if effects.push.form != wind.OFF:
+            goes_on = memory.cut and not arrived
+            wind.push_after(effects.push, memory, state, limit, until, goes_on)
         if effects.stand.form != trees.OFF:
             memory.to_stem -= memory.stem_rate * abs(state.x - memory.x_from)
             if memory.at_stem and not arrived:

@@ -17,6 +17,7 @@ from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
+from sassgis.engine.effects.wind import Wind
 from sassgis.model.declared import Declared, Section, declared
 from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.settings import ForestPlace, LateralDeflection
@@ -131,6 +132,13 @@ _ROWS = (
             forms={"constant": 1.0, "sphericity": 1.0},
             parameters={},
         ),
+    ),
+    Effect(
+        Wind,
+        phase="flight",
+        label="wind",
+        summary="a steady wind on blocks in flight",
+        hooks=("on_start", "before_flight", "after_flight"),
     ),
     Effect(
         Trees,

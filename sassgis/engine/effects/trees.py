@@ -121,7 +121,8 @@ def to_next_stem(key: np.uint64, number: int) -> float:
 def share_taken(offset: float) -> float:
     """Share of the energy of a stem that a hit takes, by its distance from the middle.
 
-    Dorren and Berger (2006), with the constants as Rockyfor3D has them (from memory).
+    Dorren and Berger (2006), with the constants as Rockyfor3D has them (not checked
+    against the source).
 
     Parameters
     ----------

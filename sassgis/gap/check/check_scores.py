@@ -1,4 +1,4 @@
-"""How good a diagnosis is, from its answers on worlds whose truth is known."""
+"""How good a diagnosis is, from its answers on sites whose truth is known."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sassgis.gap.which.families import FAMILIES
 NAMED_CONFIDENCE = 0.6
 #: How far a stated shrinkage may be from that on fresh rocks.
 SHRINKAGE_TOLERANCE = 0.15
-#: Fewest rocks of worlds on which the shrinkage is checked.
+#: Fewest rocks of sites on which the shrinkage is checked.
 SHRINKAGE_ROCKS = 100
 #: Limits of the bins of the table of reliability.
 CONFIDENCE_BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
@@ -27,18 +27,18 @@ ANSWERS: tuple[str, ...] = ("none", *FAMILIES, "pair", "unknown", "no answer")
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What is true of a world.
+    """What is true of a site.
 
     Attributes
     ----------
     case : str
-        Number of the world.
+        Number of the site.
     verdict : str
         "none", "unknown", a family, or two joined by "+".
     effects : tuple of str
         Names of the effects, unknown ones by what they are.
     strengths : tuple of str
-        As they came out: less than was asked for where no magnitude gives that.
+        As measured: less than was asked for where no magnitude gives that.
     phase : str
         Of a single effect; else "".
     segments : tuple of str
@@ -108,7 +108,7 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A share of worlds with its interval (95 %, Clopper and Pearson 1934).
+    """A share of sites with its interval (95 %, Clopper and Pearson 1934).
 
     Attributes
     ----------
@@ -148,7 +148,7 @@ class Aim:
 
 #: What is asked of a diagnosis on the full battery.
 AIMS: tuple[Aim, ...] = (
-    Aim("top1_full", "single effect named, medium or strong, 100 rocks, everything seen", 0.85),
+    Aim("top1_full", "single effect named, medium or strong, 100 rocks, everything observed", 0.85),
     Aim("top1_modest", "single effect named, medium or strong, 40 rocks, stations and stops", 0.65),
     Aim("false_alarm", "no effect, yet one is named", 0.05, at_least=False),
     Aim("covered_single", "single effect is in the confusion set", 0.95),
@@ -191,7 +191,7 @@ class ShrinkageCheck:
     only_stated, only_measured, neither : int
         Where the other one is withheld, or both.
     bias, mean_error : float
-        Mean of stated less measured, and of its absolute value; NaN without worlds.
+        Mean of stated less measured, and of its absolute value; NaN without sites.
     """
 
     worlds: int
@@ -211,13 +211,13 @@ class CheckScores:
     ----------
     worlds : int
     failed : int
-        Worlds without an answer; they count as wrong.
+        Sites without an answer; they count as wrong.
     measures : mapping of key to Share
     groups : mapping of title to tuple of Share
         Accuracy on single effects by sample size, kind, strength, family and design.
     reliability : tuple of ReliabilityRow
     confusion : int64, shape (13, 14)
-        Worlds by truth (``ANSWERS`` without the last) and answer (``ANSWERS``).
+        Sites by truth (``ANSWERS`` without the last) and answer (``ANSWERS``).
     shrinkage : ShrinkageCheck
     confusion_set_size : float
         Mean number of names in a confusion set.
@@ -302,20 +302,20 @@ def score(
     ----------
     truths : iterable of Truth
     answers : iterable of Answer
-        One for each world, in any order.
+        One for each site, in any order.
     measured : mapping of case to float or None, optional
-        Shrinkage on fresh rocks of the worlds where it was measured; None where it is withheld.
+        Shrinkage on fresh rocks of the sites where it was measured; None where it is withheld.
 
     Raises
     ------
     ValueError
-        If the answers are not those of the worlds.
+        If the answers are not those of the sites.
     """
     known = {truth.case: truth for truth in truths}
     given = {answer.case: answer for answer in answers}
     if known.keys() != given.keys():
         odd = sorted(known.keys() ^ given.keys())
-        raise ValueError(f"worlds and answers differ: {', '.join(odd)}")
+        raise ValueError(f"sites and answers differ: {', '.join(odd)}")
     pairs = [(known[case], given[case]) for case in sorted(known)]
     singles = [p for p in pairs if p[0].part == "single"]
     measures = _measures(pairs, singles)
@@ -368,7 +368,7 @@ def reliability(pairs: Sequence[Pair]) -> tuple[ReliabilityRow, ...]:
 
 
 def confusion_matrix(pairs: Sequence[Pair]) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Worlds by truth (rows) and answer (columns), in the order of ``ANSWERS``."""
+    """Sites by truth (rows) and answer (columns), in the order of ``ANSWERS``."""
     matrix = np.zeros((len(ANSWERS) - 1, len(ANSWERS)), np.int64)
     for truth, answer in pairs:
         matrix[ANSWERS.index(_column(truth.verdict)), ANSWERS.index(_column(answer.effect))] += 1
@@ -378,7 +378,7 @@ def confusion_matrix(pairs: Sequence[Pair]) -> np.ndarray[Any, np.dtype[np.int64
 def acceptance(scores: CheckScores) -> list[dict[str, Any]]:
     """What is asked for, and what is reached: one row for each aim.
 
-    ``met`` is None where no world tells; ``sure`` says whether the whole interval is on the right
+    ``met`` is None where no site decides; ``sure`` says whether the whole interval is on the right
     side of the limit.
     """
     rows: list[dict[str, Any]] = []
@@ -456,7 +456,7 @@ def _measures(pairs: Sequence[Pair], singles: Sequence[Pair]) -> dict[str, Share
         "top1_modest": share("single, medium or strong, 40 rocks, both", right(at(40, "both"))),
         "top1_clear": share("single, medium or strong, all designs", right(clear)),
         "top1_single": share("single, all strengths and designs", right(singles)),
-        "top1_all": share("all worlds", right(pairs)),
+        "top1_all": share("all sites", right(pairs)),
         "false_alarm": share(
             "no effect, yet one is named", [bool(names_in(a.effect)) for _, a in nulls]
         ),
@@ -468,7 +468,7 @@ def _measures(pairs: Sequence[Pair], singles: Sequence[Pair]) -> dict[str, Share
             "single effect in the confusion set", [is_covered(t, a) for t, a in singles]
         ),
         "covered_all": share(
-            "truth in the confusion set, all worlds", [is_covered(t, a) for t, a in pairs]
+            "truth in the confusion set, all sites", [is_covered(t, a) for t, a in pairs]
         ),
         "confident_right": share("right where confident", right(confident)),
         "named_right": share("right where an effect is named", right(named)),
@@ -506,7 +506,7 @@ def _locatable(truth: Truth) -> bool:
 
 
 def _groups(singles: Sequence[Pair]) -> dict[str, tuple[Share, ...]]:
-    ways: dict[str, Callable[[Truth], str]] = {
+    groupings: dict[str, Callable[[Truth], str]] = {
         "sample size": lambda t: f"{t.rocks} rocks",
         "kind of observations": lambda t: t.kind,
         "strength": lambda t: t.strengths[0],
@@ -520,8 +520,8 @@ def _groups(singles: Sequence[Pair]) -> dict[str, tuple[Share, ...]]:
         "family": FAMILIES,
     }
     out: dict[str, tuple[Share, ...]] = {}
-    for title, way in ways.items():
-        found = {way(t) for t, _ in singles}
+    for title, value_of in groupings.items():
+        found = {value_of(t) for t, _ in singles}
         given = order.get(title)
         # Sizes in the order of their numbers: "20 rocks" before "100 rocks".
         values = (
@@ -530,7 +530,7 @@ def _groups(singles: Sequence[Pair]) -> dict[str, tuple[Share, ...]]:
             else sorted(found, key=lambda v: (int(v.split()[0]) if v[0].isdigit() else 0, v))
         )
         out[title] = tuple(
-            share(value, [is_right(t, a) for t, a in singles if way(t) == value])
+            share(value, [is_right(t, a) for t, a in singles if value_of(t) == value])
             for value in values
         )
     return out

@@ -191,7 +191,7 @@ class WorkerPool:
 
 def _ended(key: str, reason: str) -> OutputError:
     return OutputError(
-        f"the process that worked on world {key} ended unexpectedly ({reason}); "
+        f"the process that worked on site {key} ended unexpectedly ({reason}); "
         "the same command goes on from there"
     )
 

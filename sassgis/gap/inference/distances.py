@@ -13,7 +13,7 @@ them weighs as much as one with many (the partial distance of J. K. Dixon, 1979,
 with partly missing data, IEEE Trans. Syst. Man Cybern. 9, 617-621). It is assumed that why
 something was not measured has nothing to do with its value.
 
-*Did not happen* (a rock that never came to a station has no speed there) is information and must
+*Did not happen* (a rock that never reached a station has no speed there) is information and must
 not be left out: a model in which no rock arrives would escape its punishment. A coordinate of its
 own stands for it before any distance is taken (``sassgis.gap.which.ensemble.Scale``).
 """

@@ -1,1 +1,1 @@
-"""How far the gap shrinks: calibration on some rocks, distances on rocks left out."""
+"""How far the gap shrinks: calibration on some rocks, distances on held-out rocks."""

@@ -1,4 +1,4 @@
-"""Calibration of hypotheses on the observed rocks; how far the gap shrinks on rocks left out."""
+"""Calibration of hypotheses on the observed rocks; how far the gap shrinks on held-out rocks."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def refine(
     effects: Sequence[str],
     run: Run,
     *,
-    rounds: int,
+    repetitions: int,
     draws: int,
 ) -> Ensemble:
     """Calibrate effects: draw again near the best draws, round by round.
@@ -61,13 +61,13 @@ def refine(
     effects : sequence of str
     run : callable
         Makes campaigns of (effect, parameter_draws, number), in order.
-    rounds, draws : int
+    repetitions, draws : int
         Draws of each effect in each round.
     """
-    for round_ in range(rounds):
+    for repetition in range(repetitions):
         tasks = []
         for effect in effects:
-            rng = np.random.default_rng([problem.seed, 31, round_, *map(ord, effect)])
+            rng = np.random.default_rng([problem.seed, 31, repetition, *map(ord, effect)])
             own = ensemble.of(effect)
             order = np.argsort(np.nanmean(ensemble.scores[own], axis=1), kind="stable")
             elite = [
@@ -75,7 +75,7 @@ def refine(
                 for i in own[order[: max(TOP, own.size // 8)]]
             ]
             for k in range(draws):
-                number = _REFINED + round_ * draws + k
+                number = _REFINED + repetition * draws + k
                 parameter_draws = _near(elite, rng)
                 if effect != NONE and k % 2:
                     # The ground of the calibrated base, with this effect.
@@ -253,7 +253,7 @@ def shrinkage_of(
     draws: int,
     seed: int,
 ) -> Shrinkage:
-    """How far the gap of the calibrated base shrinks by an effect, on rocks left out.
+    """How far the gap of the calibrated base shrinks by an effect, on held-out rocks.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ def check_observations(
 
 
 def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
-    """Names that are used twice where they stand for one thing."""
+    """Names that are used twice where they must name one thing."""
     for name, table in obs.tables.items():
         rows = list(zip(*(getattr(table, column).tolist() for column in table.key), strict=True))
         seen: set[object] = set()

@@ -110,7 +110,7 @@ class Table:
 
     @classmethod
     def of(cls: type[T], **columns: Any) -> T:
-        """Make a table of the columns at hand; numbers that are not given are NaN.
+        """Make a table of the columns given; numbers that are not given are NaN.
 
         Raises
         ------

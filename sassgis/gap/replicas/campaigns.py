@@ -214,7 +214,7 @@ class _Paths:
         return np.where(np.abs(ratio - 1.0) < 1e-9, LOOSE, PIECE).astype(np.int64)
 
     def deposits(self) -> DepositRows:
-        """Blocks that came to rest on the profiles."""
+        """Blocks that stopped on the profiles."""
         rocks, pieces = self._result.rocks, self._result.pieces
         rocks = rocks[rocks["reason"] != StopReason.BROKEN]
         pieces = pieces[pieces["reason"] != StopReason.BROKEN]

@@ -33,7 +33,7 @@ class RockLines:
         Chainage at which the first stretch begins (m).
     n_stretches : int
     keys : uint64, shape (n_rocks,)
-    gates : GateCrossings
+    control_lines : ControlLineCrossings
     end : float64, shape (n_rocks,)
         Where each profile ends (m).
     errors : Errors

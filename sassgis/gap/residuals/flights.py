@@ -1,7 +1,7 @@
 """Paths in time: what happens between impacts, in the air and along the ground.
 
 Between two impacts the model knows gravity alone in the air, and friction alone on the ground. A
-path that is bent otherwise, or loses speed on the way, shows what acts there: air, stems, or a
+path that is bent otherwise, or loses speed on it, shows what acts there: air, stems, or a
 wrong scale or time base of the measurement.
 """
 
@@ -38,8 +38,6 @@ _LEAST_ROLLING_S = 0.8
 _LEAST_WAY_M, _LEAST_SPEED_MPS = 2.0, 0.5
 #: A rock that turns by less than this share of rolling slides.
 _SLIDES = 0.3
-#: Accelerations along the ground, from speeds and positions with errors, are known to this (m/s²).
-_ROLLING_MPS2 = 0.3
 #: Runs of each stretch along the ground, in each of two orientations.
 _ROLLED = 5
 
@@ -214,8 +212,8 @@ def _fitted(case: Case, path: _Path, own: slice) -> _Piece:
     """Accelerations by parabolas, and the change of speed that gravity does not make."""
     t = path.t[own] - path.t[own].mean()
     along = np.column_stack([path.x[own], path.y[own]])
-    way = along[-1] - along[0]
-    size = float(np.hypot(*way))
+    distance = along[-1] - along[0]
+    size = float(np.hypot(*distance))
     # Fit of (1, t, t²): the variance of the last goes with the inverse of this.
     square = t * t - (t * t).mean()
     linear = t * float(square @ t) / float(t @ t)
@@ -224,7 +222,7 @@ def _fitted(case: Case, path: _Path, own: slice) -> _Piece:
     g = case.engine.gravity_mps2
     values = {"vertical_acceleration_mps2": (fall, -g, weight)}
     if size > 0.0:
-        ahead = 2.0 * np.polyfit(t, along @ (way / size), 2)[0]
+        ahead = 2.0 * np.polyfit(t, along @ (distance / size), 2)[0]
         values["horizontal_acceleration_mps2"] = (ahead, 0.0, weight)
     v = path.speed[own]
     if np.isfinite(v).all() and v.mean() > _LEAST_SPEED_MPS:
@@ -316,13 +314,13 @@ def _rolled(
         ),
         effects=model.effects,
     )
-    # What it loses on the way to the end, or to where it comes to rest before.
+    # What it loses up to the end, or to where it comes to rest before.
     square = np.zeros((2 * n, _ROLLED))
     square[done.passages["line"], done.passages["rock"]] = done.passages["speed_mps"] ** 2
     stop = np.minimum(done.rocks["runout_m"].reshape(2 * n, _ROLLED), end[:, None])
-    way = np.maximum(stop - start[:, None], 0.05)
+    distance = np.maximum(stop - start[:, None], 0.05)
     fast = np.tile([p.v0 for p in stretches], 2)[:, None]
-    pull = (square - fast**2) / (2.0 * way)
+    pull = (square - fast**2) / (2.0 * distance)
     # As the observed rocks, those of the model are to have gone without striking, if any can.
     struck = done.rocks["impacts"].reshape(2 * n, _ROLLED) > 0
     pull = np.concatenate([np.where(struck, np.nan, pull), pull], axis=1)

@@ -37,14 +37,14 @@ class AtStations:
     ----------
     speed_mps, rotation_hz, height_m : float64, shape (n_rocks, ..., n_stations)
         ``height_m`` is that of the centre above the ground.
-    came : float64, shape (n_rocks, ..., n_stations)
+    arrived : float64, shape (n_rocks, ..., n_stations)
         1 or 0; NaN where it is not known.
     """
 
     speed_mps: FloatArray
     rotation_hz: FloatArray
     height_m: FloatArray
-    came: FloatArray
+    arrived: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class FreeRun:
         Arrays of shape (n_rocks, replicates, n_stations).
     ground : bool, shape (n_rocks, replicates, n_stations)
         Whether they rolled or slid there.
-    way : float64, shape (n_rocks, replicates, n_stations)
+    rise_rad : float64, shape (n_rocks, replicates, n_stations)
         Angle of the velocity above the ground (rad).
     runout_m : float64, shape (n_rocks, replicates)
         Of the largest block.
@@ -69,7 +69,7 @@ class FreeRun:
 
     at: AtStations
     ground: BoolArray
-    way: FloatArray
+    rise_rad: FloatArray
     runout_m: FloatArray
     stops: FloatArray
     largest: FloatArray
@@ -115,12 +115,12 @@ class RunModel:
 def observed_at_stations(case: Case) -> AtStations:
     """Whole rocks at stations as they were observed; shape (n_rocks, n_stations).
 
-    A rock came to a station if it was seen there or further down; if it lies above, or was seen by
+    A rock reached a station if it was seen there or further down; if it lies above, or was seen by
     the others' station but not there, it did not.
     """
     shape = (case.n_rocks, len(case.station_names))
     speed, rotation, height = (np.full(shape, np.nan) for _ in range(3))
-    came = np.full(shape, np.nan)
+    arrived = np.full(shape, np.nan)
     passages = case.observations.passages
     seen_at = np.zeros(shape[1], bool)
     if len(passages) and shape[1]:
@@ -140,21 +140,21 @@ def observed_at_stations(case: Case) -> AtStations:
             (height, centre),
         ):
             column[rock[whole], station[whole]] = values[whole]
-        came[rock[own], station[own]] = 1.0
-        seen_at = (came == 1.0).any(axis=0)
+        arrived[rock[own], station[own]] = 1.0
+        seen_at = (arrived == 1.0).any(axis=0)
     s = case.station_s
-    below = np.maximum.accumulate((came == 1.0)[:, ::-1], axis=1)[:, ::-1]
-    came[below] = 1.0
+    below = np.maximum.accumulate((arrived == 1.0)[:, ::-1], axis=1)[:, ::-1]
+    arrived[below] = 1.0
     end = observed_end(case)[0]
     known = np.isfinite(end)[:, None]
     with np.errstate(invalid="ignore"):
-        came = np.where(np.isnan(came) & known, (end[:, None] >= s).astype(float), came)
-    missed = np.isnan(came) & seen_at & ~known
-    came = np.where(missed, 0.0, came)
+        arrived = np.where(np.isnan(arrived) & known, (end[:, None] >= s).astype(float), arrived)
+    missed = np.isnan(arrived) & seen_at & ~known
+    arrived = np.where(missed, 0.0, arrived)
     off = ~np.isfinite(s) | (s <= case.start[:, 1:2])
-    came[off] = np.nan
+    arrived[off] = np.nan
     speed, rotation, height = (np.where(off, np.nan, v) for v in (speed, rotation, height))
-    return AtStations(speed, rotation, height, came)
+    return AtStations(speed, rotation, height, arrived)
 
 
 def observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -201,13 +201,13 @@ def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
     axes = np.stack([done.rocks[f] for f in ("a_m", "b_m", "c_m")], axis=1)
     axes = axes.reshape(n, replicates, 3)
     rows = done.passages
-    at, ground, way = passages_of(
+    at, ground, rise_rad = passages_of(
         model.rock_lines.unforested, rows, rows["line"], rows["rock"], axes, m
     )
     off = ~np.isfinite(case.station_s) | (case.station_s <= case.start[:, 1:2])
-    at.came[np.broadcast_to(off[:, None, :], at.came.shape)] = np.nan
+    at.arrived[np.broadcast_to(off[:, None, :], at.arrived.shape)] = np.nan
     runout, stops, largest = ends_of(done, n, replicates, model.rock_lines.end)
-    return FreeRun(at, ground, way, runout, stops, largest, axes)
+    return FreeRun(at, ground, rise_rad, runout, stops, largest, axes)
 
 
 def passages_of(
@@ -221,9 +221,9 @@ def passages_of(
     """Passages as arrays by rock, replicate and station; of a rock and its pieces the rock's."""
     n, k, _ = axes.shape
     speed, rotation, height = (np.full((n, k, n_stations), np.nan) for _ in range(3))
-    came = np.zeros((n, k, n_stations))
+    arrived = np.zeros((n, k, n_stations))
     ground = np.zeros((n, k, n_stations), bool)
-    way = np.full((n, k, n_stations), np.nan)
+    rise_rad = np.full((n, k, n_stations), np.nan)
     # The rock's own rows come before those of its pieces.
     rows, rock, draw = rows[::-1], rock[::-1], np.asarray(draw, np.int64)[::-1]
     control_line = rows["control_line"].astype(np.int64)
@@ -237,10 +237,10 @@ def passages_of(
     speed[place] = rows["speed_mps"]
     rotation[place] = rows["rotation_hz"]
     height[place] = rows["height_m"] + rest
-    came[place] = 1.0
+    arrived[place] = 1.0
     ground[place] = on_ground
-    way[place] = np.arctan2(rows["vz_mps"], rows["vx_mps"]) - dip
-    return AtStations(speed, rotation, height, came), ground, way
+    rise_rad[place] = np.arctan2(rows["vz_mps"], rows["vx_mps"]) - dip
+    return AtStations(speed, rotation, height, arrived), ground, rise_rad
 
 
 def ends_of(
@@ -349,8 +349,8 @@ def residuals_at_station(
             Residual(place, phase, name, test, getattr(seen, name)[:, k], mean_of_draws(draws),
                      *span)
         )  # fmt: skip
-    came = mean_of_draws(predicted.came[:, :, k])
-    found.append(Residual(place, "stopping", "arrived", test, seen.came[:, k], came, *span))
+    arrived = mean_of_draws(predicted.arrived[:, :, k])
+    found.append(Residual(place, "stopping", "arrived", test, seen.arrived[:, k], arrived, *span))
     return found
 
 

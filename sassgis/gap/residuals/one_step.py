@@ -70,7 +70,7 @@ def impact_residuals(
         Limits of the reaches (m).
     effects : EffectSettings
         Of the model. Where some act in impacts, these are left out: what is compared is the law of
-        1986 alone. Where ways leave the fall line, turns are left out.
+        1986 alone. Where paths leave the fall line, turns are left out.
     draws : int
         Orientations and slopes drawn for each impact.
     rng : numpy.random.Generator

@@ -35,7 +35,7 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet
 from sassgis.model.results import ControlLine
 
-#: Rocks of the model among which one is drawn that came to a station like the observed one, and
+#: Rocks of the model among which one is drawn that reached a station like the observed one, and
 #: how many there must be.
 _LIKE, _LEAST_LIKE = 150, 24
 #: Longest time along a flight to where it runs parallel to the ground (s), and its steps.
@@ -162,7 +162,7 @@ def _restarted(
     )  # fmt: skip
     started = np.zeros(n, bool)
     started[rocks] = True
-    at.came[~started] = np.nan
+    at.arrived[~started] = np.nan
     runout = np.full((n, m), np.nan)
     ends, _, _ = ends_of(done, rock.size, 1, model.rock_lines.end[rock])
     runout[rock, draw] = ends[:, 0]
@@ -206,12 +206,12 @@ def _states(
     turning = 2.0 * math.pi * seen.rotation_hz[rock, k] * radius / speed
     above = np.maximum(seen.height_m[rock, k] - b / np.cos(dip), 0.0)
     ground = np.nan_to_num(above) < 0.1
-    way = np.zeros(size)
+    rise_rad = np.zeros(size)
     donors = _came(run, k, dip)
     if donors is not None:
         blur = (error.speed_rel, math.hypot(error.speed_rel, error.rotation_rel), error.height_m)
         near = donors.like(speed, turning, above, blur, rng)
-        ground, way = donors.ground[near], donors.way[near]
+        ground, rise_rad = donors.ground[near], donors.rise_rad[near]
         speed = _towards(speed, donors.speed[near], error.speed_rel * speed)
         turning = _towards(turning, donors.turning[near], blur[1] * donors.turning[near])
         above = _towards(above, donors.above[near], np.full(size, error.height_m))
@@ -222,7 +222,7 @@ def _states(
     orientation = np.where(ground, 0.5 * math.pi * rng.integers(0, 2, size), orientation)
     support = np.hypot(a * np.sin(orientation), b * np.cos(orientation))
     centre = np.maximum(above + b / np.cos(dip), b / np.cos(dip) + _LEAST_DROP_M)
-    angle = np.clip(dip + way, -1.5, 1.5)
+    angle = np.clip(dip + rise_rad, -1.5, 1.5)
     flight = _parallel(
         case, rock_lines, rock, s, centre, speed * np.cos(angle), speed * np.sin(angle), k
     )
@@ -252,14 +252,14 @@ class _Came:
     ----------
     ground : bool
         Whether they roll or slide.
-    way : float64
+    rise_rad : float64
         Angle of the velocity above the ground (rad).
     speed, turning, above : float64
         Speed (m/s), ω r/v, height above the resting position (m).
     """
 
     ground: NDArray[np.bool_]
-    way: FloatArray
+    rise_rad: FloatArray
     speed: FloatArray
     turning: FloatArray
     above: FloatArray
@@ -300,7 +300,7 @@ class _Came:
 
 def _came(run: FreeRun, k: int, dip: FloatArray) -> _Came | None:
     """What the model brings to a station; None if that is too little."""
-    i, j = np.nonzero(run.at.came[:, :, k] == 1.0)
+    i, j = np.nonzero(run.at.arrived[:, :, k] == 1.0)
     if i.size < _LEAST_LIKE:
         return None
     speed = run.at.speed_mps[i, j, k]
@@ -309,7 +309,7 @@ def _came(run: FreeRun, k: int, dip: FloatArray) -> _Came | None:
     rest = run.axes_m[i, j, 1] / math.cos(float(np.median(dip)))
     return _Came(
         ground,
-        run.way[i, j, k],
+        run.rise_rad[i, j, k],
         speed,
         2.0 * math.pi * run.at.rotation_hz[i, j, k] * radius / np.maximum(speed, 0.1),
         np.where(ground, 0.0, np.maximum(run.at.height_m[i, j, k] - rest, 0.0)),

@@ -36,7 +36,7 @@ class TreeEnsemble:
     number : int64, shape (n_nodes,)
         Column that a node asks for.
     limit : float32, shape (n_nodes,)
-        Up to it the way goes left.
+        Up to it the left branch is taken.
     left, right : int64, shape (n_nodes,)
     share : float32, shape (n_nodes, n_causes)
         Shares of the causes in the leaves; 0 elsewhere.

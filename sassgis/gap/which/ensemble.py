@@ -47,7 +47,7 @@ class Scale:
     def rows(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
 
-        A rock that never came to a station has no speed there, which is told by the flag.
+        A rock that never reached a station has no speed there, which the flag states.
         """
         if not self.names:
             return np.zeros((self.n_rocks, 0))
@@ -141,7 +141,7 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
 
 
 def try_draw(problem: CalibrationProblem, made: Draw, number: int) -> Tried:
-    """Make campaigns of one draw and score them; ``number`` tells them from others."""
+    """Make campaigns of one draw and score them; ``number`` distinguishes them."""
     samples = campaigns(
         problem.case, problem.rock_lines, made.model,
         count=COUNT, seed=problem.seed, number=number, impacts=False,

@@ -102,7 +102,7 @@ def _passages(case: Case, sample: Campaign) -> dict[str, FloatArray]:
     n_stations = len(case.station_names)
     for k in range(n_stations):
         here = np.flatnonzero((rows.station == k) & (rows.rock >= 0))
-        # The heaviest of a rock's blocks stands for it.
+        # The heaviest of a rock's blocks represents it.
         here = here[np.argsort(np.nan_to_num(rows.mass_kg[here]), kind="stable")]
         first = np.full(n, -1, np.int64)
         first[rows.rock[here]] = here
@@ -337,9 +337,9 @@ def _middle(values: FloatArray, known: NDArray[np.bool_]) -> FloatArray:
     return middle
 
 
-#: Quantities of which the mean alone is told: counts and shares.
+#: Quantities of which only the mean is a feature: counts and shares.
 _COUNTS = (":passed", ":number", ":blocks", ":pieces", ":no_spin")
-#: Quantities that are told on a scale of their own in ``summary``.
+#: Quantities that are given on a scale of their own in ``summary``.
 _APART = (":blocks", ":pieces")
 
 
@@ -384,7 +384,7 @@ def _lateral_shape(
 
 
 def _links(quantities: Mapping[str, FloatArray], out: dict[str, float]) -> None:
-    """How quantities go together: along the way, and at one place."""
+    """How quantities go together: along the path, and at one place."""
     pairs = []
     k = 0
     while f"S{k}:speed" in quantities:

@@ -181,7 +181,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
 
 
 def _wider_walk(before: LateralWalk, model: HypothesisModel) -> HypothesisModel:
-    """Of two effects that scatter rocks sideways, keep the wider scatter."""
+    """Of two effects that scatter rocks laterally, keep the wider scatter."""
     if before.angle_deg > model.lateral_walk.angle_deg and model.lateral_walk.width_percent == 0.0:
         return replace(model, lateral_walk=before)
     return model
@@ -220,12 +220,12 @@ def _little_walk(parameter_draws: ParameterDraws) -> LateralWalk:
 
 def _configured_walk(case: Case) -> LateralWalk | None:
     """Deflection that the configuration has already, as a walk beside the line."""
-    sideways = case.effects.get(LateralDeflection)
-    if sideways is None:
+    lateral = case.effects.get(LateralDeflection)
+    if lateral is None:
         return None
-    if sideways.form == "constant":
-        return LateralWalk(width_percent=sideways.width_percent)
-    return LateralWalk(angle_deg=sideways.angle_deg, hop_m=sideways.hop_m)
+    if lateral.form == "constant":
+        return LateralWalk(width_percent=lateral.width_percent)
+    return LateralWalk(angle_deg=lateral.angle_deg, hop_m=lateral.hop_m)
 
 
 def _walk_too(
@@ -234,7 +234,7 @@ def _walk_too(
     """Lateral scatter that an effect makes besides what it is named for.
 
     It goes with the strength of the effect: an effect that does nothing along the line scatters
-    nothing sideways either, and is no other name for lateral deflection.
+    no lateral offset either, and is no other name for lateral deflection.
     """
     if parameter_draws.share("aside_too") < 0.3:
         return _little_walk(parameter_draws)
@@ -317,7 +317,7 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
             width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0)
         )
         form, values = "constant", {"width_percent": width}
-    # Ground that throws rocks sideways is not even along their path either.
+    # Ground that deflects rocks laterally is not even along their path either.
     lean = math.tan(
         math.radians(min(walk.angle_deg, 25.0) * parameter_draws.uniform("lateral.lean", 0, 0.6))
     )
@@ -413,7 +413,7 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
         )
         values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}
     effect = Trees(**section)  # type: ignore[arg-type]
-    # Stems that are hit off their middle throw rocks sideways.
+    # Stems that are hit off their middle deflect rocks laterally.
     hits = stand.stems_per_ha * values.get("efficiency", 0.3) / 300.0
     walk = _walk_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
     return _Part(
@@ -441,7 +441,7 @@ def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
     if parameter_draws.share("rough.classes") < 0.6:
         section["classes"] = _loose_classes(case, parameter_draws)
     effect = Roughness(**section)  # type: ignore[arg-type]
-    # Bumps lean sideways as well, if less often than against the way of the rock.
+    # Bumps lean across the path as well, if less often than against it.
     tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
     walk = _walk_too(parameter_draws, 0.6 * tilt)
     return _Part(

@@ -131,12 +131,12 @@ def base_of(problem: CalibrationProblem, draws: int = BASE_DRAWS) -> tuple[Base,
                 number=1 + i,
             )
         ]
-    told = [summary(problem.case, sample, problem.given) for sample in samples]
-    quantities = [q for _, q in told]
+    summaries = [summary(problem.case, sample, problem.given) for sample in samples]
+    quantities = [q for _, q in summaries]
     steps = steps_of(problem.case, problem.given, samples, quantities)
     features = [
         f | step_features(problem.case, problem.given, steps, sample, q)
-        for sample, (f, q) in zip(samples, told, strict=True)
+        for sample, (f, q) in zip(samples, summaries, strict=True)
     ]
     rows = [problem.scale.rows(q) for q in quantities]
     tried = [
@@ -193,8 +193,8 @@ def reference_of(
 def features_of(base: Base, sample: Campaign) -> dict[str, float]:
     """All numbers of a campaign of the case."""
     problem = base.problem
-    told, quantities = summary(problem.case, sample, problem.given)
-    return told | step_features(problem.case, problem.given, base.steps, sample, quantities)
+    found, quantities = summary(problem.case, sample, problem.given)
+    return found | step_features(problem.case, problem.given, base.steps, sample, quantities)
 
 
 def observed_signature(base: Base, design: str = "everything") -> dict[str, float]:
@@ -205,12 +205,12 @@ def observed_signature(base: Base, design: str = "everything") -> dict[str, floa
 
 def reference_in(base: Base, design: str) -> Reference:
     """Reference of the numbers that can be had in a design."""
-    kept = [k for k, name in enumerate(base.names) if _told_in(name, design)]
+    kept = [k for k, name in enumerate(base.names) if _known_in(name, design)]
     names = [base.names[k] for k in kept]
     return reference_of(names, base.x[:, kept], base.moved, base.soft)
 
 
-def _told_in(name: str, design: str) -> bool:
+def _known_in(name: str, design: str) -> bool:
     of_impacts = name.startswith(("hit", "step_")) or ":step_" in name
     of_stops = name.startswith(("stop:", "loose:", "pieces:"))
     if design == "everything":
@@ -229,7 +229,7 @@ def signature_of(reference: Reference, features: Mapping[str, float]) -> dict[st
     ----------
     reference : Reference
     features : mapping
-        As ``features_of`` returns them; numbers that are not had are not told.
+        As ``features_of`` returns them; those that the campaign lacks are left out.
 
     Returns
     -------

@@ -76,7 +76,7 @@ def decide(
     shares : mapping
         Probability of each cause, most probable first.
     closes_at_most : float or None
-        Upper limit of the shrinkage by the best cause, on rocks left out; None where it is
+        Upper limit of the shrinkage by the best cause, on held-out rocks; None where it is
         withheld.
     thresholds : Thresholds
 
@@ -93,7 +93,7 @@ def decide(
             NONE,
             none,
             "the calibrated base model shows the same, as far as chance and its own discrepancies "
-            f"let it be told (probability {none:.2f})",
+            f"allow a distinction (probability {none:.2f})",
         )
     best = best_cause(shares)
     probability = probability_of(best, shares)
@@ -103,8 +103,8 @@ def decide(
         return (
             UNKNOWN,
             probability + shares.get(UNKNOWN, 0.0),
-            f"the most probable effect ({best.replace('_', ' ')}) surely closes none of "
-            "the gap on rocks left out",
+            f"the most probable effect ({best.replace('_', ' ')}) certainly closes none "
+            "of the gap on held-out rocks",
         )
     if probability < thresholds.least_confidence:
         return UNKNOWN, shares.get(UNKNOWN, 0.0), "no effect is probable enough to be named"

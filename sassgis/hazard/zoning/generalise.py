@@ -293,7 +293,7 @@ def generalised(
     Parameters
     ----------
     classes : int, shape (n_rows, n_cols)
-        0 where nothing comes.
+        0 where nothing arrives.
     cell_size : float
         Side of a cell (m).
     settings : ZoneSettings, optional

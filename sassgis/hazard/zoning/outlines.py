@@ -556,6 +556,74 @@ def _push_moves(
 
 
 @kernel
+def _merge_straight_runs(
+    x: IntArray, y: IntArray, at: IntArray, ends: IntArray, edges_at: IntArray, degree: IntArray
+) -> None:
+    """Remove vertices on straight runs: no area is swept and nothing can lie between."""
+    for i in range(x.size):
+        if degree[i] == 2:
+            a = _other(ends, edges_at[i, 0], i)
+            b = _other(ends, edges_at[i, 1], i)
+            if (x[a] - x[i]) * (y[b] - y[i]) == (y[a] - y[i]) * (x[b] - x[i]):
+                _merge_onto(i, edges_at[i, 0], ends, edges_at, degree, at, x, y)
+
+
+@kernel
+def _exchange_areas(
+    p: Whole,
+    e: Whole,
+    q: Whole,
+    x: IntArray,
+    y: IntArray,
+    ends: IntArray,
+    sides: IntArray,
+    edges_at: IntArray,
+    degree: IntArray,
+    classes: IntArray,
+    room: IntArray,
+    booked: IntArray,
+    lid_at: IntArray,
+    lid_edges: IntArray,
+    lid_ends: IntArray,
+    lid_classes: IntArray,
+) -> bool:
+    """Book the areas that faces exchange when vertex `p` moves along edge `e` onto `q`.
+
+    False, with `room` as it was, if a face has no room left or would rise above the map that this
+    one must stay inside. `booked` is work space, one row for each edge of a vertex.
+    """
+    n_booked = 0
+    for s in range(degree[p]):
+        f = edges_at[p, s]
+        if f == e:
+            continue
+        r = _other(ends, f, p)
+        cross: Whole = (x[q] - x[p]) * (y[r] - y[p]) - (y[q] - y[p]) * (x[r] - x[p])
+        if cross == 0:
+            continue
+        if cross > 0:
+            loser = _left_from(ends, sides, e, p)
+            winner = _left_from(ends, sides, f, p)
+        else:
+            loser = _right_from(ends, sides, e, p)
+            winner = _right_from(ends, sides, f, p)
+        room[loser] -= abs(cross)
+        room[winner] += abs(cross)
+        booked[n_booked, 0] = loser
+        booked[n_booked, 1] = winner
+        booked[n_booked, 2] = abs(cross)
+        n_booked += 1
+        if room[loser] < 0 or not _is_under(
+            p, q, r, x, y, classes[winner], lid_at, lid_edges, lid_ends, lid_classes
+        ):
+            for k in range(n_booked):
+                room[booked[k, 0]] += booked[k, 2]
+                room[booked[k, 1]] -= booked[k, 2]
+            return False
+    return True
+
+
+@kernel
 def _smooth(
     x: IntArray,
     y: IntArray,
@@ -581,13 +649,7 @@ def _smooth(
     n = x.size
     # A hair above, so that a notch of exactly the tolerance is filled.
     tolerance2 = tolerance * tolerance * (1.0 + 1e-9)
-    # Vertices on straight runs first: nothing is swept, nothing can be in the way.
-    for i in range(n):
-        if degree[i] == 2:
-            a = _other(ends, edges_at[i, 0], i)
-            b = _other(ends, edges_at[i, 1], i)
-            if (x[a] - x[i]) * (y[b] - y[i]) == (y[a] - y[i]) * (x[b] - x[i]):
-                _merge_onto(i, edges_at[i, 0], ends, edges_at, degree, at, x, y)
+    _merge_straight_runs(x, y, at, ends, edges_at, degree)
     # Vertices that each edge has replaced, as linked lists: the outline as it was.
     first = np.full(ends.shape[0], -1, np.int64)
     chain_v = np.empty(4 * n + 16, np.int64)
@@ -643,39 +705,10 @@ def _smooth(
                 grown_next = np.empty(chain_v.size, np.int64)
                 grown_next[:n_chain] = chain_next[:n_chain]
                 chain_next = grown_next
-            # Book the areas, and take it all back if a region has no room left or rises above
-            # the map that this one must stay inside.
-            n_booked = 0
-            for s in range(degree[p]):
-                f = edges_at[p, s]
-                if f == e:
-                    continue
-                r = _other(ends, f, p)
-                cross = (x[q] - x[p]) * (y[r] - y[p]) - (y[q] - y[p]) * (x[r] - x[p])
-                if cross == 0:
-                    continue
-                if cross > 0:
-                    loser = _left_from(ends, sides, e, p)
-                    winner = _left_from(ends, sides, f, p)
-                else:
-                    loser = _right_from(ends, sides, e, p)
-                    winner = _right_from(ends, sides, f, p)
-                room[loser] -= abs(cross)
-                room[winner] += abs(cross)
-                booked[n_booked, 0] = loser
-                booked[n_booked, 1] = winner
-                booked[n_booked, 2] = abs(cross)
-                n_booked += 1
-                if room[loser] < 0 or not _is_under(
-                    p, q, r, x, y, classes[winner], lid_at, lid_edges, lid_ends, lid_classes
-                ):
-                    allowed = False
-                    break
-            if not allowed:
-                for k in range(n_booked):
-                    room[booked[k, 0]] += booked[k, 2]
-                    room[booked[k, 1]] -= booked[k, 2]
-            if not allowed:
+            if not _exchange_areas(
+                p, e, q, x, y, ends, sides, edges_at, degree, classes, room, booked,
+                lid_at, lid_edges, lid_ends, lid_classes,
+            ):  # fmt: skip
                 continue
             last_taken = False
             for s in range(degree[p]):

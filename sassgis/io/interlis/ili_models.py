@@ -153,7 +153,7 @@ def normalised(name: str) -> str:
 
 
 class IliLibrary:
-    """All models of a folder, and what the names in them stand for.
+    """All models of a folder, and what the names in them refer to.
 
     Parameters
     ----------
@@ -211,12 +211,12 @@ class IliLibrary:
         return self.topics.get(f"{model}.{name}") or self.topics.get(name)
 
     def find_class(self, name: str, scope: str) -> IliClass | None:
-        """The class or structure that a name stands for."""
+        """The class or structure that a name refers to."""
         found = (self.classes.get(n) for n in self._candidates(name, scope))
         return next((c for c in found if c is not None), None)
 
     def find_domain(self, name: str, scope: str) -> IliDomain | None:
-        """The domain that a name stands for."""
+        """The domain that a name refers to."""
         found = (self.domains.get(n) for n in self._candidates(name, scope))
         return next((d for d in found if d is not None), None)
 

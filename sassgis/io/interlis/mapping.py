@@ -83,7 +83,7 @@ class ModelName:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class TransferPlan:
     """Where everything goes; ``classes`` and ``topics`` by the name of the layer."""
 
     model: ModelName
@@ -100,7 +100,7 @@ def _camel(name: str) -> str:
     return "".join(part.capitalize() for part in name.split("_"))
 
 
-def default_plan() -> Plan:
+def default_plan() -> TransferPlan:
     """Names of the layers and columns in the style of INTERLIS; simple surfaces."""
     types = {
         "code": "other",
@@ -131,7 +131,7 @@ def default_plan() -> Plan:
         ]
         tag = f"{DEFAULT_MODEL}.{DEFAULT_TOPIC}.{_camel(kind.name)}"
         classes[kind.name] = ClassPlan(tag, tuple(slots), "uuid", ())
-    return Plan(
+    return TransferPlan(
         ModelName(DEFAULT_MODEL, "unverified", "https://www.bafu.admin.ch"),
         (),
         dict.fromkeys(FEDERAL_CLASSES, f"{DEFAULT_MODEL}.{DEFAULT_TOPIC}"),
@@ -144,7 +144,7 @@ def default_plan() -> Plan:
     )
 
 
-def plan_of(folder: Path, language: str) -> Plan:
+def plan_of(folder: Path, language: str) -> TransferPlan:
     """Names, order, codes and types of the model whose files are in a folder.
 
     Parameters
@@ -155,7 +155,7 @@ def plan_of(folder: Path, language: str) -> Plan:
 
     Returns
     -------
-    Plan
+    TransferPlan
 
     Raises
     ------
@@ -195,7 +195,7 @@ def plan_of(folder: Path, language: str) -> Plan:
         for step in slot.steps
     }
     others = [library.models[name] for name in sorted(used - {model.name})]
-    return Plan(
+    return TransferPlan(
         ModelName(model.name, model.version, model.uri),
         tuple(ModelName(m.name, m.version, m.uri) for m in others),
         topics,

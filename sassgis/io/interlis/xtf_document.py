@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 from sassgis import __version__
-from sassgis.io.interlis.mapping import ClassPlan, Plan, Step
+from sassgis.io.interlis.mapping import ClassPlan, Step, TransferPlan
 from sassgis.io.interlis.validation import XTF_NAMESPACE
 
 
@@ -31,13 +31,13 @@ class XtfObject:
 
 
 def document(
-    plan: Plan, objects: Mapping[str, Sequence[XtfObject]], namespace: uuid.UUID
+    plan: TransferPlan, objects: Mapping[str, Sequence[XtfObject]], namespace: uuid.UUID
 ) -> Iterator[str]:
     """The text of a transfer file in pieces, as it may be large.
 
     Parameters
     ----------
-    plan : Plan
+    plan : TransferPlan
     objects : mapping of str to sequence of XtfObject
         By layer.
     namespace : UUID
@@ -69,7 +69,7 @@ def _element(tag: str, *, lines: bool = False, **attributes: str) -> ET.Element:
     return element
 
 
-def _header(plan: Plan) -> ET.Element:
+def _header(plan: TransferPlan) -> ET.Element:
     header = _element("HEADERSECTION", lines=True, SENDER=f"sassgis {__version__}", VERSION="2.3")
     models = _element("MODELS", lines=True)
     for model in (plan.model, *plan.others):

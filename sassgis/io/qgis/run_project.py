@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.hazard.rules import preset_unverified
+from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
@@ -92,7 +92,7 @@ def write_run_project(
 def _reached_extent(
     layers: tuple[RasterLayer, ...], grid: Grid
 ) -> tuple[float, float, float, float]:
-    """What rocks reach, with a margin."""
+    """What blocks reach, with a margin."""
     reached = np.isfinite(layers[0].bands[0].values)
     if not reached.any():
         return grid.bounds
@@ -171,13 +171,13 @@ def zone_layouts(
     barriers = any(g.kind != "station" for g, _ in run.control_lines)
     on_top = ("vector_barriers",) if barriers else ()
     facts = (
-        ("Model", "SASS (Bozzolo and Pamini, 1986): rocks simulated along fall lines"
+        ("Model", "SASS (Bozzolo and Pamini, 1986): blocks simulated along fall lines"
          + (f"; with {', '.join(run.effects.names).replace('_', ' ')}"
             if run.effects.names else "")),
         ("Terrain", f"{terrain_file}, cells of {grid.cell_size:.4g} m; heights "
          f"{grid.vertical_datum or 'of an unstated datum'}"),
         ("Release areas", ", ".join(a.name for a in run.areas)),
-        ("Rocks", f"{rocks}"),
+        ("Simulated blocks", f"{rocks}"),
         ("Rules", preset.title),
         ("Reference width", f"{rules.ref_width_m:.4g} m"),
     )  # fmt: skip

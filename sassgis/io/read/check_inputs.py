@@ -95,7 +95,7 @@ class InputReport:
     areas : tuple of AreaSummary
     classes : tuple of ClassSummary
         Those that occur.
-    gates : tuple of Gate
+    control_lines : tuple of ControlLine
     blocks : tuple of str
     notices : tuple of str
         What was done to the inputs, such as reprojection.

@@ -64,7 +64,7 @@ def table_type(
     keys : mapping of str to Declared
     made : callable
         From the values, without keys that were not given and with ``config_file``; what it raises
-        as ConfigError is told at the place of the table.
+        as ConfigError is reported at the place of the table.
     """
     fields = {
         key: Required[_field(own)] if own.is_required else NotRequired[_field(own)]
@@ -117,7 +117,7 @@ def section_of(cls: type[Kind], table: Mapping[str, Any], file: Path) -> Kind:
 
 
 def _refused(problem: str, expected: str | None, key: str | None, found: object) -> Exception:
-    """An error that pydantic carries to the place where it is told in one line."""
+    """An error that pydantic carries to the place where it is reported in one line."""
     context: dict[str, Any] = {"problem": problem, "expected": expected, "key": key or ""}
     if found is not None:
         context["found"] = str(found)
@@ -134,7 +134,7 @@ def _keeping_limits(accepted: Any, kind: Any) -> Any:
     def keep(value: Any) -> Any:
         wrong: Fault | None = fault(kind, value)
         if wrong is not None:
-            # What was found is told as the user wrote it, unless it is one of several.
+            # What was found is stated as the user wrote it, unless it is one of several.
             one = list(wrong.found) if isinstance(wrong.found, tuple) else wrong.found
             found = None if wrong.found is value else repr(one)
             raise _refused(wrong.problem, wrong.expected, None, found)
@@ -182,7 +182,7 @@ def _accepted(kind: Any) -> Any:
 
 
 def _pair(value: object) -> object:
-    """A single number stands for two equal limits."""
+    """A single number means two equal limits."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         return (value, value)
     if value is not None and (not isinstance(value, (list, tuple)) or len(value) != 2):
@@ -323,7 +323,7 @@ class Messages:
                 name = None
             text += f"[{name}]" if isinstance(name, str) and name.strip() else f"[no. {number + 1}]"
         for part in rest:
-            # The place inside a pair or a list is told by the value that was found there.
+            # The place inside a pair or a list is given by the value that was found there.
             if isinstance(part, str) and part != "[key]":
                 text += f".{part}"
         return text

@@ -282,7 +282,7 @@ def _plain(item: Any) -> dict[str, Any]:
     return plain
 
 
-#: Sections that bear on what the rocks do; the rest is about speed and presentation.
+#: Sections that bear on what the blocks do; the rest is about speed and presentation.
 PHYSICS_SECTIONS = (
     "terrain",
     "release",
@@ -398,7 +398,7 @@ def _parse(file: Path) -> dict[str, Any]:
 
 
 def _first_of(problems: list[ConfigError]) -> ConfigError:
-    # A misspelt key shows up twice, as unknown and as missing: the first tells more.
+    # A misspelt key shows up twice, as unknown and as missing: the first says more.
     first = min(problems, key=lambda p: p.problem != "unknown key")
     if len(problems) > 1:
         first.args = (f"{first} (and {len(problems) - 1} more)",)

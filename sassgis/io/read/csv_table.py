@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from sassgis.io.read.features import nearest
+from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
 
 

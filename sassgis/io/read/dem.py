@@ -118,11 +118,11 @@ def read_dem(
     path
         Any raster with one band of heights that GDAL reads.
     crs
-        Coordinate system that stands in where the file has none, as pyproj understands it
+        Coordinate system that is used where the file has none, as pyproj understands it
         ("EPSG:2056"), or "local" for local coordinates in metres. If the file has one, both must
         be the same.
     vertical_datum
-        Name of the height system that stands in where the file states none.
+        Name of the height system that is used where the file states none.
 
     Returns
     -------
@@ -329,7 +329,7 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
 
 
 def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
-    """Zero often stands for nodata; amid mountains it shows."""
+    """Zero often means nodata; amid mountains it shows."""
     zero = values == 0.0
     if not zero.any():
         return
@@ -425,7 +425,7 @@ def resample(
         Of the result.
     how : Resampling
     nodata
-        Value that stands for nothing, here and in the result.
+        Value that means nodata, here and in the result.
     crs, target_crs : str
         Well-known texts; where either is empty both are taken to be the same.
 

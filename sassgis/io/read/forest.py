@@ -12,13 +12,13 @@ from rasterio.features import rasterize
 from rasterio.warp import Resampling, reproject
 
 from sassgis.io.read.csv_table import number
-from sassgis.io.read.features import read_features
+from sassgis.io.read.vector_features import read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.settings import ForestPlace
 
 _HECTARE_M2 = 1e4
-#: Stands for local coordinates, which have no system: the warper will not work without one, and as
+#: Represents local coordinates, which have no system: the warper will not work without one, and as
 #: source and target are then set equal, any plane system in metres leaves them what they are.
 _ANY_PLANE = "EPSG:2056"
 

@@ -20,7 +20,7 @@ from rasterio.features import rasterize
 
 from sassgis.io.read.csv_table import check_columns, csv_rows, errors_of_row, number, read_text
 from sassgis.io.read.dem import open_raster, resample
-from sassgis.io.read.features import nearest, read_features
+from sassgis.io.read.vector_features import nearest, read_features
 from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid

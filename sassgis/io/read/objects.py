@@ -13,7 +13,7 @@ import shapely
 from shapely.ops import substring
 
 from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of, read_text
-from sassgis.io.read.features import Feature, nearest, read_features
+from sassgis.io.read.vector_features import Feature, nearest, read_features
 from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import (
@@ -86,7 +86,7 @@ def read_objects(
     segment_m
         Length of the equal parts into which roads and lines are cut, about (m).
     radius_m
-        Buildings and people are hit by rocks whose centre comes within this distance (m): half the
+        Buildings and people are hit by blocks whose centre comes within this distance (m): half the
         width of a block, or the reach of people given as points. 0: what is drawn itself.
 
     Returns
@@ -313,7 +313,7 @@ def _warn(placed: PlacedObjects, grid: Grid, file: Path) -> None:
     warned: set[str] = set()
     for i, thing in enumerate(placed.objects):
         if n_cells[i] and not n_known[i]:
-            log.warning("%s: %s lies on nodata; no rock comes there", file, thing.name)
+            log.warning("%s: %s lies on nodata; no block arrives there", file, thing.name)
         stake = thing.value or thing.value_per_m or thing.persons or thing.traffic is not None
         if not stake and thing.whole not in warned:
             warned.add(thing.whole)

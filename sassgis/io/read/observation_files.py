@@ -28,7 +28,7 @@ from sassgis.gap.observations.observation_finding import LeftOut, Level, Observa
 from sassgis.gap.observations.observed import METADATA_KEYS, Metadata, Observations, without
 from sassgis.gap.observations.tables import TABLE_TYPES, TABLES, Column, Stations, Table
 from sassgis.io.read.csv_table import csv_cells, read_text
-from sassgis.io.read.features import nearest, onto_grid
+from sassgis.io.read.vector_features import nearest, onto_grid
 from sassgis.model.crs import parse_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
@@ -122,7 +122,7 @@ def read_observations(
     grid
         The DEM. Geometries are brought into its coordinates, and all is compared with it.
     crs
-        Coordinates to bring geometries into where there is no DEM at hand, such as "EPSG:2056".
+        Coordinates to bring geometries into where there is no DEM, such as "EPSG:2056".
 
     Returns
     -------

@@ -11,9 +11,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from sassgis.hazard.rules import preset_unverified
+from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.io.read.csv_table import read_text
-from sassgis.io.read.features import nearest
+from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
 
@@ -130,7 +130,7 @@ def _preset(text: str, name: str, file: str) -> HazardPreset:
 
 
 class _Reading:
-    """What the names within a file stand for."""
+    """What the names within a file refer to."""
 
     def __init__(self, content: _File, file: str) -> None:
         self._content = content

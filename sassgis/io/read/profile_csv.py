@@ -87,7 +87,7 @@ def check_on_profile(config: Config, profile: ProfileSet) -> None:
     Raises
     ------
     ConfigError
-        If rocks would start off the profile, or a station or barrier lies off it.
+        If blocks would start off the profile, or a station or barrier lies off it.
     """
     first, last = float(profile.s[0]), float(profile.s[-1])
     expected = f"within the profile, {first:g} to {last:g} m"
@@ -95,7 +95,7 @@ def check_on_profile(config: Config, profile: ProfileSet) -> None:
         low, high = config.profile.start_m
         if low < first or high > last:
             raise ConfigError(
-                "rocks would start off the profile",
+                "blocks would start off the profile",
                 file=config.file,
                 field="profile.start_m",
                 found=f"[{low:g}, {high:g}]",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from sassgis.io.read.features import (
+from sassgis.io.read.vector_features import (
     Feature,
     cells_under,
     nearest,
@@ -32,7 +32,7 @@ from sassgis.model.settings import BarrierSettings, ReleaseSettings, StationSett
 
 log = logging.getLogger(__name__)
 
-#: Below this slope no rock at rest rolls: the smallest rolling friction that Bozzolo and Pamini
+#: Below this slope no block at rest rolls: the smallest rolling friction that Bozzolo and Pamini
 #: (1986) quote from Statham (1979) is 0.37, the tangent of 20.3 degrees; sliding asks for more.
 START_SLOPE_DEG = math.degrees(math.atan(0.37))
 
@@ -253,7 +253,7 @@ def _check_under(feature: Feature, label: str, grid: Grid, file: Path) -> None:
         raise outside(file, "release.file", label, feature.geometry.bounds, grid)
     if inside < 1.0:
         log.warning(
-            "%s: %s: %.1f %% of it lies outside the DEM; no rock starts there",
+            "%s: %s: %.1f %% of it lies outside the DEM; no block starts there",
             file,
             label,
             max(100.0 * (1.0 - inside), 0.1),
@@ -271,7 +271,7 @@ def _check_under(feature: Feature, label: str, grid: Grid, file: Path) -> None:
         )
     if n_unknown:
         log.warning(
-            "%s: %s: %d of %d cells under it are nodata (%.1f %%); no rock starts there",
+            "%s: %s: %d of %d cells under it are nodata (%.1f %%); no block starts there",
             file,
             label,
             n_unknown,
@@ -282,7 +282,7 @@ def _check_under(feature: Feature, label: str, grid: Grid, file: Path) -> None:
     if steepest < START_SLOPE_DEG:
         log.warning(
             "%s: %s: nowhere steeper than %.1f degrees; "
-            "below %.1f degrees no rock at rest starts to move",
+            "below %.1f degrees no block at rest starts to move",
             file,
             label,
             steepest,
@@ -291,14 +291,14 @@ def _check_under(feature: Feature, label: str, grid: Grid, file: Path) -> None:
 
 
 def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Path) -> None:
-    """Where areas of one scenario overlap, rocks start twice as densely."""
+    """Where areas of one scenario overlap, blocks start twice as densely."""
     shapes = [a.geometry for a in areas]
     first, second = shapely.STRtree(shapes).query(shapes, predicate="intersects")
     for i, j in zip(first.tolist(), second.tolist(), strict=True):
         common = shapes[i].intersection(shapes[j]).area if i < j else 0.0
         if common > 0.0 and set(areas[i].scenarios) & set(areas[j].scenarios):
             log.warning(
-                "%s: areas %s and %s overlap by %.1f m2; rocks start there from both",
+                "%s: areas %s and %s overlap by %.1f m2; blocks start there from both",
                 file,
                 areas[i].name,
                 areas[j].name,
@@ -322,7 +322,7 @@ def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, Fl
 
     Returns
     -------
-    list of (Gate, float64 array of shape (n, 2))
+    list of (ControlLine, float64 array of shape (n, 2))
         Stations, then barriers, in the order of the configuration; x and y of their vertices (m).
 
     Raises

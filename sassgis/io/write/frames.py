@@ -1,4 +1,4 @@
-"""Tables of single rocks and passages, written part by part."""
+"""Tables of single blocks and passages, written part by part."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sassgis.hazard.along_profile import ProfileResult
 from sassgis.io.staging import writing
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import IntArray
-from sassgis.model.map_run import MapRun, Rows
+from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import Outcome, StopReason
 from sassgis.terrain.plan import Plan
 
@@ -30,8 +30,8 @@ def require_parquet() -> None:
         ) from None
 
 
-def rock_frame(rows: Rows, run: MapRun, planned: Plan) -> pd.DataFrame:
-    """A row per rock, units in the names."""
+def rock_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
+    """A row per block, units in the names."""
     frame = pd.DataFrame({name: rows.rocks[name] for name in rows.rocks.dtype.names or ()})
     frame.insert(0, "area", _areas(rows.rocks["line"], run, planned))
     frame.insert(1, "scenario", np.array([b.name for b in run.blocks])[rows.rock_scenario])
@@ -48,8 +48,8 @@ def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
     return names[area] if names.size else np.empty(0, dtype=object)
 
 
-def passage_frame(rows: Rows, run: MapRun, planned: Plan) -> pd.DataFrame:
-    """A row per rock and station or barrier, units in the names."""
+def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
+    """A row per block and station or barrier, units in the names."""
     frame = pd.DataFrame({name: rows.passages[name] for name in rows.passages.dtype.names or ()})
     names = np.array([g.name for g, _ in run.control_lines], dtype=object)
     frame["control_line"] = names[rows.passages["control_line"]] if names.size else []
@@ -82,14 +82,14 @@ def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
 def area_control_line_table(
     rocks: pd.DataFrame, passages: pd.DataFrame, areas: Sequence[str], control_lines: Sequence[str]
 ) -> pd.DataFrame:
-    """What comes from each release area to each station and barrier.
+    """Arrivals from each release area at each station and barrier.
 
     Parameters
     ----------
     rocks, passages : DataFrame
         As of rock_frame and passage_frame.
     areas, control_lines : sequence of str
-        Names; each pair has a row, also if nothing comes.
+        Names; each pair has a row, also if nothing arrives.
 
     Returns
     -------
@@ -99,16 +99,16 @@ def area_control_line_table(
     """
     released = rocks.groupby("area").size()
     energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
-    came = passages.assign(energy_kj=energy).groupby(["area", "control_line"])
+    arrived = passages.assign(energy_kj=energy).groupby(["area", "control_line"])
     table = pd.DataFrame(
         {
-            "arrive": came.size(),
+            "arrive": arrived.size(),
             **{
                 f"{quantity}_{name}": values
                 for quantity in ("energy_kj", "speed_mps", "height_m")
                 for name, values in (
-                    ("q95", came[quantity].quantile(0.95)),
-                    ("max", came[quantity].max()),
+                    ("q95", arrived[quantity].quantile(0.95)),
+                    ("max", arrived[quantity].max()),
                 )
             },
         }
@@ -128,7 +128,7 @@ def class_table(
     Parameters
     ----------
     values : float, any shape
-        NaN where nothing comes.
+        NaN where nothing arrives.
     limits : sequence of float
         Ascending; a value equal to a limit belongs to the class above it.
     unit : str

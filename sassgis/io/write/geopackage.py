@@ -251,7 +251,7 @@ def _write_metadata(database: sqlite3.Connection, metadata: Mapping[str, object]
         f'CREATE TABLE "{METADATA_TABLE}" ("id" INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
         '"key" TEXT NOT NULL UNIQUE, "value" TEXT)'
     )
-    register_table(database, METADATA_TABLE, "Run metadata", "How this result came about")
+    register_table(database, METADATA_TABLE, "Run metadata", "How this result was computed")
     database.executemany(
         f'INSERT INTO "{METADATA_TABLE}" ("key", "value") VALUES (?, ?)',
         [(key, None if value is None else str(value)) for key, value in metadata.items()],

@@ -81,9 +81,9 @@ def write_manifest(
     settings
         All settings of the run with their defaults filled in: a mapping, or a dataclass.
     counts : mapping of str to int
-        Release points, fall lines, rocks, and so on.
+        Release points, fall lines, blocks, and so on.
     warnings : sequence of str
-        What the run told the user.
+        What the run reported to the user.
 
     Returns
     -------

@@ -14,7 +14,7 @@ from sassgis.model.results import ControlLine
 
 
 def source_table(sampled: Sequence[Sampled]) -> pd.DataFrame:
-    """Release area, scenario, onset frequency and the rocks behind it."""
+    """Release area, scenario, onset frequency and the blocks behind it."""
     return pd.DataFrame(
         {
             "area": [s.source.area for s in sampled],
@@ -31,9 +31,9 @@ def design_table(
     without_barriers: Sequence[Sampled],
     return_periods_years: Sequence[float],
 ) -> pd.DataFrame:
-    """What comes to each station and barrier line if no barrier holds it, by residual frequency.
+    """What reaches each station and barrier line without barriers, by residual frequency.
 
-    A value is empty where rocks come less often than its return period asks for.
+    A value is empty where blocks arrive less often than its return period asks for.
     """
     sources = [s.source for s in without_barriers]
     sums = [s.control_lines for s in without_barriers]

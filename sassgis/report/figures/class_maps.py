@@ -157,11 +157,6 @@ def _sign(
     ax.add_patch(Rectangle((0.0, 0.0), *size, fc="none", ec=GREY, lw=0.8, zorder=5))
 
 
-def legend_height(classes: Sequence[RasterClass], width_in: float) -> float:
-    """Height of :func:`draw_class_legend` (in)."""
-    return sum(_row_height(entry, width_in) for entry in classes)
-
-
 def _label(entry: RasterClass, width_in: float) -> str:
     return wrap(entry.label, width_in - SIGN_IN[0] - 0.1)
 

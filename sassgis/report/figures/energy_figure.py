@@ -43,7 +43,7 @@ _PLAIN = {"energy": "kinetic energy", "speed": "speed", "height": "passing heigh
 
 
 def _share_text(share: float) -> str:
-    """Name a quantile: the median, or the share of rocks that stays below."""
+    """Name a quantile: the median, or the share of blocks that stays below."""
     return "median" if share == 0.5 else f"{100.0 * share:.4g} %"
 
 
@@ -65,7 +65,7 @@ def energy_profile_figure(
     s_bins : float, shape (n + 1,) or (n,)
         Edges of the chainage bins, or single chainages (m).
     quantiles : by share (0.5, 0.95, ...), float, shape (n,)
-        Value that this share of the passing rocks stays below; NaN where no rock passes.
+        Value that this share of the passing blocks stays below; NaN where no block passes.
     s, z : float, shape (m,)
         Chainage and height of the vertices of the slope (m).
     quantity : {"energy", "speed", "height"}
@@ -108,7 +108,7 @@ def energy_profile_figure(
         axis.set_major_formatter(thousands_formatter())
 
     log = quantity == "energy"
-    # A log axis cannot show a rock that stands still; a gap there is the honest picture.
+    # A log axis cannot show a block that stands still; a gap there is what is known.
     shown = {q: np.where(v > 0.0, v, np.nan) if log else v for q, v in curves.items()}
     known = np.concatenate([v[np.isfinite(v)] for v in shown.values()] or [np.empty(0)])
     for control_line, where in control_lines:
@@ -139,12 +139,12 @@ def energy_profile_figure(
                 color=BLUE if control_line.kind == "station" else VERMILION,
             )
     if not known.size:
-        nothing_to_show(upper, "no rock passes", keep_x=True)
+        nothing_to_show(upper, "no block passes", keep_x=True)
         return figure
 
     if log:
         low, high = np.log10(known.min()), np.log10(known.max())
-        # Rocks about to stop draw a long tail to nothing: five decades show all that matters.
+        # Blocks about to stop draw a long tail to nothing: five decades show all that matters.
         low = max(low, high - 5.0)
         upper.set_yscale("log")
         upper.set_ylim(10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1))

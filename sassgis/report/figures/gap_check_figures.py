@@ -36,7 +36,7 @@ def _spoken(name: str) -> str:
 
 @styled
 def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
-    """Draw how many worlds of each truth were given which answer.
+    """Draw how many sites of each truth were given which answer.
 
     Parameters
     ----------
@@ -46,15 +46,15 @@ def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
     Returns
     -------
     Figure
-        Cells hold numbers of worlds and are shaded by their share of the row; those of right
-        answers are outlined. Rows and columns without a world are left out, but for the diagonal.
+        Cells hold numbers of sites and are shaded by their share of the row; those of right
+        answers are outlined. Rows and columns without a site are left out, but for the diagonal.
     """
     matrix = np.asarray(worlds)
     rows = [k for k in range(len(matrix)) if matrix[k].sum()]
     columns = [k for k in range(matrix.shape[1]) if k in rows or matrix[:, k].sum()]
     figure = new_figure(WIDTH_IN, 1.9 + 0.3 * max(len(rows), 2))
     ax = figure.add_subplot()
-    ax.set_title("Answers by truth (worlds)")
+    ax.set_title("Answers by truth (sites)")
     if not rows:
         nothing_to_show(ax)
         return figure
@@ -87,7 +87,7 @@ def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
     ax.grid(True, which="minor", color="white", linewidth=1.0)
     ax.tick_params(which="minor", length=0)
     ax.set_xlabel("answer")
-    ax.set_ylabel("truth (worlds)")
+    ax.set_ylabel("truth (sites)")
     for spine in ax.spines.values():
         spine.set_visible(False)
     return figure
@@ -117,28 +117,28 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
     """
     figure = new_figure(0.72 * WIDTH_IN, 4.6)
     ax, counts = figure.subplots(2, 1, sharex=True, height_ratios=[4.0, 1.0])
-    told = [row for row in rows if row.right.trials]
+    with_answers = [row for row in rows if row.right.trials]
     ax.set_title("Right answers by stated confidence")
     ax.plot([0.0, 1.0], [0.0, 1.0], color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
     ax.axvline(limit, color=VERMILION, linewidth=0.8)
     ax.annotate(
-        f"asked: 90 % right from {limit:g} on",
+        f"required: 90 % right from {limit:g} on",
         (limit, 0.02),
         xytext=(3, 0),
         textcoords="offset points",
         size=SMALL,
         color=VERMILION,
     )
-    if not told:
+    if not with_answers:
         nothing_to_show(ax, keep_x=True)
-    x = [row.confidence for row in told]
-    y = [row.right.value for row in told]
-    below = [row.right.value - row.right.low for row in told]
-    above = [row.right.high - row.right.value for row in told]
+    x = [row.confidence for row in with_answers]
+    y = [row.right.value for row in with_answers]
+    below = [row.right.value - row.right.low for row in with_answers]
+    above = [row.right.high - row.right.value for row in with_answers]
     ax.errorbar(
         x, y, yerr=[below, above], fmt="o", color=BLUE, markersize=5, capsize=3, linewidth=1.1
     )
-    for row in told:
+    for row in with_answers:
         beside = 1.0 if row.confidence < 0.85 else -1.0
         ax.annotate(
             f"{row.right.hits} of {row.right.trials}",
@@ -162,9 +162,9 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
         color=LIGHT,
         edgecolor="white",
     )
-    counts.set_ylabel("worlds")
+    counts.set_ylabel("sites")
     counts.set_xlabel(
-        f"stated confidence, mean of each bin ({count(sum(r.right.trials for r in rows), 'world')})"
+        f"stated confidence, mean of each bin ({count(sum(r.right.trials for r in rows), 'site')})"
     )
     counts.grid(False, axis="x")
     return figure
@@ -172,12 +172,12 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
 
 @styled
 def shrinkage_figure(stated: Sequence[float], measured: Sequence[float], near: float) -> Figure:
-    """Draw stated shrinkages against those on fresh rocks, one point for each world.
+    """Draw stated shrinkages against those on fresh rocks, one point for each site.
 
     Parameters
     ----------
     stated, measured : float
-        Of the same worlds.
+        Of the same sites.
     near : float
         How far apart they may be; drawn as a band.
     """

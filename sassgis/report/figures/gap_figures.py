@@ -303,9 +303,10 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
     ax.step(x, y, where="post", color=INK, lw=1.1, gid="observed")
     if seen.size <= _MARKED:
         ax.plot(np.sort(seen), y[1:], "o", ms=2.2, color=INK, gid="observed-values")
-    told = [f"{_distance(seen, v):.2g}" for v in (base, with_effect) if v.size]
+    distances = [f"{_distance(seen, v):.2g}" for v in (base, with_effect) if v.size]
+    compared = "D " + " → ".join(distances) + "\n" if distances else ""
     ax.text(
-        0.97, 0.06, "D " + " → ".join(told) + f"\nn = {seen.size}" if told else f"n = {seen.size}",
+        0.97, 0.06, f"{compared}n = {seen.size}",
         transform=ax.transAxes, ha="right", va="bottom", size=SMALL, gid="distance",
         path_effects=_HALO, zorder=9,
     )  # fmt: skip
@@ -344,7 +345,7 @@ def gap_hypotheses_figure(
     n = max(len(hypotheses), 1)
     others = [e for e in confusion if e != verdict]
     note = (
-        "Left: by how much the energy score of rocks left out falls below that of the calibrated "
+        "Left: by how much the energy score of held-out rocks falls below that of the calibrated "
         "base model, with 95 % interval (rocks resampled); above zero is better. Right: "
         "probability of being the cause. Vermilion: the answer"
         + ("; blue: not separated from it by these data." if others else ".")

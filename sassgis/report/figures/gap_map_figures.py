@@ -38,7 +38,7 @@ class GapStretch:
 
     Attributes
     ----------
-    course : float64, shape (n, 2)
+    trace : float64, shape (n, 2)
         Coordinates (m).
     gap : float
         NaN where nothing was compared.
@@ -46,7 +46,7 @@ class GapStretch:
         Whether the gap is distinguished from chance; others are drawn thin.
     """
 
-    course: FloatArray
+    trace: FloatArray
     gap: float
     sure: bool = True
 
@@ -81,8 +81,8 @@ def gap_map_figure(
         Empty if no gap is to be shown.
     title, note : str
     """
-    courses = [*lines, *(s.course for s in stations.values()), release, stops]
-    filled = [c for c in courses if len(c)]
+    traces = [*lines, *(s.trace for s in stations.values()), release, stops]
+    filled = [c for c in traces if len(c)]
     marks = np.concatenate(filled) if filled else np.empty((0, 2))
     marks = marks[np.isfinite(marks).all(axis=1)]
     box = footprint(grid, np.full(grid.shape, np.nan), marks)
@@ -122,24 +122,22 @@ def gap_map_figure(
         )
     )  # fmt: skip
     for part, width, z in ((stretches, 2.4, 6), (tuple(stations.values()), 3.2, 8)):
-        known = [s for s in part if math.isfinite(s.gap) and len(s.course) > 1]
+        known = [s for s in part if math.isfinite(s.gap) and len(s.trace) > 1]
         widths = np.array([width if s.sure else 0.45 * width for s in known])
         colours = GAP_COLOURS(norm([s.gap for s in known])) if known else INK
         for edge, paint, extra in ((True, INK, 0.8), (False, colours, 0.0)):
             ax.add_collection(
                 LineCollection(
-                    [s.course for s in known], colors=paint, linewidths=widths + extra,
+                    [s.trace for s in known], colors=paint, linewidths=widths + extra,
                     alpha=0.55 if edge else None, zorder=z if edge else z + 1,
                     gid=None if edge else "gaps",
                 )
             )  # fmt: skip
     for name, station in stations.items():
-        if len(station.course) > 1 and not math.isfinite(station.gap):
-            ax.plot(
-                station.course[:, 0], station.course[:, 1], ls="--", color=INK, lw=1.1, zorder=7
-            )
-        if len(station.course):
-            east = station.course[np.argmax(station.course[:, 0])]
+        if len(station.trace) > 1 and not math.isfinite(station.gap):
+            ax.plot(station.trace[:, 0], station.trace[:, 1], ls="--", color=INK, lw=1.1, zorder=7)
+        if len(station.trace):
+            east = station.trace[np.argmax(station.trace[:, 0])]
             ax.annotate(
                 name, (float(east[0]), float(east[1])), xytext=(3, 0), va="center",
                 textcoords="offset points", size=SMALL, weight="bold", path_effects=_HALO,

@@ -61,7 +61,7 @@ def _one_place(curves: HazardCurves, row: int) -> HazardCurves:
 
 
 def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """The sources from which most rocks come, and the sum of the others.
+    """The sources from which most blocks arrive, and the sum of the others.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray
     Returns
     -------
     dict of str to float64
-        At most ``MAX_SOURCES``; those without a rock are left out.
+        At most ``MAX_SOURCES``; those without a block are left out.
     """
     coming = {name: np.asarray(r, float) for name, r in by_source.items() if np.any(r > 0.0)}
     names = sorted(coming, key=lambda name: -coming[name][0])
@@ -142,9 +142,9 @@ def hazard_curve_figure(
     title: str = "Hazard curve",
     note: str = "",
 ) -> Figure:
-    """Draw how often rocks come to a place with at least some energy.
+    """Draw how often blocks reach a place with at least some energy.
 
-    Over the fields of the preset's matrix, whose worst field on the curve is the level.
+    Over the fields of the preset's matrix, whose highest field on the curve is the level.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def hazard_curve_figure(
     preset : HazardPreset
     by_source : mapping of str to float, shape (n_energies,), optional
         Rate (1/year) of each source at the place; of more than ``MAX_SOURCES``, those from which
-        fewest rocks come are drawn together.
+        fewest blocks arrive are drawn together.
     confidence : float
         Of the band around the sum.
     title, note : str
@@ -208,7 +208,7 @@ def hazard_curve_figure(
     ax.grid(False)
     _draw_matrix(ax, preset, (left, right))
 
-    # The rate of all rocks stands at the left edge: 0 kJ has no place on the axis.
+    # The rate of all blocks stands at the left edge: 0 kJ has no place on the axis.
     at = np.maximum(energies, left)
 
     def shown(rates: FloatArray) -> FloatArray:
@@ -249,15 +249,15 @@ def hazard_curve_figure(
 def _level_words(one: HazardCurves, preset: HazardPreset, level: int) -> str:
     """The level of the place and what decides it."""
     if not level:
-        return "No rock comes here."
+        return "No block arrives here."
     energy = float(one.energies_kj[int(deciding_energy(one, preset)[0])])
     years = float(return_period(one.rate[0, one.column(energy)]))
-    rocks = f"rocks of {energy:g} kJ and more" if energy > 0.0 else "rocks of any energy"
+    rocks = f"blocks of {energy:g} kJ and more" if energy > 0.0 else "blocks of any energy"
     mean = thousands(years, 0 if years >= 10.0 else 1)
     return (
         f"Level: {preset.levels[level - 1].label}, by {rocks}, once in {mean} years. "
-        "Circles: lower limits of the classes of intensity, which decide; the first, all rocks, at "
-        "the left edge."
+        "Circles: lower limits of the classes of intensity, which decide; the first, all blocks, "
+        "at the left edge."
     )
 
 

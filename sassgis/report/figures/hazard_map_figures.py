@@ -227,7 +227,7 @@ def _outer_labels(ax: Axes, *, first: bool, last: bool) -> None:
 def _draw_panel(
     ax: Axes,
     panel: _Panel,
-    window: relief.Window,
+    window: relief.GridWindow,
     part: Grid,
     factor: int,
     metres_per_inch: float,
@@ -314,7 +314,7 @@ def confidence_figure(
     zones: Sequence[FloatArray] = (),
     control_lines: Sequence[MapControlLine] = (),
     extent: Extent | None = None,
-    title: str = "Where the sample of rocks leaves the level open",
+    title: str = "Where the sample of blocks leaves the level open",
     note: str = "",
 ) -> Figure:
     """Draw the hazard level, with fine black lines over the cells whose level is uncertain.

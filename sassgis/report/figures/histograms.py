@@ -102,7 +102,7 @@ def _panel(
         sets = list(common_bins((edges, counts), _checked(observed, name), name))
         edges, counts = sets[0]
     if not any(c.sum() for _, c in sets):
-        nothing_to_show(ax, "no rock here")
+        nothing_to_show(ax, "no block here")
         return
     scaled = [(e, 100.0 * c / max(c.sum(), 1.0) if as_share else c) for e, c in sets]
     if observed is None:
@@ -111,7 +111,7 @@ def _panel(
     else:
         ax.stairs(scaled[1][1], scaled[1][0], color=INK, lw=1.4, gid="observed")
         ax.stairs(scaled[0][1], edges, color=BLUE, lw=1.4, ls=(0, (3.5, 1.6)), gid="computed")
-    # Bins reach further than most runs; show up to the last that holds a rock.
+    # Bins reach further than most runs; show up to the last that holds a block.
     last = max(float(e[np.nonzero(c)[0][-1] + 1]) for e, c in sets if c.any())
     first = min(float(e[np.nonzero(c)[0][0]]) for e, c in sets if c.any())
     first = min(first, max(float(edges[0]), 0.0))
@@ -155,12 +155,12 @@ def station_figure(
     speed, rotation, height : Histogram
         Computed; counts of shape (n_bins,).
     observed : three Histogram, optional
-        The same three quantities as observed, in the same units. Where the numbers of rocks
-        differ, both are drawn as shares of the rocks that pass.
+        The same three quantities as observed, in the same units. Where the numbers of blocks
+        differ, both are drawn as shares of the blocks that pass.
     n : int
-        Number of rocks computed, whether they pass the station or not.
+        Number of blocks computed, whether they pass the station or not.
     n_observed : int, optional
-        Number of rocks observed; default: those in the histogram of speeds.
+        Number of blocks observed; default: those in the histogram of speeds.
 
     Raises
     ------
@@ -178,11 +178,11 @@ def station_figure(
     axes: Sequence[Axes] = figure.subplots(1, 3)
     for ax, label, (c, o) in zip(axes, labels, pairs, strict=True):
         _panel(ax, label, c, o, as_share)
-    axes[0].set_ylabel("share of the rocks" if as_share else "number of rocks")
-    text = f"{thousands(passed)} of {count(n, 'computed rock')} pass"
+    axes[0].set_ylabel("share of the blocks" if as_share else "number of blocks")
+    text = f"{thousands(passed)} of {count(n, 'simulated block')} pass"
     if observed is not None:
         seen = int(np.sum(observed[0].counts)) if n_observed is None else n_observed
-        text = f"dashed: computed, {text}; solid: observed, {count(seen, 'rock')}"
+        text = f"dashed: simulated, {text}; solid: observed, {count(seen, 'block')}"
     figure.suptitle(wrap(name, WIDTH_IN, TITLE), x=0.01, ha="left", size=TITLE, weight="bold")
     # The caption takes the place of a legend: two line styles need no box.
     figure.supxlabel(text, size=SMALL, color=GREY, x=0.01, ha="left")
@@ -190,7 +190,7 @@ def station_figure(
 
 
 def _share_beyond(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Chainages and the share of rocks that get at least so far."""
+    """Chainages and the share of blocks that get at least so far."""
     reached = np.sort(values)
     share = 1.0 - np.arange(reached.size) / reached.size
     return reached, share
@@ -212,18 +212,18 @@ def _draw_runout(
     n = sum(total.values())
     if title:
         figure.suptitle(wrap(title, WIDTH_IN, TITLE), x=0.01, ha="left", size=TITLE, weight="bold")
-    upper.set_ylabel("rocks that get\nat least so far")
-    lower.set_ylabel("rocks that end here")
+    upper.set_ylabel("blocks that get\nat least so far")
+    lower.set_ylabel("blocks that stop here")
     lower.set_xlabel("run-out chainage (m)")
     if not present:
-        nothing_to_show(upper, "no rock")
-        nothing_to_show(lower, "no rock")
+        nothing_to_show(upper, "no block")
+        nothing_to_show(lower, "no block")
         return figure
 
     upper.plot(
         np.concatenate([[curve[0][0]], curve[0]]),
         100.0 * np.concatenate([[1.0], curve[1]]),
-        # Between the edges of bins nobody knows the course; a straight line claims least.
+        # Between the edges of bins the course is unknown; a straight line claims least.
         drawstyle="steps-pre" if exact else "default",
         color=INK,
         lw=1.4,
@@ -263,7 +263,7 @@ def _draw_runout(
     open_end = total.get(StopReason.LEFT_PROFILE, 0.0) + total.get(StopReason.STEP_LIMIT, 0.0)
     if open_end:
         upper.set_title(
-            f"{count(int(open_end), 'rock')} of {thousands(n)} went on where the computation "
+            f"{count(int(open_end), 'block')} of {thousands(n)} went on where the computation "
             "ended: the true shares lie on or above the line",
             size=SMALL,
             weight="normal",
@@ -280,12 +280,12 @@ def runout_figure(
     bin_m: float | None = None,
     title: str = "",
 ) -> Figure:
-    """Draw where rocks end, and the share that gets at least so far.
+    """Draw where blocks end, and the share that gets at least so far.
 
     Parameters
     ----------
     runout_m : float, shape (n,)
-        Chainage where each rock ended (m).
+        Chainage where each block ended (m).
     reasons : int, shape (n,)
         Its StopReason.
     bin_m : float, optional
@@ -347,6 +347,6 @@ def runout_counts_figure(
     total = np.sum(list(bins.values()), axis=0) if bins else np.zeros(limits.size - 1)
     n = float(total.sum())
     share = 1.0 - np.cumsum(total) / n if n else total
-    # At the lower edge of a bin all rocks of the bin and of those beyond are still moving.
+    # At the lower edge of a bin all blocks of the bin and of those beyond are still moving.
     curve = (limits, np.concatenate([[1.0], share]))
     return _draw_runout(limits, bins, curve, title, exact=False)

@@ -63,7 +63,7 @@ from sassgis.report.number_text import thousands
 
 _MAX_MAP_HEIGHT_IN = 7.2
 _LEGEND_GAP_IN, _BAR_IN = 0.14, 0.14
-#: Ways to say that a number has no unit.
+#: Units that mean that a number has no unit.
 _UNITLESS = ("", "1", "-", "–", "class")
 
 

@@ -186,7 +186,15 @@ def draw_map_control_lines(
             continue
         colour, dashes, width = _CONTROL_LINE_LINE[kind]
         ax.plot(xy[:, 0], xy[:, 1], "-", color="white", lw=width + 1.6, zorder=8)
-        ax.plot(xy[:, 0], xy[:, 1], ls=dashes, color=colour, lw=width, zorder=9, gid=f"gate-{name}")
+        ax.plot(
+            xy[:, 0],
+            xy[:, 1],
+            ls=dashes,
+            color=colour,
+            lw=width,
+            zorder=9,
+            gid=f"control_line-{name}",
+        )
         seen = shapely.get_coordinates(shapely.clip_by_rect(shapely.linestrings(xy), *box))
         if not seen.size:
             continue

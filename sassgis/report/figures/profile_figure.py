@@ -1,4 +1,4 @@
-"""The slope in its vertical plane with the paths of rocks (Bozzolo and Pamini 1986, Fig. 13)."""
+"""The slope in its vertical plane with the paths of blocks (Bozzolo and Pamini 1986, Fig. 13)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from sassgis.report.figures.style import (
     wrap,
 )
 
-#: A gate with its chainage (m) and the height of the ground there (m).
+#: A control line with its chainage (m) and the height of the ground there (m).
 ProfileControlLine = tuple[ControlLine, float, float]
 
 _HALO = [withStroke(linewidth=1.8, foreground="white")]
@@ -63,7 +63,7 @@ class ProfilePanel:
         Names of the ground classes by their number.
     control_lines : (ControlLine, chainage, height of the ground)
     stops : float, shape (k,)
-        Chainages where rocks ended (m).
+        Chainages where blocks ended (m).
     title : str
     """
 
@@ -282,7 +282,7 @@ def _draw_control_lines(
             lw=0.8,
             ls=(0, (4, 2)),
             zorder=3,
-            gid=f"gate-{control_line.name}",
+            gid=f"control_line-{control_line.name}",
         )
         ax.annotate(
             control_line.name,
@@ -309,7 +309,7 @@ def _draw_control_lines(
             solid_capstyle="butt",
             dash_capstyle="butt",
             zorder=8,
-            gid=f"gate-{control_line.name}",
+            gid=f"control_line-{control_line.name}",
         )
         ax.annotate(
             f"{control_line.name} ({control_line.kind}, {control_line.height_m:g} m)",
@@ -367,14 +367,14 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
 
 
 def _caption(panel: ProfilePanel) -> str:
-    """Say how many rocks are drawn."""
+    """Say how many blocks are drawn."""
     stops = np.asarray(panel.stops, float)
     n_stops = int(np.count_nonzero(np.isfinite(stops)))
     parts = [
         f"{count(len(panel.trajectories), 'path')} of the centre of mass"
         if len(panel.trajectories)
         else "",
-        f"yellow dots: where {count(n_stops, 'rock')} ended" if n_stops else "",
+        f"yellow dots: where {count(n_stops, 'block')} ended" if n_stops else "",
     ]
     return "; ".join(part for part in parts if part)
 
@@ -458,7 +458,7 @@ def profile_figure(
     stops: FloatArray | None = None,
     title: str = "",
 ) -> Figure:
-    """Draw a slope with the paths of rocks, at equal scale of both axes.
+    """Draw a slope with the paths of blocks, at equal scale of both axes.
 
     Parameters
     ----------
@@ -473,7 +473,7 @@ def profile_figure(
     control_lines : (ControlLine, chainage, height of the ground)
         Stations are drawn as dashed lines, walls and nets at their true height.
     stops : float, shape (k,), optional
-        Chainages where rocks ended (m).
+        Chainages where blocks ended (m).
     title : str
 
     Raises

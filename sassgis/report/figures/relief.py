@@ -22,7 +22,7 @@ MAX_CELLS = 900
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class GridWindow:
     """A part of a grid by rows and columns: ``[row_0, row_1)``, ``[col_0, col_1)``."""
 
     row_0: int
@@ -44,7 +44,7 @@ class Window:
         )
 
 
-def window_of(grid: Grid, extent: Extent) -> Window:
+def window_of(grid: Grid, extent: Extent) -> GridWindow:
     """Smallest window of whole cells that covers (west, south, east, north), cut to the grid."""
     west, south, east, north = extent
     n_rows, n_cols = grid.shape
@@ -52,7 +52,7 @@ def window_of(grid: Grid, extent: Extent) -> Window:
     col_1 = int(np.clip(np.ceil((east - grid.west) / grid.cell_size), col_0 + 1, n_cols))
     row_0 = int(np.clip(np.floor((grid.north - north) / grid.cell_size), 0, n_rows - 1))
     row_1 = int(np.clip(np.ceil((grid.north - south) / grid.cell_size), row_0 + 1, n_rows))
-    return Window(row_0, row_1, col_0, col_1)
+    return GridWindow(row_0, row_1, col_0, col_1)
 
 
 def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:

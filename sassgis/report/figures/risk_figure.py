@@ -105,7 +105,7 @@ def risk_figure(
         )
     if chosen.size and np.isfinite(errors[chosen]).any():
         notes.append(
-            "Thin lines: 95 % intervals (1.96 standard errors) of the sample of rocks alone."
+            "Thin lines: 95 % intervals (1.96 standard errors) of the sample of blocks alone."
         )
     notes.append(note)
     heading = wrap(

@@ -30,7 +30,7 @@ DPI = 180
 
 SMALL, TEXT, TITLE = 7.0, 8.0, 9.5
 
-# Okabe and Ito (2008), colours told apart by all common kinds of colour vision.
+# Okabe and Ito (2008), colours distinguishable with all common kinds of colour vision.
 INK = "#1a1a1a"
 GREY = "#6b6b6b"
 LIGHT = "#d9d9d9"
@@ -63,12 +63,12 @@ REASON_COLOURS = {
     StopReason.BROKEN: "#3d3d3d",
 }
 REASON_NAMES = {
-    StopReason.REST: "came to rest",
+    StopReason.REST: "at rest",
     StopReason.BARRIER: "stopped by a barrier",
     StopReason.LEFT_PROFILE: "left the profile",
     StopReason.STEP_LIMIT: "given up (step limit)",
     StopReason.NEVER_STARTED: "never started",
-    StopReason.BROKEN: "broke into pieces",
+    StopReason.BROKEN: "broke into fragments",
 }
 
 _RC: dict[str, Any] = {
@@ -189,7 +189,7 @@ def thousands_formatter(decimals: int = 0) -> FuncFormatter:
 
 
 def count(n: int, noun: str, plural: str | None = None) -> str:
-    """Write '1 rock', '1 200 rocks'."""
+    """Write '1 block', '1 200 blocks'."""
     return f"{thousands(n)} {noun if n == 1 else (plural or noun + 's')}"
 
 

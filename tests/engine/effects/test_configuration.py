@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
 from affine import Affine
+from annotated_types import Interval
 from shapely import box
 
 from sassgis.engine.effects.registry import EFFECTS
@@ -44,7 +47,8 @@ def wrong_lines():
                 yield family, key, "3"
             elif isinstance(field.default, (int, float)):
                 yield family, key, '"much"'
-                yield family, key, "-1"
+                low = next(a.ge for a in get_args(field.kind) if isinstance(a, Interval))
+                yield family, key, str(min(low, 0) - 1)
                 yield family, key, "1e9" if isinstance(field.default, float) else "1000000"
         yield family, "strenth", "1"
 
@@ -69,7 +73,7 @@ def test_an_empty_section_turns_the_family_on_with_its_defaults(valley, family):
 
 def test_an_unknown_family_and_an_unknown_class_are_told(valley):
     with pytest.raises(SassgisError, match="effects"):
-        valley("[effects.wind]\n", whole=False)
+        valley("[effects.snow]\n", whole=False)
     with pytest.raises(SassgisError) as caught:
         from sassgis.runs.map import simulate_map
         from sassgis.terrain.plan import plan

@@ -14,6 +14,7 @@ from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
+from sassgis.engine.effects.wind import Wind
 from sassgis.model.effects import EffectSettings
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
@@ -46,6 +47,7 @@ def test_nothing_on_is_the_base_to_the_last_bit(base):
 
 NEUTRAL = {
     "no drag": EffectSettings(AirDrag(drag_coefficient=0.0)),
+    "no wind": EffectSettings(Wind(0.0)),
     "no air": EffectSettings(AirDrag(air_density_kgm3=0.0)),
     "stems that take nothing": EffectSettings(Trees(efficiency=0.0)),
     "forest without drag": EffectSettings(Trees("viscous", drag_kgps=0.0)),

@@ -373,7 +373,7 @@ def test_what_deserves_a_look(layer, grid, caplog):
         read_objects(layer([box(350, 250, 360, 260)]), grid, kind="building", name="hut")
         jam = {**TRAFFIC, "traffic_per_day": 300_000.0}
         read_objects(layer([BEND], "r.gpkg"), grid, kind="road", name="r", defaults=jam)
-    assert "hut lies on nodata; no rock comes there" in caplog.text
+    assert "hut lies on nodata; no block arrives there" in caplog.text
     assert "hut has neither value nor people nor traffic" in caplog.text
     assert "r: vehicles cover 125 % of the length" in caplog.text
 

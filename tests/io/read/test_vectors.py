@@ -13,7 +13,7 @@ from shapely import LineString, MultiLineString, MultiPoint, MultiPolygon, Point
 
 from sassgis.io.read.checked import section_of
 from sassgis.io.read.config import load_config
-from sassgis.io.read.features import cells_under, steepest_slope_deg
+from sassgis.io.read.vector_features import cells_under, steepest_slope_deg
 from sassgis.io.read.vectors import START_SLOPE_DEG, read_control_lines, read_release
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
@@ -311,7 +311,7 @@ def test_overlaps_are_warned_of_within_a_scenario(make_layer, slope_grid, caplog
     assert not caplog.records
     read_release(settings(path), slope_grid, BLOCKS)
     assert [r.getMessage().split(": ")[1] for r in caplog.records] == [
-        "areas area 1 and area 2 overlap by 600.0 m2; rocks start there from both"
+        "areas area 1 and area 2 overlap by 600.0 m2; blocks start there from both"
     ]
 
 

@@ -84,7 +84,7 @@ def test_a_working_folder_not_made_by_sassgis_is_left_alone(tmp_path: Path) -> N
     foreign = tmp_path / "out.partial"
     foreign.mkdir()
     (foreign / "mine.txt").write_text("x")
-    with pytest.raises(OutputError, match="in the way"):
+    with pytest.raises(OutputError, match="exists already"):
         make_result(tmp_path / "out", "new")
     assert (foreign / "mine.txt").read_text() == "x"
 

@@ -35,7 +35,7 @@ def test_station_panels_hold_the_counts(find, texts) -> None:
     words = texts(figure)
     for word in ("Camera 2", "speed (m/s)", "rotation (Hz)", "passing height (m)", "12 of 20"):
         assert word in words
-    assert "number of rocks" in words
+    assert "number of blocks" in words
     # Bins beyond the last rock are not shown; the open last bin is named where it holds rocks.
     assert figure.axes[0].get_xlim()[1] < 4.5
     assert len(find(figure, "open-bin")) == 1
@@ -55,7 +55,7 @@ def test_observed_of_another_number_is_compared_by_share(find, texts) -> None:
     assert solid.get_linestyle() in ("-", "solid")
     assert dashed.get_linestyle() not in ("-", "solid")
     words = texts(figure)
-    assert "share of the rocks" in words and "2 rocks" in words
+    assert "share of the blocks" in words and "2 blocks" in words
 
 
 def test_coarser_observed_bins_are_matched(find) -> None:
@@ -81,7 +81,7 @@ def test_histograms_that_cannot_be_compared_are_refused() -> None:
 def test_station_that_no_rock_passes(texts) -> None:
     none = tuple(Histogram(h.edges, h.counts * 0, h.unit) for h in COMPUTED)
     words = texts(station_figure("x", *none, n=50))
-    assert words.count("no rock here") == 3 and "0 of 50" in words
+    assert words.count("no block here") == 3 and "0 of 50" in words
 
 
 def test_runout_bars_by_reason_and_exceedance(find, texts) -> None:
@@ -102,9 +102,9 @@ def test_runout_bars_by_reason_and_exceedance(find, texts) -> None:
     assert rest.edges[place].tolist() == [20.0]
     assert not find(figure, "reason-STEP_LIMIT")
     words = texts(figure)
-    for word in ("came to rest: 2", "stopped by a barrier: 1", "left the profile: 1"):
+    for word in ("at rest: 2", "stopped by a barrier: 1", "left the profile: 1"):
         assert word in words
-    assert "1 rock of 5 went on" in words
+    assert "1 block of 5 went on" in words
 
 
 def test_runout_without_open_ends_has_no_warning(texts) -> None:
@@ -114,7 +114,7 @@ def test_runout_without_open_ends_has_no_warning(texts) -> None:
 @pytest.mark.parametrize("values", [[], [5.0], [5.0, 5.0]])
 def test_runout_of_few_rocks(values: list[float], texts) -> None:
     words = texts(runout_figure(np.array(values), np.zeros(len(values), int)))
-    assert ("no rock" in words) == (not values)
+    assert ("no block" in words) == (not values)
 
 
 def test_runout_counts(find) -> None:
@@ -167,7 +167,7 @@ def test_energy_gaps_and_emptiness(find, texts) -> None:
     zero = {0.5: np.array([0.0, *np.full(9, 3.0)])}
     drawn = find(energy_profile_figure(BINS, zero, S, Z), "q0.5")[0].get_data().values
     assert np.isnan(drawn[0]) and drawn[1] == 3.0
-    assert "no rock passes" in texts(energy_profile_figure(BINS, {}, S, Z))
+    assert "no block passes" in texts(energy_profile_figure(BINS, {}, S, Z))
     with pytest.raises(InputError, match=r"quantile 0\.5 does not fit"):
         energy_profile_figure(BINS, {0.5: np.zeros(4)}, S, Z)
 

@@ -186,10 +186,10 @@ def test_layers_that_do_not_belong_together(valley: Grid) -> None:
         change_figure(valley, layer, replace(layer, classes=LEVELS[:2]))
 
 
-def test_undecided_cells_have_lines_over_them(valley: Grid, find, texts) -> None:
+def test_uncertain_cells_have_lines_over_them(valley: Grid, find, texts) -> None:
     open_ = np.zeros(valley.shape, bool)
     open_[10:14, 22:26] = True
-    open_[30:, :] = True  # No rock comes here.
+    open_[30:, :] = True  # No block arrives here.
     figure = confidence_figure(valley, level_of(valley), open_)
     stripes = [s for s in find(figure, "stripes") if s.axes.get_label() == "map"]
     assert len(stripes) == 2
@@ -294,14 +294,14 @@ def test_the_fields_are_those_of_the_matrix(find) -> None:
 
 def test_the_note_tells_the_level_and_what_decides_it(texts) -> None:
     # 30 kJ and more once in 50 years: moderate; all rocks once in 20 years: so by low intensity.
-    assert "Level: moderate (blue), by rocks of any energy, once in 20 years." in texts(
+    assert "Level: moderate (blue), by blocks of any energy, once in 20 years." in texts(
         hazard_curve_figure(CURVE, 1, PRESET)
     )
     often = curves([0.05, 0.04, 0.04, 0.008, 0.001, 0.0])
-    assert "by rocks of 30 kJ and more, once in 25 years." in texts(
+    assert "by blocks of 30 kJ and more, once in 25 years." in texts(
         hazard_curve_figure(often, 1, PRESET)
     )
-    assert "No rock comes here." in texts(hazard_curve_figure(CURVE, 0, PRESET))
+    assert "No block arrives here." in texts(hazard_curve_figure(CURVE, 0, PRESET))
 
 
 def test_many_sources_are_brought_together() -> None:

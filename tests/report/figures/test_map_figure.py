@@ -110,7 +110,7 @@ def test_release_lines_and_control_lines(valley: Grid, find, texts) -> None:
     np.testing.assert_allclose(find(figure, "release-areas")[0].get_paths()[0].vertices[:3], ring)
     np.testing.assert_allclose(find(figure, "release-points")[0].get_xydata(), ring[:1])
     assert len(find(figure, "fall-lines")[0].get_segments()) == MAX_LINES
-    np.testing.assert_allclose(find(figure, "gate-road")[0].get_xydata(), control_line)
+    np.testing.assert_allclose(find(figure, "control_line-road")[0].get_xydata(), control_line)
     words = texts(figure)
     assert f"{MAX_LINES} fall lines of {MAX_LINES + 30} are drawn" in words
     assert "road" in words and "W1" in words

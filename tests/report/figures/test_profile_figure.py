@@ -44,14 +44,14 @@ def test_profile_shows_what_was_given(find, texts) -> None:
     for word in ("Bedrina 1", "rock", "debris", "chainage (m)", "height (m)", "camera 2"):
         assert word in words
     assert "2 paths of the centre of mass" in words
-    assert "where 2 rocks ended" in words
+    assert "where 2 blocks ended" in words
 
 
 def test_barriers_stand_at_their_true_height(find, texts) -> None:
     figure = profile_figure(S, Z, [], control_lines=CONTROL_LINES)
-    np.testing.assert_allclose(find(figure, "gate-1")[0].get_ydata(), [1720.0, 1725.0])
-    np.testing.assert_allclose(find(figure, "gate-2")[0].get_ydata(), [1670.0, 1674.0])
-    assert find(figure, "gate-camera 2")[0].get_ydata()[0] == 1737.5
+    np.testing.assert_allclose(find(figure, "control_line-1")[0].get_ydata(), [1720.0, 1725.0])
+    np.testing.assert_allclose(find(figure, "control_line-2")[0].get_ydata(), [1670.0, 1674.0])
+    assert find(figure, "control_line-camera 2")[0].get_ydata()[0] == 1737.5
     words = texts(figure)
     assert "1 (wall, 5 m)" in words and "2 (net, 4 m)" in words
 

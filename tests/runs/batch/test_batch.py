@@ -103,6 +103,7 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path) -> Non
     config.write_text(config.read_text().replace("[hazard]\n", more))
     with config.open("a") as text:
         text.write("[effects.lateral_deflection]\nangle_deg = 8.0\n[effects.fragmentation]\n")
+        text.write("[effects.wind]\n")
         text.write('[effects.trees]\nfile = "stand.gpkg"\nstems_per_ha = 300.0\ndbh_cm = 30.0\n')
     batch(inputs / "two.gpkg", tmp_path / "out", config=config, dem=inputs / "tiles")
     together = load_config(config, {"release.file": str(inputs / "two.gpkg")})

@@ -15,7 +15,7 @@ import rasterio
 from sassgis.hazard.along_profile import arrivals, passage_histogram, share_within
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import ConfigError, InputError
-from sassgis.runs.profile import profile_from_csv, run_profile, simulate_profile
+from sassgis.runs.profile_run import profile_from_csv, run_profile, simulate_profile
 from sassgis.runs.run import run
 from sassgis.runs.samples import copy_sample
 
@@ -39,6 +39,8 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
         )
     counts = json.loads((tmp_path / "out" / "manifest.json").read_text())["counts"]
     assert counts["rocks"] == 40
+    # To be copied into a configuration: no spaces between thousands.
+    assert "<td>1986</td>" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
 
 def test_equal_seeds_give_equal_profiles_and_others_do_not(bedrina: Path) -> None:
@@ -57,6 +59,17 @@ def test_scenarios_with_names_that_begin_alike_draw_apart(bedrina: Path) -> None
     assert (one["mass_kg"] != two["mass_kg"]).all()
     # As many paths as stops of the same rocks on the picture.
     assert len(result.paths) == 2 * result.drawn == 60
+
+
+def test_the_wind_acts_on_a_profile(bedrina: Path) -> None:
+    config = load_config(bedrina)
+    profile = profile_from_csv(config)
+    means = []
+    for acceleration in (-2.0, 0.0, 2.0):
+        blown = load_config(bedrina, {"effects.wind": {"acceleration_mps2": acceleration}})
+        means.append(simulate_profile(blown, profile, rocks=60).rocks["max_speed_mps"].mean())
+    assert means[0] < means[1] < means[2]
+    assert means[1] == simulate_profile(config, profile, rocks=60).rocks["max_speed_mps"].mean()
 
 
 def test_shares_and_histograms_count_the_passages(bedrina: Path) -> None:

@@ -15,7 +15,7 @@ from scipy import stats
 from sassgis.io.read.config import load_config
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
-from sassgis.model.map_run import Rows
+from sassgis.model.map_run import BlockRows
 from sassgis.runs.inputs import yearly_frequencies
 from sassgis.runs.job import read_job
 from sassgis.runs.map import simulate_map
@@ -128,7 +128,7 @@ def drawn_volumes(folder: Path, exponent: float | None) -> np.ndarray:
     case.sections["release"]["rocks_per_point"] = 250
     case.write()
     job = read_job(load_config(case.config), None, lambda _: None)
-    rows: list[Rows] = []
+    rows: list[BlockRows] = []
     simulate_map(job.run, job.planned, on_chunk=lambda _p, _n, own: rows.append(own))
     rocks = np.concatenate([r.rocks for r in rows])
     volume: np.ndarray = rocks["mass_kg"] / rocks["density_kgm3"]

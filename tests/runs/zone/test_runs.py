@@ -15,7 +15,7 @@ from sassgis.hazard.assess import share_uncertain
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import Interrupted
 from sassgis.model.hazard import HazardCurves
-from sassgis.model.map_run import Rows
+from sassgis.model.map_run import BlockRows
 from sassgis.runs.map import simulate_map
 from sassgis.runs.zone import zone
 
@@ -103,8 +103,8 @@ def test_rocks_of_the_first_repetitions_stay_as_they_are(tmp_path: Path) -> None
     case = two_areas(tmp_path)
     job = zoned(case.config, tmp_path / "work").job
 
-    def rocks(repetitions: int) -> list[Rows]:
-        rows: list[Rows] = []
+    def rocks(repetitions: int) -> list[BlockRows]:
+        rows: list[BlockRows] = []
         run = replace(job.run, repetitions=repetitions)
         simulate_map(run, job.planned, on_chunk=lambda _p, _n, own: rows.append(own))
         return rows

@@ -1,4 +1,4 @@
-"""The mix of worlds on which a diagnosis is checked."""
+"""The mix of sites on which a diagnosis is checked."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Design = tuple[int, str]
 SAMPLE_SIZES = (20, 40, 100, 300)
 DESIGNS: tuple[Design, ...] = tuple((size, kind) for size in SAMPLE_SIZES for kind in KINDS)
 #: A well-equipped field test, and what is more often to be had: the designs on which the accuracy
-#: is asked for, and which therefore most of the worlds with a single effect have.
+#: is asked for, and which therefore most of the sites with a single effect have.
 FULL: Design = (100, "everything")
 MODEST: Design = (40, "both")
 # Shares of the battery: nothing, one effect, a pair; what is left is unknown effects.
@@ -38,11 +38,11 @@ _STRENGTHS: tuple[Strength, ...] = ("weak", "medium", "strong", "medium", "stron
 
 
 def battery(seed: int, n: int) -> list[WorldSpec]:
-    """Specifications of a battery of worlds, in an order that says nothing.
+    """Specifications of a battery of sites, in shuffled order.
 
     A third has no effect, two fifths a single one, two fifteenths a pair, the rest an unknown one.
     Of the single ones two fifths are observed as in ``FULL`` and a third as in ``MODEST``; of the
-    unknown ones seven tenths as in ``FULL``. All others go round the remaining designs; worlds
+    unknown ones seven tenths as in ``FULL``. All others go round the remaining designs; sites
     without an effect and pairs go round all of them. Families follow each other in shuffled cycles
     that run on from design to design, so that each comes as often as any other in all of them, to
     within one; in five cycles each of them is weak once, medium twice and strong twice. Pairs and
@@ -52,7 +52,7 @@ def battery(seed: int, n: int) -> list[WorldSpec]:
     ----------
     seed : int
     n : int
-        Number of worlds, at least 1.
+        Number of sites, at least 1.
 
     Returns
     -------
@@ -61,10 +61,10 @@ def battery(seed: int, n: int) -> list[WorldSpec]:
     Raises
     ------
     InputError
-        If no world is asked for.
+        If no site is asked for.
     """
     if n < 1:
-        raise InputError("no worlds", field="n", found=n, expected="at least 1")
+        raise InputError("no sites", field="n", found=n, expected="at least 1")
     rng = np.random.default_rng([seed, 1986])
     n_none, n_single = round(n * _NONE), round(n * _SINGLE)
     n_pair = min(round(n * _PAIR), n - n_none - n_single)
@@ -89,7 +89,7 @@ def battery(seed: int, n: int) -> list[WorldSpec]:
 
 
 def quick_battery(seed: int) -> list[WorldSpec]:
-    """Six worlds that show whether a check runs, not how good a diagnosis is.
+    """Six sites that show whether a check runs, not how good a diagnosis is.
 
     Two without an effect, three with a strong one, one with an unknown one; 20 to 40 rocks.
     """
@@ -106,14 +106,14 @@ def quick_battery(seed: int) -> list[WorldSpec]:
 
 
 def world_seeds(seed: int, n: int) -> list[int]:
-    """Seeds of the worlds of a battery; those of two batteries have nothing in common.
+    """Seeds of the sites of a battery; those of two batteries have nothing in common.
 
     Parameters
     ----------
     seed : int
         Of the battery.
     n : int
-        Number of worlds.
+        Number of sites.
     """
     state = np.random.SeedSequence([seed, 1977]).generate_state(n, np.uint64)
     # Other numbers are added to a seed further on: room is left above it.

@@ -38,7 +38,7 @@ class Wind(NamedTuple):
 
 
 class Forces(NamedTuple):
-    """All effects of a world that act on moving rocks."""
+    """All effects of a site that act on moving rocks."""
 
     facets: Local = Local()  # lateral_deflection: Laplace scale of the facets' cross tilt (rad)
     breaking: Local = Local()  # fragmentation: Weibull hazard at the reference energy and size
@@ -117,9 +117,9 @@ def cap_tilts(bumps: Local, key: np.uint64, count: int, radius: float) -> tuple[
     if draws.uniform(key, draws.BUMP, 4 * count) > 0.9:
         return 0.0, 0.0
     off = 2.0 * draws.uniform(key, draws.BUMP, 4 * count + 1) - 1.0
-    sideways = 2.0 * draws.uniform(key, draws.BUMP, 4 * count + 2) - 1.0
+    across = 2.0 * draws.uniform(key, draws.BUMP, 4 * count + 2) - 1.0
     sine = bumps.q / (radius + 1.05 * bumps.q)
-    return math.asin(off * sine), 0.3 * math.asin(sideways * sine)
+    return math.asin(off * sine), 0.3 * math.asin(across * sine)
 
 
 @kernel

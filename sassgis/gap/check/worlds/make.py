@@ -15,8 +15,8 @@ from sassgis.gap.check.worlds.slopes import CLASSES, make_relief
 from sassgis.gap.check.worlds.strength import calibrated
 from sassgis.gap.check.worlds.world import (
     Blocks,
-    Effect,
     EffectSpec,
+    PlacedEffect,
     World,
     WorldSpec,
     with_effects,
@@ -59,13 +59,13 @@ def nominal_law() -> FloatArray:
 
 
 def make_world(spec: WorldSpec, seed: int) -> World:
-    """Draw a world; its effects are brought to the strengths that are asked for.
+    """Draw a site; its effects are brought to the strengths that are asked for.
 
     Parameters
     ----------
     spec : WorldSpec
     seed : int
-        Same specification and seed, same world.
+        Same specification and seed, same site.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     return replace(world, stations_s=np.linspace(first, last, N_STATIONS), _fields={})
 
 
-def place_effect(world: World, wanted: EffectSpec, seed: int) -> Effect:
+def place_effect(world: World, wanted: EffectSpec, seed: int) -> PlacedEffect:
     """Say where an effect acts."""
     rng = np.random.default_rng([seed, 707])
     breaks = world.relief.breaks_m
@@ -153,7 +153,7 @@ def place_effect(world: World, wanted: EffectSpec, seed: int) -> Effect:
     elif wanted.name == "terrace":
         low = rng.uniform(first + 5.0, max(first + 6.0, 0.6 * first + 0.4 * last))
         high = low + rng.uniform(14.0, 22.0)
-    return Effect(
+    return PlacedEffect(
         name=wanted.name,
         strength=wanted.strength,
         magnitude=0.0,

@@ -131,7 +131,7 @@ def _run_block(
     counts: IntArray,
     tables: Tables,
 ) -> None:
-    """Follow one block to its end."""
+    """Simulate one block to its end."""
     n_rows, n_cols = f.z.shape
     last_hit = np.array([-1])
     next_track = st[TIME]
@@ -366,7 +366,7 @@ def _contact(
     vn_out = v_along * math.sin(slope) + vz * math.cos(slope)
     turn = 0.0
     if cross != 0.0:
-        # The normal impulse on a facet that leans sideways pushes the rock aside.
+        # The normal impulse on a facet that leans across the path deflects the rock.
         turn = math.atan2((vn_out - vn_in) * math.sin(cross), abs(v_along) + 0.5)
     old_hx, old_hy = st[HX], st[HY]
     after = kinetic(inertia, vt_out, vn_out, spin)

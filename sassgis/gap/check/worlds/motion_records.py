@@ -35,7 +35,7 @@ def _name_block(row: FloatArray, st: FloatArray, rock: int) -> None:
 
 @kernel
 def write_deposit(f: Field, st: FloatArray, rock: int, tables: Tables) -> None:
-    """Record where a block came to rest."""
+    """Record where a block stopped."""
     k = tables.used[0]
     tables.used[0] += 1
     if k < tables.deposits.shape[0]:

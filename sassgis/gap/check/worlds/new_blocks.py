@@ -1,4 +1,4 @@
-"""Blocks that come to be on the way: fragments, and blocks of the slope that are loosened."""
+"""Spawned blocks: fragments, and blocks of the slope that are entrained."""
 
 from __future__ import annotations
 

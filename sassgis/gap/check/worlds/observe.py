@@ -1,4 +1,4 @@
-"""What observers of a world write down: tables with errors of measurement."""
+"""What observers of a site write down: tables with errors of measurement."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables
     kind : {"stations", "stops", "both", "everything"}
     n_rocks : int
     seed : int
-        Tells one campaign from another.
+        Distinguishes campaigns.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def fresh_rocks(world: World, n: int, seed: int = 0) -> ObservedTables:
 
 
 def distort(world: World, run: Run) -> Run:
-    """Errors of scale, time base and frame rate, where they are the truth of the world.
+    """Errors of scale, time base and frame rate, where they are the truth of the site.
 
     A wrong scale stretches lengths (speeds, heights, distances from the first station), a wrong
     time base speeds and rotations, each rock's by its own share; a low frame rate loses turns of
@@ -279,7 +279,7 @@ def _tracks(run: Run, rng: np.random.Generator) -> Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class SiteSetup:
     """What the diagnosing side knows besides the observations: enough to write a configuration.
 
     Attributes
@@ -305,11 +305,11 @@ class Setup:
     stations: dict[str, tuple[float, float, float, float]]
 
 
-def setup(world: World) -> Setup:
-    """The nominal set-up of a world: no true parameter, no truth."""
+def setup(world: World) -> SiteSetup:
+    """The nominal set-up of a site: no true parameter, no truth."""
     b = world.blocks
     lines = world.station_lines()
-    return Setup(
+    return SiteSetup(
         dem=world.relief.grid,
         class_names=CLASSES,
         class_codes=world.relief.ground,

@@ -26,7 +26,7 @@ def heights_of(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
-    """Draw rocks; ``stream`` tells one campaign from another."""
+    """Draw rocks; ``stream`` distinguishes campaigns."""
     rng = np.random.default_rng([world.seed, 303, stream])
     u = rng.random((n, 9))
 
@@ -49,7 +49,7 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     x, y, speed = release[:, 0].copy(), release[:, 1].copy(), speed.copy()
     wrong = _magnitude(world, "release_error")
     if wrong > 0.0:
-        # The true places lie aside of those written down, and the rocks had been moving.
+        # The true places lie beside those written down, and the rocks had been moving.
         offset = np.random.default_rng([world.seed, 404, stream])
         frame = world.relief.frame
         ds = np.abs(offset.normal(0.0, 0.25 * wrong, n))
@@ -132,7 +132,7 @@ def _magnitude(world: World, name: str) -> float:
 
 
 def forces_of(world: World) -> Forces:
-    """The effects of a world as the kernels take them."""
+    """The effects of a site as the kernels take them."""
     slots = {
         "lateral_deflection": "facets",
         "fragmentation": "breaking",

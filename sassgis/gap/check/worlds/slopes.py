@@ -21,7 +21,7 @@ _FLAT = math.tan(math.radians(8.0))
 # Each slope from top to foot: (length in plan, dip in degrees, ground) with ranges to draw from.
 # All have a cliff near the top. On long smooth slopes that are steeper than rolling friction rocks
 # would roll for ever, and where they leave the ground depends on how it is made into a polyline:
-# two readings of the same base law then differ by more than any effect.
+# two modelling assumptions about the same base law then differ by more than any effect.
 _Stretch = tuple[tuple[float, float], tuple[float, float], str]
 _SLOPES: dict[str, tuple[_Stretch, ...]] = {
     "cliff_talus_meadow": (

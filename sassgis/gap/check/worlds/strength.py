@@ -1,6 +1,6 @@
 """How strong an effect is: measured on stops and stations, the same for all families.
 
-The size of an effect is the energy distance between the rocks of a world with it and without it,
+The size of an effect is the energy distance between the rocks of a site with it and without it,
 over its own upper bound (the coefficient of inhomogeneity of Székely and Rizzo, 2013, Energy
 statistics: a class of statistics based on distances, J. Statist. Plann. Inference 143). Two normal
 distributions one standard deviation apart are at 0.44, half a deviation apart at 0.24.
@@ -15,7 +15,7 @@ import numpy as np
 
 from sassgis.gap.check.worlds.observe import distort
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
-from sassgis.gap.check.worlds.world import LIMITS, Effect, Run, World, with_effects
+from sassgis.gap.check.worlds.world import LIMITS, PlacedEffect, Run, World, with_effects
 from sassgis.model.grid import FloatArray
 
 # Sizes that go by each name, as (lowest, aimed at, highest).
@@ -28,7 +28,7 @@ N_MEASURE = 180
 _TRIES = 8
 # Blur (standard deviation) of the columns of stops (m, m, -) and of stations (m/s, Hz, m).
 _BLUR = (np.array([1.0, 1.0, 0.0]), np.array([0.5, 0.1, 1.0]))
-# Twice the step of a world: what is measured here does not move with it.
+# Twice the step of a site: what is measured here does not move with it.
 _STEP_S = 0.004
 
 
@@ -63,7 +63,7 @@ def features(world: World, run: Run) -> list[FloatArray]:
 
     Stops: distance down the slope and lateral, and number of blocks that a rock has become.
     Stations: speed, rotation, and place across the slope. Errors of measurement that are the
-    world's truth are in them.
+    site's truth are in them.
     """
     run = distort(world, run)
     frame = world.relief.frame
@@ -117,10 +117,10 @@ def effect_size(base: list[FloatArray], changed: list[FloatArray], first_station
     return max(*stops, float(passing.max()))
 
 
-def calibrated(world: World, effect: Effect) -> Effect:
+def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:
     """Give an effect the magnitude at which its size is in the band of its strength.
 
-    The world is compared with itself as it is before this effect: the second of a pair is measured
+    The site is compared with itself as it is before this effect: the second of a pair is measured
     on top of the first. Where even the strongest magnitude is too weak, the nearest one is taken,
     and the effect is called by the strength that it has.
     """

@@ -1,4 +1,4 @@
-"""Worlds: a synthetic slope, rocks, and a truth that the diagnosing side does not know."""
+"""Sites: a synthetic slope, rocks, and a truth that the diagnosing side does not know."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class EffectSpec:
 
 @dataclass(frozen=True, slots=True)
 class WorldSpec:
-    """What a world is to be.
+    """What a site is to be.
 
     Attributes
     ----------
@@ -116,8 +116,8 @@ class WorldSpec:
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
-    """One effect as it acts in a world.
+class PlacedEffect:
+    """One effect as it acts in a site.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class Effect:
     ground : str
         Class of ground that it is bound to; empty if none.
     size : float
-        Standardised energy distance from the same world without it (0 to 1); NaN if not measured.
+        Standardised energy distance from the same site without it (0 to 1); NaN if not measured.
     seed : int
         Where its own random parts come from.
     """
@@ -183,7 +183,7 @@ class World:
     releases : float64, shape (n_releases, 3)
         Release points x, y, z (m).
     blocks : Blocks
-    effects : tuple of Effect
+    effects : tuple of PlacedEffect
         The truth.
     """
 
@@ -195,7 +195,7 @@ class World:
     stations_s: FloatArray
     releases: FloatArray
     blocks: Blocks
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[PlacedEffect, ...] = ()
     _fields: dict[str, Field] = field(default_factory=dict, compare=False, repr=False)
 
     @property
@@ -240,7 +240,7 @@ class WorldRocks:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Everything that the rocks of a world did, without errors of measurement.
+    """Everything that the rocks of a site did, without errors of measurement.
 
     Each table holds rock, number of the piece and kind of block before the columns named in
     ``sassgis.gap.check.worlds.motion``.
@@ -254,8 +254,8 @@ class Run:
     energy_gain: FloatArray
 
 
-def with_effects(world: World, effects: tuple[Effect, ...]) -> World:
-    """The same world with other effects."""
+def with_effects(world: World, effects: tuple[PlacedEffect, ...]) -> World:
+    """The same site with other effects."""
     grid = world.relief.grid
     for effect in effects:
         if effect.name == "terrace":
@@ -265,12 +265,12 @@ def with_effects(world: World, effects: tuple[Effect, ...]) -> World:
     return replace(world, effects=effects, true_grid=grid, _fields=fields)
 
 
-def _standing(effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+def _standing(effects: tuple[PlacedEffect, ...]) -> tuple[PlacedEffect, ...]:
     """The effects that are part of the ground rather than of the motion."""
     return tuple(e for e in effects if e.name in ("trees", "collisions", "terrace"))
 
 
-def _terrace(world: World, effect: Effect) -> FloatArray:
+def _terrace(world: World, effect: PlacedEffect) -> FloatArray:
     """What a terrace adds to the surveyed heights: cut at the back, filled at the front (m)."""
     grid = world.relief.grid
     x, y = grid.cell_centres(np.arange(grid.values.size))

@@ -289,7 +289,7 @@ def indicative_hazard_area(
     crs, federal
         As for :func:`assessment_area`.
     method : str
-        How the zones came about; at most 400 characters.
+        How the zones were made; at most 400 characters.
     hazard_indication : str
         A code of the model; its codes are not known here, so that the default is unverified.
 

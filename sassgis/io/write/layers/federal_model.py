@@ -197,7 +197,7 @@ FEDERAL_CLASSES: Mapping[str, FederalClass] = {
         FederalClass(
             "hazard_area",
             "Hazard level",
-            "Worst hazard level of each place.",
+            "Highest hazard level of each place.",
             "impact_zone",
             (
                 Attribute("main_process", "main process", "code", codes=MAIN_PROCESSES),

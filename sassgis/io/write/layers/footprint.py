@@ -1,4 +1,4 @@
-"""Outlines of the cells that rocks reach."""
+"""Outlines of the cells that blocks reach."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def footprints(
     Parameters
     ----------
     probability : float32, shape of the grid
-        NaN where no rock comes.
+        NaN where no block arrives.
     grid : Grid
     levels : sequence of float
-        0 stands for every cell that a rock reaches.
+        0 means every cell that a block reaches.
 
     Returns
     -------

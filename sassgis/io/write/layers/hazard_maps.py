@@ -14,7 +14,7 @@ from sassgis.hazard.levels import (
     levels_of_interval,
     rocks_factor,
 )
-from sassgis.hazard.rules import energy_labels, preset_unverified
+from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.results import Band, RasterClass, RasterLayer
@@ -50,7 +50,7 @@ def hazard_layers(
     Returns
     -------
     tuple of RasterLayer
-        Cells to which a statement does not apply are NaN: those that no rock comes to, or not as
+        Cells to which a statement does not apply are NaN: those that no block reaches, or not as
         often.
     """
     maker = _Maker(curves, preset, shape, ref_width_m, confidence)
@@ -78,14 +78,14 @@ class _Maker:
     ) -> None:
         self._curves = curves
         self._few = at_energies(curves, preset.thresholds_kj)
-        self._came = self._few.rate[:, 0] > 0.0
+        self._reached = self._few.rate[:, 0] > 0.0
         self._interval = rate_interval(self._few, confidence)
         self._preset = preset
         self._shape = shape
         self._percent = f"{100.0 * confidence:g} %"
         self._confidence = confidence
         self._frequencies = (
-            "Yearly frequency: onset frequency times the share of the rocks followed that come to "
+            "Annual frequency: onset frequency times the share of the simulated blocks that reach "
             "the cell, summed over release areas and block scenarios. Reference width "
             f"{ref_width_m:.4g} m."
         )
@@ -93,7 +93,7 @@ class _Maker:
             [f"Preset {preset.name} ({preset.title}).", *map(_sentence, preset_unverified(preset))]
         )
         self._sampled = (
-            f"{self._percent} intervals say what another sample of rocks would change, not the "
+            f"{self._percent} intervals say what another sample of blocks would change, not the "
             "error of the model, its parameters or the onset frequency."
         )
 
@@ -102,7 +102,7 @@ class _Maker:
         return RasterLayer(
             "hazard_level",
             "Hazard level",
-            "Worst level of the matrix that the hazard curve of the cell crosses. "
+            "Highest level of the matrix that the hazard curve of the cell crosses. "
             f"{self._frequencies} {self._rules}",
             (self._classes("level", "Hazard level", codes),),
             (),
@@ -114,7 +114,7 @@ class _Maker:
         codes = intensity_class(self._few, self._preset, years)
         if years is None:
             name, when = "intensity_extreme", "extreme event"
-            what = "Strongest class of intensity of any rock followed, however rare."
+            what = "Strongest class of intensity of any simulated block, however rare."
         else:
             name, when = f"intensity_{years:g}", f"return period {years:g} years"
             what = (
@@ -144,7 +144,7 @@ class _Maker:
             "energy_at_return_period",
             f"Energy once in {periods[0]:g} years (kJ)" if periods else "Energy (kJ)",
             "Kinetic energy (translation and rotation) reached or exceeded once in the return "
-            f"period; nothing where rocks come less often. {self._frequencies} Interpolated "
+            f"period; nothing where blocks arrive less often. {self._frequencies} Interpolated "
             f"between {energies.size} energies from {energies[0]:g} to {energies[-1]:g} kJ; where "
             "even the last is exceeded more often, the last.",
             tuple(
@@ -164,11 +164,11 @@ class _Maker:
         years = return_period(self._few.rate)
         return RasterLayer(
             "return_period",
-            "Return period of rocks (years)",
-            "Mean time between rocks that come to the cell with at least the energy of the band: "
+            "Return period of arriving blocks (years)",
+            "Mean time between blocks that reach the cell with at least the energy of the band: "
             f"1 / frequency; nothing where none does. {self._frequencies}",
             tuple(
-                self._band(f"t{e:g}", f"Return period of rocks {_with_energy(e)}", "years", t)
+                self._band(f"t{e:g}", f"Return period of blocks {_with_energy(e)}", "years", t)
                 for e, t in zip(self._few.energies_kj, years.T, strict=True)
             ),
             (0.0, *self._preset.return_periods),
@@ -179,27 +179,27 @@ class _Maker:
         bands = []
         error = np.sqrt(self._few.variance)
         for i, energy in enumerate(self._few.energies_kj):
-            rocks = f"rocks {_with_energy(float(energy))}"
+            blocks = f"blocks {_with_energy(float(energy))}"
             for name, what, values in (
-                ("rate", f"Frequency of {rocks}", self._few.rate),
-                ("standard_error", f"Standard error of the frequency of {rocks}", error),
-                ("lower", f"Lower limit of the frequency of {rocks}", self._interval[0]),
-                ("upper", f"Upper limit of the frequency of {rocks}", self._interval[1]),
+                ("rate", f"Frequency of {blocks}", self._few.rate),
+                ("standard_error", f"Standard error of the frequency of {blocks}", error),
+                ("lower", f"Lower limit of the frequency of {blocks}", self._interval[0]),
+                ("upper", f"Upper limit of the frequency of {blocks}", self._interval[1]),
             ):
                 bands.append(
                     self._band(
                         f"{name}_{energy:g}",
                         what,
                         "1/year",
-                        np.where(self._came, values[:, i], np.nan),
+                        np.where(self._reached, values[:, i], np.nan),
                     )
                 )
         limits = sorted(1.0 / t for t in self._preset.return_periods)
         return RasterLayer(
             "frequency",
-            "Frequency of rocks (1/year)",
+            "Frequency of arriving blocks (1/year)",
             f"{self._frequencies} {self._sampled} Gamma interval of weighted counts. Errors and "
-            "limits are missing where the sample does not give them (one rock per fall line).",
+            "limits are missing where the sample does not give them (one block per fall line).",
             tuple(bands),
             (0.0, 0.1 * limits[0], *limits, 10.0 * limits[-1]),
             "plasma_r",
@@ -214,24 +214,25 @@ class _Maker:
             "confidence",
             "Is the level statistically uncertain?",
             f"Statistically uncertain: the {self._percent} intervals of the frequencies leave more "
-            f"than one level open. Levels: {codes}. {self._sampled} Cells that no rock reached are "
-            "left out. Factor of rocks: how many times the rocks would make the level certain; "
-            "missing where the frequency lies on a limit of the matrix, so that no sample does, or "
-            f"where the sample does not give its error. {self._frequencies} {self._rules}",
+            f"than one level open. Levels: {codes}. {self._sampled} Cells that no block reached "
+            "are left out. Factor of blocks: how many times the blocks would make the level "
+            "certain; missing where the frequency lies on a limit of the matrix, so that no "
+            "sample does, or where the sample does not give its error. "
+            f"{self._frequencies} {self._rules}",
             (
                 self._band(
                     "uncertain",
-                    "Whether another sample of rocks might give another level",
+                    "Whether another sample of blocks might give another level",
                     "class",
-                    np.where(self._came, open_, np.nan),
+                    np.where(self._reached, open_, np.nan),
                 ),
                 self._classes("lowest_level", "Level at the lower limits of the rates", lowest),
                 self._classes("highest_level", "Level at the upper limits of the rates", highest),
                 self._band(
                     "rocks_factor",
-                    "Factor by which the rocks would have to be more for the level to be certain",
+                    "Factor by which the blocks would have to be more for the level to be certain",
                     "1",
-                    np.where(self._came & np.isfinite(factor), factor, np.nan),
+                    np.where(self._reached & np.isfinite(factor), factor, np.nan),
                 ),
             ),
             (),

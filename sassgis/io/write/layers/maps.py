@@ -1,4 +1,4 @@
-"""The maps of the rocks: the table of statistics, filled with the sums per cell."""
+"""The maps of the blocks: the table of statistics, filled with the sums per cell."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ def map_layers(
     Returns
     -------
     tuple of RasterLayer
-        Cells that no rock comes to are NaN.
+        Cells that no block reaches are NaN.
     """
     words = {
         "rocks": sample.rocks,
         "width": f"Reference width {cell_size:.4g} m (one cell).",
-        "once": "Each rock counts once per cell, with the largest value that it has there.",
+        "once": "Each block counts once per cell, with the largest value that it has there.",
         "error": "Standard error with the release points as a random sample."
         if sample.random_points
-        else "Standard error with the release points fixed: rocks are the sample.",
+        else "Standard error with the release points fixed: blocks are the sample.",
     }
     breaks = {"energy": (0.0, *energy_classes_kj)}
     return tuple(

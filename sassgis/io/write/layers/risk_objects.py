@@ -40,11 +40,11 @@ _LAYERS = (
     ("risk_points", "Risk of people at points", "marker", 0),
 )
 _WORDS = {
-    "hits": ("hits", "1/year", "rocks that come to the object, at any height above the ground"),
+    "hits": ("hits", "1/year", "blocks that reach the object, at any height above the ground"),
     "property_loss": ("loss of the object itself", "{}/year", ""),
     "vehicle_loss": ("loss of vehicles", "{}/year", ""),
     "loss": ("loss", "{}/year", "the object itself and vehicles"),
-    "vehicles_hit": ("vehicles hit", "1/year", "by falling rocks; not: running into fallen ones"),
+    "vehicles_hit": ("vehicles hit", "1/year", "by falling blocks; not: running into fallen ones"),
     "deaths": ("deaths", "1/year", "expected number: the collective risk"),
     "individual_risk": (
         "individual risk of death",
@@ -157,7 +157,7 @@ def risk_vectors(
             VectorLayer(
                 name,
                 f"{title}: {_words(shown, currency).label}",
-                f"Mean per year, of rocks of {len(table.sources)} sources. Hits count rocks over "
+                f"Mean per year, of blocks of {len(table.sources)} sources. Hits count blocks over "
                 "the cells that the object touches.",
                 rows,
                 fields,
@@ -185,7 +185,9 @@ def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
         "presence": FieldInfo("presence", "", "share of the time that each of them is there"),
         "traffic_per_day": FieldInfo("vehicles", "1/day"),
         "hits_of_one_rock_per_year": FieldInfo(
-            "one simulated rock stands for", "1/year", "the largest of the sources that reach it"
+            "annual frequency per simulated block",
+            "1/year",
+            "the largest of the sources that reach it",
         ),
     }
     described = {

@@ -37,10 +37,10 @@ _STOP_COLOUR = {
     StopReason.NEVER_STARTED: "#8d99ae",
     StopReason.BROKEN: "#5f0f40",
 }
-#: Levels of the footprint: every cell reached, and shares of all rocks.
+#: Levels of the footprint: every cell reached, and shares of all blocks.
 FOOTPRINT_LEVELS = (0.0, 0.001, 0.01)
 _FOOTPRINT_COLOUR = ("#fed976", "#fd8d3c", "#bd0026")
-#: Beyond these ends of a fall line nothing is known of the rocks.
+#: Beyond these ends of a fall line nothing is known of the blocks.
 _LINE_CUT = (LineEnd.LEFT_DEM, LineEnd.NODATA, LineEnd.MAX_LENGTH)
 
 
@@ -61,13 +61,13 @@ def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
     return VectorLayer(
         "release_areas",
         "Release areas",
-        "Where rocks start; lines and points are drawn with a width of 2 m.",
+        "Where blocks start; lines and points are drawn with a width of 2 m.",
         frame,
         {
             "name": FieldInfo("name"),
             "scenarios": FieldInfo("block scenarios"),
             "points": FieldInfo("release points"),
-            "rocks": FieldInfo("rocks released"),
+            "rocks": FieldInfo("blocks released"),
         },
         style=RELEASE_AREA_STYLE,
     )
@@ -87,9 +87,9 @@ def release_points(run: MapRun, planned: Plan) -> VectorLayer:
     return VectorLayer(
         "release_points",
         "Release points",
-        "Each stands for the rocks released around it.",
+        "Each represents the blocks released around it.",
         frame,
-        {"area": FieldInfo("release area"), "rocks": FieldInfo("rocks released")},
+        {"area": FieldInfo("release area"), "rocks": FieldInfo("blocks released")},
         style=RELEASE_POINT_STYLE,
     )
 
@@ -129,7 +129,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             "area": FieldInfo("release area"),
             "length_m": FieldInfo("length in plan", "m"),
             "drop_m": FieldInfo("drop", "m"),
-            "fan": FieldInfo("sideways deviation", "m per m"),
+            "fan": FieldInfo("lateral deviation", "m per m"),
             "ends_at": FieldInfo("ends at"),
         },
         style=categorised_style(
@@ -144,7 +144,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
 
 
 def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
-    """Where single rocks end: all of them, or an even share of all."""
+    """Where single blocks end: all of them, or an even share of all."""
     total = int(progress.reasons.sum()) + progress.pieces
     rows = kept_stops(run, progress)
     on_map = np.isfinite(rows.x) & np.isfinite(rows.y)
@@ -169,13 +169,13 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         crs=run.grid.crs or None,
     )
     which = (
-        f"All {total} rocks."
+        f"All {total} blocks."
         if rows.rocks.size == total
-        else f"{rows.rocks.size} of {total} rocks, chosen at random."
+        else f"{rows.rocks.size} of {total} blocks, chosen at random."
     )
     return VectorLayer(
         "stops",
-        "Where rocks end",
+        "Stopping points",
         which,
         frame,
         {
@@ -191,7 +191,7 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             "piece": FieldInfo(
                 "piece",
                 "",
-                "0: the released rock; else a fragment of it, or an entrained block",
+                "0: the released block; else a fragment of it, or an entrained block",
             ),
         },
         style=categorised_style(
@@ -210,10 +210,10 @@ _STATISTICS = {
     "mass_kg": ("mass", "kg"),
 }
 _OUTCOME_TEXT = {
-    Outcome.STOPPED: "rocks stopped",
-    Outcome.HELD_BY_NET: "rocks taken that then move on",
-    Outcome.OVERTOPPED: "rocks over the top",
-    Outcome.BROKE_THROUGH: "rocks that break through",
+    Outcome.STOPPED: "blocks stopped",
+    Outcome.HELD_BY_NET: "blocks taken that then move on",
+    Outcome.OVERTOPPED: "blocks over the top",
+    Outcome.BROKE_THROUGH: "blocks that break through",
 }
 
 
@@ -242,12 +242,12 @@ def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> Vect
     fields = {
         "name": FieldInfo("name"),
         "kind": FieldInfo("kind"),
-        "rocks": FieldInfo("arriving rocks"),
+        "rocks": FieldInfo("arriving blocks"),
     }
     if barriers:
         fields["height_m"] = FieldInfo("height above the ground", "m")
         fields["capacity_kj"] = FieldInfo("energy capacity", "kJ", "empty: unlimited")
-        fields["hits"] = FieldInfo("rocks that hit it")
+        fields["hits"] = FieldInfo("blocks that hit it")
         fields |= {o.name.lower(): FieldInfo(text) for o, text in _OUTCOME_TEXT.items()}
     words = {"q50": "median", "q95": "95 %", "q99": "99 %", "mean": "mean", "max": "largest"}
     for quantity, (word, unit) in _STATISTICS.items():
@@ -257,7 +257,7 @@ def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> Vect
         return VectorLayer(
             "barriers",
             "Walls and nets",
-            "Statistics at the first downhill arrival of each rock, whether it hits or overtops.",
+            "Statistics at the first downhill arrival of each block, whether it hits or overtops.",
             frame,
             fields,
             style=BARRIER_STYLE,
@@ -265,7 +265,7 @@ def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> Vect
     return VectorLayer(
         "stations",
         "Stations",
-        "Statistics of the first downhill passage of each rock.",
+        "Statistics of the first downhill passage of each block.",
         frame,
         fields,
         style=STATION_STYLE,
@@ -283,11 +283,11 @@ def barriers(run: MapRun, progress: Progress) -> VectorLayer:
 
 
 def _footprint_label(level: float) -> str:
-    return "reached by a rock" if level == 0.0 else f"reach probability {100 * level:g} % or more"
+    return "reached by a block" if level == 0.0 else f"reach probability {100 * level:g} % or more"
 
 
 def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
-    """Outline of the cells that rocks reach, and of higher reach probabilities."""
+    """Outline of the cells that blocks reach, and of higher reach probabilities."""
     reach = next(layer for layer in layers if layer.stem == "reach_probability")
     frame = footprints(reach.bands[0].values, run.grid, FOOTPRINT_LEVELS)
     frame.insert(
@@ -299,7 +299,7 @@ def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
     return VectorLayer(
         "footprint",
         "Footprint",
-        f"Cells that rocks reach. Reference width {run.grid.cell_size:.4g} m (one cell).",
+        f"Cells that blocks reach. Reference width {run.grid.cell_size:.4g} m (one cell).",
         frame,
         {
             "label": FieldInfo("what"),

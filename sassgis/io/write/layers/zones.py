@@ -46,7 +46,7 @@ def federal_layers(
         ZoneSettings(min_area_m2=0.0, tolerance_m=0.0),
     )
     method = (
-        "SASS (Bozzolo and Pamini, 1986): rocks simulated along fall lines; "
+        "SASS (Bozzolo and Pamini, 1986): blocks simulated along fall lines; "
         f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."
     )
     sources = [
@@ -171,7 +171,7 @@ def hazard_zones(
             "governing_scenario": FieldInfo("governing block scenario"),
             "share_by_area": FieldInfo("shares of release areas"),
             "share_by_scenario": FieldInfo("shares of block scenarios"),
-            "cells": FieldInfo("cells that rocks reach"),
+            "cells": FieldInfo("cells that blocks reach"),
             "uncertain_share": FieldInfo(
                 "statistically uncertain cells",
                 "1",
@@ -184,7 +184,7 @@ def hazard_zones(
 
 
 def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
-    """Cells whose level another sample of rocks might change."""
+    """Cells whose level another sample of blocks might change."""
     shown = coverage(raster(grid, uncertain_cells, np.ones(uncertain_cells.size)), grid)
     frame = gpd.GeoDataFrame(
         {"area_m2": [round(p.area, 1) for p in shown.polygons]},
@@ -235,7 +235,7 @@ def level_changes(both: gpd.GeoDataFrame, preset: HazardPreset, grid: Grid) -> V
     return VectorLayer(
         "level_changes",
         "What walls and nets change",
-        "Hazard level without and with walls and nets, from the same rocks.",
+        "Hazard level without and with walls and nets, from the same blocks.",
         frame,
         {
             "level_before": FieldInfo("level without them"),

@@ -1,4 +1,4 @@
-"""Campaigns, features, calibration and the choice between causes."""
+"""Features, signatures, classifier and the choice between causes."""
 
 from __future__ import annotations
 
@@ -8,23 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import TABLE, observed
+from helpers.simulated_slope import ORDER, observed
 
 from sassgis.engine.effects.trees import Trees as Forest
-from sassgis.gap.inference import distances as scores
-from sassgis.gap.ladder.calibration import distances, folds_of, refine, run_refined, shrinkage_of
-from sassgis.gap.observations.campaign import LOOSE, PIECE, main_blocks, observed_campaign
+from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import (
-    ForestStand,
-    HypothesisModel,
     LateralWalk,
-    MeasurementError,
-    ReleaseError,
 )
 from sassgis.gap.replicas.model_json import model_as_json, model_from_json
-from sassgis.gap.replicas.rock_lines import dips_at, heights_at_chainage, rock_lines_of
+from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.which.classifier import (
     DESIGNS,
     Classifier,
@@ -35,11 +29,9 @@ from sassgis.gap.which.classifier import (
 )
 from sassgis.gap.which.ensemble import (
     CalibrationProblem,
-    Ensemble,
     Tried,
-    ensemble_of,
     problem_of,
-    rock_scores,
+    scale_of,
     tasks_of,
     try_task,
 )
@@ -69,164 +61,6 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
 from sassgis.model.settings import LateralDeflection
 
-ORDER = {name: i for i, name in enumerate(FAMILIES)}
-
-
-@pytest.fixture(scope="module")
-def problem() -> CalibrationProblem:
-    return problem_of(observed(24, 3), 5)
-
-
-@pytest.fixture(scope="module")
-def made(problem: CalibrationProblem) -> tuple[Base, list[Tried]]:
-    return base_of(problem, 20)
-
-
-@pytest.fixture(scope="module")
-def ensemble(problem: CalibrationProblem, made: tuple[Base, list[Tried]]) -> Ensemble:
-    tasks = tasks_of(("lateral_deflection", "air_drag", "fragmentation"), 10)
-    return ensemble_of(
-        problem,
-        [*made[1], *(try_task(problem, task, ORDER) for task in tasks)],
-    )
-
-
-def plain(problem: CalibrationProblem, **changes: object) -> HypothesisModel:
-    return HypothesisModel(TABLE, EffectSettings(), **changes)  # type: ignore[arg-type]
-
-
-def test_what_the_base_model_shows_is_what_it_made(problem: CalibrationProblem) -> None:
-    """The field is the engine itself: its own campaigns look like it, station by station."""
-    samples = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=30,
-        seed=2,
-    )
-    seen = rock_quantities(problem.case, observed_campaign(problem.case))
-    made = [rock_quantities(problem.case, sample) for sample in samples]
-    for name in ("stop:runout", "S0:speed", "S1:rotation", "hit:kept", "S0:height"):
-        means = np.array([np.nanmean(one[name]) for one in made])
-        assert abs(np.nanmean(seen[name]) - means.mean()) < 4.5 * means.std(), name
-
-
-def test_campaigns_are_the_same_however_they_are_asked_for(
-    problem: CalibrationProblem,
-) -> None:
-    one = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=2,
-        seed=2,
-        number=7,
-    )
-    again = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=2,
-        seed=2,
-        number=7,
-    )
-    other = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=2,
-        seed=2,
-        number=8,
-    )
-    assert one[0].deposits is not None and again[0].deposits is not None
-    np.testing.assert_array_equal(one[0].deposits.s, again[0].deposits.s)
-    assert other[0].deposits is not None
-    assert not np.array_equal(one[0].deposits.s, other[0].deposits.s)
-
-
-def test_scatter_aside_grows_as_a_random_walk(problem: CalibrationProblem) -> None:
-    walk = LateralWalk(angle_deg=10.0, hop_m=8.0)
-    rows = [
-        s.deposits
-        for s in campaigns(
-            problem.case,
-            problem.rock_lines,
-            plain(problem, lateral_walk=walk),
-            count=60,
-            seed=2,
-        )
-    ]
-    s = np.concatenate([r.s for r in rows if r is not None])
-    aside = np.concatenate([r.lateral_m for r in rows if r is not None])
-    expected = np.sqrt(np.tan(np.radians(10.0)) ** 2 * 8.0 * s + 0.25**2)
-    assert np.std(aside / expected) == pytest.approx(1.0, abs=0.08)
-    assert abs(np.mean(aside / expected)) < 0.1
-
-
-def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:
-    def speed(measurement: MeasurementError) -> float:
-        model = plain(problem, measurement=measurement)
-        rows = campaigns(problem.case, problem.rock_lines, model, count=10, seed=2)
-        return float(
-            np.mean(np.concatenate([r.passages.speed_mps for r in rows if r.passages is not None]))
-        )
-
-    assert speed(MeasurementError(scale=1.2)) == pytest.approx(
-        1.2 * speed(MeasurementError()), rel=1e-9
-    )
-
-
-def test_release_moves_the_start(problem: CalibrationProblem) -> None:
-    shifted = plain(problem, release=ReleaseError(shift_m=5.0))
-    rows = campaigns(problem.case, problem.rock_lines, shifted, count=10, seed=2)
-    aside = np.concatenate([r.deposits.lateral_m for r in rows if r.deposits is not None])
-    assert np.mean(aside) == pytest.approx(5.0, abs=0.2)
-
-
-def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) -> None:
-    model = replace(
-        plain(problem, stand=ForestStand(46.0, 79.0, 4000.0, 50.0)),
-        effects=EffectSettings(Forest()),
-    )
-    with_trees = campaigns(problem.case, problem.rock_lines, model, count=20, seed=2)
-    without = campaigns(
-        problem.case,
-        problem.rock_lines,
-        plain(problem),
-        count=20,
-        seed=2,
-    )
-
-    def speed(rows: list, station: int) -> float:  # type: ignore[type-arg]
-        return float(
-            np.mean(
-                np.concatenate([r.passages.speed_mps[r.passages.station == station] for r in rows])
-            )
-        )
-
-    assert speed(with_trees, 0) == pytest.approx(speed(without, 0), rel=0.02)
-    assert speed(with_trees, 1) < 0.5 * speed(without, 1)
-
-
-def test_pieces_and_loose_blocks_keep_to_their_campaign(
-    problem: CalibrationProblem,
-) -> None:
-    for family, kind in (("fragmentation", PIECE), ("entrainment", LOOSE)):
-        parameter_draws = {"break.energy": 0.1, "set_off.number": 0.9}
-        made = draw(
-            problem.case,
-            (family,),
-            ParameterDraws(np.random.default_rng(1), parameter_draws),
-        )
-        for sample in campaigns(problem.case, problem.rock_lines, made.model, count=3, seed=2):
-            rows = sample.deposits
-            assert rows is not None
-            assert (rows.kind == kind).any()
-            assert rows.rock.max() < sample.n_rocks
-            assert ((rows.rock == -1) == (rows.kind == LOOSE)).all()
-            main = main_blocks(rows, sample.n_rocks)
-            assert (rows.rock[main[main >= 0]] == np.flatnonzero(main >= 0)).all()
-
 
 def test_correlations_are_those_of_numpy() -> None:
     rng = np.random.default_rng(4)
@@ -239,38 +73,6 @@ def test_correlations_are_those_of_numpy() -> None:
             r = np.corrcoef(y[known, i], x[known, j])[0, 1]
             expected = np.arctanh(r) * np.sqrt(known.sum() - 3)
             assert correlations(y, x)[i, j] == pytest.approx(expected, abs=1e-9)
-
-
-def test_scores_are_those_of_the_room_of_scores() -> None:
-    rng = np.random.default_rng(5)
-    seen, replicas = rng.normal(size=(12, 4)), rng.normal(size=(5, 12, 4))
-    ensembles = replicas.transpose(1, 0, 2)
-    expected = scores.energy_scores(ensembles, seen, scale=np.ones(4))
-    np.testing.assert_allclose(rock_scores(seen, replicas), expected, rtol=1e-12)
-    found = distances(seen, replicas, replicas + 1.0)
-    pool = replicas.reshape(-1, 4)
-    expected_distance = scores.energy_distance(seen, pool, scale=np.ones(4), unbiased=True)
-    assert found.base == pytest.approx(expected_distance, abs=1e-12)
-    assert found.effect > found.base
-
-
-def test_shrinkage_is_one_where_the_effect_explains_all_and_withheld_without_a_gap() -> None:
-    rng = np.random.default_rng(6)
-    seen = rng.normal(size=(200, 3))
-    far, near = rng.normal(2.0, 1.0, size=(8, 200, 3)), rng.normal(size=(8, 200, 3))
-    assert distances(seen, far, near).shrinkage == pytest.approx(1.0, abs=0.05)
-    assert distances(seen, near, near).shrinkage is None
-
-
-def test_profiles_are_read_where_they_are(problem: CalibrationProblem) -> None:
-    bare = problem.rock_lines.unforested
-    for i in (0, 5):
-        s, z = bare.vertices(i)
-        at = np.linspace(s[0] + 0.5, s[-1] - 0.5, 40)
-        which = np.full(at.size, i)
-        np.testing.assert_allclose(heights_at_chainage(bare, which, at), np.interp(at, s, z))
-        ahead = np.interp(at + 1e-6, s, z) - np.interp(at, s, z)
-        np.testing.assert_allclose(np.tan(dips_at(bare, which, at)), ahead / 1e-6, atol=1e-4)
 
 
 @pytest.mark.parametrize("family", [None, *FAMILIES])
@@ -296,8 +98,8 @@ def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) 
 
 def test_kinds_of_numbers_do_not_know_places() -> None:
     assert kind_and_place("S12:speed|mean") == ("S:speed|mean", 12)
-    assert kind_and_place("hit3:kept|all_sd") == ("hit_reach:kept|all_sd", 3)
-    assert kind_and_place("leg2:speed_change~S1:speed") == ("reach:speed_change~S:speed", 2)
+    assert kind_and_place("hit3:kept|all_sd") == ("hit_leg:kept|all_sd", 3)
+    assert kind_and_place("leg2:speed_change~S1:speed") == ("leg:speed_change~S:speed", 2)
     assert kind_and_place("hit@meadow:kept~size", ("meadow",)) == ("hit_soft:kept~size", 0)
     assert kind_and_place("hit@rock:kept~size", ("meadow",)) == ("hit_hard:kept~size", 0)
 
@@ -408,6 +210,21 @@ def test_columns_that_were_not_measured_make_no_effect(
     assert np.mean(np.abs(values) > 3.0) < 0.03
 
 
+def test_not_measured_stays_not_measured(problem: CalibrationProblem) -> None:
+    """As against absent: such a rock was at the station, and no score counts what it lacks."""
+    whole = rock_quantities(problem.case, problem.observed)
+    blind = without_columns(problem.case, "passages", "rotation_hz")
+    seen = rock_quantities(blind, observed_campaign(blind))
+    assert np.isfinite(whole["S0:rotation"]).any() and "S0:rotation" in problem.scale.names
+    assert np.isnan(seen["S0:rotation"]).all() and np.isnan(seen["S0:spin_ratio"]).all()
+    np.testing.assert_array_equal(seen["S0:passed"], whole["S0:passed"])
+    np.testing.assert_array_equal(seen["S0:speed"], whole["S0:speed"])
+    expected = [name for name in problem.scale.names if not name.endswith(":rotation")]
+    assert list(scale_of(blind, seen).names) == expected
+    base, _ = base_of(problem_of(blind, 5), 6)
+    assert not any("rotation" in name for name in observed_signature(base))
+
+
 def test_too_little_is_no_idea(problem: CalibrationProblem) -> None:
     classifier = read_classifier("stations")
     assert classifier.seen({}) == 0.0
@@ -486,26 +303,6 @@ def test_confidence_calibration_lowers_confidence() -> None:
     assert cautious(odds / (1.0 + odds), 2.0) == pytest.approx(0.6)
 
 
-def test_refinement_betters_the_score(problem: CalibrationProblem, ensemble: Ensemble) -> None:
-    before = ensemble.scores[ensemble.of(NONE)].mean(axis=1).min()
-    refined = refine(
-        problem, ensemble, (NONE,), lambda tasks: [run_refined(problem, t) for t in tasks],
-        rounds=2, draws=8,
-    )  # fmt: skip
-    best = refined.scores[refined.of(NONE)].mean(axis=1)
-    assert best.min() <= before
-    assert len(refined.of(NONE)) == len(ensemble.of(NONE)) + 16
-
-
-def test_without_a_gap_no_shrinkage_is_stated(
-    problem: CalibrationProblem, ensemble: Ensemble
-) -> None:
-    part = folds_of(problem.case.n_rocks, 1)
-    assert np.bincount(part).min() >= problem.case.n_rocks // 5
-    found = shrinkage_of(problem, ensemble, NONE, part, draws=0, seed=1)
-    assert found.value is None and found.note
-
-
 def test_decisions() -> None:
     thresholds = Thresholds(none_share=0.4, least_confidence=0.45, confusion_mass=0.9)
     clear = {"trees": 0.85, "air_drag": 0.08, NONE: 0.05, "unknown": 0.02}
@@ -537,16 +334,6 @@ def test_reaches_and_measurements(problem: CalibrationProblem) -> None:
     )  # fmt: skip
     said = measure_next(bare, ("soft_ground", "roughness"))
     assert said and any("before and after impacts" in line for line in said)
-
-
-def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
-    alone = problem_of(observed(12, 1, tables=("impacts",)), 1)
-    _, base = base_of(alone, 8)
-    tried = [try_task(alone, task, ORDER) for task in tasks_of(("air_drag",), 3)]
-    ensemble = ensemble_of(alone, [*base, *tried])
-    assert ensemble.scores.shape == (11, 12)
-    found = shrinkage_of(alone, ensemble, "air_drag", folds_of(12, 1), draws=5, seed=1)
-    assert found.value is None and "no distance" in found.note
 
 
 def test_numbers_of_a_campaign_exist_for_few_rocks() -> None:

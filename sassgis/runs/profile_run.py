@@ -148,7 +148,7 @@ def simulate_profile(
     config : Config
     profile : ProfileInput
     seed, rocks : int, optional
-        In place of those of the configuration; rocks count per block scenario.
+        In place of those of the configuration; blocks count per block scenario.
     """
     if not config.blocks:
         raise ConfigError(

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from sassgis.gap.check import check_scores
-from sassgis.gap.check.labels import blinding_hash, labels_text
+from sassgis.gap.check.blinded_labels import blinding_hash, labels_text
 from sassgis.gap.check.worker_pool import Task, WorkerPool
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.io.read.gap_thresholds import read_thresholds
@@ -62,7 +62,7 @@ def run(out: Path, thresholds: Path, **changes: Any) -> gap_check.CheckResult:
 def done(tmp_path_factory: pytest.TempPathFactory, thresholds: Path) -> Path:
     """A check whose diagnoser fell over once, and that was gone on with."""
     out = tmp_path_factory.mktemp("check") / "out"
-    with pytest.raises(OutputError, match=r"world 004 ended unexpectedly \(exit code 3\)"):
+    with pytest.raises(OutputError, match=r"site 004 ended unexpectedly \(exit code 3\)"):
         run(out, thresholds, jobs=1, diagnoser="helpers.check_stubs:stops_at_four")
     assert (out / "labels.sha256").exists()
     assert [p.name for p in (out / "blinded").iterdir()] == ["salt.txt"]
@@ -283,7 +283,7 @@ def test_what_the_calling_program_has_loaded_does_not_pass_the_sandbox(tmp_path:
 
 def test_a_process_that_is_killed_is_said_with_its_world(tmp_path: Path) -> None:
     with (
-        pytest.raises(OutputError, match=r"world 001 ended unexpectedly \(killed; memory"),
+        pytest.raises(OutputError, match=r"site 001 ended unexpectedly \(killed; memory"),
         WorkerPool(1, tmp_path) as pool,
     ):
         list(pool.run([task(tmp_path, "is_killed")]))

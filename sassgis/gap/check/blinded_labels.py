@@ -12,7 +12,7 @@ from sassgis.gap.check.worlds import World
 
 
 def label_of(world: World, case: str) -> dict[str, Any]:
-    """The truth of a world as plain values.
+    """The truth of a site as plain values.
 
     Numbers have six digits: the last ones of a sum may differ from one processor to another.
     """

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 
-class Progress:
+class ProgressBar:
     """A bar with the time left on a terminal; a line now and then in a log.
 
     A context manager: the line of the bar ends with it, however it is left.
@@ -22,7 +22,7 @@ class Progress:
         self._shown = time.monotonic()
         self._open = False
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ProgressBar:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -34,7 +34,7 @@ class Progress:
         click.echo(f"{text} ...", err=True)
 
     def step(self, done: int, total: int, rocks: int) -> None:
-        """Show how far a run has come."""
+        """Show the progress of a run."""
         now = time.monotonic()
         # The first chunk gives no pace: it waits for the program to be compiled, and in a run that
         # goes on from a saved state all before it was done another time.
@@ -50,13 +50,13 @@ class Progress:
             filled = width * done // total
             bar = "#" * filled + "-" * (width - filled)
             click.echo(
-                f"\r  [{bar}] {100 * done // total:3d} %, {rocks} rocks{left}  ",
+                f"\r  [{bar}] {100 * done // total:3d} %, {rocks} blocks{left}  ",
                 nl=False,
                 err=True,
             )
             self._open = True
         elif now - self._shown >= 30.0:
-            click.echo(f"  {100 * done // total} %, {rocks} rocks{left}", err=True)
+            click.echo(f"  {100 * done // total} %, {rocks} blocks{left}", err=True)
         else:
             return
         self._shown = now
@@ -69,7 +69,7 @@ class Progress:
 
 
 def conclude(warnings: Sequence[str], summary: str, folder: Path) -> None:
-    """Say how a simulation came out and where to look at it."""
+    """Report the result of a simulation and where it is."""
     for warning in warnings:
         click.echo(f"Note: {warning}", err=True)
     click.echo(summary)

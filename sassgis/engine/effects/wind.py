@@ -1,0 +1,81 @@
+"""A steady wind on blocks in flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, NamedTuple
+
+import numpy as np
+from annotated_types import Interval
+
+from sassgis.engine.state import Record
+from sassgis.model.effects import EffectSection
+from sassgis.model.jit import kernel
+
+
+@dataclass(frozen=True, slots=True)
+class Wind(EffectSection):
+    """A steady wind: a horizontal acceleration of blocks in flight, none on the ground.
+
+    The same for blocks of every size and speed, which is a modelling assumption: the drag of a
+    wind of speed u is ½ ρ C_d A u²/m for a block that moves much slower than the air.
+    """
+
+    name: ClassVar[str] = "wind"
+
+    acceleration_mps2: Annotated[
+        float,
+        Interval(ge=-5.0, le=5.0),
+        "horizontal acceleration in flight, positive along the chainage, so down the fall line. "
+        "A wind of 20 m/s gives a sphere of 0.001 m³ about 0.4, one of 1 m³ about 0.04 (m/s2)",
+    ] = 0.4
+
+
+OFF, STEADY = 0, 1
+#: Longest flight between two pushes of the wind (s), each of which acts as one change of speed.
+WIND_STEP_S = 0.05
+
+#: What a block remembers of the wind.
+MEMORY = (
+    ("push_before", np.float64),  # share of the push that comes before the step; 0 in a first one
+)
+
+
+class Push(NamedTuple):
+    """Wind as the kernel reads it."""
+
+    form: int
+    acceleration: float  # m/s²
+    step: float  # longest flight between two pushes (s)
+
+
+def prepare(settings: Wind | None) -> Push:
+    """From settings to what the kernel reads."""
+    if settings is None or settings.acceleration_mps2 == 0.0:
+        return Push(OFF, 0.0, np.inf)
+    return Push(STEADY, float(settings.acceleration_mps2), WIND_STEP_S)
+
+
+@kernel
+def longest_step(push: Push, memory: Record) -> float:
+    """Longest step of a flight (s), infinite without wind.
+
+    The first is half as long and begins without a push: a block that has just left the ground is
+    not pushed back into it. Steps then are of second order in their length.
+    """
+    return float((0.5 + memory.push_before) * push.step)
+
+
+@kernel
+def push_before(push: Push, memory: Record, state: Record, limit: float) -> None:
+    """Push a block before a step of flight of ``limit`` (s)."""
+    state.vx += push.acceleration * memory.push_before * limit
+
+
+@kernel
+def push_after(
+    push: Push, memory: Record, state: Record, limit: float, until: float, goes_on: bool
+) -> None:
+    """Push it after the step, which has taken ``until`` (s): the speed gained is exact."""
+    state.vx += push.acceleration * (until - memory.push_before * limit)
+    memory.push_before = 0.5 if goes_on else 0.0

@@ -1,0 +1,175 @@
+"""Simulated campaigns: the observed rocks released again in a model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.simulated_slope import TABLE
+
+from sassgis.engine.effects.trees import Trees as Forest
+from sassgis.gap.observations.campaign import LOOSE, PIECE, main_blocks, observed_campaign
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import (
+    ForestStand,
+    HypothesisModel,
+    LateralWalk,
+    MeasurementError,
+    ReleaseError,
+)
+from sassgis.gap.replicas.rock_lines import dips_at, heights_at_chainage
+from sassgis.gap.which.ensemble import (
+    CalibrationProblem,
+)
+from sassgis.gap.which.features import rock_quantities
+from sassgis.gap.which.hypotheses import ParameterDraws, draw
+from sassgis.model.effects import EffectSettings
+
+
+def plain(problem: CalibrationProblem, **changes: object) -> HypothesisModel:
+    return HypothesisModel(TABLE, EffectSettings(), **changes)  # type: ignore[arg-type]
+
+
+def test_what_the_base_model_shows_is_what_it_made(problem: CalibrationProblem) -> None:
+    """The field is the engine itself: its own campaigns look like it, station by station."""
+    samples = campaigns(
+        problem.case,
+        problem.rock_lines,
+        plain(problem),
+        count=30,
+        seed=2,
+    )
+    seen = rock_quantities(problem.case, observed_campaign(problem.case))
+    made = [rock_quantities(problem.case, sample) for sample in samples]
+    for name in ("stop:runout", "S0:speed", "S1:rotation", "hit:kept", "S0:height"):
+        means = np.array([np.nanmean(one[name]) for one in made])
+        assert abs(np.nanmean(seen[name]) - means.mean()) < 4.5 * means.std(), name
+
+
+def test_campaigns_are_the_same_however_they_are_asked_for(
+    problem: CalibrationProblem,
+) -> None:
+    one = campaigns(
+        problem.case,
+        problem.rock_lines,
+        plain(problem),
+        count=2,
+        seed=2,
+        number=7,
+    )
+    again = campaigns(
+        problem.case,
+        problem.rock_lines,
+        plain(problem),
+        count=2,
+        seed=2,
+        number=7,
+    )
+    other = campaigns(
+        problem.case,
+        problem.rock_lines,
+        plain(problem),
+        count=2,
+        seed=2,
+        number=8,
+    )
+    assert one[0].deposits is not None and again[0].deposits is not None
+    np.testing.assert_array_equal(one[0].deposits.s, again[0].deposits.s)
+    assert other[0].deposits is not None
+    assert not np.array_equal(one[0].deposits.s, other[0].deposits.s)
+
+
+def test_scatter_aside_grows_as_a_random_walk(problem: CalibrationProblem) -> None:
+    walk = LateralWalk(angle_deg=10.0, hop_m=8.0)
+    rows = [
+        s.deposits
+        for s in campaigns(
+            problem.case,
+            problem.rock_lines,
+            plain(problem, lateral_walk=walk),
+            count=60,
+            seed=2,
+        )
+    ]
+    s = np.concatenate([r.s for r in rows if r is not None])
+    aside = np.concatenate([r.lateral_m for r in rows if r is not None])
+    expected = np.sqrt(np.tan(np.radians(10.0)) ** 2 * 8.0 * s + 0.25**2)
+    assert np.std(aside / expected) == pytest.approx(1.0, abs=0.08)
+    assert abs(np.mean(aside / expected)) < 0.1
+
+
+def test_measurement_scales_what_is_read(problem: CalibrationProblem) -> None:
+    def speed(measurement: MeasurementError) -> float:
+        model = plain(problem, measurement=measurement)
+        rows = campaigns(problem.case, problem.rock_lines, model, count=10, seed=2)
+        return float(
+            np.mean(np.concatenate([r.passages.speed_mps for r in rows if r.passages is not None]))
+        )
+
+    assert speed(MeasurementError(scale=1.2)) == pytest.approx(
+        1.2 * speed(MeasurementError()), rel=1e-9
+    )
+
+
+def test_release_moves_the_start(problem: CalibrationProblem) -> None:
+    shifted = plain(problem, release=ReleaseError(shift_m=5.0))
+    rows = campaigns(problem.case, problem.rock_lines, shifted, count=10, seed=2)
+    aside = np.concatenate([r.deposits.lateral_m for r in rows if r.deposits is not None])
+    assert np.mean(aside) == pytest.approx(5.0, abs=0.2)
+
+
+def test_a_stand_takes_energy_only_where_it_stands(problem: CalibrationProblem) -> None:
+    model = replace(
+        plain(problem, stand=ForestStand(46.0, 79.0, 4000.0, 50.0)),
+        effects=EffectSettings(Forest()),
+    )
+    with_trees = campaigns(problem.case, problem.rock_lines, model, count=20, seed=2)
+    without = campaigns(
+        problem.case,
+        problem.rock_lines,
+        plain(problem),
+        count=20,
+        seed=2,
+    )
+
+    def speed(rows: list, station: int) -> float:  # type: ignore[type-arg]
+        return float(
+            np.mean(
+                np.concatenate([r.passages.speed_mps[r.passages.station == station] for r in rows])
+            )
+        )
+
+    assert speed(with_trees, 0) == pytest.approx(speed(without, 0), rel=0.02)
+    assert speed(with_trees, 1) < 0.5 * speed(without, 1)
+
+
+def test_pieces_and_loose_blocks_keep_to_their_campaign(
+    problem: CalibrationProblem,
+) -> None:
+    for family, kind in (("fragmentation", PIECE), ("entrainment", LOOSE)):
+        parameter_draws = {"break.energy": 0.1, "set_off.number": 0.9}
+        made = draw(
+            problem.case,
+            (family,),
+            ParameterDraws(np.random.default_rng(1), parameter_draws),
+        )
+        for sample in campaigns(problem.case, problem.rock_lines, made.model, count=3, seed=2):
+            rows = sample.deposits
+            assert rows is not None
+            assert (rows.kind == kind).any()
+            assert rows.rock.max() < sample.n_rocks
+            assert ((rows.rock == -1) == (rows.kind == LOOSE)).all()
+            main = main_blocks(rows, sample.n_rocks)
+            assert (rows.rock[main[main >= 0]] == np.flatnonzero(main >= 0)).all()
+
+
+def test_profiles_are_read_where_they_are(problem: CalibrationProblem) -> None:
+    bare = problem.rock_lines.unforested
+    for i in (0, 5):
+        s, z = bare.vertices(i)
+        at = np.linspace(s[0] + 0.5, s[-1] - 0.5, 40)
+        which = np.full(at.size, i)
+        np.testing.assert_allclose(heights_at_chainage(bare, which, at), np.interp(at, s, z))
+        ahead = np.interp(at + 1e-6, s, z) - np.interp(at, s, z)
+        np.testing.assert_allclose(np.tan(dips_at(bare, which, at)), ahead / 1e-6, atol=1e-4)

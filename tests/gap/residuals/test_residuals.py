@@ -1,0 +1,149 @@
+"""Residuals of one step and of free runs: the law of impact, tolerances, stations."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.simulated_slope import STATIONS, TABLE, observed
+
+from sassgis.engine.ellipse import frame_of, inertia
+from sassgis.engine.impact import SCALE, impact
+from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
+from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
+from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
+from sassgis.gap.where.findings import reach_edges
+
+
+def test_an_impact_of_a_sphere_is_that_of_the_law():
+    """A sphere has no orientation: with an even slope nothing is left to chance."""
+    r, dip = 0.4, math.radians(35.0)
+    rows = np.array([[dip, 9.0, -4.0, 15.0, 0.5, 0.7, 1.0]])
+    draws = np.zeros((1, 3, 3))
+    draws[0, :, 0] = 0.1, 1.0, 2.0
+    out = np.empty((1, 3, 3))
+    impact_draws(rows, np.full((1, 3, 3), r), draws, 9.81, 0.1, SCALE, out)
+    expected = impact(0.0, r, inertia(r, r), 9.0, -4.0, 15.0, 0.5, SCALE, 0.7)
+    np.testing.assert_allclose(out[0], np.tile(expected, (3, 1)), rtol=1e-12)
+
+
+def test_the_slope_that_is_met_is_flatter_by_the_variation():
+    """Half of the tangent: the velocity is taken apart along the met ground and put back."""
+    r, dip = 0.4, math.radians(40.0)
+    rows = np.array([[dip, 12.0, -5.0, 20.0, 1.0, 0.7, 1.0]])
+    draws = np.zeros((1, 1, 3))
+    draws[0, 0, 1] = 0.5
+    out = np.empty((1, 1, 3))
+    impact_draws(rows, np.full((1, 1, 3), r), draws, 9.81, 0.1, SCALE, out)
+    met = math.atan(0.5 * math.tan(dip))
+
+    def apart(vx: float, vz: float, angle: float) -> tuple[float, float]:
+        c, s = math.cos(angle), math.sin(angle)
+        return vx * c - vz * s, vx * s + vz * c
+
+    vx = 12.0 * math.cos(dip) + -5.0 * math.sin(dip)
+    vz = -12.0 * math.sin(dip) + -5.0 * math.cos(dip)
+    vt, vn = apart(vx, vz, met)
+    wt, wn, spin = impact(0.0, r, inertia(r, r), vt, vn, 20.0, 1.0, SCALE, 0.7)
+    ux = wt * math.cos(met) + wn * math.sin(met)
+    uz = -wt * math.sin(met) + wn * math.cos(met)
+    np.testing.assert_allclose(out[0, 0], (*apart(ux, uz, dip), spin), rtol=1e-12)
+
+
+def test_soft_landings_are_left_to_rolling():
+    rows = np.array([[0.5, 5.0, -0.3, 10.0, 0.5, 0.7, 0.0]])
+    out = np.empty((1, 4, 3))
+    impact_draws(rows, np.full((1, 4, 3), 0.5), np.zeros((1, 4, 3)), 9.81, 0.1, SCALE, out)
+    assert np.isnan(out).all()
+
+
+@pytest.mark.parametrize("omega", [0.0, 8.0, 40.0, -25.0])
+def test_at_contact_the_ellipse_touches_and_approaches(omega):
+    a, b, vn = 0.6, 0.4, -3.0
+    for phase in np.linspace(0.0, math.pi, 37):
+        theta = orientation_at_contact(a, b, phase, vn, omega)
+        _, y, _ = frame_of(a, b, math.sin(theta), math.cos(theta))
+        if omega:
+            t = (phase - theta) / omega
+            assert a + vn * t == pytest.approx(y, abs=1e-6)
+            # And not before.
+            for earlier in np.linspace(0.0, t, 50)[:-1]:
+                angle = phase - omega * earlier
+                assert (
+                    a + vn * earlier >= math.hypot(a * math.sin(angle), b * math.cos(angle)) - 1e-3
+                )
+        else:
+            assert theta == phase
+
+
+def test_scatter_of_exchangeable_draws_is_as_expected():
+    rng = np.random.default_rng(1)
+    for m in (7, 20):
+        values = rng.gamma(2.0, size=(20_000, m + 1))
+        away, usual, score = spread(values[:, 0], values[:, 1:])
+        assert score.mean() == pytest.approx(0.0, abs=4.0 * score.std() / 141.0)
+        assert away.mean() == pytest.approx(usual.mean(), rel=0.03)
+        _, _, wide = spread(3.0 * (values[:, 0] - 2.0) + 2.0, values[:, 1:])
+        assert wide.mean() > 0.05
+    away, usual, score = spread(np.array([1.0, np.nan]), np.array([[1.0, np.nan], [1.0, 2.0]]))
+    assert np.isnan(score).all()
+
+
+def test_tolerances():
+    np.testing.assert_allclose(beyond(np.array([1.0, 3.0, np.nan]), 0.5)[:2], [0.5, 2.5])
+    np.testing.assert_allclose(beyond(np.array([-0.1, 0.3]), 0.5).mean(), 0.0, atol=1e-15)
+    assert (only_above(np.array([-1.0, 0.5])) == 0.0).all()
+    np.testing.assert_allclose(only_above(np.array([-0.1, 0.5])), [-0.1, 0.5])
+    assert np.isnan(mean_of_draws(np.array([[1.0, np.nan, np.nan]]))).all()
+
+
+def test_weights_of_residuals():
+    """The tested values have the weighted mean; rocks without one count for nothing."""
+    weight = np.array([1.0, 3.0, 9.0])
+    seen = np.array([1.0, 2.0, np.nan])
+    r = Residual(
+        "S1", "flight", "speed_mps", "one step", seen, np.zeros(3), 0.0, 0.0, weight=weight
+    )
+    assert np.nanmean(r.tested()) == pytest.approx((1.0 + 3.0 * 2.0) / 4.0)
+    assert r.unit == "m/s"
+    assert dataclasses.replace(r, quantity="rebound_angle_deg_spread").unit == "°"
+    assert dataclasses.replace(r, quantity="energy_kept").unit == "1"
+    assert dataclasses.replace(r, quantity="runout_m").unit == "m"
+    assert dataclasses.replace(r, quantity="acceleration_mps2").unit == "m/s²"
+
+
+def test_rocks_that_stop_or_pass_are_told_apart():
+    case = observed(12, 1, tables=("passages", "deposits"))
+    seen = observed_at_stations(case)
+    assert seen.speed_mps.shape == (12, 4)
+    np.testing.assert_array_equal(seen.arrived == 1.0, np.isfinite(seen.speed_mps))
+    # A rock seen further down has passed, also where nobody looked.
+    passages = case.observations.passages
+    first = passages.take(passages.station != "S2")
+    hidden = dataclasses.replace(
+        case,
+        observations=dataclasses.replace(case.observations, passages=first),
+        projected={**case.projected, "passages": _taken(case, passages.station != "S2")},
+    )
+    np.testing.assert_array_equal(observed_at_stations(hidden).arrived, seen.arrived)
+
+
+def _taken(case: Any, which: Any) -> Any:
+    put = case.projected["passages"]
+    return type(put)(*(getattr(put, f.name)[which] for f in dataclasses.fields(put)))
+
+
+def test_runs_from_the_release_are_those_of_the_engine():
+    case = observed(8, 2, tables=("deposits",))
+    run = free_run(case, RunModel.of(case, TABLE, None, None, 4), 6)
+    assert run.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
+    assert (run.stops == 1.0).all() and (run.largest == 1.0).all()
+    arrived = run.at.arrived == 1.0
+    np.testing.assert_array_equal(arrived, run.runout_m[:, :, None] >= case.station_s[:, None, :])
+    np.testing.assert_array_equal(arrived, np.isfinite(run.at.speed_mps))
+    edges = reach_edges(case, run)
+    np.testing.assert_allclose(edges[1:, 0], STATIONS, atol=0.1)
+    np.testing.assert_array_equal(edges[1:, 0], edges[:-1, 1])
