@@ -35,7 +35,8 @@ def test_the_program_runs_as_a_module() -> None:
 def test_the_environment_of_the_host_process_is_left_alone(tmp_path: Path) -> None:
     """Also where kernels are compiled, and whether or not the user names a cache folder."""
     code = (
-        "import os\n"
+        # Its libraries name the certificates that they bring.
+        "import os, pyogrio, rasterio\n"
         "before = dict(os.environ)\n"
         "import sassgis\n"
         "for name in sassgis.__all__:\n    getattr(sassgis, name)\n"
