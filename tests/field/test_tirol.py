@@ -101,7 +101,7 @@ def test_no_rock_is_lost_without_a_count(case: Case) -> None:
     assert isinstance(counts, dict)
     released = ROCKS * counts["release_points"]
     assert released > 0
-    assert counts["rocks"] + counts["rocks_not_followed"] == released
+    assert counts["rocks"] + counts["rocks_not_simulated"] == released
     assert sum(counts[f"rocks_{r.name.lower()}"] for r in StopReason) == counts["rocks"]
     assert len(case.rocks) == counts["rocks"] == len(case.layer("stops"))
     assert int(case.layer("release_areas")["rocks"].sum()) == released

@@ -521,7 +521,7 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
             "A confidence of 71 % is cautious",
             "These data do not separate it from: soft ground.",
             "Speeds of rocks of different mass in the stand.",
-            "3 of 11 comparisons differ",
+            "3 of 11 comparisons are significant after adjustment for their number",
             "Speed at S2",
             "74 % of the gap that is not chance closes (95 % interval 60 % to 85 %)",
             "No turns in plan",

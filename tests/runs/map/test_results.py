@@ -180,4 +180,4 @@ def test_stop_points_max_is_a_maximum(make_valley, tmp_path) -> None:
     assert 25 <= len(stops) <= 50 < result.rocks
     with sqlite3.connect(tmp_path / "out" / "result.gpkg") as base:
         notes = base.execute("select description from gpkg_contents where table_name='stops'")
-        assert f"{len(stops)} of {result.rocks} rocks" in notes.fetchone()[0]
+        assert f"{len(stops)} of {result.rocks} blocks" in notes.fetchone()[0]

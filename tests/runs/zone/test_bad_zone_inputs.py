@@ -262,7 +262,7 @@ def test_what_is_not_bad_goes_through(tmp_path: Path, call) -> None:
     code, printed, err = call("zone", case.config, "-o", tmp_path / "result", "--jobs", "1")
     assert code == 0, err
     assert re.search(
-        r"^\d+ rocks, \d+ zones, [\d.]+ % of the reached cells statistically uncertain", printed
+        r"^\d+ blocks, \d+ zones, [\d.]+ % of the reached cells statistically uncertain", printed
     )
     assert (tmp_path / "result" / "hazard.gpkg").is_file()
 
