@@ -121,13 +121,12 @@ def on_block(effects: Effects | None, block: Block) -> Block:
 def on_start(effects: Effects | None, state: Record, block: Block) -> None:
     """Set the memory for a new block."""
     if effects is not None:
-        memory = state
-        memory.resistance = air_drag.resistance(effects.drag, block.a, block.b, block.c, block.mass)
-        memory.push_before = 0.0
-        memory.stems_met = 0
-        memory.to_stem = np.inf
+        state.resistance = air_drag.resistance(effects.drag, block.a, block.b, block.c, block.mass)
+        state.push_before = 0.0
+        state.stems_met = 0
+        state.to_stem = np.inf
         if effects.stand.form != trees.OFF:
-            memory.to_stem = trees.to_next_stem(block.key, 0)
+            state.to_stem = trees.to_next_stem(block.key, 0)
 
 
 @inlined
@@ -146,33 +145,32 @@ def before_flight(
     """
     limit = longest
     if effects is not None:
-        memory = state
-        memory.x_from = state.x
-        memory.stem_rate = 0.0
-        memory.stems = 0.0
-        memory.at_stem = False
-        memory.cut = False
+        state.x_from = state.x
+        state.stem_rate = 0.0
+        state.stems = 0.0
+        state.at_stem = False
+        state.cut = False
         if effects.drag.form != air_drag.OFF and effects.drag.step < limit:
             limit = effects.drag.step
-            memory.cut = True
-        pushed_after = wind.longest_step(effects.push, memory)
+            state.cut = True
+        pushed_after = wind.longest_step(effects.push, state)
         if pushed_after < limit:
             limit = pushed_after
-            memory.cut = True
+            state.cut = True
         if effects.stand.form != trees.OFF:
-            limit = trees.before_flight(effects.stand, memory, state, block, site, gravity, limit)
+            limit = trees.before_flight(effects.stand, state, block, site, gravity, limit)
         if effects.push.form != wind.OFF:
-            wind.push_before(effects.push, memory, state, limit)
-        memory.energy_from = state.vx * state.vx + state.vz * state.vz + 2.0 * gravity * state.z
-        _brake(effects, memory, state, block, 0.5 * limit)
+            wind.push_before(effects.push, state, limit)
+        state.energy_from = state.vx * state.vx + state.vz * state.vz + 2.0 * gravity * state.z
+        _brake(effects, state, block, 0.5 * limit)
     return limit
 
 
 @inlined
-def _brake(effects: Effects, memory: Record, state: Record, block: Block, time: float) -> float:
+def _brake(effects: Effects, state: Record, block: Block, time: float) -> float:
     """Let what acts all the time act on a block in flight; returns the share left by trees."""
-    vx, vz = air_drag.slowed(memory.resistance, state.vx, state.vz, time)
-    kept = trees.left_by_viscous(effects.stand, memory.stems, block.mass, time)
+    vx, vz = air_drag.slowed(state.resistance, state.vx, state.vz, time)
+    kept = trees.left_by_viscous(effects.stand, state.stems, block.mass, time)
     state.vx = vx * kept
     state.vz = vz * kept
     return kept
@@ -198,29 +196,28 @@ def after_flight(
         Whether it ended at the ground or a barrier.
     """
     if effects is not None:
-        memory = state
-        kept = _brake(effects, memory, state, block, until - 0.5 * limit)
+        kept = _brake(effects, state, block, until - 0.5 * limit)
         # Of a step that ends early the drag before it is partly taken back, at a speed that may
         # have grown: energy is not made.
         has = state.vx * state.vx + state.vz * state.vz
-        if until < 0.5 * limit and (memory.resistance > 0.0 or kept > 1.0) and has > 0.0:
-            kept = min(math.sqrt(max(memory.energy_from - 2.0 * gravity * state.z, 0.0) / has), 1.0)
+        if until < 0.5 * limit and (state.resistance > 0.0 or kept > 1.0) and has > 0.0:
+            kept = min(math.sqrt(max(state.energy_from - 2.0 * gravity * state.z, 0.0) / has), 1.0)
             state.vx *= kept
             state.vz *= kept
+        goes_on = state.cut and not arrived
         # Outside of what is taken back above: the wind gives energy.
         if effects.push.form != wind.OFF:
-            goes_on = memory.cut and not arrived
-            wind.push_after(effects.push, memory, state, limit, until, goes_on)
+            wind.push_after(effects.push, state, limit, until, goes_on)
         if effects.stand.form != trees.OFF:
-            memory.to_stem -= memory.stem_rate * abs(state.x - memory.x_from)
-            if memory.at_stem and not arrived:
+            state.to_stem -= state.stem_rate * abs(state.x - state.x_from)
+            if state.at_stem and not arrived:
                 spin = block.inertia * state.omega * state.omega
                 energy = 0.5 * (state.vx * state.vx + state.vz * state.vz + spin) * block.mass
-                kept = trees.speed_left_at_stem(effects.stand, memory, block.key, energy)
+                kept = trees.speed_left_at_stem(effects.stand, state, block.key, energy)
                 state.vx *= kept
                 state.vz *= kept
                 state.omega *= kept
-        return memory.cut and not arrived
+        return goes_on
     return False
 
 
@@ -255,18 +252,17 @@ def before_stretch(
     """
     cut = False
     if effects is not None and effects.stand.form != trees.OFF:
-        memory = state
-        memory.x_from = state.x
-        gap = trees.before_stretch(effects.stand, memory, state, block, site, pull, ux)
+        state.x_from = state.x
+        gap = trees.before_stretch(effects.stand, state, block, site, pull, ux)
         if gap < length * ux:
             length = gap / ux
             x_end = state.x + state.direction * gap
             cut = True
         else:
-            memory.at_stem = False
+            state.at_stem = False
         # Half of the force before the stretch and half after it: second order in its length.
         kept = trees.left_after_path(
-            effects.stand, memory.stems, block.mass, state.speed, 0.5 * length
+            effects.stand, state.stems, block.mass, state.speed, 0.5 * length
         )
         state.speed *= kept
         state.omega *= kept
@@ -279,15 +275,14 @@ def after_stretch(
 ) -> None:
     """End a stretch of rolling or sliding of some length (m)."""
     if effects is not None and effects.stand.form != trees.OFF:
-        memory = state
-        memory.to_stem -= memory.stem_rate * abs(state.x - memory.x_from)
-        if memory.at_stem and not at_barrier:
+        state.to_stem -= state.stem_rate * abs(state.x - state.x_from)
+        if state.at_stem and not at_barrier:
             spin = block.inertia * state.omega * state.omega
             energy = 0.5 * (state.speed * state.speed + spin) * block.mass
-            kept = trees.speed_left_at_stem(effects.stand, memory, block.key, energy)
+            kept = trees.speed_left_at_stem(effects.stand, state, block.key, energy)
         else:
             kept = trees.left_after_path(
-                effects.stand, memory.stems, block.mass, state.speed, 0.5 * length
+                effects.stand, state.stems, block.mass, state.speed, 0.5 * length
             )
         state.speed *= kept
         state.omega *= kept

@@ -194,7 +194,6 @@ def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> 
 @lean
 def before_flight(
     stand: Stand,
-    memory: Record,
     state: Record,
     block: Block,
     site: Site,
@@ -219,44 +218,44 @@ def before_flight(
         ends = min(ends, longest_step(stand, stems, block.mass))
         if ends < limit:
             limit = ends
-            memory.cut = True
-        memory.stem_rate = stems_per_metre(stand, stems, stretch.diameter, 2.0 * block.c)
-    memory.stems = stems
-    memory.diameter = stretch.diameter
-    if memory.stem_rate * gap >= memory.to_stem:
-        gap = memory.to_stem / memory.stem_rate
-        memory.at_stem = True
+            state.cut = True
+        state.stem_rate = stems_per_metre(stand, stems, stretch.diameter, 2.0 * block.c)
+    state.stems = stems
+    state.diameter = stretch.diameter
+    if state.stem_rate * gap >= state.to_stem:
+        gap = state.to_stem / state.stem_rate
+        state.at_stem = True
     if gap < limit * abs(state.vx):
         limit = gap / abs(state.vx)
-        memory.cut = True
+        state.cut = True
     else:
-        memory.at_stem = False
+        state.at_stem = False
     return limit
 
 
 @lean
 def before_stretch(
-    stand: Stand, memory: Record, state: Record, block: Block, site: Site, pull: float, ux: float
+    stand: Stand, state: Record, block: Block, site: Site, pull: float, ux: float
 ) -> float:
     """Chainage over which a block may roll or slide before the forest changes or a stem is met."""
     ahead, gap = to_cell_border(site.stretches, state.stretch, state.x, state.direction)
     stretch = site.stretches[ahead]
-    memory.stems = stretch.stems
-    memory.diameter = stretch.diameter
-    memory.stem_rate = stems_per_metre(stand, stretch.stems, stretch.diameter, 2.0 * block.c)
-    memory.at_stem = memory.stem_rate * gap >= memory.to_stem
-    if memory.at_stem:
-        gap = memory.to_stem / memory.stem_rate
+    state.stems = stretch.stems
+    state.diameter = stretch.diameter
+    state.stem_rate = stems_per_metre(stand, stretch.stems, stretch.diameter, 2.0 * block.c)
+    state.at_stem = state.stem_rate * gap >= state.to_stem
+    if state.at_stem:
+        gap = state.to_stem / state.stem_rate
     time = longest_step(stand, stretch.stems, block.mass)
     step = max((state.speed + 0.5 * abs(pull) * time) * time, _CREEP) * ux
     if step < gap:
         gap = step
-        memory.at_stem = False
+        state.at_stem = False
     return gap
 
 
 @kernel
-def speed_left_at_stem(stand: Stand, memory: Record, key: np.uint64, energy: float) -> float:
+def speed_left_at_stem(stand: Stand, state: Record, key: np.uint64, energy: float) -> float:
     """Share of the speed that is left after the stem that a step has come to.
 
     Parameters
@@ -264,7 +263,7 @@ def speed_left_at_stem(stand: Stand, memory: Record, key: np.uint64, energy: flo
     energy : float
         Kinetic energy of the block (J).
     """
-    taken = stem_loss(stand, key, memory.stems_met, memory.diameter)
-    memory.stems_met += 1
-    memory.to_stem = to_next_stem(key, memory.stems_met)
+    taken = stem_loss(stand, key, state.stems_met, state.diameter)
+    state.stems_met += 1
+    state.to_stem = to_next_stem(key, state.stems_met)
     return math.sqrt(max(1.0 - taken / energy, 0.0)) if energy > 0.0 else 1.0

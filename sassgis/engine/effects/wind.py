@@ -57,25 +57,23 @@ def prepare(settings: Wind | None) -> Push:
 
 
 @kernel
-def longest_step(push: Push, memory: Record) -> float:
+def longest_step(push: Push, state: Record) -> float:
     """Longest step of a flight (s), infinite without wind.
 
     The first is half as long and begins without a push: a block that has just left the ground is
     not pushed back into it. Steps then are of second order in their length.
     """
-    return float((0.5 + memory.push_before) * push.step)
+    return float((0.5 + state.push_before) * push.step)
 
 
 @kernel
-def push_before(push: Push, memory: Record, state: Record, limit: float) -> None:
+def push_before(push: Push, state: Record, limit: float) -> None:
     """Push a block before a step of flight of ``limit`` (s)."""
-    state.vx += push.acceleration * memory.push_before * limit
+    state.vx += push.acceleration * state.push_before * limit
 
 
 @kernel
-def push_after(
-    push: Push, memory: Record, state: Record, limit: float, until: float, goes_on: bool
-) -> None:
+def push_after(push: Push, state: Record, limit: float, until: float, goes_on: bool) -> None:
     """Push it after the step, which has taken ``until`` (s): the speed gained is exact."""
-    state.vx += push.acceleration * (until - memory.push_before * limit)
-    memory.push_before = 0.5 if goes_on else 0.0
+    state.vx += push.acceleration * (until - state.push_before * limit)
+    state.push_before = 0.5 if goes_on else 0.0
