@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -21,16 +22,19 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import shapely
 
-from sassgis.io.interlis.ili_parser import ili_files, read_models
-from sassgis.io.write.layers.federal_model import (
-    DECIMALS,
-    FEDERAL_EXTENT,
-)
+from sassgis.io.write.layers.federal_model import DECIMALS, FEDERAL_EXTENT
 from sassgis.model.errors import InputError, OutputError
 
 XTF_NAMESPACE = "http://www.interlis.ch/INTERLIS2.3"
 _NS = f"{{{XTF_NAMESPACE}}}"
 _MOST_LINES = 20
+#: A model as an .ili file declares it, at the beginning of a line.
+_MODEL = re.compile(
+    r"^\s*(?:CONTRACTED\s+)?(?:TYPE\s+|REFSYSTEM\s+|SYMBOLOGY\s+)?MODEL\s+(\w+)\s*(?:\(\w+\)\s*)?AT\b",
+    re.M,
+)
+#: An identifier as XML has it, which INTERLIS asks for.
+_IDENTIFIER = re.compile(r"[A-Za-z_][\w.-]*", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +154,7 @@ def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) ->
         # Semicolons part its lists of files, and it knows no names beyond ASCII everywhere.
         models = work / "models"
         models.mkdir()
-        copies = {str(models / f"{n}.ili"): file for n, file in enumerate(ili_files(model_folder))}
+        copies = {str(models / f"{n}.ili"): file for n, file in enumerate(_ili_files(model_folder))}
         for copy, file in copies.items():
             shutil.copyfile(file, copy)
         data = work / "data.xtf"
@@ -196,18 +200,24 @@ def _cause(done: subprocess.CompletedProcess[bytes]) -> str:
     return lines[-1].strip() if lines else f"exit code {done.returncode}"
 
 
+def _ili_files(folder: Path) -> list[Path]:
+    """The .ili files of a folder (not of the folders in it), by name."""
+    files = sorted(folder.glob("*.[iI][lL][iI]")) if folder.is_dir() else []
+    if not files:
+        raise InputError("holds no model", file=folder, expected="a folder with .ili files")
+    return files
+
+
 def _check_models(xtf: Path, folder: Path) -> None:
-    library = read_models(folder)
-    names = _header_models(xtf)
-    absent = [name for name in names if name not in library.models]
-    for name in names:
-        absent += library.missing_imports(name)
-    if absent := list(dict.fromkeys(absent)):
+    """Refuse a folder without the models of the file; those they import are for the validator."""
+    texts = [file.read_text(encoding="latin-1") for file in _ili_files(folder)]
+    held = {name for text in texts for name in _MODEL.findall(text)}
+    if absent := [name for name in _header_models(xtf) if name not in held]:
         raise InputError(
             "models that the file needs are missing",
             file=folder,
-            found=", ".join(absent),
-            expected="their .ili files in the folder",
+            found=", ".join(sorted(held)) or "no model",
+            expected=f"the .ili file of {', '.join(absent)}",
         )
 
 
@@ -325,7 +335,7 @@ def _problems(xtf: Path) -> Iterator[str]:
 def _basket_problems(tag: str, bid: str | None, models: list[str], bids: set[str]) -> Iterator[str]:
     if tag.count(".") != 1 or tag.split(".")[0] not in models:
         yield f"basket {tag} is no topic of a model in the header"
-    if not bid or bid in bids:
+    if not _IDENTIFIER.fullmatch(bid or "") or bid in bids:
         yield f"basket {tag} has no identifier of its own"
     bids.add(bid or "")
 
@@ -333,7 +343,7 @@ def _basket_problems(tag: str, bid: str | None, models: list[str], bids: set[str
 def _object_problems(tag: str, tid: str | None, basket: str, tids: set[str]) -> Iterator[str]:
     if tag.count(".") != 2:
         yield f"object {tag} in {basket} does not name model, topic and class"
-    if not tid or tid in tids:
+    if not _IDENTIFIER.fullmatch(tid or "") or tid in tids:
         yield f"object {tag} has no identifier of its own"
     tids.add(tid or "")
 
