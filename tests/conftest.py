@@ -46,6 +46,16 @@ def shared_data() -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def official_models(shared_data: Path) -> Path:
+    """Folder with the text of the federal model 166.1 V1.3, for the validator."""
+    folder = shared_data / "interlis_166_1"
+    if not folder.is_dir():
+        pytest.skip("the official text of model 166.1 is not in ../shared/data/interlis_166_1")
+    pytest.importorskip("ilivalidator", reason="there is no ilivalidator for this machine")
+    return folder
+
+
 def with_settings(config: Path, **values: object) -> Path:
     """Set keys that a configuration has already, each of which it has once."""
     text = config.read_text()
