@@ -22,9 +22,10 @@ os.fsync = lambda _descriptor: None
 #: worker is left alone with one of them at the end.
 LONG_FILES = (
     "test_diagnose.py", "test_worlds.py", "test_blind_check.py", "test_outputs.py",
-    "test_where.py", "test_project.py", "test_products.py", "test_batch.py", "test_federal_export.py",
-    "test_any_world.py", "test_convergence.py", "test_pipelines.py", "test_command_line.py",
-    "test_staging.py", "test_docs.py", "test_layout.py", "test_zones.py", "test_contact.py",
+    "test_where.py", "test_project.py", "test_products.py", "test_batch.py",
+    "test_federal_export.py", "test_any_world.py", "test_convergence.py", "test_pipelines.py",
+    "test_command_line.py", "test_staging.py", "test_docs.py", "test_layout.py",
+    "test_zones.py", "test_contact.py",
 )  # fmt: skip
 
 

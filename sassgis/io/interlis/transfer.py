@@ -20,7 +20,12 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from sassgis.io.interlis.validation import ValidationResult, check_xtf, validate_xtf
+from sassgis.io.interlis.validation import (
+    ValidationResult,
+    check_validator,
+    check_xtf,
+    validate_xtf,
+)
 from sassgis.io.interlis.xtf_document import XtfObject, document
 from sassgis.io.staging import MANIFEST_NAME, writing
 from sassgis.io.write.layers.federal_model import (
@@ -143,6 +148,8 @@ def export_xtf(
             file=result_folder,
             expected=f"{PACKAGE_NAME} in it, which a run of hazard zones writes",
         )
+    if models is not None:
+        check_validator(models, [MODEL_NAME])
     summary = write_xtf(package, xtf, canton=canton, overwrite=overwrite)
     return ExportResult(summary, None if models is None else validate_xtf(xtf, models))
 

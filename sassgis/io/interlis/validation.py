@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -140,15 +140,7 @@ def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) ->
     OutputError
         If the validator breaks down.
     """
-    if importlib.util.find_spec("ilivalidator") is None:
-        raise InputError(
-            "the INTERLIS validator is not installed",
-            expected=(
-                "the Python package ilivalidator: pip install 'sassgis[interlis]' (there is none "
-                "for Macs with Apple processors)"
-            ),
-        )
-    _check_models(xtf, model_folder)
+    check_validator(model_folder, _header_models(xtf))
     with tempfile.TemporaryDirectory(prefix="sassgis-") as name:
         work = Path(name)
         # Semicolons part its lists of files, and it knows no names beyond ASCII everywhere.
@@ -208,14 +200,34 @@ def _ili_files(folder: Path) -> list[Path]:
     return files
 
 
-def _check_models(xtf: Path, folder: Path) -> None:
-    """Refuse a folder without the models of the file; those they import are for the validator."""
-    texts = [file.read_text(encoding="latin-1") for file in _ili_files(folder)]
+def check_validator(model_folder: Path, models: Sequence[str]) -> None:
+    """Refuse what would keep a file from being validated, before it is written.
+
+    Parameters
+    ----------
+    model_folder : Path
+    models : sequence of str
+        That the file names; those that they import are looked for by the validator.
+
+    Raises
+    ------
+    InputError
+        If the validator is not installed, or a model is not in the folder.
+    """
+    if importlib.util.find_spec("ilivalidator") is None:
+        raise InputError(
+            "the INTERLIS validator is not installed",
+            expected=(
+                "the Python package ilivalidator: pip install 'sassgis[interlis]' (there is none "
+                "for Macs with Apple processors)"
+            ),
+        )
+    texts = [file.read_text(encoding="latin-1") for file in _ili_files(model_folder)]
     held = {name for text in texts for name in _MODEL.findall(text)}
-    if absent := [name for name in _header_models(xtf) if name not in held]:
+    if absent := [name for name in models if name not in held]:
         raise InputError(
             "models that the file needs are missing",
-            file=folder,
+            file=model_folder,
             found=", ".join(sorted(held)) or "no model",
             expected=f"the .ili file of {', '.join(absent)}",
         )

@@ -172,7 +172,7 @@ SPOILED: dict[str, tuple[str, str, str]] = {
         "<if_state_ice_fall>assessed_and_complete<",
         "assessed_and_complete is not a member",
     ),
-    "no boolean": ("<hazard_indication>true<", "<hazard_indication>indicated<", "<indicated> is not"),
+    "no boolean": ("_indication>true<", "_indication>indicated<", "<indicated> is not"),
     "missing canton": (
         "<data_responsibility>TI</data_responsibility>\n<main_process>",
         "<main_process>",
@@ -281,8 +281,13 @@ def test_folders_without_the_model(result: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no model"):
         validate_xtf(xtf, folder)
     (folder / "a.ILI").write_text(STUB.replace("V1_3", "V1_2"))
-    with pytest.raises(InputError, match=r"missing.*V1_2.*expected.*Hazard_Mapping_LV95_V1_3"):
-        validate_xtf(xtf, folder)
+    for act in (
+        lambda: validate_xtf(xtf, folder),
+        lambda: export_xtf(result, tmp_path / "b.xtf", folder),
+    ):
+        with pytest.raises(InputError, match=r"missing.*V1_2.*expected.*Hazard_Mapping_LV95_V1_3"):
+            act()
+    assert not (tmp_path / "b.xtf").exists()
 
 
 def test_a_validator_that_is_missing_or_breaks_down(

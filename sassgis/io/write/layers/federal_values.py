@@ -202,9 +202,7 @@ def shortened(text: str, longest: int = 400) -> str:
     return f"{words.rstrip(' ,;:') or head}…"
 
 
-def surface_parts(
-    geometry: Any, *, where: str, file: Path | None = None, decimals: int = DECIMALS
-) -> list[Any]:
+def surface_parts(geometry: Any, *, where: str, file: Path | None = None) -> list[Any]:
     """Single polygons with straight edges, without heights, on coordinates of 1 mm.
 
     Corners that polygons share stay shared. What vanishes on the grid of 1 mm is left out.
@@ -216,8 +214,6 @@ def surface_parts(
         How messages speak of it.
     file : Path, optional
         Named by messages.
-    decimals : int
-        Of a coordinate (m).
 
     Returns
     -------
@@ -244,19 +240,19 @@ def surface_parts(
         )
     parts = []
     for part in shapely.get_parts(shapely.force_2d(geometry)).tolist():
-        parts += _on_millimetres(part, decimals)
+        parts += _on_millimetres(part)
     return parts
 
 
-def _on_millimetres(polygon: Any, decimals: int) -> list[Any]:
+def _on_millimetres(polygon: Any) -> list[Any]:
     if polygon.is_empty:
         return []
     # Not set_precision at once: it may put corners where the neighbour has none.
-    rounded = shapely.transform(polygon, lambda xy: np.round(xy, decimals))
+    rounded = shapely.transform(polygon, lambda xy: np.round(xy, DECIMALS))
     rounded = shapely.remove_repeated_points(rounded)
     if not rounded.is_valid:
-        rounded = shapely.set_precision(polygon, 10.0**-decimals)
-        rounded = shapely.transform(rounded, lambda xy: np.round(xy, decimals))
+        rounded = shapely.set_precision(polygon, 10.0**-DECIMALS)
+        rounded = shapely.transform(rounded, lambda xy: np.round(xy, DECIMALS))
     return [
         part
         for part in shapely.get_parts(rounded).tolist()
