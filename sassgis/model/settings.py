@@ -577,7 +577,7 @@ class HazardSettings(Section):
     preset: Annotated[
         Text,
         PresetName(),
-        "rules for intensity and level: a built-in preset (ch-federal, ch-low-yellow, ti), or a "
+        "rules for intensity and level: a built-in preset (ch-federal, ti), or a "
         "TOML file of your own (docs/presets.md)",
     ] = "ch-federal"
     frequencies: Annotated[
