@@ -475,7 +475,7 @@ def test_several_narrow_rims_become_one_that_can_be_drawn() -> None:
 @given(RASTERS)
 def test_nothing_thinner_than_the_least_width_is_left(classes: np.ndarray) -> None:
     """A disk of three cells fits into every zone beside a higher one."""
-    rules = ZoneSettings(closing_m=0.0, min_area_m2=0.0, min_width_m=6.0)
+    rules = ZoneSettings(closing_m=0.0, min_area_m2=60.0, min_width_m=6.0)
     padded = np.pad(classes, 4)
     out = generalised(padded, 2.0, rules)
     cross = ndimage.generate_binary_structure(2, 1)
