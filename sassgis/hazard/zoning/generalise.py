@@ -349,7 +349,9 @@ def generalised(
     2. Gaps of {class >= k} no wider than ``closing_m`` are closed. Both by mathematical morphology
        with disks (Serra 1982).
     3. Holes in {class >= k} smaller than ``min_area_m2`` are raised to k.
-    4. Regions of one class smaller than ``min_area_m2`` join the higher class with which they share
+    4. Parts of one class narrower than ``min_width_m`` join the higher class with which they share
+       the longest border, from the lowest class up.
+    5. Regions of one class smaller than ``min_area_m2`` join the higher class with which they share
        the longest border; those that touch none grow by the nearest cells.
     """
     settings = settings or ZoneSettings()
