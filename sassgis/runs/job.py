@@ -124,7 +124,7 @@ def simulate_config(
         Name of the simulation among several for one result.
     """
     run, planned = job.run, job.planned
-    fingerprint = _state_fingerprint(config, run, schedule)
+    fingerprint = state_fingerprint(config, run, schedule)
     checkpoint = Checkpoint(work, fingerprint, part)
     began = time.perf_counter()
     resumed = checkpoint.restore(run)
@@ -173,7 +173,7 @@ def _checked(
         ) from None
 
 
-def _state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
+def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
     """Of all that a saved state hangs on, down to the version and to what is kept for tables."""
     parts = [
         sassgis.__version__,
