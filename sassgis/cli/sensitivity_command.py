@@ -46,7 +46,7 @@ def sensitivity(
     overwrite: bool,
 ) -> None:
     """Show how levels, reach and energy of CONFIG answer to the ranges of its ground classes."""
-    from sassgis.runs.sensitivity import sensitivity as vary
+    from sassgis.runs.sensitivity_run import sensitivity as vary
 
     with ProgressBar() as progress:
         result = vary(

@@ -26,7 +26,7 @@ _FEWEST_BLOCKS, _FEWEST_CELLS = 20, 10
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RunOutcome:
     """What blocks did, as far as it is compared.
 
     Attributes
@@ -60,7 +60,7 @@ class Outcome:
         return self.runout_m(probability - room, probability + room)
 
 
-class Answer(NamedTuple):
+class RelativeChange(NamedTuple):
     """A relative change; ``certain`` unless another sample of blocks might have made it."""
 
     value: float
@@ -70,12 +70,12 @@ class Answer(NamedTuple):
         return "unknown" if np.isnan(self.value) else f"{100.0 * self.value:+.0f} %"
 
 
-def outcome_of(progress: Progress, bins: Bins) -> Outcome:
+def outcome_of(progress: Progress, bins: Bins) -> RunOutcome:
     """What the blocks of a run did."""
     runout = np.delete(progress.runout, StopReason.NEVER_STARTED, axis=0).sum(axis=0)
     cells = progress.sums.cells
     if not cells.size:
-        return Outcome(int(runout.sum()), runout, cells, np.empty(0))
+        return RunOutcome(int(runout.sum()), runout, cells, np.empty(0))
     reach = progress.sums.column("reach")
     order = np.argsort(cells)
     order = order[reach[order] > 0]
@@ -86,10 +86,10 @@ def outcome_of(progress: Progress, bins: Bins) -> Outcome:
         progress.sums.column("energy_max")[order],
     )
     energy = np.where(reach[order] >= _FEWEST_BLOCKS, energy, np.nan)
-    return Outcome(int(runout.sum()), runout, cells[order].copy(), energy)
+    return RunOutcome(int(runout.sum()), runout, cells[order].copy(), energy)
 
 
-def response(base: Outcome, other: Outcome) -> dict[str, Answer]:
+def response(base: RunOutcome, other: RunOutcome) -> dict[str, RelativeChange]:
     """Relative changes of the MEASURES from ``base`` to ``other``.
 
     The energies are compared cell by cell where enough blocks arrive in both; the answer is the
@@ -101,13 +101,13 @@ def response(base: Outcome, other: Outcome) -> dict[str, Answer]:
         (before,), (after,) = base.runout_m(p), other.runout_m(p)
         low, high = base.runout_limits(p), other.runout_limits(p)
         apart = bool(low[1] < high[0] or high[1] < low[0])
-        out[f"runout_q{round(100 * p)}"] = Answer(_relative(before, after), apart)
+        out[f"runout_q{round(100 * p)}"] = RelativeChange(_relative(before, after), apart)
     _, one, two = np.intersect1d(base.cells, other.cells, assume_unique=True, return_indices=True)
     ratio = other.energy_kj[two] / base.energy_kj[one]
     ratio = ratio[np.isfinite(ratio)]
     enough = ratio.size >= _FEWEST_CELLS
-    out["energy_q95"] = Answer(float(np.median(ratio)) - 1.0 if enough else np.nan, enough)
-    out["reached_area"] = Answer(_relative(base.cells.size, other.cells.size), True)
+    out["energy_q95"] = RelativeChange(float(np.median(ratio)) - 1.0 if enough else np.nan, enough)
+    out["reached_area"] = RelativeChange(_relative(base.cells.size, other.cells.size), True)
     return out
 
 

@@ -21,7 +21,7 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.progress import Progress
-from sassgis.hazard.response import Outcome, outcome_of, response
+from sassgis.hazard.response import RunOutcome, outcome_of, response
 from sassgis.hazard.sources import sampled_sources
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground_ranges import ParameterRange
@@ -93,7 +93,7 @@ def farthest(ranges: Sequence[ParameterRange]) -> Variant:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class VariantFinding:
     """What one simulation found.
 
     Attributes
@@ -101,7 +101,7 @@ class Finding:
     blocks : int
         Those that started.
     runout, cells, energy_kj
-        As in Outcome.
+        As in RunOutcome.
     places, level : int64, shape (n_places,)
         Cells with a hazard level, ascending, and their level; none without onset frequencies.
     line_energy_kj : float64, shape (n_lines,)
@@ -121,22 +121,22 @@ class Finding:
     object_share: FloatArray
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> RunOutcome:
         """The part that is compared."""
-        return Outcome(self.blocks, self.runout, self.cells, self.energy_kj)
+        return RunOutcome(self.blocks, self.runout, self.cells, self.energy_kj)
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
         """As plain arrays, to be saved."""
         return {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]]) -> Finding:
+    def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]]) -> VariantFinding:
         """What ``arrays`` gave."""
         given = {f.name: arrays[f.name] for f in fields(cls)}
         return cls(**(given | {"blocks": int(arrays["blocks"])}))  # type: ignore[arg-type]
 
 
-def finding_of(run: MapRun, progress: Progress, rules: Rules | None) -> Finding:
+def finding_of(run: MapRun, progress: Progress, rules: Rules | None) -> VariantFinding:
     """What a simulation says, with levels if there are rules."""
     bins = bins_of(run)
     outcome = outcome_of(progress, bins)
@@ -155,7 +155,7 @@ def finding_of(run: MapRun, progress: Progress, rules: Rules | None) -> Finding:
         order = np.argsort(curves.places)
         places = curves.places[order]
         level = hazard_level(curves, rules.preset)[order].astype(np.int64)
-    return Finding(
+    return VariantFinding(
         outcome.blocks,
         outcome.runout,
         outcome.cells,
@@ -169,7 +169,7 @@ def finding_of(run: MapRun, progress: Progress, rules: Rules | None) -> Finding:
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class RangeEffect:
     """What the range of one parameter does to one measure.
 
     Attributes
@@ -215,7 +215,7 @@ class Names:
 
 
 def measures(
-    base: Finding, finding: Finding, names: Names, cell_m2: float
+    base: VariantFinding, finding: VariantFinding, names: Names, cell_m2: float
 ) -> dict[str, tuple[str, float]]:
     """Numbers that are compared: name, unit and value.
 
@@ -243,16 +243,16 @@ def measures(
 
 def effects(
     ranges: Sequence[ParameterRange],
-    base: Finding,
-    chance: Finding,
-    ends: Sequence[Finding],
-    filling: Sequence[tuple[Variant, Finding]],
+    base: VariantFinding,
+    chance: VariantFinding,
+    ends: Sequence[VariantFinding],
+    filling: Sequence[tuple[Variant, VariantFinding]],
     names: Names,
     cell_m2: float,
-) -> list[Effect]:
+) -> list[RangeEffect]:
     """What each range does to each measure; ``ends`` as design gave them."""
 
-    def of(finding: Finding) -> dict[str, tuple[str, float]]:
+    def of(finding: VariantFinding) -> dict[str, tuple[str, float]]:
         return measures(base, finding, names, cell_m2)
 
     before, other = of(base), of(chance)
@@ -265,7 +265,7 @@ def effects(
         for measure, (unit, value) in before.items():
             values = np.array([s[measure][1] for s in sampled])
             out.append(
-                Effect(
+                RangeEffect(
                     r, measure, unit, value, at_ends[2 * i][measure][1],
                     at_ends[2 * i + 1][measure][1], other[measure][1],
                     _rank_correlation(drawn, values),
@@ -318,7 +318,10 @@ class SensitivityMaps:
 
 
 def sensitivity_maps(
-    base: Finding, chance: Finding, ends: Sequence[Finding], filling: Sequence[Finding]
+    base: VariantFinding,
+    chance: VariantFinding,
+    ends: Sequence[VariantFinding],
+    filling: Sequence[VariantFinding],
 ) -> SensitivityMaps:
     """Maps of what the simulations of a design say together."""
     everything = [base, *ends, *filling]
@@ -351,7 +354,7 @@ def _spread(values: NDArray[Any], places: IntArray, cells: IntArray, empty: floa
     return out
 
 
-def _log_ratio(base: Finding, other: Finding, cells: IntArray) -> FloatArray:
+def _log_ratio(base: VariantFinding, other: VariantFinding, cells: IntArray) -> FloatArray:
     """Logarithm of the ratio of the energies; NaN where too few blocks arrive in one of them."""
     before, after = (_spread(f.energy_kj, f.cells, cells, np.nan) for f in (base, other))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -359,7 +362,9 @@ def _log_ratio(base: Finding, other: Finding, cells: IntArray) -> FloatArray:
     return np.where(np.isfinite(ratio), ratio, np.nan)
 
 
-def _energy_ratios(base: Finding, filling: Sequence[Finding], cells: IntArray) -> FloatArray:
+def _energy_ratios(
+    base: VariantFinding, filling: Sequence[VariantFinding], cells: IntArray
+) -> FloatArray:
     out = np.full((3, cells.size), np.nan)
     if not filling:
         return out
@@ -370,7 +375,7 @@ def _energy_ratios(base: Finding, filling: Sequence[Finding], cells: IntArray) -
 
 
 def _strongest(
-    base: Finding, chance: Finding, ends: Sequence[Finding], cells: IntArray
+    base: VariantFinding, chance: VariantFinding, ends: Sequence[VariantFinding], cells: IntArray
 ) -> IntArray:
     best = np.zeros(cells.size)
     which = np.zeros(cells.size, np.int64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sassgis.hazard.response import MEASURES, Answer, Outcome, response
+from sassgis.hazard.response import MEASURES, RelativeChange, RunOutcome, response
 
 #: Change beyond which the user is warned.
 LARGEST_CHANGE = 0.2
@@ -23,13 +23,13 @@ class ToleranceCheck:
         That of the run (m).
     blocks : int
         Of the sample.
-    answers : mapping of float to mapping of str to Answer
+    answers : mapping of float to mapping of str to RelativeChange
         By the tolerance (m) and the measure.
     """
 
     tolerance_m: float
     blocks: int
-    answers: Mapping[float, Mapping[str, Answer]]
+    answers: Mapping[float, Mapping[str, RelativeChange]]
 
     def sentence(self) -> str:
         """The changes in words."""
@@ -69,7 +69,7 @@ class ToleranceCheck:
 
 
 def tolerance_check(
-    tolerance_m: float, base: Outcome, others: Mapping[float, Outcome]
+    tolerance_m: float, base: RunOutcome, others: Mapping[float, RunOutcome]
 ) -> ToleranceCheck:
     """Compare the outcomes at other tolerances (m) with that of the run."""
     answers = {}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sassgis.hazard.sensitivity import Effect, Names, SensitivityMaps
+from sassgis.hazard.sensitivity import Names, RangeEffect, SensitivityMaps
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
@@ -22,7 +22,7 @@ _ENERGY = "energy (95 %) on the map, over the base"
 def sensitivity_report(
     title: str,
     run: MapRun,
-    effects: Sequence[Effect],
+    effects: Sequence[RangeEffect],
     maps: SensitivityMaps,
     layers: Sequence[RasterLayer],
     samples: int,
@@ -64,7 +64,7 @@ def sensitivity_report(
     )
 
 
-def _verdict(effects: Sequence[Effect], maps: SensitivityMaps, names: Names) -> str:
+def _verdict(effects: Sequence[RangeEffect], maps: SensitivityMaps, names: Names) -> str:
     ranked = [e for e in _ranked(effects, _RANKED) if e.beyond_chance]
     text = (
         f"Run-out (95 %) answers most to {ranked[0].range.label}."
@@ -81,12 +81,12 @@ def _verdict(effects: Sequence[Effect], maps: SensitivityMaps, names: Names) -> 
     return text
 
 
-def _ranked(effects: Sequence[Effect], measure: str) -> list[Effect]:
+def _ranked(effects: Sequence[RangeEffect], measure: str) -> list[RangeEffect]:
     chosen = [e for e in effects if e.measure == measure]
     return sorted(chosen, key=lambda e: -np.nan_to_num(e.largest_change, nan=-1.0))
 
 
-def _key_table(effects: Sequence[Effect]) -> ReportTable:
+def _key_table(effects: Sequence[RangeEffect]) -> ReportTable:
     energy = {e.range: e for e in effects if e.measure == _ENERGY}
     rows = []
     for e in _ranked(effects, _RANKED):
@@ -116,7 +116,7 @@ def _key_table(effects: Sequence[Effect]) -> ReportTable:
     )  # fmt: skip
 
 
-def _measure_table(measure: str, effects: Sequence[Effect]) -> ReportTable:
+def _measure_table(measure: str, effects: Sequence[RangeEffect]) -> ReportTable:
     chosen = _ranked(effects, measure)
     unit = "" if chosen[0].unit == "1" else chosen[0].unit
     return ReportTable(

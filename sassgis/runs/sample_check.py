@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.response import Outcome, outcome_of
+from sassgis.hazard.response import RunOutcome, outcome_of
 from sassgis.hazard.tolerance_check import ToleranceCheck, tolerance_check
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import MapRun, ObjectCells
@@ -72,7 +72,7 @@ def check_tolerance(run: MapRun, planned: Plan, jobs: int) -> ToleranceCheck | N
         return None
     few, points = sampled_plan(run, planned, int(np.clip(_SHARE * total, _FEWEST, _MOST)), _POINTS)
 
-    def outcome(t: float) -> Outcome:
+    def outcome(t: float) -> RunOutcome:
         progress = simulate_map(replace(few, segment_tolerance_m=t), points, jobs=jobs)
         return outcome_of(progress, bins_of(few))
 

@@ -8,7 +8,7 @@ import pytest
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress
-from sassgis.hazard.response import Answer, Outcome, outcome_of, response
+from sassgis.hazard.response import RelativeChange, RunOutcome, outcome_of, response
 from sassgis.hazard.tolerance_check import tolerance_check
 from sassgis.model.results import StopReason
 from sassgis.model.statistics_table import default_bins
@@ -16,9 +16,9 @@ from sassgis.model.statistics_table import default_bins
 EVENLY = np.full(100, 20, np.int64)  # 2000 blocks, evenly up to 100 m
 
 
-def outcome(runout: np.ndarray, energy: np.ndarray | None = None) -> Outcome:
+def outcome(runout: np.ndarray, energy: np.ndarray | None = None) -> RunOutcome:
     energy = np.full(30, 100.0) if energy is None else energy
-    return Outcome(int(runout.sum()), runout, np.arange(energy.size, dtype=np.int64), energy)
+    return RunOutcome(int(runout.sum()), runout, np.arange(energy.size, dtype=np.int64), energy)
 
 
 def test_quantiles_and_their_limits() -> None:
@@ -77,4 +77,4 @@ def test_the_warning_names_what_changed_beyond_a_fifth() -> None:
 
 
 def test_numbers_as_text() -> None:
-    assert [str(Answer(v, True)) for v in (0.124, -0.3)] == ["+12 %", "-30 %"]
+    assert [str(RelativeChange(v, True)) for v in (0.124, -0.3)] == ["+12 %", "-30 %"]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from sassgis.hazard.sensitivity import Effect, Finding, Names, Variant, measures
+from sassgis.hazard.sensitivity import Names, RangeEffect, Variant, VariantFinding, measures
 from sassgis.model.ground_ranges import ParameterRange
 from sassgis.model.labels import rounded
 
@@ -27,7 +27,7 @@ def range_table(ranges: Sequence[ParameterRange]) -> pd.DataFrame:
     )
 
 
-def effect_table(effects: Sequence[Effect]) -> pd.DataFrame:
+def effect_table(effects: Sequence[RangeEffect]) -> pd.DataFrame:
     """A row for each parameter and measure."""
     return pd.DataFrame(
         {
@@ -46,8 +46,8 @@ def effect_table(effects: Sequence[Effect]) -> pd.DataFrame:
 
 
 def simulation_table(
-    base: Finding,
-    simulations: Sequence[tuple[Variant, Finding]],
+    base: VariantFinding,
+    simulations: Sequence[tuple[Variant, VariantFinding]],
     ranges: Sequence[ParameterRange],
     names: Names,
     cell_m2: float,

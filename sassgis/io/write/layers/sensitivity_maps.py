@@ -106,10 +106,16 @@ def sensitivity_layers(
             (level("strongest", "Position in tables/ranges.csv", maps.strongest),),
             (),
             "",
-            tuple(
-                RasterClass(k, r.label, _COLOURS[(k - 1) % len(_COLOURS)])
-                for k, r in enumerate(ranges, start=1)
-                if (maps.strongest == k).any() or k == 1
-            ),
+            _parameter_classes(maps.strongest, ranges),
         ),
     )
+
+
+def _parameter_classes(
+    strongest: NDArray[np.int64], ranges: Sequence[ParameterRange]
+) -> tuple[RasterClass, ...]:
+    """The ranges that occur, in colours of their own from the most frequent; the rest in one."""
+    count = np.bincount(strongest, minlength=len(ranges) + 1)[1:]
+    order = [int(i) for i in np.argsort(-count, kind="stable") if count[i] or i == 0]
+    colour = {k: _COLOURS[min(n, len(_COLOURS) - 1)] for n, k in enumerate(order)}
+    return tuple(RasterClass(k + 1, ranges[k].label, colour[k]) for k in sorted(order))

@@ -16,11 +16,11 @@ from sassgis.hazard.assess import Rules
 from sassgis.hazard.sensitivity import (
     BASE,
     CHANCE,
-    Effect,
-    Finding,
     Names,
+    RangeEffect,
     SensitivityMaps,
     Variant,
+    VariantFinding,
     design,
     effects,
     farthest,
@@ -30,7 +30,7 @@ from sassgis.hazard.sensitivity import (
 from sassgis.hazard.warnings import rule_warnings
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.read.config import resolved, settings_hash
-from sassgis.io.read.ground_ranges import read_ranges
+from sassgis.io.read.range_table import read_ranges
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output, writing
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.sensitivity_maps import sensitivity_layers
@@ -63,7 +63,7 @@ class SensitivityResult:
     ----------
     folder : Path
     ranges : tuple of ParameterRange
-    effects : tuple of Effect
+    effects : tuple of RangeEffect
     maps : SensitivityMaps
     simulations : int
     warnings : tuple of str
@@ -71,7 +71,7 @@ class SensitivityResult:
 
     folder: Path
     ranges: tuple[ParameterRange, ...]
-    effects: tuple[Effect, ...]
+    effects: tuple[RangeEffect, ...]
     maps: SensitivityMaps
     simulations: int
     warnings: tuple[str, ...]
@@ -169,7 +169,7 @@ class _Lab:
         schedule = repr((job.run.rocks_per_point, judged))
         self._fingerprint = state_fingerprint(config, job.run, schedule)
 
-    def find(self, variant: Variant, seed: int | None = None) -> Finding:
+    def find(self, variant: Variant, seed: int | None = None) -> VariantFinding:
         """What the variant finds, now or in an earlier call."""
         asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items()), seed]
         digest = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
@@ -186,7 +186,7 @@ class _Lab:
             self._step(self._asked, max(self.total, self._asked), self._blocks)
         return found
 
-    def _simulate(self, variant: Variant, seed: int | None) -> Finding:
+    def _simulate(self, variant: Variant, seed: int | None) -> VariantFinding:
         run = self.job.run
         run = replace(
             run,
@@ -209,10 +209,10 @@ class _Lab:
         return finding_of(run, progress, self.rules)
 
 
-def _restored(file: Path) -> Finding | None:
+def _restored(file: Path) -> VariantFinding | None:
     try:
         with np.load(file, allow_pickle=False) as stored:
-            return Finding.from_arrays({k: stored[k] for k in stored.files})
+            return VariantFinding.from_arrays({k: stored[k] for k in stored.files})
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None
 
@@ -223,7 +223,7 @@ class _Done:
 
     ranges: tuple[ParameterRange, ...]
     variants: tuple[Variant, ...]
-    findings: tuple[Finding, ...]
+    findings: tuple[VariantFinding, ...]
 
     @property
     def ends(self) -> slice:
@@ -292,7 +292,7 @@ def _publish(
     warnings: Sequence[str],
     own_ranges: Path | None,
     areas: Sequence[str] | None,
-) -> tuple[tuple[Effect, ...], SensitivityMaps]:
+) -> tuple[tuple[RangeEffect, ...], SensitivityMaps]:
     """Write everything into the working folder."""
     run, rules = lab.job.run, lab.rules
     grid = run.grid
