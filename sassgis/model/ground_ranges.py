@@ -10,6 +10,7 @@ import numpy as np
 
 from sassgis.model.errors import InputError
 from sassgis.model.ground import LIMITS, PARAMETERS, GroundTable
+from sassgis.model.settings import EngineSettings
 
 #: What stands for every class without a range of its own.
 EVERY_CLASS = "*"
@@ -91,9 +92,12 @@ class ParameterRange:
 
 
 def ranges_of(
-    table: GroundTable, classes: Sequence[str], rules: Sequence[RangeRule]
+    table: GroundTable,
+    classes: Sequence[str],
+    rules: Sequence[RangeRule],
+    parameters: Sequence[str] = RANGED,
 ) -> tuple[ParameterRange, ...]:
-    """Ranges of the parameters of some classes; those without width are left out.
+    """Ranges of some parameters of some classes; those without width are left out.
 
     A rule of the class goes before one of EVERY_CLASS, a later rule before an earlier one.
     """
@@ -101,7 +105,7 @@ def ranges_of(
     out = []
     for name in classes:
         own = table.classes[table.index(name)]
-        for parameter in RANGED:
+        for parameter in parameters:
             rule = by_key.get((name, parameter)) or by_key.get((EVERY_CLASS, parameter))
             if rule is None:
                 continue
@@ -112,6 +116,15 @@ def ranges_of(
                     ParameterRange(name, parameter, value, low, high, rule.source, rule.verified)
                 )
     return tuple(out)
+
+
+def acting(engine: EngineSettings) -> tuple[str, ...]:
+    """Parameters that the readings of the engine use."""
+    given = engine.resolved()
+    idle = [] if given.eta_max_rule == "restitution" else ["restitution", "restitution_speed_mps"]
+    if given.rolling_threshold is not None:
+        idle.append("rolling_threshold")
+    return tuple(p for p in RANGED if p not in idle)
 
 
 def with_values(table: GroundTable, values: Mapping[tuple[str, str], float]) -> GroundTable:

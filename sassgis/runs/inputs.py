@@ -137,7 +137,11 @@ def map_run_of(
 def block_scale_m(config: Config) -> float:
     """Size below which terrain counts as roughness (m); 0: none."""
     stated = config.terrain.block_scale_m
-    return min(b.mean_width_m for b in config.blocks) if stated is None else stated
+    if stated is None:
+        # The paper has profiles of the terrain as it was surveyed.
+        paper = config.engine.readings == "1986"
+        return 0.0 if paper else min(b.mean_width_m for b in config.blocks)
+    return stated
 
 
 def on_block_scale(run: MapRun) -> MapRun:

@@ -39,7 +39,13 @@ from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table
 from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.ground_ranges import ParameterRange, RangeRule, ranges_of, with_values
+from sassgis.model.ground_ranges import (
+    ParameterRange,
+    RangeRule,
+    acting,
+    ranges_of,
+    with_values,
+)
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
@@ -240,15 +246,16 @@ def _simulated(
     """Find the classes that blocks may meet, and simulate the design for their ranges."""
     run = lab.job.run
     tell("Simulating the classes as they are, and at their farthest")
+    used = acting(run.engine)
     everywhere = _classes_on(run, np.flatnonzero(np.isfinite(run.grid.values)))
     first = [
         (Variant(BASE, {}), None),
         (Variant(CHANCE, {}), run.seed + 1),
-        (farthest(ranges_of(run.table, everywhere, rules)), None),
+        (farthest(ranges_of(run.table, everywhere, rules, used)), None),
     ]
     findings = [lab.find(v, s) for v, s in first]
     met = _classes_on(run, np.unique(np.concatenate([f.cells for f in findings])))
-    ranges = ranges_of(run.table, met, rules)
+    ranges = ranges_of(run.table, met, rules, used)
     if not ranges:
         raise InputError(
             "no range to vary", found=f"ground classes {', '.join(met)}", expected="ranges of them"

@@ -6,7 +6,8 @@ import pytest
 
 from sassgis.model.errors import InputError
 from sassgis.model.ground import GroundClass, GroundTable
-from sassgis.model.ground_ranges import RangeRule, ranges_of, with_values
+from sassgis.model.ground_ranges import RangeRule, acting, ranges_of, with_values
+from sassgis.model.settings import EngineSettings
 
 TABLE = GroundTable(
     (
@@ -68,3 +69,10 @@ def test_other_values_and_the_spread_of_the_slope_together() -> None:
 def test_reversed_limits_are_refused() -> None:
     with pytest.raises(InputError, match=r"range of a k is reversed.*0\.3 above 0\.2"):
         RangeRule("a", "k", "value", 0.3, 0.2)
+
+
+def test_parameters_that_the_readings_do_not_use_are_not_varied() -> None:
+    new = {"restitution", "restitution_speed_mps", "rolling_threshold"}
+    assert new <= set(acting(EngineSettings()))
+    assert not new & set(acting(EngineSettings(readings="1986")))
+    assert "rolling_threshold" not in acting(EngineSettings(rolling_threshold=0.2))

@@ -88,4 +88,7 @@ def test_the_default_is_the_smallest_scenario(make_valley: Callable[..., Path]) 
     path = make_valley()
     smallest = min(b.mean_width_m for b in load_config(path).blocks)
     assert read_map_run(load_config(path)).block_scale_m == smallest
-    assert read_map_run(load_config(path, {"terrain.block_scale_m": 0})).block_scale_m == 0.0
+    for off in ({"terrain.block_scale_m": 0}, {"engine.readings": "1986"}):
+        assert read_map_run(load_config(path, off)).block_scale_m == 0.0
+    stated = {"engine.readings": "1986", "terrain.block_scale_m": 3.0}
+    assert read_map_run(load_config(path, stated)).block_scale_m == 3.0
