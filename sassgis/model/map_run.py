@@ -78,6 +78,14 @@ class Window:
     n_cols: int
     radius: float
 
+    def steps(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns from the middle of a window to each of its cells."""
+        reach = int(self.radius)
+        step = np.arange(-reach, reach + 1)
+        near = step[:, None] ** 2 + step[None, :] ** 2 <= self.radius**2 + 1e-9
+        drow, dcol = (step[i] for i in np.nonzero(near))
+        return drow, dcol
+
     def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """Windows that hold any of some cells (flat indices).
 
@@ -88,10 +96,7 @@ class Window:
         windows : Objects
             The windows of each of ``cells``, by their position in ``centres``.
         """
-        reach = int(self.radius)
-        step = np.arange(-reach, reach + 1)
-        near = step[:, None] ** 2 + step[None, :] ** 2 <= self.radius**2 + 1e-9
-        drow, dcol = (step[i] for i in np.nonzero(near))
+        drow, dcol = self.steps()
         row, col = np.divmod(cells, self.n_cols)
         rows = row[:, None] + drow
         cols = col[:, None] + dcol
