@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine.statistics import Objects
 from sassgis.model.grid import IntArray
-from sassgis.model.jit import lean
+from sassgis.model.jit import inlined, lean
 from sassgis.model.map_run import ObjectCells, Window
 
 #: What ``counts`` holds: cells, windows, objects listed by cell, windows listed by cell, and
@@ -66,12 +66,18 @@ def empty_register(
     )
 
 
-@lean
+@inlined
 def registered(register: CellRegister, flat: int) -> int:
     """The number of a cell of the grid; -1 if there is no room for it, which is noted."""
     known = register.number[flat]
     if known >= 0:
         return int(known)
+    return _register(register, flat)
+
+
+@lean
+def _register(register: CellRegister, flat: int) -> int:
+    """Give a cell to which nothing has come yet its number."""
     counts = register.counts
     i = counts[CELLS]
     n_steps = register.row_step.size

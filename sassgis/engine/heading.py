@@ -41,16 +41,16 @@ from sassgis.model import rng
 from sassgis.model.cell_geometry import exact, height_at
 from sassgis.model.jit import inlined, lean
 
-# On the ground the heading turns by so much at most before the profile begins anew (rad), and a
-# step turns it by so much at most where it is longer than a tenth of the block.
+# On the ground the heading turns by so much at most before the profile begins anew (rad); κ times
+# the length of a step, where that is longer than so many radii.
 _TURN = 0.01
-_TURN_PER_STEP = 0.1
+_BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
 # Impacts that turn the heading less than this do not (rad).
 _NO_TURN = 1e-9
 
 
-@lean
+@inlined
 def head(state: Record, path: Path, u: float, v: float, hu: float, hv: float) -> None:
     """Let the present chainage be at (u, v), in cells, with a unit vector as heading."""
     state.from_x = state.x
@@ -60,7 +60,7 @@ def head(state: Record, path: Path, u: float, v: float, hu: float, hv: float) ->
     state.dv = hv / path.cell_size
 
 
-@lean
+@inlined
 def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
     """Unit vector of the descent as a block sees it that drifts."""
     size = math.sqrt(gu * gu + gv * gv)
@@ -118,7 +118,7 @@ def continue_path(state: Record, block: Block, site: Site, path: Path, spawned: 
     return True
 
 
-@lean
+@inlined
 def _ground_at(path: Path, u: float, v: float) -> tuple[float, int]:
     """Height (m) and ground class of the terrain; class -1 where it is not known."""
     row = int(np.floor(v))
@@ -182,7 +182,7 @@ def turn_heading(
     begin_profile(state, block, site, path, z0, math.tan(after), here.ground, plane_to, gravity)
 
 
-@lean
+@inlined
 def _mirror(state: Record) -> None:
     """Turn a block about."""
     state.theta = math.pi - state.theta
@@ -192,7 +192,7 @@ def _mirror(state: Record) -> None:
     state.direction = 1
 
 
-@lean
+@inlined
 def _rotate(state: Record, block: Block, c: float, s: float, work: float) -> None:
     """Rotate the velocity in the plane of motion, and take some work from it (J/kg)."""
     vx = state.vx * c - state.vz * s
@@ -272,7 +272,7 @@ def before_flight(state: Record, block: Block, site: Site, path: Path, physics: 
         look_ahead(state, block, site, path, needed, physics.gravity)
 
 
-@lean
+@inlined
 def before_ground(
     state: Record, block: Block, site: Site, path: Path, physics: Physics
 ) -> tuple[float, float]:
@@ -283,25 +283,40 @@ def before_ground(
     u, v = place(state, state.x)
     gu, gv, _ = gradient(path, u, v, block.radius)
     steep2 = gu * gu + gv * gv
+    step = max(path.cell_size, 2.0 * block.radius)
     angle = state.turn
-    if state.speed <= 0.0 and steep2 > 1e-12:
+    if state.speed <= 0.0:
         # What starts from rest starts down the descent.
-        angle = _angle_to(state, path, gu, gv)
         state.direction = 1
-    if abs(angle) > _TURN or state.direction < 0 or (state.speed <= 0.0 and angle != 0.0):
-        state.turn = 0.0
+        if steep2 > 1e-12:
+            angle = _angle_to(state, path, gu, gv)
+            state.turn = angle
+    elif steep2 > 1e-12:
+        level = state.speed * site.profile[state.segment].tx
+        kappa = _bending(physics.gravity, steep2, level * level)
+        step = min(step, max(_BEND_PER_STEP / kappa, _SHORTEST_STEP * block.radius))
+        # Over the step the block moves as it heads in its middle.
+        angle += 0.5 * _bent(_angle_to(state, path, gu, gv) - angle, kappa * step)
+    if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0 and angle != 0.0:
+        state.turn -= angle
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
-    here = site.profile[state.segment]
-    step = max(path.cell_size, block.radius)
-    if steep2 > 1e-12:
-        level = state.speed * here.tx
-        pull = physics.gravity * math.sqrt(steep2) / (1.0 + steep2)
-        step = min(step, max(_TURN_PER_STEP * level * level / pull, _SHORTEST_STEP * block.radius))
     state.reach = state.x + step
     needed = state.reach + 2.0 * block.a
     if state.open and state.sampled < needed:
         look_ahead(state, block, site, path, needed, physics.gravity)
     return gu, gv
+
+
+@inlined
+def _bending(gravity: float, steep2: float, level2: float) -> float:
+    """κ (1/m), from the squares of the gradient and of the horizontal speed (m²/s²)."""
+    return gravity * math.sqrt(steep2) / ((1.0 + steep2) * max(level2, 1e-9))
+
+
+@inlined
+def _bent(angle: float, kappa_s: float) -> float:
+    """By how much an angle to the descent falls over a length, times κ (rad)."""
+    return angle - 2.0 * math.atan(math.tan(0.5 * angle) * math.exp(-kappa_s))
 
 
 @inlined
@@ -336,13 +351,12 @@ def after_ground(
         Horizontal speed at its start and end (m/s).
     """
     steep2 = gu * gu + gv * gv
-    square = 0.5 * (level * level + level_after * level_after)
-    if steep2 <= 1e-12:
-        return
-    angle = _angle_to(state, path, gu, gv) - state.turn
-    kappa = physics.gravity * math.sqrt(steep2) / ((1.0 + steep2) * max(square, 1e-9))
-    half = math.tan(0.5 * angle) * math.exp(-kappa * (state.x - x))
-    state.turn += angle - 2.0 * math.atan(half)
+    if steep2 > 1e-12:
+        kappa = _bending(
+            physics.gravity, steep2, 0.5 * (level * level + level_after * level_after)
+        )
+        angle = _angle_to(state, path, gu, gv) - state.turn
+        state.turn += _bent(angle, kappa * (state.x - x))
 
 
 @inlined

@@ -88,7 +88,7 @@ def place(state: Record, x: float) -> tuple[float, float]:
     return state.from_u + exact(along * state.du), state.from_v + exact(along * state.dv)
 
 
-@lean
+@inlined
 def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, float, bool]:
     """Slope of the terrain along u and v at the scale of a block (m per m), and whether known.
 
@@ -114,7 +114,7 @@ def _height(path: Path, u: float, v: float, n_rows: int, n_cols: int) -> float:
     return height_at(path.heights, u, v, int(np.floor(v)), int(np.floor(u)))
 
 
-@lean
+@inlined
 def begin_profile(
     state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int,
     plane_to: float, gravity: float,
@@ -175,7 +175,7 @@ def _next_sample(state: Record) -> float:
     return float(state.from_x + along)
 
 
-@lean
+@inlined
 def _cell_between(state: Record, path: Path, x: float, after: float) -> int:
     """Flat index of the cell between two samples; -1 where the terrain is not known."""
     u, v = place(state, 0.5 * (x + after))
@@ -185,7 +185,7 @@ def _cell_between(state: Record, path: Path, x: float, after: float) -> int:
     return int(cell)
 
 
-@lean
+@inlined
 def _add_vertex(site: Site, x: float, z: float) -> None:
     """End the last segment at chainage x and height z (m); the ground is that of the last."""
     profile = site.profile
@@ -204,7 +204,7 @@ def _add_vertex(site: Site, x: float, z: float) -> None:
     profile[0].last = n + 1
 
 
-@lean
+@inlined
 def _add_stretch(site: Site, path: Path, cell: int, segment: int, end: float) -> None:
     """Let the stretches go on in a cell (flat index) up to a chainage (m)."""
     stretches = site.stretches
@@ -261,7 +261,10 @@ def look_ahead(
     z = profile[n].z
     gap = 0.0
     if state.on_plane:
+        # The plane stays one segment.
         z = state.plane_z + state.plane_slope * (x - state.from_x)
+        profile[0].last = 0
+        n = 0
     limit = path.tolerance + _ROUNDING
     aloft = state.phase == FLIGHT and state.vx > 1e-6
     low = -np.inf
