@@ -298,7 +298,7 @@ def simulate_rocks(
             if not start_path(state, block, site, path, u, v):
                 u, v = first, second
                 start_path(state, block, site, path, u, v)
-        start_released(state, block, site, start)
+        start_released(state, block, site, setup.physics, start)
         number = i * setup.n_rocks + r
         row = rows.rocks[number]
         open_row(row, line, setup.first_rock + r, 0, state.x)
