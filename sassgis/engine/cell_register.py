@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.statistics import Objects
+from sassgis.engine.statistics import Disks, Objects
 from sassgis.model.grid import IntArray
 from sassgis.model.jit import inlined, lean
 from sassgis.model.map_run import ObjectCells, Window
@@ -30,7 +30,7 @@ class CellRegister(NamedTuple):
     col_step: IntArray
     object_cell: IntArray  # as model.map_run.ObjectCells
     object_number: IntArray
-    in_windows: Objects  # the windows that hold each cell
+    disks: Disks  # of the windows
     on_objects: Objects
     counts: IntArray  # (5,)
 
@@ -60,7 +60,12 @@ def empty_register(
         col_step=steps[1],
         object_cell=np.asarray(objects.cell, np.int64),
         object_number=np.asarray(objects.number, np.int64),
-        in_windows=Objects(np.zeros(room + 1, np.int64), np.zeros(room * steps[0].size, np.int64)),
+        disks=Disks(
+            Objects(np.zeros(room + 1, np.int64), np.zeros(room * steps[0].size, np.int64)),
+            np.zeros(n_windows),
+            np.zeros(n_windows),
+            window.radius**2 if window is not None else 0.0,
+        ),
         on_objects=Objects(np.zeros(room + 1, np.int64), np.zeros(room * int(most), np.int64)),
         counts=np.zeros(5, np.int64),
     )
@@ -98,10 +103,12 @@ def _register(register: CellRegister, flat: int) -> int:
             if register.window_number[middle] < 0:
                 register.window_number[middle] = counts[WINDOWS]
                 register.windows[counts[WINDOWS]] = middle
+                register.disks.u[counts[WINDOWS]] = to_col + 0.5
+                register.disks.v[counts[WINDOWS]] = to_row + 0.5
                 counts[WINDOWS] += 1
-            register.in_windows.number[counts[LISTED_WINDOWS]] = register.window_number[middle]
+            register.disks.under.number[counts[LISTED_WINDOWS]] = register.window_number[middle]
             counts[LISTED_WINDOWS] += 1
-    register.in_windows.offset[i + 1] = counts[LISTED_WINDOWS]
+    register.disks.under.offset[i + 1] = counts[LISTED_WINDOWS]
     first = np.searchsorted(register.object_cell, flat)
     while first < register.object_cell.size and register.object_cell[first] == flat:
         register.on_objects.number[counts[LISTED_OBJECTS]] = register.object_number[first]

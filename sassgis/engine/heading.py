@@ -297,7 +297,7 @@ def before_ground(
         step = min(step, max(_BEND_PER_STEP / kappa, _SHORTEST_STEP * block.radius))
         # Over the step the block moves as it heads in its middle.
         angle += 0.5 * _bent(_angle_to(state, path, gu, gv) - angle, kappa * step)
-    if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0 and angle != 0.0:
+    if abs(angle) > _TURN or state.direction < 0 or (state.speed <= 0.0 and angle != 0.0):
         state.turn -= angle
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
     state.reach = state.x + step
@@ -352,9 +352,7 @@ def after_ground(
     """
     steep2 = gu * gu + gv * gv
     if steep2 > 1e-12:
-        kappa = _bending(
-            physics.gravity, steep2, 0.5 * (level * level + level_after * level_after)
-        )
+        kappa = _bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
         angle = _angle_to(state, path, gu, gv) - state.turn
         state.turn += _bent(angle, kappa * (state.x - x))
 

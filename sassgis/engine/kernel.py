@@ -32,18 +32,23 @@ from sassgis.engine.state import (
 )
 from sassgis.engine.statistics import (
     CellSums,
+    Disks,
     Event,
     Exceedance,
     FlatBins,
     LineTally,
     Objects,
-    at_objects,
+    PlaceWork,
     close_line,
     collect,
+    count_places,
     empty_event,
     empty_tally,
     flush,
     give_back,
+    meet_disks,
+    meet_objects,
+    place_work,
 )
 from sassgis.model import rng
 from sassgis.model.jit import inlined, kernel
@@ -65,6 +70,7 @@ class Lines(NamedTuple):
     cell: NDArray[np.int64]
     stems: NDArray[np.float64]  # as cell: stems per m² there
     diameter: NDArray[np.float64]  # as cell: of the stems at breast height (m)
+    on_map: NDArray[np.float64]  # (cell_s.size, 2) borders on the map: columns and rows, in cells
     number: NDArray[np.int64]  # of the line in the run
     key: NDArray[np.uint64]  # identity of the line for random draws
     stratum: NDArray[np.int64]  # (n,) of the sample; lines of one stratum follow each other
@@ -104,9 +110,16 @@ class Setup(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Windows or objects, and the blocks that came to them."""
+    """Objects, and the blocks that came to them."""
 
     under: Objects
+    reach: Exceedance  # added to
+
+
+class Windows(NamedTuple):
+    """Windows, and the blocks whose path met them."""
+
+    disks: Disks
     reach: Exceedance  # added to
 
 
@@ -116,7 +129,7 @@ class Totals(NamedTuple):
     bins: FlatBins
     sums: CellSums
     reach: Exceedance  # of the cells
-    windows: Places
+    windows: Windows
     objects: Places
 
 
@@ -131,14 +144,6 @@ class Rows(NamedTuple):
     events: Records  # (n_lines * n_rocks, n_events) state.EVENT_DTYPE; n_events may be 0
     event_counts: NDArray[np.int64]  # (n_lines * n_rocks,)
     filled: NDArray[np.int64]  # (2,) rows of passages and of spawned blocks that there are
-
-
-class PlaceWork(NamedTuple):
-    """Working space for windows or objects."""
-
-    tally: LineTally
-    peak: NDArray[np.float64]
-    met: NDArray[np.int64]
 
 
 class Work(NamedTuple):
@@ -157,11 +162,6 @@ class Work(NamedTuple):
     stretches: Records
 
 
-def _place_work(places: Places) -> PlaceWork:
-    n = places.reach.rocks.shape[0]
-    return PlaceWork(empty_tally(places.reach), np.full(n, -1.0), np.zeros(n, np.int64))
-
-
 def working_space(totals: Totals, most_spawned: int) -> Work:
     """Working space for a chunk whose blocks are added to some totals.
 
@@ -170,11 +170,11 @@ def working_space(totals: Totals, most_spawned: int) -> Work:
     n = totals.sums.stops.size
     return Work(
         np.zeros(1, hooks.BLOCK_DTYPE),
-        empty_work(n),
+        empty_work(n, chords=totals.windows.disks.u.size > 0),
         empty_event(n),
         empty_tally(totals.reach),
-        _place_work(totals.windows),
-        _place_work(totals.objects),
+        place_work(totals.windows.reach),
+        place_work(totals.objects.reach),
         np.zeros(3, np.int64),
         room_for(most_spawned),
         *room_ahead(),
@@ -314,6 +314,10 @@ def simulate_rocks(
             output = Output(rows.passages[n:], work.cells, log, spawned)
             simulate_block(state, block, site, output, setup.physics, effects, path)
             finish_block(row, block, state, site, rows, totals.sums)
+            if work.windows.peak.size:
+                meet_disks(
+                    work.cells, state.n_touched, block.mass, totals.windows.disks, work.windows
+                )
             if followed:
                 end_place[0], end_place[1] = place(state, state.x)
                 if path.register.counts[FULL]:
@@ -368,7 +372,7 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
     c1 = lines.cell_offset[i + 1]
     stretches = stretches_of(
         lines.cell_s[c0 + i : c1 + i + 1], lines.cell[c0:c1], lines.stems[c0:c1],
-        lines.diameter[c0:c1], s,
+        lines.diameter[c0:c1], lines.on_map[c0 + i : c1 + i + 1], s,
     )  # fmt: skip
     g0 = lines.control_line_offset[i]
     g1 = lines.control_line_offset[i + 1]
@@ -440,16 +444,8 @@ def add_to_totals(totals: Totals, work: Work, n_touched: int, mass: float) -> No
     cells = work.cells
     threshold = totals.bins.threshold
     n_line = work.n_line
-    own = work.windows
-    if own.peak.size:
-        n_line[1] = at_objects(
-            cells, n_touched, mass, threshold, totals.windows.under, own.peak, own.met, own.tally,
-            n_line[1],
-        )  # fmt: skip
-    own = work.objects
-    if own.peak.size:
-        n_line[2] = at_objects(
-            cells, n_touched, mass, threshold, totals.objects.under, own.peak, own.met, own.tally,
-            n_line[2],
-        )  # fmt: skip
+    n_line[1] = count_places(work.windows, threshold, n_line[1])
+    if work.objects.peak.size:
+        meet_objects(cells, n_touched, mass, totals.objects.under, work.objects)
+        n_line[2] = count_places(work.objects, threshold, n_line[2])
     n_line[0] = flush(cells, n_touched, totals.sums, totals.bins, mass, work.tally, n_line[0])

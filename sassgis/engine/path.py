@@ -148,6 +148,7 @@ def begin_profile(
     first.last = 0
     site.stretches[0].last = 0
     site.stretches[0].start = first.x
+    site.stretches[0].u, site.stretches[0].v = place(state, first.x)
     site.crossings[0].last = 0
     look_ahead(state, block, site, path, known_to(state, block), gravity)
 
@@ -205,13 +206,17 @@ def _add_vertex(site: Site, x: float, z: float) -> None:
 
 
 @inlined
-def _add_stretch(site: Site, path: Path, cell: int, segment: int, end: float) -> None:
+def _add_stretch(
+    state: Record, site: Site, path: Path, cell: int, segment: int, end: float
+) -> None:
     """Let the stretches go on in a cell (flat index) up to a chainage (m)."""
+    u, v = place(state, end)
     stretches = site.stretches
     n = last_of(stretches)
     number = registered(path.register, cell)
     if n > 0 and stretches[n - 1].cell == number and stretches[n - 1].segment == segment:
         stretches[n].start = end
+        stretches[n].u, stretches[n].v = u, v
         return
     row = stretches[n]
     row.cell = number
@@ -221,7 +226,9 @@ def _add_stretch(site: Site, path: Path, cell: int, segment: int, end: float) ->
     if path.stems.size:
         row.stems = path.stems[cell]
         row.diameter = path.diameter[cell]
-    stretches[n + 1].start = end
+    after = stretches[n + 1]
+    after.start = end
+    after.u, after.v = u, v
     stretches[0].last = n + 1
 
 
@@ -293,7 +300,7 @@ def look_ahead(
                     x_end = max(x + share * (after - x), min(state.plane_to, after))
                 x_end = max(x_end, state.x + SHORTEST_STRETCH)
                 if x_end > x:
-                    _add_stretch(site, path, cell, n, x_end)
+                    _add_stretch(state, site, path, cell, n, x_end)
                     z += state.plane_slope * (x_end - x)
                     x = x_end
                 if x > profile[n].x:
@@ -318,7 +325,7 @@ def look_ahead(
             low = max(low, (after_z - limit - here.z) / (after - here.x))
             high = min(high, (after_z + limit - here.z) / (after - here.x))
         empty = False
-        _add_stretch(site, path, cell, n, after)
+        _add_stretch(state, site, path, cell, n, after)
         x = after
         z = after_z
         if aloft:
@@ -335,7 +342,7 @@ def look_ahead(
         u, v = place(state, state.x)
         edge = cell_index(u, v, path.heights.shape[0], n_cols)
         if edge >= 0:
-            _add_stretch(site, path, edge, 0, x)
+            _add_stretch(state, site, path, edge, 0, x)
     if x > profile[n].x:
         _add_vertex(site, x, z)
     state.sampled = x

@@ -90,7 +90,12 @@ def without_straight_vertices(
 
 @kernel
 def stretches_of(
-    cell_s: FloatArray, cell: IntArray, stems: FloatArray, diameter: FloatArray, s: FloatArray
+    cell_s: FloatArray,
+    cell: IntArray,
+    stems: FloatArray,
+    diameter: FloatArray,
+    on_map: FloatArray,
+    s: FloatArray,
 ) -> Records:
     """Stretches of cells, cut at the vertices.
 
@@ -101,6 +106,8 @@ def stretches_of(
     cell : int64, shape (n_cells,)
     stems, diameter : float64, shape (n_cells,)
         Stems per square metre and their diameter at breast height (m).
+    on_map : float64, shape (n_cells + 1, 2)
+        Borders of the cells on the map: u, v.
     s : float64, shape (n,)
         Chainage of the vertices (m).
 
@@ -120,6 +127,9 @@ def stretches_of(
             rows[n].start = here
             rows[n].cell = cell[i]
             rows[n].segment = j
+            share = min(max((here - cell_s[i]) / (cell_s[i + 1] - cell_s[i]), 0.0), 1.0)
+            rows[n].u = on_map[i, 0] + share * (on_map[i + 1, 0] - on_map[i, 0])
+            rows[n].v = on_map[i, 1] + share * (on_map[i + 1, 1] - on_map[i, 1])
             rows[n].stems = stems[i]
             rows[n].diameter = diameter[i]
             n += 1
@@ -135,6 +145,8 @@ def stretches_of(
         here = s[n_segments]
     rows[n].start = here
     rows[0].last = n
+    rows[n].u = on_map[cell.size, 0]
+    rows[n].v = on_map[cell.size, 1]
     return rows[: n + 1]
 
 

@@ -20,12 +20,13 @@ from sassgis.engine.kernel import (
     Rows,
     Setup,
     Totals,
+    Windows,
     simulate_lines,
     working_space,
 )
 from sassgis.engine.path import no_path
 from sassgis.engine.state import EVENT_DTYPE, Physics
-from sassgis.engine.statistics import Exceedance, Objects, by_name, empty_sums, flat_bins
+from sassgis.engine.statistics import Disks, Exceedance, Objects, by_name, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
@@ -91,12 +92,15 @@ def exceedance(sums: Exceedance) -> dict[str, IntArray]:
     return {"exceed": sums.rocks, "exceed_square": sums.square}
 
 
-def _windows(window: Window | None, cells: IntArray) -> tuple[IntArray, Objects]:
-    if window is not None:
-        centres, offset, number = window.around(cells)
-        return centres, Objects(offset, number)
-    none = np.empty(0, np.int64)
-    return none, Objects(np.zeros(cells.size + 1, np.int64), none)
+def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
+    """The windows that blocks in some cells may meet: flat indices of their middle, and disks."""
+    if window is None:
+        none = np.empty(0, np.int64)
+        nowhere = Objects(np.zeros(cells.size + 1, np.int64), none)
+        return none, Disks(nowhere, np.empty(0), np.empty(0), 0.0)
+    centres, offset, number = window.around(cells)
+    row, col = np.divmod(centres, window.n_cols)
+    return centres, Disks(Objects(offset, number), col + 0.5, row + 0.5, window.radius**2)
 
 
 def physics_of(settings: EngineSettings) -> Physics:
@@ -216,6 +220,7 @@ def _lines(
         cell=local,
         stems=stems,
         diameter=diameter,
+        on_map=np.zeros((profiles.cell_s.size, 2)) if profiles.on_map is None else profiles.on_map,
         number=np.asarray(numbers, np.int64),
         key=np.asarray(keys, np.uint64),
         stratum=np.asarray(strata, np.int64),
@@ -292,7 +297,8 @@ def simulate(
     objects : ObjectCells, optional
         At each of which every block counts once, with its largest energy in the object's cells.
     window : Window, optional
-        In which a block counts once with its largest energy, besides the counts by cell.
+        In which a block counts once with its largest energy, besides the counts by cell; needs
+        profiles that are on a map.
     line_numbers : int64, shape (n_lines,), optional
         Number of each line in the run; default 0, 1, 2, ...
     strata : int64, shape (n_lines,), optional
@@ -327,6 +333,8 @@ def simulate(
     effects = effects or EffectSettings()
     settings = settings.resolved()
     _check(profiles, table)
+    if window is not None and profiles.on_map is None:
+        raise ValueError("profiles that are not on a map do not meet windows on it")
     starts = _checked_starts(profiles, starts)
     cells, local = _cells_of(profiles)
     one_by_one = np.arange(n_lines, dtype=np.int64)
@@ -345,7 +353,7 @@ def simulate(
         first_rock,
         rocks_per_line,
     )
-    centres, windows = _windows(window, cells)
+    centres, disks = _disks(window, cells)
     hooked = prepare(effects, bool((lines.stems > 0.0).any()))
     n = n_lines * rocks_per_line
     room = 1
@@ -354,7 +362,7 @@ def simulate(
             flat,
             empty_sums(cells.size, flat),
             no_exceedance(cells.size, bins),
-            Places(windows, no_exceedance(centres.size, bins)),
+            Windows(disks, no_exceedance(centres.size, bins)),
             Places(Objects(*objects.under(cells)), no_exceedance(objects.n_objects, bins)),
         )
         n_passages = room * crossings.chainage.size * rocks_per_line

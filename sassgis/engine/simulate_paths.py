@@ -19,6 +19,7 @@ from sassgis.engine.kernel import (
     Rows,
     Setup,
     Totals,
+    Windows,
     simulate_paths,
     working_space,
 )
@@ -128,8 +129,9 @@ def follow(
     numbers = np.arange(n, dtype=np.int64) if point_numbers is None else point_numbers
     given = Points(u, v, np.asarray(numbers, np.int64), np.asarray(point_keys, np.uint64))
     lines = [line for line, _ in terrain.control_lines]
+    settings = settings.resolved()
     setup = Setup(
-        ground_of(effects, table),
+        ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
         blocks.limits()[None, :],
         physics_of(settings),
         control_line_table(lines),
@@ -146,7 +148,7 @@ def follow(
             flat,
             empty_sums(room, flat),
             no_exceedance(room, bins),
-            Places(register.in_windows, no_exceedance(register.windows.size, bins)),
+            Windows(register.disks, no_exceedance(register.windows.size, bins)),
             Places(register.on_objects, no_exceedance(objects.n_objects, bins)),
         )
         spawned = more * n * rocks_per_point if hooked is not None else 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,14 +65,14 @@ class Forest:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A disk of cells around each cell, in which a block counts once.
+    """A disk around the centre of each cell, in which a block counts once if its path meets it.
 
     Attributes
     ----------
     n_rows, n_cols : int
         Of the grid.
     radius : float
-        In cells, from centre to centre; below 1 the window is the cell itself.
+        In cells. From half a cell on, no long straight path passes between all the disks.
     """
 
     n_rows: int
@@ -79,21 +80,23 @@ class Window:
     radius: float
 
     def steps(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns from the middle of a window to each of its cells."""
-        reach = int(self.radius)
+        """Rows and columns from the middle of a window to each cell that its disk meets."""
+        reach = math.ceil(self.radius + 0.5)
         step = np.arange(-reach, reach + 1)
-        near = step[:, None] ** 2 + step[None, :] ** 2 <= self.radius**2 + 1e-9
+        gap2 = np.maximum(np.abs(step) - 0.5, 0.0) ** 2
+        near = gap2[:, None] + gap2[None, :] <= self.radius**2 + 1e-9
         drow, dcol = (step[i] for i in np.nonzero(near))
         return drow, dcol
 
     def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Windows that hold any of some cells (flat indices).
+        """Windows whose disk meets any of some cells (flat indices).
 
         Returns
         -------
         centres : int64, shape (n_windows,)
             Flat indices of the cells in the middle of the windows, ascending.
-        windows : Objects
+        offset : int64, shape (n_cells + 1,)
+        number : int64, shape (offset[-1],)
             The windows of each of ``cells``, by their position in ``centres``.
         """
         drow, dcol = self.steps()
@@ -138,7 +141,7 @@ class MapRun:
     objects : ObjectCells
         Exposed objects at which blocks are counted.
     ref_width_m : float
-        Reference width of the hazard curves (m); 0: one cell.
+        Reference width of the hazard curves (m); 0: none are wanted.
     effects : EffectSettings
         What the model of 1986 leaves out.
     forest : Forest or None
@@ -207,9 +210,10 @@ class MapRun:
 
     @property
     def window(self) -> Window | None:
-        """The cells in which a block counts for the hazard at the one in their middle."""
-        radius = 0.5 * self.ref_width_m / self.grid.cell_size
-        return Window(*self.grid.shape, radius) if radius >= 1.0 else None
+        """The disks in which a block counts for the hazard at the cell in their middle."""
+        if self.ref_width_m == 0.0:
+            return None
+        return Window(*self.grid.shape, 0.5 * self.ref_width_m / self.grid.cell_size)
 
 
 @dataclass(frozen=True, slots=True)

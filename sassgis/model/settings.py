@@ -608,8 +608,9 @@ class HazardSettings(Section):
     ref_width_m: Annotated[
         float | None,
         Interval(gt=0, le=1000),
-        "reference width of all frequencies (m): a block counts for a place if it comes "
-        "within half of it, as block plus exposed object; default: one cell",
+        "reference width of all frequencies (m): a block counts for a place if its centre comes "
+        "within half of it, so block plus exposed object; one cell or more; sassgis zone and "
+        "batch need it",
         Example(10.0),
     ] = None
     confidence: Annotated[

@@ -204,6 +204,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             codes = [c.code for c in preset.intensities]
             vulnerability = read_vulnerability(config.risk.vulnerability, codes)
             vulnerability.check_covers(placed.objects)
+    width = ref_width(config, run.grid.cell_size)
     z = config.zones
     # Between two fall lines nothing was computed: the gap is not a place that is safe.
     gap = max(2.0 * run.grid.cell_size, run.spacing_m)
@@ -213,7 +214,6 @@ def read_rules(config: Config, run: MapRun) -> Rules:
         min_width_m=z.min_width_m,
         tolerance_m=z.tolerance_m,
     )
-    width = ref_width(config, run.grid.cell_size)
     return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
 
 
@@ -273,17 +273,23 @@ def ref_width(config: Config, cell_size: float) -> float:
     Raises
     ------
     ConfigError
-        It is below two cells, and so neither one cell nor a disk of cells.
+        It is missing, or below one cell: blocks could pass between the centres of two cells and
+        count for neither.
     """
     width = config.hazard.ref_width_m
-    if width is None or width == cell_size:
-        return cell_size
-    if width < 2.0 * cell_size:
+    if width is None:
         raise ConfigError(
-            "is too narrow for the cells of the terrain model",
+            "missing key: frequencies need the width that they refer to",
+            file=config.file,
+            field="hazard.ref_width_m",
+            expected="width of the exposed object and a block, as 10 (m)",
+        )
+    if width < cell_size * (1.0 - 1e-9):
+        raise ConfigError(
+            "is narrower than a cell of the terrain model",
             file=config.file,
             field="hazard.ref_width_m",
             found=f"{width:g} m with cells of {cell_size:g} m",
-            expected=f"{2.0 * cell_size:g} m or more, or nothing for one cell",
+            expected=f"{cell_size:g} m or more, or a finer terrain model",
         )
     return width

@@ -15,7 +15,9 @@ from sassgis.model.profiles import TraceSet
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
-def cell_stretches(grid: Grid, traces: TraceSet) -> tuple[IntArray, FloatArray, IntArray]:
+def cell_stretches(
+    grid: Grid, traces: TraceSet
+) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
     """Grid cells that each fall line passes, in order, with exact border chainages.
 
     The borders are computed, not sampled: each segment is walked from grid line to grid line
@@ -34,6 +36,8 @@ def cell_stretches(grid: Grid, traces: TraceSet) -> tuple[IntArray, FloatArray, 
         Borders (m); line ``i`` starts at ``cell_offset[i] + i``.
     cell : int64, shape (cell_offset[-1],)
         Flat cell indices, -1 outside the grid; laid out as in ProfileSet.
+    on_map : float64, shape (cell_offset[-1] + n, 2)
+        Borders in columns and rows of the grid.
     """
     n_rows, n_cols = grid.shape
     u = (traces.x - grid.west) / grid.cell_size
@@ -44,7 +48,7 @@ def cell_stretches(grid: Grid, traces: TraceSet) -> tuple[IntArray, FloatArray, 
 @kernel
 def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
     """A copy with room for at least ``size`` rows, doubling."""
-    bigger = np.empty(max(size, 2 * values.shape[0]), values.dtype)
+    bigger = np.empty((max(size, 2 * values.shape[0]), *values.shape[1:]), values.dtype)
     bigger[: values.shape[0]] = values
     return bigger
 
@@ -60,19 +64,27 @@ def next_share(start: float, target: float, line: float) -> float:
 
 
 @kernel
+def _set_border(borders: FloatArray, i: int, s: float, u: float, v: float) -> None:
+    borders[i, 0] = s
+    borders[i, 1] = u
+    borders[i, 2] = v
+
+
+@kernel
 def _stretches(
     offset: IntArray, s: FloatArray, u: FloatArray, v: FloatArray, n_rows: int, n_cols: int
-) -> tuple[IntArray, FloatArray, IntArray]:
+) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
     n = offset.size - 1
     cell_offset = np.zeros(n + 1, np.int64)
-    borders = np.empty(max(16, 4 * s.size), np.float64)
+    # Chainage, u and v of each border.
+    borders = np.empty((max(16, 4 * s.size), 3), np.float64)
     cells = np.empty(max(16, 4 * s.size), np.int64)
     count = 0
     for i in range(n):
         first, last = offset[i], offset[i + 1] - 1
-        if count + i + 1 >= borders.size:
+        if count + i + 1 >= borders.shape[0]:
             borders = grown(borders, count + i + 2)
-        borders[count + i] = s[first]
+        _set_border(borders, count + i, s[first], u[first], v[first])
         begin = count
         for k in range(first, last):
             u0, v0, u1, v1 = u[k], v[k], u[k + 1], v[k + 1]
@@ -92,19 +104,21 @@ def _stretches(
                         u0 + middle * (u1 - u0), v0 + middle * (v1 - v0), n_rows, n_cols
                     )
                     end = s[k] + t_next * length
+                    u_end, v_end = u0 + t_next * (u1 - u0), v0 + t_next * (v1 - v0)
                     if count > begin and cells[count - 1] == cell:
-                        borders[count + i] = end
+                        _set_border(borders, count + i, end, u_end, v_end)
                     else:
                         if count + 1 >= cells.size:
                             cells = grown(cells, count + 2)
-                        if count + i + 2 >= borders.size:
+                        if count + i + 2 >= borders.shape[0]:
                             borders = grown(borders, count + i + 3)
                         cells[count] = cell
                         count += 1
-                        borders[count + i] = end
+                        _set_border(borders, count + i, end, u_end, v_end)
                 t = t_next
         # The last border is the end of the line itself, whatever was dropped along it.
         if count > begin:
-            borders[count + i] = s[last]
+            _set_border(borders, count + i, s[last], u[last], v[last])
         cell_offset[i + 1] = count
-    return cell_offset, borders[: count + n].copy(), cells[:count].copy()
+    kept = borders[: count + n]
+    return cell_offset, kept[:, 0].copy(), cells[:count].copy(), kept[:, 1:].copy()

@@ -94,7 +94,7 @@ def profiles(
         _SAMPLE_GAP * grid.cell_size,
         float(segment_tolerance_m),
     )
-    cell_offset, cell_s, cell = cell_stretches(grid, traces)
+    cell_offset, cell_s, cell, on_map = cell_stretches(grid, traces)
     return ProfileSet(
         offset=offset,
         s=s,
@@ -103,6 +103,7 @@ def profiles(
         cell_offset=cell_offset,
         cell_s=cell_s,
         cell=cell,
+        on_map=on_map,
     )
 
 
