@@ -213,7 +213,7 @@ def _add_stretch(
     u, v = place(state, end)
     stretches = site.stretches
     n = last_of(stretches)
-    number = registered(path.register, cell)
+    number = registered(path.register, cell) if cell >= 0 else -1
     if n > 0 and stretches[n - 1].cell == number and stretches[n - 1].segment == segment:
         stretches[n].start = end
         stretches[n].u, stretches[n].v = u, v
@@ -223,7 +223,7 @@ def _add_stretch(
     row.segment = segment
     row.stems = 0.0
     row.diameter = 0.0
-    if path.stems.size:
+    if path.stems.size and cell >= 0:
         row.stems = path.stems[cell]
         row.diameter = path.diameter[cell]
     after = stretches[n + 1]
@@ -341,8 +341,7 @@ def look_ahead(
         z = state.plane_z + state.plane_slope * SHORTEST_STRETCH
         u, v = place(state, state.x)
         edge = cell_index(u, v, path.heights.shape[0], n_cols)
-        if edge >= 0:
-            _add_stretch(state, site, path, edge, 0, x)
+        _add_stretch(state, site, path, edge, 0, x)
     if x > profile[n].x:
         _add_vertex(site, x, z)
     state.sampled = x

@@ -57,6 +57,26 @@ def height_at(heights: FloatArray, u: float, v: float, row: int, col: int) -> fl
     height that continues the slope across the cell, so that planes stay planes up to the edge.
     NaN if the cell itself has no height.
     """
+    n_rows, n_cols = heights.shape
+    if 0 < row < n_rows - 1 and 0 < col < n_cols - 1:
+        # Nearly always all four are known, and there is nothing to be asked.
+        du, dv = u - (col + 0.5), v - (row + 0.5)
+        to_col = 1 if du >= 0.0 else -1
+        to_row = 1 if dv >= 0.0 else -1
+        own = heights[row, col]
+        across = heights[row, col + to_col] - own
+        down = heights[row + to_row, col] - own
+        twist = heights[row + to_row, col + to_col] - own - across - down
+        fu, fv = abs(du), abs(dv)
+        z = own + across * fu + down * fv + twist * fu * fv
+        if not np.isnan(z):
+            return float(z)
+    return _height_at_edge(heights, u, v, row, col)
+
+
+@lean
+def _height_at_edge(heights: FloatArray, u: float, v: float, row: int, col: int) -> float:
+    """As height_at, where a neighbour may be missing."""
     if not _known(heights, row, col):
         return np.nan
     own = heights[row, col]
