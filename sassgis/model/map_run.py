@@ -146,6 +146,10 @@ class MapRun:
         What the model of 1986 leaves out.
     forest : Forest or None
         For the effect of trees.
+    block_scale_m : float
+        Size below which terrain counts as roughness (m); 0: none does.
+    ground_heights : Grid or None
+        Heights that blocks meet, on the cells of ``grid``; None: those of ``grid``.
     """
 
     grid: Grid
@@ -169,6 +173,13 @@ class MapRun:
     ref_width_m: float = 0.0
     effects: EffectSettings = field(default_factory=EffectSettings)
     forest: Forest | None = None
+    block_scale_m: float = 0.0
+    ground_heights: Grid | None = None
+
+    @property
+    def heights(self) -> Grid:
+        """Heights that blocks meet: those of profiles."""
+        return self.grid if self.ground_heights is None else self.ground_heights
 
     @property
     def rocks_per_line(self) -> int:

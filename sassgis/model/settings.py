@@ -60,6 +60,14 @@ class TerrainSettings(Section):
     segment_tolerance_m: Annotated[
         float, Interval(ge=0, le=100), "largest vertical gap between terrain and segments (m)"
     ] = 0.25
+    block_scale_m: Annotated[
+        float | None,
+        Interval(ge=0, le=100),
+        "size below which terrain counts as roughness: heights on finer cells are averaged over it "
+        "before lines are flattened (m); 0: never; default: mean diameter of the smallest block "
+        'scenario; with engine.readings = "1986": 0',
+        Example(1.0),
+    ] = None
     energy_line_angle_deg: Annotated[
         float,
         Interval(ge=0, le=60),
