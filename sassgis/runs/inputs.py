@@ -147,7 +147,8 @@ def block_scale_m(config: Config) -> float:
 
 def on_block_scale(run: MapRun) -> MapRun:
     """The run with heights without what is smaller than its blocks."""
-    return replace(run, ground_heights=block_scale_grid(run.grid, run.block_scale_m))
+    heights = block_scale_grid(run.grid, run.block_scale_m)
+    return replace(run, ground_heights=None if heights is run.grid else heights)
 
 
 def input_files(config: Config) -> dict[str, Path]:

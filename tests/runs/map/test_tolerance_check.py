@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sassgis.model.map_run import MapRun
+from sassgis.model.settings import EngineSettings
 from sassgis.runs.map import simulate_map
 from sassgis.runs.sample_check import check_tolerance, plan_of_points, sampled_plan
 from sassgis.terrain.plan import Plan, plan
@@ -21,7 +22,10 @@ def on_waves(job: MapRun, height_m: float) -> MapRun:
     foot = job.grid.north - min(a.geometry.bounds[1] for a in job.areas) + 60.0
     z = 2000.0 - 0.7 * np.minimum(down, foot) - 0.2 * np.maximum(down - foot, 0.0)
     z += height_m * np.sin(2.0 * np.pi * down / 12.0)
-    return replace(job, grid=replace(job.grid, values=z), ground_heights=None, control_lines=())
+    # With the paper's readings corners of the ground cost most.
+    engine = EngineSettings(readings="1986")
+    grid = replace(job.grid, values=z)
+    return replace(job, grid=grid, ground_heights=None, control_lines=(), engine=engine)
 
 
 def test_on_a_plane_nothing_hangs_on_it(job: MapRun) -> None:
