@@ -26,12 +26,15 @@ import math
 
 import numpy as np
 
+from sassgis.engine.contact import resting_height
 from sassgis.engine.path import Path, begin_profile, gradient, known_to, look_ahead, place
+from sassgis.engine.profile import segment_at
 from sassgis.engine.rows import Record
 from sassgis.engine.state import (
     END,
     FLIGHT,
     IMPACT,
+    ROLLING,
     Block,
     Physics,
     Site,
@@ -92,7 +95,7 @@ def start_path(state: Record, block: Block, site: Site, path: Path, u: float, v:
         hu = math.cos(angle)
         hv = math.sin(angle)
     head(state, path, u, v, hu, hv)
-    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, state.x, 1.0)
+    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0)
     return True
 
 
@@ -114,7 +117,7 @@ def continue_path(state: Record, block: Block, site: Site, path: Path, spawned: 
     if ground < 0:
         return False
     head(state, path, spawned.u, spawned.v, hu, hv)
-    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, state.x, 1.0)
+    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0)
     return True
 
 
@@ -153,15 +156,15 @@ def turn_heading(
     gu, gv : float
         Slope of the terrain at the scale of the block along u and v (m per m).
     """
-    here = site.profile[state.segment]
+    here = site.profile[segment_at(site.profile, state.x, state.segment)]
     slope = here.tz / here.tx
     z0 = here.z + (state.x - here.x) * slope
-    plane_to = here.x
+    ground = here.ground
+    rests = _rests_at(state, block, site)
     hu = state.du * path.cell_size
     hv = state.dv * path.cell_size
     if state.vx < 0.0 if state.phase == FLIGHT else state.direction < 0:
         slope = -slope
-        plane_to = 2.0 * state.x - (here.x + here.length * here.tx)
         hu = -hu
         hv = -hv
         _mirror(state)
@@ -173,13 +176,24 @@ def turn_heading(
     tilt = math.atan(gu * to_u + gv * to_v) - math.atan(gu * hu + gv * hv)
     after = min(max(before + tilt, -1.5), 1.5)
     tilt = after - before
-    raised = (state.z - z0) * (math.cos(before) / math.cos(after) - 1.0)
     u, v = place(state, state.x)
     state.theta += tilt
-    state.z += raised
-    _rotate(state, block, math.cos(tilt), math.sin(tilt), gravity * raised)
+    _rotate(state, math.cos(tilt), math.sin(tilt))
     head(state, path, u, v, to_u, to_v)
-    begin_profile(state, block, site, path, z0, math.tan(after), here.ground, plane_to, gravity)
+    begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity)
+    raised = _rests_at(state, block, site) - rests
+    if abs(raised) < block.a:
+        state.z += raised
+        _take(state, block, gravity * raised)
+
+
+@inlined
+def _rests_at(state: Record, block: Block, site: Site) -> float:
+    """Height at which the block would touch the ground as it stands (m)."""
+    if state.phase == ROLLING:
+        radius = block.roll_radius
+        return resting_height(state.x, 0.0, radius, radius, site.profile, 0)
+    return resting_height(state.x, state.theta, block.a, block.b, site.profile, 0)
 
 
 @inlined
@@ -193,22 +207,27 @@ def _mirror(state: Record) -> None:
 
 
 @inlined
-def _rotate(state: Record, block: Block, c: float, s: float, work: float) -> None:
-    """Rotate the velocity in the plane of motion, and take some work from it (J/kg)."""
+def _rotate(state: Record, c: float, s: float) -> None:
+    """Rotate the velocity in the plane of motion."""
     vx = state.vx * c - state.vz * s
     state.vz = state.vz * c + state.vx * s
     state.vx = vx
+
+
+@inlined
+def _take(state: Record, block: Block, work: float) -> None:
+    """Take some work from the kinetic energy (J/kg)."""
+    twice = block.inertia * state.omega * state.omega
     if state.phase == FLIGHT:
-        twice = state.vx * state.vx + state.vz * state.vz + block.inertia * state.omega**2
+        twice += state.vx * state.vx + state.vz * state.vz
     else:
-        twice = state.speed * state.speed + block.inertia * state.omega**2
-    if twice <= 0.0:
-        return
-    left = math.sqrt(max(1.0 - 2.0 * work / twice, 0.0))
-    state.vx *= left
-    state.vz *= left
-    state.omega *= left
-    state.speed *= left
+        twice += state.speed * state.speed
+    if twice > 0.0:
+        left = math.sqrt(max(1.0 - 2.0 * work / twice, 0.0))
+        state.vx *= left
+        state.vz *= left
+        state.omega *= left
+        state.speed *= left
 
 
 @inlined

@@ -117,7 +117,7 @@ def _height(path: Path, u: float, v: float, n_rows: int, n_cols: int) -> float:
 @inlined
 def begin_profile(
     state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int,
-    plane_to: float, gravity: float,
+    gravity: float,
 ) -> None:  # fmt: skip
     """Begin the profile at the present chainage, on a plane through height z (m) there.
 
@@ -127,8 +127,6 @@ def begin_profile(
         Rise of the plane per metre ahead.
     ground : int
         Class of the ground that the block stands on, or that it has come to.
-    plane_to : float
-        Chainage up to which the plane goes on in any case (m).
     """
     state.sampled = state.x
     state.open = True
@@ -137,7 +135,6 @@ def begin_profile(
     state.on_plane = True
     state.plane_z = z
     state.plane_slope = slope
-    state.plane_to = plane_to
     state.line_u = _line_ahead(state.from_u, state.du)
     state.line_v = _line_ahead(state.from_v, state.dv)
     behind = _BEHIND * block.a
@@ -255,8 +252,8 @@ def look_ahead(
 
     At first the plane goes on on which the profile began, until a sample lies farther from it than
     the tolerance. Then segments are as long as all samples stay within the tolerance of them: each
-    sample narrows the cone of slopes from the last vertex, and one outside of it makes the sample
-    before it a vertex.
+    sample narrows the cone of slopes from the last vertex, and where none is left the sample before
+    makes a vertex. Of the slopes in the cone that of the terrain is taken.
     """
     if _full(site):
         _forget_behind(state, block, site)
@@ -272,6 +269,11 @@ def look_ahead(
         z = state.plane_z + state.plane_slope * (x - state.from_x)
         profile[0].last = 0
         n = 0
+    u, v = place(state, x)
+    from_z = _height(path, u, v, path.heights.shape[0], n_cols)
+    if math.isnan(from_z):
+        from_z = z
+    before_z = from_z
     limit = path.tolerance + _ROUNDING
     aloft = state.phase == FLIGHT and state.vx > 1e-6
     low = -np.inf
@@ -291,43 +293,51 @@ def look_ahead(
         if state.on_plane:
             on_plane = state.plane_z + state.plane_slope * (after - state.from_x)
             new_gap = abs(after_z - on_plane)
-            left = x >= state.plane_to and ground != profile[n].ground
-            if left or (after > state.plane_to and new_gap > limit):
+            if ground == profile[n].ground and new_gap <= limit:
+                _add_stretch(state, site, path, cell, n, after)
+                z = on_plane
+                gap = new_gap
+            else:
                 state.on_plane = False
                 x_end = x
-                if not left and new_gap > gap:
+                if ground == profile[n].ground and new_gap > gap:
                     share = min(max((limit - gap) / (new_gap - gap), 0.0), 1.0)
-                    x_end = max(x + share * (after - x), min(state.plane_to, after))
+                    x_end = x + share * (after - x)
                 x_end = max(x_end, state.x + SHORTEST_STRETCH)
                 if x_end > x:
                     _add_stretch(state, site, path, cell, n, x_end)
                     z += state.plane_slope * (x_end - x)
+                    before_z += (after_z - before_z) * (x_end - x) / (after - x)
                     x = x_end
                 if x > profile[n].x:
                     _add_vertex(site, x, z)
                     n += 1
-                empty = True
+                from_z = before_z
                 if after - x <= SHORTEST_STRETCH:
                     continue
-            else:
-                after_z = on_plane
-                gap = new_gap
-        here = profile[n]
         if not state.on_plane:
-            rise = (after_z - here.z) / (after - here.x)
-            if not empty and (ground != here.ground or rise < low or rise > high):
+            here = profile[n]
+            down = (after_z - limit - here.z) / (after - here.x)
+            up = (after_z + limit - here.z) / (after - here.x)
+            if not empty and (ground != here.ground or max(low, down) > min(high, up)):
                 _add_vertex(site, x, z)
                 n += 1
                 here = profile[n]
+                from_z = before_z
                 low = -np.inf
                 high = np.inf
+                down = (after_z - limit - z) / (after - x)
+                up = (after_z + limit - z) / (after - x)
             here.ground = ground
-            low = max(low, (after_z - limit - here.z) / (after - here.x))
-            high = min(high, (after_z + limit - here.z) / (after - here.x))
-        empty = False
-        _add_stretch(state, site, path, cell, n, after)
+            empty = False
+            low = max(low, down)
+            high = min(high, up)
+            # As steep as the terrain is over the segment, as far as the cone allows.
+            rise = (after_z - from_z) / (after - here.x)
+            z = here.z + min(max(rise, low), high) * (after - here.x)
+            _add_stretch(state, site, path, cell, n, after)
         x = after
-        z = after_z
+        before_z = after_z
         if aloft:
             t = (x - state.x) / state.vx
             if state.z + (state.vz - 0.5 * gravity * t) * t < z - limit:

@@ -103,7 +103,6 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("on_plane", np.bool_),  # whether the plane goes on on which the profile began
     ("plane_z", _F),  # its height where the heading holds from (m)
     ("plane_slope", _F),
-    ("plane_to", _F),  # chainage to which it goes on in any case (m)
     ("drift", _F),  # angle by which it drifts aside of the descent (rad)
     ("turn", _F),  # turn of the heading that is still to come, to the right on the map (rad)
 )
