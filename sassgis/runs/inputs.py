@@ -131,6 +131,7 @@ def map_run_of(
         effects=config.effects,
         forest=forest,
         block_scale_m=block_scale_m(config),
+        path=config.terrain.path,
     )
 
 
