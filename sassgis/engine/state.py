@@ -126,6 +126,7 @@ SPAWNED_DTYPE = record_type(
     ("c", _F),
     ("mass", _F),
     ("t", _F),  # since the release (s)
+    ("aside", _F),  # angle to the heading of its parent, to the right on the map (rad)
 )
 
 
