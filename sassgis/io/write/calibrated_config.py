@@ -26,7 +26,7 @@ from sassgis.io.staging import writing
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import stand_layer
 from sassgis.model.declared import declared, is_file
-from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
 from sassgis.model.settings import ForestPlace
 
 #: Files of the calibrated model, beside its configuration.
@@ -191,7 +191,7 @@ def _move_paths(document: dict[str, Any], base: Path, place: Path) -> None:
         document["hazard"]["preset"] = moved(preset)
 
 
-_CLASS_COLUMNS = ("name", "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
+_CLASS_COLUMNS = ("name", *PARAMETERS)
 
 
 def _classes_csv(table: GroundTable, configured: GroundTable, diagnosis: Diagnosis) -> str:
