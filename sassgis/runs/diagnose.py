@@ -174,7 +174,9 @@ def diagnose(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
                 "goes on from there"
             ) from None
-        diagnosis = replace(diagnosis, warnings=(*settings.notes, *_motion_warnings(settings), *diagnosis.warnings))
+        diagnosis = replace(
+            diagnosis, warnings=(*settings.notes, *_motion_warnings(settings), *diagnosis.warnings)
+        )
         tell("Writing the results")
         if report:
             write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
@@ -190,9 +192,9 @@ def _motion_warnings(settings: Config) -> tuple[str, ...]:
     out = []
     if settings.terrain.path == "followed":
         out.append(
-            'terrain.path is "followed". The diagnosis replays rocks along fall lines, and the '
-            'configuration in model/ states terrain.path = "fall_line". Lateral offsets of followed '
-            "paths are not in the base model."
+            'terrain.path is "followed". The diagnosis replays rocks along fall lines, and model/ '
+            'states terrain.path = "fall_line". Lateral offsets of followed paths are not in the '
+            "base model."
         )
     if settings.engine.readings != "1986":
         out.append(
