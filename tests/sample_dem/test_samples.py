@@ -162,7 +162,7 @@ def test_houses_by_the_track_lie_behind_what_they_are_said_to_lie_behind(
 
 def test_rocks_come_to_barriers_houses_and_track(make_valley: Callable[..., Path]) -> None:
     """Else the valley would show neither what a net does nor what risk is."""
-    config = load_config(make_valley(spacing_m=5.0, rocks_per_point=8))
+    config = load_config(make_valley(spacing_m=5.0, rocks_per_point=40))
     job = read_job(config, None, lambda _text: None)
     rules = read_rules(config, job.run)
     run = prepared(job, rules).run
