@@ -48,7 +48,7 @@ class CellWork(NamedTuple):
 
 
 def empty_work(n_cells: int, chords: bool) -> CellWork:
-    """Room for what a block does in the cells of a chunk, and for its path across each if wanted."""
+    """Room for what a block does in the cells of a chunk; if wanted, for its path across each."""
     return CellWork(
         np.full((n_cells, N_RECORDED), -1.0),
         np.zeros(n_cells, np.int64),
@@ -171,10 +171,7 @@ def record_flight(
     top = 0.0
     step = 1 if vx >= 0.0 else -1
     segment = -1
-    lift = 0.0
-    above = 0.0
-    clear = 0.0
-    apex = 0.0
+    lift = above = clear = apex = 0.0
     before = vz * vz
     chords = work.chord.shape[0] > 0
     u, v = _on_map(stretches, i, x) if chords else (0.0, 0.0)

@@ -216,9 +216,9 @@ def _named(
     grid: Grid, register: CellRegister, totals: Totals, rows: Rows, flat: object, log_events: int
 ) -> Simulated:
     """What the blocks left, cells and windows in ascending order."""
-    known = register.counts[CELLS]
+    known = int(register.counts[CELLS])
     sums = by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach)  # type: ignore[arg-type]
-    reached = np.flatnonzero((sums["reach"][:known] > 0) | (sums["stops"][:known] > 0))
+    reached = np.flatnonzero((totals.reach.rocks[:known, 0] > 0) | (totals.sums.stops[:known] > 0))
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])
     came = totals.windows.reach.rocks[windows, 0] > 0

@@ -174,7 +174,9 @@ def diagnose(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
                 "goes on from there"
             ) from None
-        diagnosis = replace(diagnosis, warnings=(*settings.notes, *diagnosis.warnings))
+        diagnosis = replace(
+            diagnosis, warnings=(*settings.notes, *_motion_warnings(settings), *diagnosis.warnings)
+        )
         tell("Writing the results")
         if report:
             write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
@@ -183,6 +185,23 @@ def diagnose(
             (work / "model").mkdir()
         _write_ensemble(work / ENSEMBLE, problem, ensemble, diagnosis.shrinkage.effect)
     return diagnosis
+
+
+def _motion_warnings(settings: Config) -> tuple[str, ...]:
+    """Where the configured motion is not that with which rocks are replayed or causes learned."""
+    out = []
+    if settings.terrain.path == "followed":
+        out.append(
+            'terrain.path is "followed". The diagnosis replays rocks along fall lines, and model/ '
+            'states terrain.path = "fall_line". Lateral offsets of followed paths are not in the '
+            "base model."
+        )
+    if settings.engine.readings != "1986":
+        out.append(
+            f'engine.readings is "{settings.engine.readings}". The classifier was trained with '
+            '"1986": its confidence is untested here.'
+        )
+    return tuple(out)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -73,6 +73,7 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     base, place = Path(os.path.realpath(config_file)).parent, Path(os.path.realpath(path)).parent
     _move_paths(document, base, place)
     document.setdefault("ground", {})["classes"] = CLASSES_NAME
+    document["terrain"]["path"] = "fall_line"
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     effects = document.setdefault("effects", {})
@@ -125,7 +126,8 @@ def _comments(diagnosis: Diagnosis, config_file: Path, stand: bool, bundled: boo
     lines = [
         f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_file.name} and "
         f"observations of {diagnosis.rocks} rocks.",
-        "Ground classes are calibrated to these observations (" + CLASSES_NAME + ").",
+        "Ground classes are calibrated to these observations (" + CLASSES_NAME + "), "
+        'on fall lines (terrain.path = "fall_line").',
     ]
     if not named:
         lines.append(
