@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray
 from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
