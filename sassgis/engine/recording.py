@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.rows import last_of, record_type
 from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES
 
@@ -23,19 +24,15 @@ N_RECORDED = len(QUANTITIES)
 ENERGY, HEIGHT, SPEED2, ARRIVAL = range(N_RECORDED)
 
 #: The profile of one line cut at cell borders and vertices; the last row has only its start.
-STRETCH_DTYPE = np.dtype(
-    (
-        np.record,
-        [
-            ("start", np.float64),  # chainage (m)
-            ("cell", np.int64),  # position in the chunk's cells, -1 for none
-            ("segment", np.int64),
-            ("stems", np.float64),  # of the forest there, per m²
-            ("diameter", np.float64),  # of the stems at breast height (m)
-            ("u", np.float64),  # of the start on the map: columns from the west edge of the grid
-            ("v", np.float64),  # rows from its north edge
-        ],
-    )
+STRETCH_DTYPE = record_type(
+    ("start", np.float64),  # chainage (m)
+    ("cell", np.int64),  # position in the chunk's cells, -1 for none
+    ("segment", np.int64),
+    ("stems", np.float64),  # of the forest there, per m²
+    ("diameter", np.float64),  # of the stems at breast height (m)
+    ("last", np.int64),  # of the first row: position of the end of the last stretch
+    ("u", np.float64),  # of the start on the map: columns from the west edge of the grid
+    ("v", np.float64),  # rows from its north edge
 )
 
 
@@ -176,7 +173,7 @@ def record_flight(
     top : float
         Greatest passing height (m).
     """
-    n = stretches.size - 1
+    n = last_of(stretches)
     while i > 0 and stretches[i].start > x:
         i -= 1
     while i < n - 1 and stretches[i + 1].start < x:
@@ -274,7 +271,7 @@ def record_ground(
     t : float
         Time since the release at the start (s).
     """
-    n = stretches.size - 1
+    n = last_of(stretches)
     while i > 0 and stretches[i].start > x:
         i -= 1
     while i < n - 1 and stretches[i + 1].start < x:

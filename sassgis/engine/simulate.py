@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine import barriers as control_line_rules
 from sassgis.engine import impact as impact_rules
-from sassgis.engine.effects.hooks import MOST_SPAWNED, ground_of, most_spawned, prepare
+from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
+from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.kernel import (
     NO_ROOM,
     TOO_MANY_SPAWNED,
@@ -24,6 +25,7 @@ from sassgis.engine.kernel import (
     simulate_lines,
     working_space,
 )
+from sassgis.engine.path import no_path
 from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import Disks, Exceedance, Objects, by_name, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
@@ -63,6 +65,9 @@ class Simulated:
     passages : PASSAGE_DTYPE
     event_logs : tuple of EVENT_DTYPE arrays, shape (n_events,)
         Events of each released block; empty unless asked for.
+    x, y : float64, shape (n_rocks + n_pieces,)
+        Where the blocks and the spawned blocks end on the map (m); empty where they were simulated
+        on given lines.
     """
 
     cells: IntArray
@@ -74,6 +79,8 @@ class Simulated:
     pieces: NDArray[np.void]
     passages: NDArray[np.void]
     event_logs: tuple[NDArray[np.void], ...]
+    x: FloatArray = field(default_factory=lambda: np.empty(0))
+    y: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 def no_exceedance(n: int, bins: Bins) -> Exceedance:
@@ -81,7 +88,8 @@ def no_exceedance(n: int, bins: Bins) -> Exceedance:
     return Exceedance(*(np.zeros((n, bins.threshold.size), np.int64) for _ in range(2)))
 
 
-def _exceedance(sums: Exceedance) -> dict[str, IntArray]:
+def exceedance(sums: Exceedance) -> dict[str, IntArray]:
+    """Counts under their names."""
     return {"exceed": sums.rocks, "exceed_square": sums.square}
 
 
@@ -96,7 +104,7 @@ def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
     return centres, Disks(Objects(offset, number), col + 0.5, row + 0.5, window.radius**2)
 
 
-def _physics(settings: EngineSettings) -> Physics:
+def physics_of(settings: EngineSettings) -> Physics:
     """Settings as the kernel reads them, from those of the named set and the user's."""
     return Physics(
         gravity=float(settings.gravity_mps2),
@@ -170,8 +178,8 @@ def _cells_of(profiles: ProfileSet) -> tuple[IntArray, IntArray]:
     return cells[known], local
 
 
-def _control_line_table(crossings: ControlLineCrossings) -> ControlLineTable:
-    lines = crossings.control_lines
+def control_line_table(lines: Sequence[ControlLine]) -> ControlLineTable:
+    """Stations and barriers as the kernel takes them."""
     return ControlLineTable(
         np.array([_control_line_rule(line) for line in lines], np.int64),
         np.array([line.height_m for line in lines], np.float64),
@@ -224,19 +232,22 @@ def _lines(
     )
 
 
-def _empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
+def empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
     """Room for so many released blocks, passages, spawned blocks and events of each block."""
     return Rows(
         rocks=np.zeros(n, _RECORDS_OF_ROCKS),
         passages=np.zeros(max(n_passages, 1), _RECORDS_OF_PASSAGES),
         spawned=np.zeros(n_spawned, _RECORDS_OF_ROCKS),
+        ends=np.zeros((n, 2)),
+        spawned_ends=np.zeros((n_spawned, 2)),
         events=np.zeros((n, n_events), EVENT_DTYPE),
         event_counts=np.zeros(n, np.int64),
         filled=np.zeros(2, np.int64),
     )
 
 
-def _too_many_spawned() -> InputError:
+def too_many_spawned() -> InputError:
+    """The error for a block that spawns too many others."""
     return InputError(
         "a block spawns too many others",
         field="effects",
@@ -337,8 +348,8 @@ def simulate(
     setup = Setup(
         ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
         np.stack([population.limits() for population in populations]),
-        _physics(settings),
-        _control_line_table(crossings),
+        physics_of(settings),
+        control_line_table(crossings.control_lines),
         np.uint64(seed),
         first_rock,
         rocks_per_line,
@@ -356,22 +367,22 @@ def simulate(
             Places(Objects(*objects.under(cells)), no_exceedance(objects.n_objects, bins)),
         )
         n_passages = room * crossings.chainage.size * rocks_per_line
-        rows = _empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
+        rows = empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
         work = working_space(totals, most_spawned(effects))
-        status = simulate_lines(lines, setup, totals, rows, work, hooked)
+        status = simulate_lines(lines, setup, totals, rows, work, hooked, no_path())
         if status != NO_ROOM:
             break
         room *= 4
     if status == TOO_MANY_SPAWNED:
-        raise _too_many_spawned()
+        raise too_many_spawned()
     n_passages, n_spawned = rows.filled
     counts = rows.event_counts
     return Simulated(
         cells=cells,
-        sums=by_name(totals.sums, totals.reach, flat) | _exceedance(totals.reach),
+        sums=by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach),
         windows=centres,
-        window_sums=_exceedance(totals.windows.reach),
-        objects=_exceedance(totals.objects.reach),
+        window_sums=exceedance(totals.windows.reach),
+        objects=exceedance(totals.objects.reach),
         rocks=rows.rocks.view(ROCK_DTYPE),
         pieces=rows.spawned[:n_spawned].view(ROCK_DTYPE),
         passages=rows.passages[:n_passages].view(PASSAGE_DTYPE),

@@ -79,6 +79,15 @@ class Window:
     n_cols: int
     radius: float
 
+    def steps(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns from the middle of a window to each cell that its disk meets."""
+        reach = math.ceil(self.radius + 0.5)
+        step = np.arange(-reach, reach + 1)
+        gap2 = np.maximum(np.abs(step) - 0.5, 0.0) ** 2
+        near = gap2[:, None] + gap2[None, :] <= self.radius**2 + 1e-9
+        drow, dcol = (step[i] for i in np.nonzero(near))
+        return drow, dcol
+
     def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
         """Windows whose disk meets any of some cells (flat indices).
 
@@ -90,11 +99,7 @@ class Window:
         number : int64, shape (offset[-1],)
             The windows of each of ``cells``, by their position in ``centres``.
         """
-        reach = math.ceil(self.radius + 0.5)
-        step = np.arange(-reach, reach + 1)
-        gap2 = np.maximum(np.abs(step) - 0.5, 0.0) ** 2
-        near = gap2[:, None] + gap2[None, :] <= self.radius**2 + 1e-9
-        drow, dcol = (step[i] for i in np.nonzero(near))
+        drow, dcol = self.steps()
         row, col = np.divmod(cells, self.n_cols)
         rows = row[:, None] + drow
         cols = col[:, None] + dcol
@@ -141,6 +146,12 @@ class MapRun:
         What the model of 1986 leaves out.
     forest : Forest or None
         For the effect of trees.
+    block_scale_m : float
+        Size below which terrain counts as roughness (m); 0: none does.
+    ground_heights : Grid or None
+        Heights that blocks meet, on the cells of ``grid``; None: those of ``grid``.
+    path : {"followed", "fall_line"}
+        Whether each block has a path of its own, or keeps to the lines of its release point.
     """
 
     grid: Grid
@@ -164,6 +175,14 @@ class MapRun:
     ref_width_m: float = 0.0
     effects: EffectSettings = field(default_factory=EffectSettings)
     forest: Forest | None = None
+    block_scale_m: float = 0.0
+    ground_heights: Grid | None = None
+    path: str = "fall_line"
+
+    @property
+    def heights(self) -> Grid:
+        """Heights that blocks meet: those of profiles."""
+        return self.grid if self.ground_heights is None else self.ground_heights
 
     @property
     def rocks_per_line(self) -> int:
@@ -173,14 +192,31 @@ class MapRun:
     @property
     def lines_per_point(self) -> int:
         """Lines traced from each release point in each repetition."""
+        if self.followed:
+            return 1
         # Blocks that share a path arrive or not together: their errors would be understated.
         if self.effects.get(LateralDeflection) is not None:
             return self.rocks_per_point
         return self.spread.lines_per_point
 
     @property
+    def followed(self) -> bool:
+        """Whether each block has a path of its own."""
+        return self.path == "followed"
+
+    def start_spread_m(self, area: int) -> float:
+        """Side of the square around a release point in which its blocks start (m)."""
+        polygon = self.areas[area].geometry.area > 0.0
+        return self.spacing_m if self.followed and polygon and self.placement == "grid" else 0.0
+
+    @property
     def lateral_spread(self) -> str:
         """In words: how blocks leave the fall line."""
+        if self.followed:
+            return (
+                "the path of each block is followed: its heading turns at impacts and as it rolls "
+                f"(sideways tilt {self.engine.side_tilt_deg:g}°, drift {self.engine.drift_deg:g}°)"
+            )
         lateral = self.effects.get(LateralDeflection)
         if lateral is not None:
             how = (
@@ -199,7 +235,7 @@ class MapRun:
     @property
     def rocks_per_stratum(self) -> int:
         """Blocks of one stratum of the sample: of a line, or of a point where paths are random."""
-        if self.effects.get(LateralDeflection) is None:
+        if self.followed or self.effects.get(LateralDeflection) is None:
             return self.rocks_per_line
         return self.rocks_per_line * self.lines_per_point
 

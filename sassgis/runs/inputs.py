@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
+from sassgis.terrain.block_scale import block_scale_grid
 
 
 @contextmanager
@@ -96,7 +98,8 @@ def read_map_run(
     table = read_ground_table(config.ground.classes)
     ground = ground_raster(config.ground, grid, table)
     control_lines = read_control_lines(config, grid)
-    return map_run_of(config, grid, ground, table, chosen, control_lines, forest_of(config, grid))
+    run = map_run_of(config, grid, ground, table, chosen, control_lines, forest_of(config, grid))
+    return on_block_scale(run)
 
 
 def map_run_of(
@@ -127,7 +130,25 @@ def map_run_of(
         stop_points_max=config.output.stop_points_max,
         effects=config.effects,
         forest=forest,
+        block_scale_m=block_scale_m(config),
+        path=config.terrain.path,
     )
+
+
+def block_scale_m(config: Config) -> float:
+    """Size below which terrain counts as roughness (m); 0: none."""
+    stated = config.terrain.block_scale_m
+    if stated is None:
+        # The paper has profiles of the terrain as it was surveyed.
+        paper = config.engine.readings == "1986"
+        return 0.0 if paper else min(b.mean_width_m for b in config.blocks)
+    return stated
+
+
+def on_block_scale(run: MapRun) -> MapRun:
+    """The run with heights without what is smaller than its blocks."""
+    heights = block_scale_grid(run.grid, run.block_scale_m)
+    return replace(run, ground_heights=None if heights is run.grid else heights)
 
 
 def input_files(config: Config) -> dict[str, Path]:

@@ -1,4 +1,4 @@
-"""Exact passage of lines through grid cells, and heights between cell centres."""
+"""Exact passage of lines through grid cells."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.model.cell_geometry import SHORTEST_STRETCH, cell_index, next_line
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel
 from sassgis.model.profiles import TraceSet
 
 Scalar = TypeVar("Scalar", bound=np.generic)
-
-# Stretches shorter than this (m) are rounding, not ground that a block passes.
-SHORTEST_STRETCH = 1e-9
 
 
 def cell_stretches(
@@ -47,32 +45,12 @@ def cell_stretches(
     return _stretches(traces.offset, traces.s, u, v, n_rows, n_cols)
 
 
-# Positions are counted in cells from a corner of the grid. Shifts of position are made whole
-# multiples of 2^-28 of a cell (7 nm on cells of 2 m), so that adding them is exact: the lines and
-# heights on a part of a DEM, counted from another corner, are the same to the last bit.
-_STEPS_PER_CELL = 2.0**28
-
-
-@kernel
-def exact(shift: float) -> float:
-    """A shift of position, in cells, that adds to positions without rounding."""
-    return float(np.floor(shift * _STEPS_PER_CELL + 0.5) / _STEPS_PER_CELL)
-
-
 @kernel
 def grown(values: NDArray[Scalar], size: int) -> NDArray[Scalar]:
     """A copy with room for at least ``size`` rows, doubling."""
     bigger = np.empty((max(size, 2 * values.shape[0]), *values.shape[1:]), values.dtype)
     bigger[: values.shape[0]] = values
     return bigger
-
-
-@kernel
-def next_line(position: float, target: float) -> float:
-    """First whole number strictly ahead of ``position`` towards ``target``."""
-    if target > position:
-        return float(np.floor(position)) + 1.0
-    return float(np.ceil(position)) - 1.0
 
 
 @kernel
@@ -83,14 +61,6 @@ def next_share(start: float, target: float, line: float) -> float:
     if target < start:
         return (line - start) / (target - start) if line >= target else 2.0
     return 2.0
-
-
-@kernel
-def cell_index(u: float, v: float, n_rows: int, n_cols: int) -> int:
-    """Flat index of the cell at (u, v); -1 outside."""
-    if u >= 0.0 and v >= 0.0 and u < n_cols and v < n_rows:
-        return int(v) * n_cols + int(u)
-    return -1
 
 
 @kernel
@@ -152,48 +122,3 @@ def _stretches(
         cell_offset[i + 1] = count
     kept = borders[: count + n]
     return cell_offset, kept[:, 0].copy(), cells[:count].copy(), kept[:, 1:].copy()
-
-
-@kernel
-def _known(heights: FloatArray, row: int, col: int) -> bool:
-    return (
-        row >= 0
-        and col >= 0
-        and row < heights.shape[0]
-        and col < heights.shape[1]
-        and np.isfinite(heights[row, col])
-    )
-
-
-@kernel
-def height_at(heights: FloatArray, u: float, v: float, row: int, col: int) -> float:
-    """Height at (u, v), bilinear between the centres of the four cells around.
-
-    The point belongs to cell (row, col) or to its border. A missing neighbour is replaced by the
-    height that continues the slope across the cell, so that planes stay planes up to the edge.
-    NaN if the cell itself has no height.
-    """
-    if not _known(heights, row, col):
-        return np.nan
-    own = heights[row, col]
-    du, dv = u - (col + 0.5), v - (row + 0.5)
-    to_col = 1 if du >= 0.0 else -1
-    to_row = 1 if dv >= 0.0 else -1
-    if _known(heights, row, col + to_col):
-        across = heights[row, col + to_col] - own
-    elif _known(heights, row, col - to_col):
-        across = own - heights[row, col - to_col]
-    else:
-        across = 0.0
-    if _known(heights, row + to_row, col):
-        down = heights[row + to_row, col] - own
-    elif _known(heights, row - to_row, col):
-        down = own - heights[row - to_row, col]
-    else:
-        down = 0.0
-    if _known(heights, row + to_row, col + to_col):
-        twist = heights[row + to_row, col + to_col] - own - across - down
-    else:
-        twist = 0.0
-    fu, fv = abs(du), abs(dv)
-    return float(own + across * fu + down * fv + twist * fu * fv)
