@@ -37,7 +37,8 @@ def on_cells(folder: Path, cell: float, seed: int) -> Zoned:
     release = shapely.box(WEST + 20.0, NORTH - 100.0, WEST + 40.0, NORTH - 50.0)
     case.write_layer("release.gpkg", [release], {"name": ["north"]})
     case.sections["release"] |= {"spacing_m": 2.0, "rocks_per_point": 10}
-    case.sections["terrain"] |= {"smoothing_m": 5.0}
+    # The paths of all cells are the same lines: what differs is the counting.
+    case.sections["terrain"] |= {"smoothing_m": 5.0, "path": "fall_line"}
     case.write()
     return zoned(case.config, folder / "work")
 
