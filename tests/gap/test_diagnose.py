@@ -15,6 +15,7 @@ from sassgis.gap.which.classifier import DESIGNS
 from sassgis.gap.which.ensemble import problem_of
 from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.hypotheses import families_to_try
+from sassgis.runs.campaign_workers import campaign_workers
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_classifier, read_thresholds, thresholds_of
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
@@ -129,7 +130,7 @@ def test_the_time_left_is_measured_when_all_is_compiled(
         steps.append(step)  # type: ignore[arg-type]
 
     families = families_to_try(case)
-    with gap_diagnose._workers(problem, 1) as run_tasks:
+    with campaign_workers(problem, 1) as run_tasks:
         made = gap_diagnose._ensemble(problem, [], 3, run_tasks, tmp_path, "x", on_progress)
     assert tuple(seen_at_first_step) == families
     assert [done for done, _, _ in steps] == list(range(len(families), 3 * len(families) + 1))
