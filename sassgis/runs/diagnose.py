@@ -151,7 +151,9 @@ def diagnose(
             )
         frozen = thresholds_of(read_thresholds())
         problem = problem_of(case, seed)
-        fingerprint = fingerprint_of(settings, Path(observations), f"{seed} {draws} {ground_range:g}")
+        fingerprint = fingerprint_of(
+            settings, Path(observations), f"{seed} {draws} {ground_range:g}"
+        )
         try:
             with campaign_workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Releasing {case.n_rocks} rocks in the base model")

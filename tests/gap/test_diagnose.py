@@ -15,12 +15,12 @@ from sassgis.gap.which.classifier import DESIGNS
 from sassgis.gap.which.ensemble import problem_of
 from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.hypotheses import families_to_try
-from sassgis.runs.campaign_workers import campaign_workers
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_classifier, read_thresholds, thresholds_of
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
+from sassgis.runs.campaign_workers import campaign_workers
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.fresh_shrinkage import measured_shrinkage
 from sassgis.runs.gap_case import read_case

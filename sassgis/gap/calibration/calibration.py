@@ -15,6 +15,7 @@ from sassgis.gap.calibration.identifiability import (
     as_good,
     classes_alike,
     fitted_parameters,
+    identified_combinations,
     site_fits,
     trade_offs,
 )
@@ -31,7 +32,7 @@ from sassgis.gap.calibration.search import (
 )
 from sassgis.gap.calibration.site import COUNT, Site, replicas, scores
 from sassgis.gap.inference.folds import folds_of
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 
 #: Repetitions in which new draws are placed where the best parameters may lie.
@@ -117,26 +118,29 @@ class Search:
 def search(task: CalibrationTask, run: RunDraws, first: int | None = None) -> Search:
     """Try parameters, more and more of them where the best may lie."""
     draws, more = draws_of(task, first)
-    d = len(task.parameters)
-    points = np.empty((0, d))
-    scored = np.empty((0, task.n_rocks))
-    columns = [_columns(task, site) for site in task.sites]
-    borders = np.cumsum([site.n_rocks for site in task.sites])[:-1]
-    for repetition in range(REPETITIONS + 1):
-        if repetition == 0:
-            new = first_design(d, draws, task.seed)
-        else:
-            new = next_design(surface, points, more, task.seed)
-        numbered = [(1 + len(points) + k, share) for k, share in enumerate(new)]
-        scored = np.vstack([scored, *run(numbered)])
+    points = first_design(len(task.parameters), draws, task.seed)
+    scored = _scored(run, points, 0)
+    surface = _surface(task, points, scored)
+    for _ in range(REPETITIONS):
+        new = next_design(surface, points, more, task.seed)
+        scored = np.vstack([scored, _scored(run, new, len(points))])
         points = np.vstack([points, new])
-        parts = np.split(scored, borders, axis=1)
-        sites = [SiteScores(c, s) for c, s in zip(columns, parts, strict=True)]
-        surface = surface_of(points, sites, task.starts)
+        surface = _surface(task, points, scored)
     return Search(points, surface, posterior_of(surface, points, task.seed))
 
 
-def _columns(task: CalibrationTask, site: Site) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _scored(run: RunDraws, points: FloatArray, before: int) -> FloatArray:
+    return np.stack(run([(1 + before + k, share) for k, share in enumerate(points)]))
+
+
+def _surface(task: CalibrationTask, points: FloatArray, scored: FloatArray) -> Surface:
+    borders = np.cumsum([site.n_rocks for site in task.sites])[:-1]
+    parts = np.split(scored, borders, axis=1)
+    sites = [SiteScores(_columns(task, s), own) for s, own in zip(task.sites, parts, strict=True)]
+    return surface_of(points, sites, task.starts)
+
+
+def _columns(task: CalibrationTask, site: Site) -> IntArray:
     """Parameters that act at a site: those of the classes that its rocks meet."""
     return np.flatnonzero([p.class_name in site.classes for p in task.parameters])
 
@@ -225,22 +229,28 @@ class Calibration:
     Attributes
     ----------
     fitted : tuple of Fitted
+    combinations : int
+        Combinations of parameters that are identified.
     trade_offs : tuple of TradeOff
     as_good : tuple of mapping
         Other combinations that fit as well, by label.
     alike : tuple of (str, str)
         Pairs of classes that cannot be told apart.
     sites : tuple of SiteResult
+    contradict : bool
+        Whether no common parameters fit the sites.
     draws : int
         Parameter sets that were tried.
     seed : int
     """
 
     fitted: tuple[Fitted, ...]
+    combinations: int
     trade_offs: tuple[TradeOff, ...]
     as_good: tuple[Mapping[str, float], ...]
     alike: tuple[tuple[str, str], ...]
     sites: tuple[SiteResult, ...]
+    contradict: bool
     draws: int
     seed: int
 
@@ -248,11 +258,6 @@ class Calibration:
     def rocks(self) -> int:
         """Rocks of all sites."""
         return sum(site.rocks for site in self.sites)
-
-    @property
-    def contradicting(self) -> tuple[str, ...]:
-        """Sites that the common parameters do not fit."""
-        return tuple(site.name for site in self.sites if site.fit.contradicts)
 
     def table(self, configured: GroundTable) -> GroundTable:
         """A table with the calibrated values."""
@@ -273,7 +278,7 @@ def result_of(task: CalibrationTask, found: Search, run: RunFinals) -> Calibrati
         finals += [FinalTask(k, site.case.table, _FINAL), FinalTask(k, best, _FINAL + 1)]
     made = list(run(finals))
     left_out = held_out(task, found, run)
-    fits = site_fits([s.name for s in task.sites], surface, posterior, task.seed)
+    fits, contradict = site_fits([s.name for s in task.sites], surface, posterior, task.seed)
     sites = []
     for k, (site, fit) in enumerate(zip(task.sites, fits, strict=True)):
         models = {"before": made[2 * k], "after": made[2 * k + 1], "left out": left_out[k]}
@@ -291,10 +296,12 @@ def result_of(task: CalibrationTask, found: Search, run: RunFinals) -> Calibrati
         )
     return Calibration(
         fitted_parameters(parameters, posterior),
+        identified_combinations(parameters, posterior),
         trade_offs(parameters, posterior),
         tuple(_by_label(parameters, u) for u in as_good(surface, posterior)),
         classes_alike(parameters, posterior),
         tuple(sites),
+        contradict,
         len(found.points),
         task.seed,
     )

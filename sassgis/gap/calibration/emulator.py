@@ -88,7 +88,8 @@ def matern(a: FloatArray, b: FloatArray, lengths: FloatArray) -> FloatArray:
     one, other = a / lengths, b / lengths
     square = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2.0 * one @ other.T
     root = np.sqrt(5.0 * np.maximum(square, 0.0))
-    return (1.0 + root + root**2 / 3.0) * np.exp(-root)
+    correlation: FloatArray = (1.0 + root + root**2 / 3.0) * np.exp(-root)
+    return correlation
 
 
 def fit(points: FloatArray, scores: FloatArray) -> Emulator:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.calibration.parameters import ClassParameter, prior_interval
+from sassgis.gap.calibration.parameters import ClassParameter, prior_of_one
 from sassgis.gap.calibration.search import Posterior, Surface, bootstrap_excess, minimum_without
 from sassgis.model.grid import FloatArray
 
@@ -20,9 +20,9 @@ _AT_LIMIT, _OUTERMOST = 0.25, 0.05
 _CORRELATED = 0.4
 #: Combinations that are shown.
 _SHOWN = 6
-#: Sites contradict each other if the common parameters cost one of them more than chance would in
-#: this share of samples of its rocks, and at least this share of its score.
-_CHANCE, _WORSE = 0.99, 0.05
+#: Sites contradict each other if the common parameters cost them more than chance would in this
+#: share of samples of their rocks, and at least this share of their score.
+_CHANCE, _WORSE = 0.99, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def fitted_parameters(
     for k, parameter in enumerate(parameters):
         own = posterior.samples[:, k]
         low, high = np.quantile(own, [0.025, 0.975])
-        least, most = prior_interval(parameter.start)
+        least, most, _ = prior_of_one(parameter.start)
         narrowed = float((high - low) / (most - least))
         identified = narrowed < _NARROWER
         limit = ""
@@ -75,13 +75,20 @@ def fitted_parameters(
         value = float(parameter.value(share))
         ends = parameter.value(np.array([low, high]))
         # The best value lies within its interval, also where the interval ends at a limit.
-        found.append(
-            Fitted(
-                parameter, share, value, min(float(ends[0]), value), max(float(ends[1]), value),
-                identified, narrowed, limit,
-            )  # fmt: skip
-        )
+        least, most = min(float(ends[0]), value), max(float(ends[1]), value)
+        found.append(Fitted(parameter, share, value, least, most, identified, narrowed, limit))
     return tuple(found)
+
+
+def identified_combinations(parameters: Sequence[ClassParameter], posterior: Posterior) -> int:
+    """Number of combinations of the parameters that the observations identify.
+
+    Where two parameters can make up for each other, neither is identified by itself, yet a
+    combination of both is: a direction in which the posterior is clearly narrower than the prior.
+    """
+    sd = np.array([prior_of_one(p.start)[2] for p in parameters])
+    spread = np.atleast_2d(np.cov((posterior.samples / sd).T))
+    return int((np.sqrt(np.linalg.eigvalsh(spread)) < _NARROWER).sum())
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +107,11 @@ class TradeOff:
     correlation: float
 
 
-def trade_offs(
-    parameters: Sequence[ClassParameter], posterior: Posterior
-) -> tuple[TradeOff, ...]:
+def trade_offs(parameters: Sequence[ClassParameter], posterior: Posterior) -> tuple[TradeOff, ...]:
     """Pairs of parameters that make up for each other, the strongest first."""
     if len(parameters) < 2:
         return ()
-    r = np.corrcoef(posterior.samples.T)
+    r = np.asarray(np.corrcoef(posterior.samples.T))
     found = [
         TradeOff(parameters[i].label, parameters[j].label, float(r[i, j]))
         for i, j in itertools.combinations(range(len(parameters)), 2)
@@ -166,33 +171,34 @@ class SiteFit:
         The same at the best parameters for this site.
     own : float64, shape (d,)
         These, as shares of the ranges.
-    contradicts : bool
-        Whether the common parameters are worse for it than chance explains.
     """
 
     name: str
     score: float
     own_score: float
     own: FloatArray
-    contradicts: bool
 
 
 def site_fits(
     names: Sequence[str], surface: Surface, posterior: Posterior, seed: int
-) -> tuple[SiteFit, ...]:
-    """Common and own parameters of each site."""
+) -> tuple[tuple[SiteFit, ...], bool]:
+    """Common and own parameters of each site, and whether the sites contradict each other.
+
+    They do if the common parameters are worse for them, taken together, than chance explains.
+    """
     found = []
+    chance = np.zeros(1)
+    worse = total_score = 0.0
     for k, (name, n) in enumerate(zip(names, surface.sizes, strict=True)):
         weights = [np.full(m, float(i == k)) for i, m in enumerate(surface.sizes)]
         own = minimum_without(surface, posterior, weights)
         total = surface.weighted(weights)
         common, least = (float(total.value(u[None])[0]) for u in (posterior.best, own))
-        contradicts = False
+        found.append(SiteFit(name, common / n, least / n, own))
         if len(names) > 1:
             alone = Surface((surface.columns[k],), (surface.emulators[k],), surface.starts)
-            rng = np.random.default_rng([seed, 9, k])
-            chance = np.quantile(bootstrap_excess(alone, own, rng), _CHANCE)
-            worse = common - least
-            contradicts = bool(worse > chance and worse > _WORSE * least)
-        found.append(SiteFit(name, common / n, least / n, own, contradicts))
-    return tuple(found)
+            chance = chance + bootstrap_excess(alone, own, np.random.default_rng([seed, 9, k]))
+        worse += common - least
+        total_score += least
+    contradict = worse > max(float(np.quantile(chance, _CHANCE)), _WORSE * total_score)
+    return tuple(found), bool(contradict) and len(names) > 1

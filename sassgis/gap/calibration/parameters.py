@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import truncnorm
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
@@ -139,11 +140,15 @@ def table_with(
     )
 
 
+#: Standard deviation of the prior about the configured value, as a share of the range.
+PRIOR_SD = 0.5
+
+
 def log_prior(starts: FloatArray, shares: FloatArray) -> FloatArray:
     """Logarithm of the prior at shares of the ranges, shape (n,); minus infinity outside.
 
-    Normal about the configured values with the width of the whole range as standard deviation, so
-    that what the observations say nothing about stays near what was configured.
+    Normal about the configured values with half the range as standard deviation, so that what the
+    observations say nothing about stays near what was configured.
 
     Parameters
     ----------
@@ -151,13 +156,11 @@ def log_prior(starts: FloatArray, shares: FloatArray) -> FloatArray:
     shares : float64, shape (n, d)
     """
     inside: NDArray[np.bool_] = np.all((shares >= 0.0) & (shares <= 1.0), axis=1)
-    return np.where(inside, -0.5 * ((shares - starts) ** 2).sum(axis=1), -np.inf)
+    return np.where(inside, -0.5 * (((shares - starts) / PRIOR_SD) ** 2).sum(axis=1), -np.inf)
 
 
-def prior_interval(start: float, level: float = 0.95) -> tuple[float, float]:
-    """Interval of the prior of one parameter, as shares of its range."""
-    grid = np.linspace(0.0, 1.0, 2001)
-    mass = np.cumsum(np.exp(-0.5 * (grid - start) ** 2))
-    mass /= mass[-1]
-    low, high = np.interp([0.5 - 0.5 * level, 0.5 + 0.5 * level], mass, grid)
-    return float(low), float(high)
+def prior_of_one(start: float, level: float = 0.95) -> tuple[float, float, float]:
+    """Interval and standard deviation of the prior of one parameter, as shares of its range."""
+    own = truncnorm(-start / PRIOR_SD, (1.0 - start) / PRIOR_SD, start, PRIOR_SD)
+    low, high = own.interval(level)
+    return float(low), float(high), float(own.std())

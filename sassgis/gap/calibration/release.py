@@ -62,9 +62,7 @@ def released(
             else LateralWalk(width_percent=lateral.width_percent)
         )
     model = HypothesisModel(table, case.effects.without(LateralDeflection), lateral_walk=walk)
-    made = campaigns(
-        case, rock_lines, model, count=count, seed=seed, number=number, impacts=False
-    )
+    made = campaigns(case, rock_lines, model, count=count, seed=seed, number=number, impacts=False)
     return [_on_the_map(case, one) for one in made]
 
 

@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from sassgis.gap.calibration.emulator import Emulator, WeightedSum, fit
-from sassgis.gap.calibration.parameters import log_prior
+from sassgis.gap.calibration.parameters import PRIOR_SD, log_prior
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Samples of rocks drawn anew.
@@ -77,9 +77,7 @@ class Surface:
         """The weighted sum over all rocks."""
         return Total(
             self.columns,
-            tuple(
-                e.weighted(w) for e, w in zip(self.emulators, rock_weights, strict=True)
-            ),
+            tuple(e.weighted(w) for e, w in zip(self.emulators, rock_weights, strict=True)),
         )
 
     @property
@@ -97,9 +95,10 @@ class Total:
 
     def value(self, shares: FloatArray) -> FloatArray:
         """Sum at some points, shape (m,)."""
-        return np.sum(
-            [s.value(shares[:, c]) for c, s in zip(self.columns, self.sums, strict=True)], axis=0
-        )
+        value = np.zeros(len(shares))
+        for columns, own in zip(self.columns, self.sums, strict=True):
+            value += own.value(shares[:, columns])
+        return value
 
     def minimum(
         self, beginnings: FloatArray, starts: FloatArray | None = None, sharpness: float = 1.0
@@ -115,8 +114,9 @@ class Total:
                 slope[columns] += own.gradient(u[columns])
             value = float(self.value(u[None])[0])
             if starts is not None:
-                value += 0.5 * float(((u - starts) ** 2).sum()) / sharpness
-                slope = slope + (u - starts) / sharpness
+                pull = (u - starts) / PRIOR_SD**2 / sharpness
+                value += 0.5 * float((u - starts) @ pull)
+                slope = slope + pull
             return value, slope
 
         found = [
@@ -175,7 +175,11 @@ def posterior_of(surface: Surface, points: FloatArray, seed: int) -> Posterior:
         sharpness = found
         if done:
             break
-    best, _ = total.minimum(np.vstack([bottom, surface.starts]), surface.starts, sharpness)
+    density = log_prior(surface.starts, samples) - sharpness * total.value(samples)
+    beginnings = samples[np.argsort(-density, kind="stable")[:4]]
+    best, _ = total.minimum(
+        np.vstack([bottom, surface.starts, beginnings]), surface.starts, sharpness
+    )
     return Posterior(samples, best, sharpness, wanted)
 
 
@@ -240,9 +244,7 @@ def next_design(surface: Surface, points: FloatArray, draws: int, seed: int) -> 
     order = np.argsort(total.value(points), kind="stable")
     bottom, _ = total.minimum(points[order[:4]])
     wanted = float(np.mean(bootstrap_excess(surface, bottom, rng, 20)))
-    samples = _sample(
-        surface, _WIDER / max(wanted, 1e-9), np.vstack([bottom, points[order]]), rng
-    )
+    samples = _sample(surface, _WIDER / max(wanted, 1e-9), np.vstack([bottom, points[order]]), rng)
     chosen = samples[rng.choice(len(samples), draws - 1, replace=len(samples) < draws)]
     return np.vstack([bottom, chosen])
 

@@ -81,6 +81,7 @@ class Site:
 
     @property
     def n_rocks(self) -> int:
+        """Rocks of the site."""
         return self.case.n_rocks
 
 
@@ -154,9 +155,7 @@ def replicas(
     site: Site, table: GroundTable, *, count: int, seed: int, number: int
 ) -> dict[str, FloatArray]:
     """Scored quantities of ``count`` campaigns, each of shape (count, n_rocks)."""
-    made = released(
-        site.case, site.rock_lines, table, count=count, seed=seed, number=number
-    )
+    made = released(site.case, site.rock_lines, table, count=count, seed=seed, number=number)
     each = [_quantities(site.case, site.axes, one) for one in made]
     return {name: np.stack([one[name] for one in each]) for name in site.scale.names}
 
