@@ -62,7 +62,7 @@ def calibration_warnings(calibration: Calibration) -> list[str]:
         )
         out.append(
             f"The sites contradict each other: common parameters score {worse} worse than each "
-            "site's own, more than chance explains. Calibrate the sites apart, or give their ground "
+            "site's own, more than chance explains. Calibrate them apart, or give their ground "
             "classes of different names."
         )
     unknown = [f.parameter.label for f in calibration.fitted if not f.identified]
