@@ -7,9 +7,10 @@ import numpy as np
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.flight import flight
-from sassgis.engine.ground_motion import ground_motion, rolling_friction
+from sassgis.engine.ground_motion import ground_motion, tips
 from sassgis.engine.landing import land
 from sassgis.engine.profile import segment_at, stretch_from
+from sassgis.engine.rolling import rolling_friction
 from sassgis.engine.state import (
     END,
     FLIGHT,
@@ -85,6 +86,7 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     state.direction = 1
     state.nx = 0.0
     state.nz = 1.0
+    state.as_circle = False
     state.skip_to = -1
     state.clear_from = 0.0
     state.spot_x = -np.inf
@@ -109,7 +111,7 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
 
 
 @lean
-def start_released(state: Record, block: Block, site: Site, start: Start) -> None:
+def start_released(state: Record, block: Block, site: Site, physics: Physics, start: Start) -> None:
     """Set the state of a block that is released.
 
     Dropped, it falls. At rest, it slides or rolls where the friction allows, or never starts.
@@ -136,19 +138,23 @@ def start_released(state: Record, block: Block, site: Site, start: Start) -> Non
     elif start.speed != 0.0:
         state.phase = SLIDING
     else:
-        _start_at_rest(state, block, site)
+        _start_at_rest(state, block, site, physics)
 
 
 @lean
-def _start_at_rest(state: Record, block: Block, site: Site) -> None:
-    """Let a block that lies still slide or roll if the ground is steep enough."""
+def _start_at_rest(state: Record, block: Block, site: Site, physics: Physics) -> None:
+    """Let a block that lies still slide or roll if the ground is steep enough.
+
+    One that tips under the friction of sliding rolls from the start.
+    """
     here = site.profile[state.segment]
     ground = site.grounds[here.ground]
     steep = abs(here.tz) / here.tx
     state.direction = 1 if here.tz <= 0.0 else -1
-    if steep > ground.mu_f:
+    rolls = steep > rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
+    if steep > ground.mu_f and not (rolls and physics.tipping and tips(block, ground.mu_f)):
         state.phase = SLIDING
-    elif steep > rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius):
+    elif rolls:
         state.phase = ROLLING
         radius = block.roll_radius
         state.z = resting_height(state.x, 0.0, radius, radius, site.profile, state.segment)

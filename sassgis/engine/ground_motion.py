@@ -9,7 +9,7 @@ from sassgis.engine.barriers import Stretch, after_barrier, control_lines_on_gro
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
-from sassgis.engine.landing import FIRST_TURN
+from sassgis.engine.landing import FIRST_TURN, rolling_place
 from sassgis.engine.profile import STRAIGHT, along, turn
 from sassgis.engine.recording import record_ground
 from sassgis.engine.rolling import (
@@ -19,7 +19,9 @@ from sassgis.engine.rolling import (
     PROFILE_END,
     SEGMENT_END,
     STOP,
+    TO_ROLLING,
     TO_SLIDING,
+    rolling_friction,
     rolling_stretch,
 )
 from sassgis.engine.state import (
@@ -56,9 +58,46 @@ class Ahead(NamedTuple):
 
 
 @kernel
-def rolling_friction(mu_0: float, k: float, d_star: float, radius: float) -> float:
-    """μ_r = μ_0 + k d*/d, equation (2); d is the diameter of the block."""
-    return mu_0 + k * d_star / (2.0 * radius)
+def tips(block: Block, friction: float) -> bool:
+    """Whether sliding friction turns a block over: μ_f > (a² − b²)/(2 a b).
+
+    About the centre friction has the lever y and the normal force the lever x. The ground holds a
+    sliding ellipse where x = μ_f y; x/y is at most (a² − b²)/(2 a b), at tan θ = b/a.
+    """
+    return friction * 2.0 * block.a * block.b > block.a * block.a - block.b * block.b
+
+
+@lean
+def _tip(state: Record, block: Block, site: Site, gravity: float, down: float) -> float:
+    """Let a sliding block tip over and roll, if it is fast enough; else the speed at which it does.
+
+    Friction brings it to rolling with its angular momentum about the ground kept: v' = v/(1 + I/r²)
+    and the energy v²/2/(1 + I/r²), of which the rise of the centre is taken. Where rolling friction
+    is more than the slope, it has to turn over its longer axis too. -1 once it rolls.
+    """
+    profile = site.profile
+    here = profile[state.segment]
+    ground = site.grounds[here.ground]
+    radius = block.roll_radius
+    u = min(max(along(profile, state.segment, state.x, state.z), 0.0), here.length)
+    foot_x = here.x + u * here.tx
+    foot_z = here.z + u * here.tz
+    needed = gravity * (foot_z + radius * here.tx - state.z)
+    mu_r = rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
+    if down < mu_r * here.tx:
+        needed += gravity * here.tx * (block.a - radius)
+    if 0.5 * state.speed * state.speed < needed * block.roll_share:
+        return math.sqrt(2.0 * needed * block.roll_share) * (1.0 + 1e-9)
+    x, z = rolling_place(profile, state.segment, foot_x, foot_z, radius)
+    left = 0.5 * state.speed * state.speed / block.roll_share + gravity * (state.z - z)
+    if left <= 0.0:
+        return math.inf
+    state.x = x
+    state.z = z
+    state.speed = math.sqrt(2.0 * left / block.roll_share)
+    state.omega = state.direction * state.speed / radius
+    state.phase = ROLLING
+    return -1.0
 
 
 @inlined
@@ -71,10 +110,12 @@ def _friction(state: Record, block: Block, site: Site) -> float:
 
 
 @inlined
-def _look_ahead(state: Record, block: Block, site: Site, physics: Physics, pull: float) -> Ahead:
+def _look_ahead(
+    state: Record, block: Block, site: Site, physics: Physics, pull: float, tips_at: float
+) -> Ahead:
     """How far a block rolls or slides before something else begins, and what.
 
-    ``pull`` is its acceleration (m/s²).
+    ``pull`` is its acceleration (m/s²), ``tips_at`` the speed at which it tips over (m/s).
     """
     profile = site.profile
     here = profile[state.segment]
@@ -89,6 +130,9 @@ def _look_ahead(state: Record, block: Block, site: Site, physics: Physics, pull:
     if pull < 0.0 and -v * v / (2.0 * pull) <= length:
         length = -v * v / (2.0 * pull)
         ends_by = STOP
+    if pull > 0.0 and tips_at * tips_at - v * v < 2.0 * pull * length:
+        length = 0.5 * (tips_at * tips_at - v * v) / pull
+        ends_by = TO_ROLLING
     wide = block.a
     narrow = block.b
     if state.phase == ROLLING:
@@ -183,12 +227,18 @@ def ground_motion(
         state.direction = 1 if uz < 0.0 else -1
         down = abs(uz)
     direction = state.direction
+    tips_at = math.inf
+    if state.phase == SLIDING and physics.tipping and tips(block, mu):
+        tips_at = _tip(state, block, site, g, down)
+        if state.phase == ROLLING:
+            mu = _friction(state, block, site)
+            tips_at = math.inf
     pull = g * (down - mu * ux)
     state.vx = state.speed * direction * ux
     state.vz = state.speed * direction * uz
     log_event(output.log, state, direction * ux, direction * uz)
 
-    ahead = _look_ahead(state, block, site, physics, pull)
+    ahead = _look_ahead(state, block, site, physics, pull, tips_at)
     ends_by = ahead.ends_by
     length, x_end, cut = hooks.before_stretch(
         effects, state, block, site, pull, ux, ahead.length, ahead.x_end
@@ -224,7 +274,7 @@ def ground_motion(
     elif ends_by == PART:
         same_event(state, physics)
     else:
-        _go_on(state, block, site, g, ahead)
+        _go_on(state, block, site, physics, ahead)
 
 
 @inlined
@@ -250,19 +300,20 @@ def _gains(
 
 
 @inlined
-def _go_on(state: Record, block: Block, site: Site, gravity: float, ahead: Ahead) -> None:
+def _go_on(state: Record, block: Block, site: Site, physics: Physics, ahead: Ahead) -> None:
     """Begin what ends a stretch."""
     what = ahead.ends_by
     if what == PROFILE_END:
         end(state, LEFT_PROFILE)
     elif what == GROUND_AHEAD:
         state.segment = ahead.segment
+        state.as_circle = physics.corner_as_circle and state.phase == ROLLING
         state.phase = IMPACT
     elif what == TO_SLIDING:
         state.omega = 0.0
         state.phase = SLIDING
     elif what == LIFT_OFF:
-        _lift_off(state, block, site, gravity, ahead.lift)
+        _lift_off(state, block, site, physics.gravity, ahead.lift)
     elif what == SEGMENT_END:
         after = state.segment + state.direction
         if after < 0 or after >= site.profile.size - 1:

@@ -1,4 +1,7 @@
-"""The impact of Bozzolo and Pamini (1986), equations (3) to (7)."""
+"""The impact of Bozzolo and Pamini (1986), equations (3) to (7), and with rebound of the contact.
+
+Whatever the impulse at the point of contact P, the angular momentum about P is kept.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,9 @@ import math
 
 from sassgis.model.jit import kernel
 
-SCALE, COULOMB = 0, 1
+SCALE, COULOMB, RESTITUTION = 0, 1, 2
+#: The laws of impact by the names that they have in the settings.
+RULES = {"scale": SCALE, "coulomb": COULOMB, "restitution": RESTITUTION}
 
 
 @kernel
@@ -61,6 +66,125 @@ def slip_at_contact(
 
 
 @kernel
+def restitution_at(e: float, halved_at: float, approach: float) -> float:
+    """Coefficient of restitution at a normal speed of the contact: e/(1 + (v_n/v)²).
+
+    Pfeiffer and Bowen (1989), as coded in PlatRock (Common/BounceModels.py) with v = 9.144 m/s.
+    """
+    return e / (1.0 + (approach / halved_at) ** 2)
+
+
+@kernel
+def rebound_at_contact(
+    x: float,
+    y: float,
+    inertia: float,
+    vx: float,
+    vy: float,
+    omega: float,
+    mu: float,
+    e: float,
+) -> tuple[float, float, float]:
+    """Impact with dry friction μ and Stronge's energetic coefficient of restitution e.
+
+    The normal impulse p grows from 0; slip s and approach c at P change in proportion to it. P
+    slips until s = 0 (at p_s), then sticks, or slips back where friction cannot hold it. The
+    normal force does work ∫c dp < 0 until c = 0, and gives e² of it back (Stronge, 1990, Proc. R.
+    Soc. A 431, 169). The impact ends there. Friction only takes energy: none is made.
+    Returns (v_x, v_y, ω).
+    """
+    slip = vx - y * omega
+    approach = vy + x * omega
+    if approach >= 0.0:
+        return vx, vy, omega
+    xx = 1.0 + y * y / inertia
+    yy = 1.0 + x * x / inertia
+    xy = -x * y / inertia
+    # Without slip at first, P starts to slip to where the impulse pushes it, or sticks.
+    side = math.copysign(1.0, slip) if slip != 0.0 else 0.0
+    p_s = 0.0
+    rate = yy
+    if side != 0.0:
+        towards = mu * xx - side * xy  # how fast |s| shrinks
+        p_s = abs(slip) / towards if towards > 0.0 else math.inf
+        rate = yy - side * mu * xy
+    # After the slip: stick, or slip the other way.
+    ratio = -xy / xx
+    if e == 0.0 and abs(ratio) <= mu:
+        return slip_at_contact(x, y, inertia, vx, vy, omega, mu)
+    if abs(ratio) > mu:
+        ratio = math.copysign(mu, ratio)
+    later = yy + ratio * xy
+    at_stop = approach + rate * p_s if p_s < math.inf else math.inf
+    if at_stop > 0.0:
+        # Compressed before the slip ends.
+        taken = 0.5 * approach * approach / rate
+        p = (1.0 + e) * -approach / rate
+        if p > p_s:
+            back = e * e * taken - 0.5 * at_stop * at_stop / rate
+            p = p_s + (math.sqrt(at_stop * at_stop + 2.0 * later * back) - at_stop) / later
+    else:
+        taken = -0.5 * (approach + at_stop) * p_s + 0.5 * at_stop * at_stop / later
+        p = p_s + (e * math.sqrt(2.0 * later * taken) - at_stop) / later
+    jx = -side * mu * min(p, p_s) + ratio * max(p - p_s, 0.0)
+    return vx + jx, vy + p, omega + (x * p - y * jx) / inertia
+
+
+@kernel
+def charged(resistance: float, vx: float, impulse: float, before: float) -> float:
+    """Share of the energy that the ground takes from an impact as it does from rolling.
+
+    Rolling friction takes the energy μ_r (1 + I/r²) N along the path, N the normal force. A block
+    that hops is borne by impulses: the same law, with the normal impulse J for the force over time,
+    takes μ_r (1 + I/r²) J v_x. So a hop costs what rolling costs, however small the hops are.
+
+    Parameters
+    ----------
+    resistance : float
+        μ_r (1 + I/r²).
+    vx, impulse : float
+        Speed along the ground before, and normal impulse per unit mass (m/s).
+    before : float
+        Twice the kinetic energy before (J/kg).
+    """
+    return 2.0 * resistance * impulse * abs(vx) / before if before > 0.0 else 0.0
+
+
+@kernel
+def limited(
+    wx: float, wy: float, spin: float, inertia: float, most: float
+) -> tuple[float, float, float]:
+    """Velocity and spin, scaled down together to twice a largest kinetic energy (J/kg)."""
+    after = inertia * spin * spin + wx * wx + wy * wy
+    if after > most:
+        factor = math.sqrt(most / after)
+        return wx * factor, wy * factor, spin * factor
+    return wx, wy, spin
+
+
+@kernel
+def soft_landing(
+    x: float,
+    y: float,
+    inertia: float,
+    vx: float,
+    vy: float,
+    omega: float,
+    resistance: float,
+) -> tuple[float, float, float]:
+    """As turn_about_contact, less what rolling would take: charged().
+
+    Without resistance that of 1986. Returns (v_x, v_y, ω).
+    """
+    wx, wy, spin = turn_about_contact(x, y, inertia, vx, vy, omega)
+    if resistance == 0.0:
+        return wx, wy, spin
+    before = inertia * omega * omega + vx * vx + vy * vy
+    kept = max(1.0 - charged(resistance, vx, wy - vy, before), 0.0)
+    return limited(wx, wy, spin, inertia, kept * before)
+
+
+@kernel
 def impact(
     x: float,
     y: float,
@@ -71,6 +195,9 @@ def impact(
     eta_max: float,
     rule: int,
     mu: float,
+    e: float,
+    halved_at: float,
+    resistance: float,
 ) -> tuple[float, float, float]:
     """Velocity and spin after an impact, with the energy kept limited to η_max.
 
@@ -83,11 +210,16 @@ def impact(
     vx, vy, omega : float
         Before the impact, in the same axes (m/s, rad/s).
     eta_max : float
-        Equation (7).
+        Equation (7). With RESTITUTION an impact is charged 1 − η_max at most, and less where
+        rolling over the same ground would take less: charged().
     rule : int
-        SCALE or COULOMB: how η_max is reached.
+        SCALE, COULOMB or RESTITUTION.
     mu : float
-        Friction of the ground, for COULOMB.
+        Friction of the ground, for COULOMB and RESTITUTION.
+    e, halved_at : float
+        For RESTITUTION: as restitution_at takes them.
+    resistance : float
+        For RESTITUTION: as charged() takes it.
 
     Returns
     -------
@@ -95,15 +227,18 @@ def impact(
         After the impact.
     """
     before = inertia * omega * omega + vx * vx + vy * vy
-    if rule == COULOMB:
+    if rule == RESTITUTION:
+        if vy + x * omega >= 0.0:
+            # The flank recedes: the round core has been met, below the centre.
+            x = 0.0
+        rebound = restitution_at(e, halved_at, vy + x * omega)
+        wx, wy, spin = rebound_at_contact(x, y, inertia, vx, vy, omega, mu, rebound)
+        eta_max = max(eta_max, 1.0 - charged(resistance, vx, wy - vy, before))
+    elif rule == COULOMB:
         wx, wy, spin = slip_at_contact(x, y, inertia, vx, vy, omega, mu)
     else:
         wx, wy, spin = turn_about_contact(x, y, inertia, vx, vy, omega)
-    after = inertia * spin * spin + wx * wx + wy * wy
-    if after > eta_max * before:
-        factor = math.sqrt(eta_max * before / after)
-        return wx * factor, wy * factor, spin * factor
-    return wx, wy, spin
+    return limited(wx, wy, spin, inertia, eta_max * before)
 
 
 @kernel

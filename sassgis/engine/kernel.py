@@ -202,7 +202,7 @@ def simulate_lines(
             key = rng.rock_key(setup.seed, lines.key[i], setup.first_rock + r)
             start = draw_start(limits[0], limits[1], key, lines.start[i, 0], lines.start[i, 1])
             block = hooks.on_block(effects, draw_block(limits[0], limits[1], key))
-            start_released(state, block, site, start)
+            start_released(state, block, site, setup.physics, start)
             number = i * setup.n_rocks + r
             row = rows.rocks[number]
             open_row(row, lines.number[i], setup.first_rock + r, 0, state.x)

@@ -8,8 +8,9 @@ from typing import NamedTuple
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
-from sassgis.engine.impact import impact, normal_force, turn_about_contact
+from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
 from sassgis.engine.profile import along, foot_segment
+from sassgis.engine.rolling import rolling_friction
 from sassgis.engine.state import (
     BROKEN,
     FLIGHT,
@@ -82,6 +83,13 @@ def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[
     return -p * mz, mz
 
 
+@kernel
+def _resistance(block: Block, ground: Record) -> float:
+    """μ_r (1 + I/r²): energy that rolling takes, over the normal force and the path."""
+    mu_r = rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
+    return float(block.roll_share * mu_r)
+
+
 @inlined
 def _rebound(
     state: Record,
@@ -92,6 +100,7 @@ def _rebound(
     effects: hooks.Effects | None,
     vt: float,
     energy: float,
+    as_circle: bool,
 ) -> bool:
     """Change the velocity by an impact; whether it breaks the block.
 
@@ -101,13 +110,16 @@ def _rebound(
         Velocity along the ground (m/s).
     energy : float
         Kinetic energy before (J/kg).
+    as_circle : bool
+        Whether the block is met as the circle as which it rolls: the roughness of the ground is
+        then in the rolling friction, and its slope is not varied.
     """
     state.impacts += 1
     here = site.profile[state.segment]
     ground = site.grounds[here.ground]
     mx = state.nx
     mz = state.nz
-    if physics.slope_variation:
+    if physics.slope_variation and not as_circle:
         mx, mz = _varied_normal(state, block, site, vt)
     mx, mz, rule, friction = hooks.on_contact(
         effects, state, block, ground, mx, mz, physics.eta_rule, ground.mu_f
@@ -115,12 +127,15 @@ def _rebound(
     st = math.sin(state.theta)
     ct = math.cos(state.theta)
     px, py, _ = frame_of(block.a, block.b, st * mz + ct * mx, ct * mz - st * mx)
+    if as_circle:
+        px, py = 0.0, block.roll_radius
     log_event(output.log, state, mz, -mx)
     vx = state.vx
     vz = state.vz
+    resistance = _resistance(block, ground)
     wt, wn, omega = impact(
         px, py, block.inertia, vx * mz - vz * mx, vx * mx + vz * mz, state.omega, ground.eta_max,
-        rule, friction,
+        rule, friction, ground.restitution, ground.restitution_speed_mps, resistance,
     )  # fmt: skip
     wt, wn, omega = hooks.after_impact(
         effects, state, block, ground, -(vx * mx + vz * mz), wt, wn, omega
@@ -157,25 +172,34 @@ def land(
     st = math.sin(state.theta)
     ct = math.cos(state.theta)
     lever, support, curvature = frame_of(block.a, block.b, st * ux - ct * uz, ct * ux + st * uz)
+    as_circle = state.as_circle
+    state.as_circle = False
+    if as_circle:
+        lever, support, curvature = 0.0, block.roll_radius, 0.0
     energy = _kinetic(block, state.vx, state.vz, state.omega)
     if _trembles(state, block, energy, g):
         end_at_rest(state, block)
         return
+    threshold = site.grounds[site.profile[state.segment].ground].rolling_threshold
+    low = 2.0 * g * nz * threshold * block.radius
     # A start with spin has a normal speed of rounding only, of either sign.
-    soft = (
-        vn <= 1e-9 * abs(vt) and vn * vn < 2.0 * g * nz * physics.rolling_threshold * block.radius
-    )
+    soft = vn <= 1e-9 * abs(vt) and vn * vn < low
     if soft:
-        wt, wn, omega = turn_about_contact(lever, support, block.inertia, vt, vn, state.omega)
+        resistance = 0.0
+        if physics.eta_rule == RESTITUTION:
+            resistance = _resistance(block, site.grounds[site.profile[state.segment].ground])
+        wt, wn, omega = soft_landing(lever, support, block.inertia, vt, vn, state.omega, resistance)
         state.omega = omega
     else:
-        if _rebound(state, block, site, output, physics, effects, vt, energy):
+        if _rebound(state, block, site, output, physics, effects, vt, energy, as_circle):
             end(state, BROKEN)
             return
         omega = state.omega
         wt = state.vx * ux + state.vz * uz
         wn = state.vx * nx + state.vz * nz
-        if wn > 1e-12:
+        if _leaves(physics, as_circle, wn, wn + lever * omega, low):
+            if as_circle:
+                _leave_as_ellipse(state, block)
             state.phase = FLIGHT
             return
         force = normal_force(lever, support, curvature, block.inertia, omega, nz, -uz, g)
@@ -186,6 +210,31 @@ def land(
     state.vx = wt * ux + wn * nx
     state.vz = wt * uz + wn * nz
     _settle(state, block, site, g, Velocity(wt, wn, omega))
+
+
+@inlined
+def _leaves(physics: Physics, as_circle: bool, wn: float, contact: float, low: float) -> bool:
+    """Whether an impact that leaves some normal speeds of centre and contact is one into flight.
+
+    ``low`` is the square of the speed below which a rebound of the contact alone does not count.
+    """
+    if physics.eta_rule == RESTITUTION and contact > 0.0 and contact * contact >= low:
+        return True
+    return wn > 1e-12 and not as_circle
+
+
+@lean
+def _leave_as_ellipse(state: Record, block: Block) -> None:
+    """Turn a block that leaves a corner so that it touches the ground there as its circle does.
+
+    Of the orientations in which it does, the one whose flank recedes.
+    """
+    a2 = block.a * block.a
+    b2 = block.b * block.b
+    if a2 - b2 > 1e-12 * a2:
+        sine2 = (block.roll_radius * block.roll_radius - b2) / (a2 - b2)
+        lean = math.asin(math.sqrt(min(max(sine2, 0.0), 1.0)))
+        state.theta = math.atan2(-state.nx, state.nz) + math.copysign(lean, state.omega)
 
 
 @lean
@@ -206,12 +255,8 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
     u = min(max(along(profile, segment, state.x, state.z), 0.0), here.length)
     foot_x = here.x + u * here.tx
     foot_z = here.z + u * here.tz
-    # Let down where nothing else is in the way of the rolling block.
     radius = block.roll_radius
-    roll_x = foot_x - radius * here.tz
-    roll_z = max(
-        foot_z + radius * here.tx, resting_height(roll_x, 0.0, radius, radius, profile, segment)
-    )
+    roll_x, roll_z = rolling_place(profile, segment, foot_x, foot_z, radius)
     lifted = energy + gravity * (state.z - roll_z)
     if lifted > 0.0:
         state.speed = math.sqrt(2.0 * lifted / block.roll_share)
@@ -221,6 +266,17 @@ def _settle(state: Record, block: Block, site: Site, gravity: float, velocity: V
         state.phase = ROLLING
     else:
         _slide_or_rest(state, block, site.grounds, profile, gravity, wt, foot_x, foot_z)
+
+
+@lean
+def rolling_place(
+    profile: Records, segment: int, foot_x: float, foot_z: float, radius: float
+) -> tuple[float, float]:
+    """Centre of a block that rolls as a circle over a foot, where nothing else is in the way."""
+    here = profile[segment]
+    x = foot_x - radius * here.tz
+    z = foot_z + radius * here.tx
+    return x, max(z, resting_height(x, 0.0, radius, radius, profile, segment))
 
 
 @lean

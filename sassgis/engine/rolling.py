@@ -10,12 +10,20 @@ from sassgis.engine.state import Block
 from sassgis.model.jit import kernel
 
 # What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here; PART is a
-# stretch that an effect has cut, after which the motion goes on.
+# stretch that an effect has cut, after which the motion goes on, TO_ROLLING one of sliding after
+# which the block tips over.
 SEGMENT_END, STOP, TO_SLIDING, LIFT_OFF, GROUND_AHEAD, PROFILE_END, PART = 0, 1, 2, 3, 4, 5, 6
+TO_ROLLING = 7
 
 _WIDEST = 1.5
 _SCANS = 24
 _BISECTIONS = 40
+
+
+@kernel
+def rolling_friction(mu_0: float, k: float, d_star: float, radius: float) -> float:
+    """μ_r = μ_0 + k d*/d, equation (2); d is the diameter of the block."""
+    return mu_0 + k * d_star / (2.0 * radius)
 
 
 @kernel

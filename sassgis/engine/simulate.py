@@ -93,14 +93,14 @@ def _windows(window: Window | None, cells: IntArray) -> tuple[IntArray, Objects]
 
 
 def _physics(settings: EngineSettings) -> Physics:
+    """Settings as the kernel reads them, from those of the named set and the user's."""
     return Physics(
         gravity=float(settings.gravity_mps2),
-        eta_rule={"scale": impact_rules.SCALE, "coulomb": impact_rules.COULOMB}[
-            settings.eta_max_rule
-        ],
+        eta_rule=impact_rules.RULES[settings.eta_max_rule or ""],
         slope_variation=settings.slope_variation == "per_impact",
-        rolling_threshold=float(settings.rolling_threshold),
         as_ellipse=settings.rolling == "ellipse",
+        tipping=bool(settings.tipping),
+        corner_as_circle=settings.corner == "circle",
         end_sliding=bool(settings.end_sliding),
         tolerance=float(settings.contact_tolerance_m),
         max_events=int(settings.max_events),
@@ -315,6 +315,7 @@ def simulate(
     crossings = control_lines or ControlLineCrossings.none(n_lines)
     objects = objects or ObjectCells.none()
     effects = effects or EffectSettings()
+    settings = settings.resolved()
     _check(profiles, table)
     starts = _checked_starts(profiles, starts)
     cells, local = _cells_of(profiles)
@@ -326,7 +327,7 @@ def simulate(
     )  # fmt: skip
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     setup = Setup(
-        ground_of(effects, table),
+        ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
         np.stack([population.limits() for population in populations]),
         _physics(settings),
         _control_line_table(crossings),

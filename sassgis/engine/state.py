@@ -77,6 +77,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("direction", _I),  # along the ground: 1 to the right, -1 to the left
     ("nx", _F),  # normal of the ground that it has come to
     ("nz", _F),
+    ("as_circle", np.bool_),  # whether it meets that ground as the circle that rolls
     ("skip_to", _I),  # segments that a flight has just left; see next_contact
     ("clear_from", _F),  # time of the flight before which no contact counts (s)
     ("spot_x", _F),  # place of the last contacts (m)
@@ -155,13 +156,14 @@ class Start(NamedTuple):
 
 
 class Physics(NamedTuple):
-    """EngineSettings as the kernel reads them."""
+    """EngineSettings.resolved() for the kernel; the rolling threshold is with the ground."""
 
     gravity: float
     eta_rule: int
     slope_variation: bool
-    rolling_threshold: float
     as_ellipse: bool
+    tipping: bool
+    corner_as_circle: bool
     end_sliding: bool
     tolerance: float
     max_events: int

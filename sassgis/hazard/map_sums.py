@@ -148,8 +148,8 @@ class Sample:
 
     Attributes
     ----------
-    rocks : int
-        All blocks released: the denominator of the reach probability.
+    started : int
+        All blocks released that started: the denominator of the reach probability.
     rocks_per_line : int
     lines : int
         Lines times block scenarios: the strata of the sample.
@@ -157,7 +157,7 @@ class Sample:
         Whether the release points were themselves drawn at random.
     """
 
-    rocks: int
+    started: int
     rocks_per_line: int
     lines: int
     random_points: bool
@@ -206,10 +206,10 @@ def count_variance(
 def reach_probability(
     reach: IntArray, reach_square: IntArray, sample: Sample
 ) -> tuple[FloatArray, FloatArray]:
-    """Share of all blocks that reach each cell, and its sampling standard error.
+    """Share of the blocks that started that reach each cell, and its sampling standard error.
 
-    With k_l of n blocks of line l in the cell and N blocks in all, P = Σ k_l / N; the error is the
-    root of ``count_variance`` over N.
+    With k_l of n blocks of line l in the cell and N blocks that started, P = Σ k_l / N; the error
+    is the root of ``count_variance`` over N.
 
     Parameters
     ----------
@@ -225,7 +225,8 @@ def reach_probability(
     variance = count_variance(
         reach, reach_square, sample.rocks_per_line, sample.lines, sample.random_points
     )
-    return reach.astype(np.float64) / sample.rocks, np.sqrt(variance) / sample.rocks
+    started = max(sample.started, 1)
+    return reach.astype(np.float64) / started, np.sqrt(variance) / started
 
 
 def band_values(

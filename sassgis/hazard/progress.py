@@ -53,14 +53,15 @@ class SourceTally:
         Places are flat indices of cells and numbers of objects. A block counts for a cell if it
         comes within half the reference width of its centre.
     control_lines : ControlLineSums
-    rocks : int
-        Simulated blocks.
+    rocks, never_started : int
+        Simulated blocks, and those of them that never started.
     """
 
     cells: SourceSums
     objects: SourceSums
     control_lines: ControlLineSums
     rocks: int = 0
+    never_started: int = 0
 
     @classmethod
     def fresh(cls, run: MapRun) -> SourceTally:
@@ -81,6 +82,7 @@ class SourceTally:
         self.objects.add(numbers, result.objects["exceed"], result.objects["exceed_square"])
         self.control_lines.add(result.passages)
         self.rocks += result.rocks.size
+        self.never_started += int((result.rocks["reason"] == StopReason.NEVER_STARTED).sum())
 
 
 @dataclass
@@ -186,9 +188,9 @@ def _furthest(rows: BlockRows) -> tuple[float, int, int, int]:
 
 
 def sample_of(run: MapRun, planned: Plan, progress: Progress) -> Sample:
-    """The sample behind the maps: the simulated blocks."""
+    """The sample behind the maps: the simulated blocks that started."""
     return Sample(
-        rocks=int(progress.reasons.sum()),
+        started=int(progress.reasons.sum() - progress.reasons[StopReason.NEVER_STARTED]),
         rocks_per_line=run.rocks_per_stratum,
         lines=int(progress.reasons.sum()) // run.rocks_per_stratum,
         random_points=run.placement == "random",

@@ -126,6 +126,7 @@ def sampled_sources(
             run.rocks_per_stratum,
             run.placement == "random",
             blocks.mean_width_m,
+            tally.never_started,
         )
         cells = on_known_terrain(tally.cells.counts(), run.grid)
         out.append(Sampled(source, cells, tally.objects.counts(), tally.control_lines))

@@ -36,8 +36,9 @@ _STOPS = (
     (StopReason.STEP_LIMIT, "were given up at engine.max_events contacts"),
     (
         StopReason.NEVER_STARTED,
-        "never started: the slope at their release point is below the friction there "
-        "(give blocks an initial speed if they should)",
+        "never started: the slope at their release point is below the friction there. They are not "
+        "part of the denominator of reach probability and frequencies, which are those of blocks "
+        "that start (give blocks an initial speed if they should)",
     ),
 )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from sassgis.model.errors import InputError
 
 #: Parameters of a ground class; the numbers among the attributes of GroundClass.
-PARAMETERS = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
+PARAMETERS = (
+    "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m", "restitution",
+    "restitution_speed_mps", "rolling_threshold",
+)  # fmt: skip
 _ROW_DTYPE = np.dtype([(name, np.float64) for name in PARAMETERS])
 
 
@@ -29,6 +32,13 @@ class GroundClass:
         Sliding friction (equation 1).
     mu_0, k, d_star_m : float
         Rolling friction μ_r = μ_0 + k d*/d (equation 2); d*: diameter of the ground's blocks (m).
+    restitution : float
+        Coefficient of restitution e of the contact, 0 to 1, at a low speed.
+    restitution_speed_mps : float
+        Normal speed v of the contact at which it has halved: e/(1 + (v_n/v)²) (m/s). Default
+        9.144, Pfeiffer and Bowen (1989) as coded in PlatRock (Common/BounceModels.py).
+    rolling_threshold : float
+        A block lands softly and rolls where v_n²/(2 g cos β) is below this share of its radius.
     source : str
         Where the values come from.
     verified : bool
@@ -43,6 +53,9 @@ class GroundClass:
     mu_0: float
     k: float
     d_star_m: float
+    restitution: float = 0.0
+    restitution_speed_mps: float = 9.144
+    rolling_threshold: float = 0.1
     source: str = ""
     verified: bool = False
 
@@ -56,6 +69,9 @@ class GroundClass:
             "mu_0": (0.0, 10.0),
             "k": (0.0, 10.0),
             "d_star_m": (0.0, 100.0),
+            "restitution": (0.0, 1.0),
+            "restitution_speed_mps": (0.1, 1e6),
+            "rolling_threshold": (0.0, 10.0),
         }
         for field, (low, high) in limits.items():
             value = getattr(self, field)
@@ -101,6 +117,12 @@ class GroundTable:
             raise InputError(
                 "unknown ground class", found=repr(name), expected="one of " + ", ".join(self.names)
             ) from None
+
+    def with_rolling_threshold(self, threshold: float | None) -> GroundTable:
+        """The same classes with one rolling threshold, if there is one for all."""
+        if threshold is None:
+            return self
+        return GroundTable(tuple(replace(c, rolling_threshold=threshold) for c in self.classes))
 
     def rows(self) -> NDArray[np.void]:
         """The parameters as a structured array, a field for each; shape (n_classes,)."""

@@ -30,6 +30,9 @@ class Source:
         Whether the release points were themselves drawn at random.
     block_width_m : float
         Mean width of the block: twice its mean semi-axis (m).
+    never_started : int
+        Of the simulated blocks, those whose slope is below the friction at their release point: the
+        onset frequency is that of blocks that start, and these are no part of it.
     """
 
     area: str
@@ -39,6 +42,7 @@ class Source:
     rocks_per_line: int
     random_points: bool = False
     block_width_m: float = 0.0
+    never_started: int = 0
 
     @property
     def label(self) -> str:
@@ -47,8 +51,9 @@ class Source:
 
     @property
     def rate_per_rock(self) -> float:
-        """Annual frequency of each simulated block."""
-        return self.frequency / self.rocks if self.rocks else 0.0
+        """Annual frequency of each simulated block that started."""
+        started = self.rocks - self.never_started
+        return self.frequency / started if started else 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Interval, MaxLen, MinLen
 
@@ -339,34 +339,74 @@ class BarrierSettings(StationSettings):
         return ControlLine(name, self.kind, self.height_m, capacity, self.restarts_from_rest)
 
 
+#: The named sets of readings; None: as the ground class says.
+_READINGS: Mapping[str, Mapping[str, Any]] = {
+    "1986": {
+        "eta_max_rule": "scale", "rolling": "round", "rolling_threshold": 0.1, "tipping": False,
+        "corner": "ellipse",
+    },
+    "hazard": {
+        "eta_max_rule": "restitution", "rolling": "ellipse", "rolling_threshold": None,
+        "tipping": True, "corner": "circle",
+    },
+}  # fmt: skip
+
+
 @dataclass(frozen=True, slots=True)
 class EngineSettings(Section):
-    """How the model is read where its paper is silent; docs/model.md says what each changes."""
+    """How the model is read where its paper is silent; docs/model.md says what each changes.
 
+    Keys without a value are as in the named set ``readings``: ``resolved`` fills them in.
+    """
+
+    readings: Annotated[
+        Literal["hazard", "1986"],
+        'named set of readings: "hazard" for hazard work, "1986" for the words of the paper. '
+        "eta_max_rule, rolling, rolling_threshold, tipping and corner are as in the set "
+        "unless they are given",
+    ] = "hazard"
     gravity_mps2: Annotated[float, Interval(ge=0.1, le=30.0), "acceleration of gravity (m/s2)"] = (
         9.81
     )
     eta_max_rule: Annotated[
-        Literal["scale", "coulomb"],
-        "how an impact that would keep more energy than η_max is brought down to it. "
-        '"scale" scales spin and velocity together (direction and no-slip kept). "coulomb" first '
-        "lets the contact slip where friction μ_f cannot hold it, then scales what is left",
-    ] = "scale"
+        Literal["scale", "coulomb", "restitution"] | None,
+        "the law of impact. "
+        '"scale": no velocity is left at the contact, and what keeps more energy than η_max is '
+        'scaled down to it. "coulomb": the contact slips where friction μ_f cannot hold it; then '
+        'as "scale". "restitution": the contact rebounds with the coefficient of the ground class '
+        "and slips as μ_f says; η_max counts in proportion to how steep the impact is",
+        Example("restitution"),
+    ] = None
     slope_variation: Annotated[
         Literal["per_impact", "off"],
         "whether each impact on descending ground meets it at tan β' = tan β (1 − u)",
     ] = "per_impact"
     rolling_threshold: Annotated[
-        float,
+        float | None,
         Interval(ge=0.0, le=10.0),
-        "a block lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius",
-    ] = 0.1
+        "a block lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius; "
+        "without it the column of the ground class counts",
+        Example(0.1),
+    ] = None
     rolling: Annotated[
-        Literal["round", "ellipse"],
+        Literal["round", "ellipse"] | None,
         '"round": dv/dt = g (sin β − μ_r cos β), the paper\'s words; the block leaves the ground '
         'at convex vertices only. "ellipse": also the turning ellipse counts, whose centre rises '
         "and falls, and it leaves the ground where the normal force on it ends (N <= 0)",
-    ] = "round"
+        Example("ellipse"),
+    ] = None
+    tipping: Annotated[
+        bool | None,
+        "whether a sliding block tips over and rolls where the moment of friction about its "
+        "centre exceeds the largest that the ground can hold against it",
+        Example(True),
+    ] = None
+    corner: Annotated[
+        Literal["ellipse", "circle"] | None,
+        'as what a rolling block meets ground ahead of it: "ellipse" in the orientation that it '
+        'has, "circle" of its mean radius, as which it rolls: it then loses once per corner',
+        Example("circle"),
+    ] = None
     end_sliding: Annotated[
         bool, "whether a block too slow to turn over its longer axis ends by sliding"
     ] = True
@@ -378,6 +418,17 @@ class EngineSettings(Section):
         Interval(ge=100, le=10_000_000),
         "contacts after which a block is given up and reported",
     ] = 20_000
+
+    def resolved(self) -> EngineSettings:
+        """The same settings with every key of the named set filled in.
+
+        In "hazard" ``rolling_threshold`` stays None: the column of the ground class counts.
+        """
+        own = {
+            key: value for key, value in _READINGS[self.readings].items()
+            if getattr(self, key) is None
+        }  # fmt: skip
+        return replace(self, **own)
 
 
 @dataclass(frozen=True, slots=True)

@@ -180,6 +180,7 @@ def add_area(
             sums.add(places(counts.places), *wide)
         joined.control_lines.add_sums(tally.control_lines, control_lines)
         joined.rocks = tally.rocks
+        joined.never_started = tally.never_started
         total.sources[area, scenario] = joined
     first_point = int(np.flatnonzero(planned.points.area == area)[0])
     first_line = first_point * run.lines_per_point

@@ -116,6 +116,7 @@ def state_of(progress: Progress) -> dict[str, NDArray[np.generic]]:
     for (area, scenario), tally in progress.sources.items():
         name = f"source.{area}.{scenario}"
         state[f"{name}.rocks"] = np.array(tally.rocks)
+        state[f"{name}.never_started"] = np.array(tally.never_started)
         state |= {f"{name}.cells.{k}": v for k, v in tally.cells.state().items()}
         state |= {f"{name}.objects.{k}": v for k, v in tally.objects.state().items()}
         state |= {f"{name}.control_lines.{k}": v for k, v in tally.control_lines.state().items()}
@@ -169,6 +170,7 @@ def _sources(
             SourceSums.from_state(_group(state, f"{name}.objects")),
             ControlLineSums.from_state(control_lines, _group(state, f"{name}.control_lines")),
             int(state[f"{name}.rocks"]),
+            int(state[f"{name}.never_started"]),
         )
     return sources
 

@@ -25,7 +25,7 @@ from sassgis.engine.effects import (
 )
 from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.registry import in_motion
-from sassgis.engine.impact import COULOMB
+from sassgis.engine.impact import COULOMB, SCALE
 from sassgis.engine.state import (
     STATE_FIELDS,
     Block,
@@ -309,7 +309,8 @@ def on_contact(
                 effects.rough, block.key, state.impacts, block.radius, state.vx, state.vz, nx, nz
             )
         if effects.soft.form == soft_ground.SLIP and ground.soft_ground:
-            rule = COULOMB
+            if rule == SCALE:
+                rule = COULOMB
             friction = effects.soft.friction
     return nx, nz, rule, friction
 

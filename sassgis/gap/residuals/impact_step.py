@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from sassgis.engine.ellipse import frame_of, inertia
+from sassgis.engine.ellipse import frame_of, inertia, mean_radius
 from sassgis.engine.impact import impact
+from sassgis.engine.rolling import rolling_friction
 from sassgis.model.grid import FloatArray
 from sassgis.model.jit import kernel
 
@@ -62,7 +63,6 @@ def impact_draws(
     axes: FloatArray,
     draws: FloatArray,
     gravity: float,
-    threshold: float,
     rule: int,
     out: FloatArray,
 ) -> None:
@@ -70,22 +70,24 @@ def impact_draws(
 
     Parameters
     ----------
-    rows : float64, shape (n, 7)
+    rows : float64, shape (n, 13)
         Dip of the ground along the travel (rad), v_t, v_n, ω before (m/s, rad/s) and η_max, μ_f of
-        the ground; 1 where the ground met varies (0: it does not).
+        the ground; 1 where the ground met varies (0: it does not); restitution, the speed at which
+        it has halved (m/s), rolling threshold and μ_0, k, d* of the ground.
     axes : float64, shape (n, m, 3)
         Semi-axes of the rock, longest first (m).
     draws : float64, shape (n, m, 3)
         Phase (rad) and relative variation of the slope; the orientation at contact (rad) is written
         into the last.
-    gravity, threshold, rule
+    gravity, rule
         As in the engine's settings.
     out : float64, shape (n, m, 3)
         v_t, v_n, ω after, along the ground as it was surveyed. NaN where the model would not have
         the rock rebound but roll.
     """
     for i in range(rows.shape[0]):
-        dip, vt, vn, omega, eta_max, mu, varies = rows[i]
+        dip, vt, vn, omega, eta_max, mu, varies, e, halved_at, threshold = rows[i, :10]
+        mu_0, k_d, d_star = rows[i, 10:]
         for k in range(axes.shape[1]):
             a, b, c = axes[i, k]
             inert = inertia(a, b)
@@ -104,7 +106,11 @@ def impact_draws(
             met_t = vt * cosine + vn * sine
             met_n = vn * cosine - vt * sine
             x, y, _ = frame_of(a, b, math.sin(theta - turn), math.cos(theta - turn))
-            wt, wn, spin = impact(x, y, inert, met_t, met_n, omega, eta_max, rule, mu)
+            share = 1.0 + inert / mean_radius(a, b) ** 2
+            resistance = share * rolling_friction(mu_0, k_d, d_star, radius)
+            wt, wn, spin = impact(
+                x, y, inert, met_t, met_n, omega, eta_max, rule, mu, e, halved_at, resistance
+            )  # fmt: skip
             out[i, k, 0] = wt * cosine - wn * sine
             out[i, k, 1] = wn * cosine + wt * sine
             out[i, k, 2] = spin

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.engine.impact import COULOMB, SCALE
+from sassgis.engine.impact import RULES
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Impacts
@@ -122,8 +122,8 @@ def _rebounds(
     if not flown.any():
         return []
     impacts, rock, s, kind, dip = (impacts.take(flown), *(v[flown] for v in (rock, s, kind, dip)))
-    law = table.rows()[kind]
-    settings = case.engine
+    settings = case.engine.resolved()
+    law = table.with_rolling_threshold(settings.rolling_threshold).rows()[kind]
     n = rock.size
     axes = axes_m[rock][:, np.arange(m) % axes_m.shape[1]]
     radius = np.cbrt(axes.prod(axis=2)).mean(axis=1)
@@ -139,16 +139,19 @@ def _rebounds(
     drawn[..., 1] = low + (high - low) * rng.uniform(size=(n, m))
     varies = np.full(n, float(settings.slope_variation == "per_impact"))
     states = np.column_stack(
-        [dip, impacts.vt_in_mps, impacts.vn_in_mps, spin, law["eta_max"], law["mu_f"], varies]
-    )
+        [
+            dip, impacts.vt_in_mps, impacts.vn_in_mps, spin, law["eta_max"], law["mu_f"], varies,
+            law["restitution"], law["restitution_speed_mps"], law["rolling_threshold"],
+            law["mu_0"], law["k"], law["d_star_m"],
+        ]
+    )  # fmt: skip
     out = np.empty((n, m, 3))
     impact_draws(
         states,
         np.ascontiguousarray(axes),
         drawn,
         settings.gravity_mps2,
-        settings.rolling_threshold,
-        COULOMB if settings.eta_max_rule == "coulomb" else SCALE,
+        RULES[settings.eta_max_rule or ""],
         out,
     )
     out[..., :2] *= _factors(rng, speed_error, (n, m))[..., None]

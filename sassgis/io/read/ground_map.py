@@ -24,12 +24,12 @@ from sassgis.io.read.vector_features import nearest, read_features
 from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
 from sassgis.model.settings import GroundSettings
 
 log = logging.getLogger(__name__)
 
-_NUMBERS = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
+_NUMBERS = PARAMETERS
 _REQUIRED = ("name", *_NUMBERS)
 #: Columns that a user's table may leave out: it is then taken as unverified.
 _OPTIONAL = ("source", "verified")
@@ -55,7 +55,8 @@ def read_ground_table(path: str | PathLike[str] | None = None) -> GroundTable:
     ----------
     path
         The user's own table, CSV or TOML (``[[classes]]``), with the columns name, eta_max, dp_min,
-        dp_max, mu_f, mu_0, k, d_star_m and, if wanted, source and verified. A class of a built-in
+        dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and,
+        if wanted, source and verified. A class of a built-in
         name replaces that one; others are added.
 
     Returns

@@ -47,7 +47,7 @@ def map_layers(
         Cells that no block reaches are NaN.
     """
     words = {
-        "rocks": sample.rocks,
+        "rocks": sample.started,
         "width": f"Reference width {cell_size:.4g} m (one cell).",
         "once": "Each block counts once per cell, with the largest value that it has there.",
         "error": "Standard error with the release points as a random sample."
