@@ -90,7 +90,7 @@ def calibrate(
         tell("Reading the inputs")
         configs = [load_config(config) for config, _ in sites]
         files = [Path(observations) for _, observations in sites]
-        names = fitted_names(parameters)
+        names = fitted_names(parameters, [config.engine for config in configs])
         ready = _sites(configs, files)
         chosen = _chosen(ready, classes)
         task = calibration_task(ready, chosen, names, seed)

@@ -291,7 +291,7 @@ def result_of(task: CalibrationTask, found: Search, run: RunFinals) -> Calibrati
                 fit,
                 _by_label(parameters, fit.own),
                 models,
-                {name: site.quantities[name] for name in site.scale.names},
+                site.quantities,
             )
         )
     return Calibration(

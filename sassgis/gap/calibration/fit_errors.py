@@ -57,6 +57,10 @@ _NAMES = {
     "rotation": ("rotation", "1/s"),
     "height": ("passing height", "m"),
     "blocks": ("stopped blocks", ""),
+    "along": ("speed along the ground after impacts over the speed before", ""),
+    "normal": ("speed off the ground after impacts over the speed before", ""),
+    "turning": ("surface speed after impacts over the speed before", ""),
+    "energy": ("energy after impacts over that before", ""),
 }
 
 
@@ -73,10 +77,10 @@ def quantity_errors(
     seed : int
     """
     found = []
-    for name in site.scale.names:
+    for name in site.quantities:
         place, _, what = name.partition(":")
         title, unit = _NAMES[what]
-        if place != "stop":
+        if place not in ("stop", "impact"):
             station = site.case.station_names[int(place[1:])]
             title = f"{title} at {station}"
         # Speeds are scored by their logarithm.

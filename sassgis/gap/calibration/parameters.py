@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from scipy.stats import truncnorm
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
+from sassgis.model.settings import EngineSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,27 +84,39 @@ class ClassParameter:
         return (value - own.low) / (own.high - own.low)
 
 
-def fitted_names(names: Iterable[str] | None) -> tuple[str, ...]:
-    """Names of the parameters to calibrate: all that the class table has, or those asked for.
+def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings]) -> tuple[str, ...]:
+    """Names of the parameters to calibrate: all that the engine reads, or those asked for.
 
     Raises
     ------
     InputError
         If one of them cannot be calibrated.
     """
-    known = tuple(name for name in RANGES if name in PARAMETERS)
+    read = {name for engine in engines for name in _read_by(engine)}
+    known = tuple(name for name in RANGES if name in read)
     if names is None:
         return known
     asked = tuple(dict.fromkeys(names))
     for name in asked:
         if name not in known:
             raise InputError(
-                "is not a parameter that can be calibrated",
+                "is not a parameter that can be calibrated with these settings of the engine",
                 field="parameters",
                 found=repr(name),
                 expected="some of " + ", ".join(known),
             )
     return asked
+
+
+def _read_by(engine: EngineSettings) -> Iterator[str]:
+    """Parameters of ground classes that the engine reads in these settings."""
+    settings = engine.resolved()
+    for name in PARAMETERS:
+        if name == "restitution" and settings.eta_max_rule != "restitution":
+            continue
+        if name == "rolling_threshold" and settings.rolling_threshold is not None:
+            continue
+        yield name
 
 
 def parameters_of(

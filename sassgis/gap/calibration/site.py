@@ -7,9 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.gap.calibration.impact_scores import (
+    impact_quantities,
+    impact_scores,
+    observed_impacts,
+    observed_outcomes,
+    simulated_outcomes,
+)
 from sassgis.gap.calibration.release import Released, observed, released
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
+from sassgis.gap.residuals.one_step import ImpactsInFlight
 from sassgis.gap.which.ensemble import Scale, rock_scores, scale_of
 from sassgis.gap.which.features import rock_quantities
 from sassgis.model.errors import InputError
@@ -66,6 +74,9 @@ class Site:
         Of the observed rocks.
     rows : float64, shape (n_rocks, 2 k)
         The same, standardised.
+    impacts : ImpactsInFlight or None
+    outcomes : float64, shape (n_impacts, 3)
+        What was observed after them.
     classes : tuple of str
         Ground classes that the rocks meet.
     """
@@ -77,6 +88,8 @@ class Site:
     scale: Scale
     quantities: Mapping[str, FloatArray]
     rows: FloatArray
+    impacts: ImpactsInFlight | None
+    outcomes: FloatArray
     classes: tuple[str, ...]
 
     @property
@@ -97,18 +110,25 @@ def site_of(name: str, case: Case, file: str = "") -> Site:
     axes = _axes(case, seen)
     quantities = _quantities(case, axes, seen)
     scale = scale_of(case, quantities)
-    if not scale.names:
+    impacts = observed_impacts(case)
+    if not scale.names and impacts is None:
         rows = {name: len(table) for name, table in case.observations.tables.items() if len(table)}
         raise InputError(
             "nothing to calibrate on",
             file=file or None,
-            field="deposits, passages",
+            field="deposits, passages, impacts",
             found=", ".join(f"{n} {name}" for name, n in rows.items()) or "no rows",
-            expected="stops, or passages at stations, of 5 rocks or more",
+            expected="stops, passages at stations, of 5 rocks or more, or impacts",
         )
+    scored = {name: quantities[name] for name in scale.names}
+    outcomes = np.empty((0, 3))
+    if impacts is not None:
+        outcomes = observed_outcomes(impacts)
+        seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
+        scored |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
     return Site(
-        name, case, rock_lines_of(case), axes, scale, quantities, scale.rows(quantities),
-        _classes(case, axes, seen),
+        name, case, rock_lines_of(case), axes, scale, scored, scale.rows(quantities), impacts,
+        outcomes, _classes(case, axes, seen, impacts),
     )  # fmt: skip
 
 
@@ -133,13 +153,18 @@ def _quantities(case: Case, axes: Axes, seen: Released) -> dict[str, FloatArray]
     return found
 
 
-def _classes(case: Case, axes: Axes, seen: Released) -> tuple[str, ...]:
+def _classes(
+    case: Case, axes: Axes, seen: Released, impacts: ImpactsInFlight | None
+) -> tuple[str, ...]:
     """Classes on the fall lines of the rocks, as far down as rocks can have come."""
     s = axes.run_out(seen.x, seen.y)
     reached = [float(np.nanmax(s))] if np.isfinite(s).any() else []
     reached += [float(np.nanmax(case.station_s))] if np.isfinite(case.station_s).any() else []
-    limit = _BEYOND * max(reached)
     length = np.zeros(len(case.table.classes))
+    if impacts is not None:
+        np.add.at(length, impacts.kind, 1.0)
+    # Impacts alone say nothing of ground without any.
+    limit = _BEYOND * max(reached, default=0.0)
     for line in np.unique(case.line).tolist():
         first, last = (int(v) for v in case.profiles.offset[line : line + 2])
         ends = np.clip(case.profiles.s[first:last], 0.0, limit)
@@ -154,7 +179,20 @@ def _classes(case: Case, axes: Axes, seen: Released) -> tuple[str, ...]:
 def replicas(
     site: Site, table: GroundTable, *, count: int, seed: int, number: int
 ) -> dict[str, FloatArray]:
-    """Scored quantities of ``count`` campaigns, each of shape (count, n_rocks)."""
+    """Compared quantities of ``count`` campaigns, each of shape (count or draws, n_rocks)."""
+    made = _released(site, table, count, seed, number)
+    if site.impacts is not None:
+        outcomes = simulated_outcomes(site.case, table, site.impacts, seed=seed, number=number)
+        found = impact_quantities(site.impacts, outcomes, site.n_rocks)
+        made |= {name: v.T for name, v in found.items() if name in site.quantities}
+    return made
+
+
+def _released(
+    site: Site, table: GroundTable, count: int, seed: int, number: int
+) -> dict[str, FloatArray]:
+    if not site.scale.names:
+        return {}
     made = released(site.case, site.rock_lines, table, count=count, seed=seed, number=number)
     each = [_quantities(site.case, site.axes, one) for one in made]
     return {name: np.stack([one[name] for one in each]) for name in site.scale.names}
@@ -163,12 +201,16 @@ def replicas(
 def scores(
     site: Site, table: GroundTable, *, seed: int, number: int, count: int = COUNT
 ) -> FloatArray:
-    """Energy score of each observed rock with a class table, shape (n_rocks,)."""
-    return scores_of(site, replicas(site, table, count=count, seed=seed, number=number))
+    """Energy score of each observed rock with a class table, shape (n_rocks,).
 
-
-def scores_of(site: Site, made: Mapping[str, FloatArray]) -> FloatArray:
-    """Energy score of each observed rock against its replicas."""
-    count = next(iter(made.values())).shape[0]
-    rows = [site.scale.rows({name: v[k] for name, v in made.items()}) for k in range(count)]
-    return rock_scores(site.rows, np.stack(rows))
+    That of its stop and its passages, and that of its impacts, one by one, are added.
+    """
+    total = np.zeros(site.n_rocks)
+    made = _released(site, table, count, seed, number)
+    if made:
+        rows = [site.scale.rows({name: v[k] for name, v in made.items()}) for k in range(count)]
+        total += rock_scores(site.rows, np.stack(rows))
+    if site.impacts is not None:
+        outcomes = simulated_outcomes(site.case, table, site.impacts, seed=seed, number=number)
+        total += impact_scores(site.impacts, site.outcomes, outcomes, site.n_rocks)
+    return total
