@@ -35,6 +35,9 @@ from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.job import job_count
 
+#: With fewer rocks nothing can be said of their scatter.
+_FEWEST = 3
+
 OnProgress = Callable[[int, int, int], None]
 
 
@@ -94,6 +97,14 @@ def calibrate(
         ready = _sites(configs, files)
         chosen = _chosen(ready, classes)
         task = calibration_task(ready, chosen, names, seed)
+        if task.measured < _FEWEST:
+            raise InputError(
+                "too few rocks to calibrate on",
+                file=files[0],
+                field="rocks",
+                found=f"{task.measured} with a stop, a passage or an impact",
+                expected=f"{_FEWEST} or more",
+            )
         store = DrawStore(work / f"{CHECKPOINT_STEM}.draws.npz", _fingerprint(configs, files, task))
         try:
             with campaign_workers(task, job_count(configs[0], jobs)) as run:

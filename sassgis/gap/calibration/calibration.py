@@ -68,6 +68,14 @@ class CalibrationTask:
         """Rocks of all sites."""
         return sum(site.n_rocks for site in self.sites)
 
+    @property
+    def measured(self) -> int:
+        """Rocks of which anything was measured that is compared."""
+        return sum(
+            int(np.any([np.isfinite(v) for v in site.quantities.values()], axis=0).sum())
+            for site in self.sites
+        )
+
 
 #: Number of a draw and its parameters as shares of their ranges.
 NumberedDraw = tuple[int, FloatArray]

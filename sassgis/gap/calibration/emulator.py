@@ -108,13 +108,16 @@ def fit(points: FloatArray, scores: FloatArray) -> Emulator:
     order = np.argsort(total, kind="stable")
     least, middle = total[order[0]], total[order[len(order) // 2]]
     # Beyond the cap all are equally bad, and so is what was never tried: no cliff far from the best
-    # draws bends the surface near them.
+    # draws bends the surface near them. What single rocks lose or gain there shrinks in proportion.
     cap = least + _CAP * (middle - least)
-    capped = scores * np.minimum(1.0, cap / total)[:, None]
+    usual = scores[order[: len(order) // 2 + 1]].mean(axis=0)
+    room = max(cap - float(usual.sum()), 1e-12)
+    over = np.maximum(total - float(usual.sum()), room)
+    capped = usual + (scores - usual) * (room / over)[:, None]
     far = min(int((total < cap).sum()), total.size - 1)
-    base = scores[order[far]] * (cap / total[order[far]])
+    base = usual + room / scores.shape[1]
     few = order[np.linspace(0, min(far, len(order) - 1), min(far + 1, _FITTED_ON)).astype(int)]
-    lengths, noise = _correlations(points[few], capped[few].sum(axis=1) - cap)
+    lengths, noise = _correlations(points[few], (capped[few] - base).sum(axis=1))
     k = matern(points, points, lengths)
     k[np.diag_indices_from(k)] += noise
     weights = cho_solve(cho_factor(k, lower=True), capped - base)

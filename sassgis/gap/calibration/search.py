@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import emcee
 import numpy as np
 from scipy.optimize import minimize
-from scipy.stats import qmc
+from scipy.stats import norm, qmc
+from scipy.stats import t as student
 
 from sassgis.gap.calibration.emulator import Emulator, WeightedSum, fit
 from sassgis.gap.calibration.parameters import PRIOR_SD, log_prior
@@ -72,6 +73,11 @@ class Surface:
     def sizes(self) -> tuple[int, ...]:
         """Rocks of each site."""
         return tuple(e.centre.size for e in self.emulators)
+
+    @property
+    def informative(self) -> int:
+        """Rocks whose score depends on the parameters."""
+        return sum(int(np.any(e.weights != 0.0, axis=0).sum()) for e in self.emulators)
 
     def weighted(self, rock_weights: Sequence[FloatArray]) -> Total:
         """The weighted sum over all rocks."""
@@ -164,7 +170,7 @@ def posterior_of(surface: Surface, points: FloatArray, seed: int) -> Posterior:
     order = np.argsort(total.value(points), kind="stable")
     bottom, least = total.minimum(points[order[:4]])
     excess = bootstrap_excess(surface, bottom, rng)
-    wanted = float(np.mean(excess))
+    wanted = float(np.mean(excess)) * small_sample_factor(surface.informative)
     sharpness = 1.0 / max(wanted, 1e-9)
     samples = points
     for _ in range(3):
@@ -181,6 +187,16 @@ def posterior_of(surface: Surface, points: FloatArray, seed: int) -> Posterior:
         np.vstack([bottom, surface.starts, beginnings]), surface.starts, sharpness
     )
     return Posterior(samples, best, sharpness, wanted)
+
+
+def small_sample_factor(n: int) -> float:
+    """By how much few rocks drawn anew scatter too little, as a ratio of variances.
+
+    Rocks that are drawn anew scatter by (n − 1)/n of the variance of a mean, and an interval from n
+    of them needs Student's instead of the normal quantile.
+    """
+    wider = student.ppf(0.975, n - 1) / norm.ppf(0.975)
+    return float(wider**2 * n / (n - 1))
 
 
 def _sharpness(over: FloatArray, sampled_at: float, wanted: float) -> float:
