@@ -53,6 +53,9 @@ rocks_per_point = 50
 [ground]
 default = "soft_meadow"
 
+[engine]
+readings = "1986"
+
 [[blocks]]
 name = "EOTA 221"
 axis_1_m = [0.30, 0.465]

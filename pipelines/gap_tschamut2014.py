@@ -45,6 +45,9 @@ rocks_per_point = 50
 [ground]
 default = "soft_meadow"
 
+[engine]
+readings = "1986"
+
 [[blocks]]
 name = "Tschamut"
 axis_1_m = [0.185, 0.25]

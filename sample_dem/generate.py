@@ -731,6 +731,9 @@ axis_2_m = [0.30, 0.55]
 axis_3_m = [0.25, 0.45]
 density_kgm3 = [2600.0, 2700.0]
 {places}
+[engine]
+readings = "1986"
+
 [run]
 seed = 1986
 """

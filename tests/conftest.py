@@ -22,9 +22,10 @@ os.fsync = lambda _descriptor: None
 #: worker is left alone with one of them at the end.
 LONG_FILES = (
     "test_diagnose.py", "test_worlds.py", "test_blind_check.py", "test_outputs.py",
-    "test_where.py", "test_project.py", "test_products.py", "test_batch.py", "test_interlis.py",
-    "test_any_world.py", "test_convergence.py", "test_pipelines.py", "test_command_line.py",
-    "test_staging.py", "test_docs.py", "test_layout.py", "test_zones.py", "test_contact.py",
+    "test_where.py", "test_project.py", "test_products.py", "test_batch.py",
+    "test_federal_export.py", "test_any_world.py", "test_convergence.py", "test_pipelines.py",
+    "test_command_line.py", "test_staging.py", "test_docs.py", "test_layout.py",
+    "test_zones.py", "test_contact.py",
 )  # fmt: skip
 
 
@@ -43,6 +44,16 @@ def shared_data() -> Path:
     folder = ROOT.parent / "shared" / "data"
     if not folder.is_dir():
         pytest.skip("the field data folder ../shared/data is not beside the repository")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def official_models(shared_data: Path) -> Path:
+    """Folder with the text of the federal model 166.1 V1.3, for the validator."""
+    folder = shared_data / "interlis_166_1"
+    if not folder.is_dir():
+        pytest.skip("the official text of model 166.1 is not in ../shared/data/interlis_166_1")
+    pytest.importorskip("ilivalidator", reason="there is no ilivalidator for this machine")
     return folder
 
 

@@ -127,7 +127,7 @@ def work(
                         each,
                         seed,
                         [STATION_M[name]],
-                        EngineSettings(**settings),  # type: ignore[arg-type]
+                        EngineSettings(readings="1986", **settings),  # type: ignore[arg-type]
                     )
                     runout.append(table["runout_m"])
                     energy.append(passing[0])

@@ -161,7 +161,7 @@ def follow(
         with_lead_in(flat, LEAD_IN_M) if lead_in else flat,
         slope.table,
         slope.blocks,
-        settings or EngineSettings(),
+        settings or EngineSettings(readings="1986"),
         seed=seed,
         rocks_per_line=rocks,
         line_keys=slope.key,

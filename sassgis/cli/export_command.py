@@ -15,9 +15,11 @@ from sassgis.cli.options import OVERWRITE
     "--xtf", required=True, type=click.Path(path_type=Path), help="INTERLIS file to write."
 )
 @click.option(
-    "--models", type=click.Path(path_type=Path), help="Folder with the model's .ili files."
+    "--models",
+    type=click.Path(path_type=Path),
+    help="Folder with the model's .ili files: ilivalidator checks the file against them.",
 )
-@click.option("--validate", is_flag=True, help="Check the file with ilivalidator.")
+@click.option("--validate", is_flag=True, help="Do not write without such a check.")
 @click.option("--canton", help="Code of the canton that is responsible for the data, as TI.")
 @OVERWRITE
 def export(

@@ -195,9 +195,9 @@ def impact(
     eta_max: float,
     rule: int,
     mu: float,
-    e: float,
-    halved_at: float,
-    resistance: float,
+    e: float = 0.0,
+    halved_at: float = 9.144,
+    resistance: float = 0.0,
 ) -> tuple[float, float, float]:
     """Velocity and spin after an impact, with the energy kept limited to η_max.
 

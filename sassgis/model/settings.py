@@ -362,8 +362,8 @@ class EngineSettings(Section):
     readings: Annotated[
         Literal["hazard", "1986"],
         'named set of readings: "hazard" for hazard work, "1986" for the words of the paper. '
-        "eta_max_rule, rolling, rolling_threshold, tipping and corner are as in the set "
-        "unless they are given",
+        "eta_max_rule, rolling, rolling_threshold, tipping and corner are as in the set unless "
+        "given",
     ] = "hazard"
     gravity_mps2: Annotated[float, Interval(ge=0.1, le=30.0), "acceleration of gravity (m/s2)"] = (
         9.81
@@ -374,7 +374,8 @@ class EngineSettings(Section):
         '"scale": no velocity is left at the contact, and what keeps more energy than η_max is '
         'scaled down to it. "coulomb": the contact slips where friction μ_f cannot hold it; then '
         'as "scale". "restitution": the contact rebounds with the coefficient of the ground class '
-        "and slips as μ_f says; η_max counts in proportion to how steep the impact is",
+        "and slips as μ_f says; what is taken beyond that is at most 1 − η_max, and no more than "
+        'rolling takes (default: "restitution"; "1986": "scale")',
         Example("restitution"),
     ] = None
     slope_variation: Annotated[
@@ -385,26 +386,29 @@ class EngineSettings(Section):
         float | None,
         Interval(ge=0.0, le=10.0),
         "a block lands softly and rolls when v_n²/(2 g cos β) is below this share of its radius; "
-        "without it the column of the ground class counts",
+        'default: the column of the ground class; "1986": 0.1',
         Example(0.1),
     ] = None
     rolling: Annotated[
         Literal["round", "ellipse"] | None,
         '"round": dv/dt = g (sin β − μ_r cos β), the paper\'s words; the block leaves the ground '
         'at convex vertices only. "ellipse": also the turning ellipse counts, whose centre rises '
-        "and falls, and it leaves the ground where the normal force on it ends (N <= 0)",
+        "and falls, and it leaves the ground where the normal force on it ends (N <= 0) (default: "
+        '"ellipse"; "1986": "round")',
         Example("ellipse"),
     ] = None
     tipping: Annotated[
         bool | None,
         "whether a sliding block tips over and rolls where the moment of friction about its "
-        "centre exceeds the largest that the ground can hold against it",
+        "centre exceeds the largest that the ground can hold against it (default: true; "
+        '"1986": false)',
         Example(True),
     ] = None
     corner: Annotated[
         Literal["ellipse", "circle"] | None,
         'as what a rolling block meets ground ahead of it: "ellipse" in the orientation that it '
-        'has, "circle" of its mean radius, as which it rolls: it then loses once per corner',
+        'has, "circle" of its mean radius, as which it rolls: it then loses once per corner '
+        '(default: "circle"; "1986": "ellipse")',
         Example("circle"),
     ] = None
     end_sliding: Annotated[
@@ -573,7 +577,7 @@ class HazardSettings(Section):
     preset: Annotated[
         Text,
         PresetName(),
-        "rules for intensity and level: a built-in preset (ch-federal, ch-low-yellow, ti), or a "
+        "rules for intensity and level: a built-in preset (ch-federal, ti), or a "
         "TOML file of your own (docs/presets.md)",
     ] = "ch-federal"
     frequencies: Annotated[

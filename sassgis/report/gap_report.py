@@ -26,7 +26,7 @@ from sassgis.gap.words import (
     with_unit_in_brackets,
 )
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
+from sassgis.model.ground import PARAMETERS, GroundTable
 from sassgis.report import figures
 from sassgis.report.figures.gap_map_figures import GapStretch
 from sassgis.report.gap_answer import (
@@ -346,19 +346,22 @@ def _shrinkage_table(shrinkage: Shrinkage) -> ReportTable:
 
 def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
     old = {c.name: c for c in before.classes}
-    names = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
-    heads = ("η max", "Δp/p least", "Δp/p most", "μ_f", "μ_0", "k", "d*")
+    heads = (
+        "η max", "Δp/p least", "Δp/p most", "μ_f", "μ_0", "k", "d*", "e", "v of e/2",
+        "rolling threshold",
+    )  # fmt: skip
+    units = {"d*": "m", "v of e/2": "m/s"}
     rows = []
     for own in after.classes:
         first = old.get(own.name, own)
-        pairs = [(getattr(first, n), getattr(own, n)) for n in names]
+        pairs = [(getattr(first, n), getattr(own, n)) for n in PARAMETERS]
         if any(a != b for a, b in pairs):
             rows.append(
                 (own.name, *(f"{a:.3g} → {b:.3g}" if a != b else f"{a:.3g}" for a, b in pairs))
             )
     return ReportTable(
         "Calibrated ground classes",
-        (("class", ""), *((h, "m" if h == "d*" else "") for h in heads)),
+        (("class", ""), *((h, units.get(h, "")) for h in heads)),
         tuple(rows),
         "Configured → calibrated, with the named effect if there is one. Classes that did not "
         "change are not listed.",

@@ -195,9 +195,11 @@ def _ground_table(run: MapRun) -> ReportTable:
     return ReportTable(
         "Ground classes",
         (("class", ""), ("η max", ""), ("Δp/p", ""), ("μ_f", ""), ("μ_0", ""), ("k", ""),
-         ("d*", "m"), ("η max, Δp from the paper", ""), ("source", "")),
+         ("d*", "m"), ("e", ""), ("v of e/2", "m/s"), ("rolling threshold", ""),
+         ("η max, Δp from the paper", ""), ("source", "")),
         tuple(
             (c.name, c.eta_max, f"{c.dp_min:g} to {c.dp_max:g}", c.mu_f, c.mu_0, c.k, c.d_star_m,
+             c.restitution, c.restitution_speed_mps, c.rolling_threshold,
              "yes" if c.verified else "no", c.source)
             for c in (run.table.classes[i] for i in used)
         ),

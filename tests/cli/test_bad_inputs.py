@@ -13,8 +13,11 @@ import shapely
 from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights, release_box
 from rasterio.transform import from_origin
 
-OWN = "own,{},0.1,0.2,0.5,0.4,1,0.1,me,false"
-CLASSES = "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,source,verified\n"
+OWN = "own,{},0.1,0.2,0.5,0.4,1,0.1,0,9,0.1,me,false"
+CLASSES = (
+    "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,"
+    "rolling_threshold,source,verified\n"
+)
 
 
 def holes(value: float, inside: bool) -> Callable[[Slope], None]:

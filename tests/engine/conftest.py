@@ -16,11 +16,14 @@ from sassgis.model.settings import EngineSettings
 
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
 
+#: The words of the paper: what the tests of this folder run with unless they say otherwise.
+PAPER = EngineSettings(readings="1986")
+
 
 def ground(
-    name="ground", eta_max=0.7, dp=(0.0, 0.0), mu_f=0.8, mu_0=0.5, k=0.0, d_star_m=0.0
+    name="ground", eta_max=0.7, dp=(0.0, 0.0), mu_f=0.8, mu_0=0.5, k=0.0, d_star_m=0.0, **more
 ) -> GroundClass:
-    return GroundClass(name, eta_max, dp[0], dp[1], mu_f, mu_0, k, d_star_m)
+    return GroundClass(name, eta_max, dp[0], dp[1], mu_f, mu_0, k, d_star_m, **more)
 
 
 #: Table 1 of Bozzolo and Pamini (1986), with frictions from the middle of their ranges.
@@ -91,7 +94,7 @@ def run(lines, table, blocks, *, n=1, seed=1, start=None, settings=None, keys=No
         profiles,
         table,
         blocks,
-        settings or EngineSettings(),
+        settings or PAPER,
         seed=seed,
         rocks_per_line=n,
         line_keys=np.arange(count, dtype=np.uint64) if keys is None else keys,
@@ -101,7 +104,8 @@ def run(lines, table, blocks, *, n=1, seed=1, start=None, settings=None, keys=No
 
 
 def with_settings(**changes) -> EngineSettings:
-    return dataclasses.replace(EngineSettings(), **changes)
+    """The words of the paper with changes."""
+    return dataclasses.replace(PAPER, **changes)
 
 
 def rough(seed, step=0.5, length=120.0, angle=36.0, amplitude=0.15, foot=40.0):
@@ -138,6 +142,7 @@ def lab() -> SimpleNamespace:
         ellipsoid=ellipsoid,
         run=run,
         with_settings=with_settings,
+        HAZARD=EngineSettings(),
         rough=rough,
         valley=valley,
     )

@@ -198,9 +198,10 @@ def test_the_base_law_is_that_of_the_engine_and_soft_ground_takes_energy() -> No
     drawn = np.ones((1, 3000, 5))
     drawn[..., 0] = rng.uniform(0.0, np.pi, 3000)
     drawn[..., 1] = rng.uniform(ground.dp_min, ground.dp_max, 3000)
-    row = np.array([[state.dip, state.vt, state.vn, state.omega, ground.eta_max, ground.mu_f, 1.0]])
+    known = (state.dip, state.vt, state.vn, state.omega, ground.eta_max, ground.mu_f, 1.0)
+    row = np.array([[*known, 0.0, 9.0, 0.1, ground.mu_0, ground.k, ground.d_star_m]])
     out = np.empty((1, 3000, 3))
-    impact_draws(row, np.tile(state.axes, (1, 3000, 1)), drawn, 9.81, 0.1, SCALE, out)
+    impact_draws(row, np.tile(state.axes, (1, 3000, 1)), drawn, 9.81, SCALE, out)
     base = made["base"]
     # The same law under other draws: means agree within their standard errors.
     for q in range(3):

@@ -341,7 +341,8 @@ def test_paths_hold_in_the_new_place(slope: Grid, tmp_path: Path) -> None:
     _, case = made_case(tmp_path / "b", slope, 3)
     file.write_text(text)
     (tmp_path / "a" / "my.csv").write_text(
-        "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m\nscree,0.4,0.1,0.2,0.7,0.5,0.2,0.3\n"
+        "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,rolling_threshold\n"
+        "scree,0.4,0.1,0.2,0.7,0.5,0.2,0.3,0,9,0.1\n"
     )
     before = load_config(file)
     new = write_config_back(

@@ -26,7 +26,7 @@ def matrix_of(name: str) -> dict[str, tuple[str, ...]]:
 
 
 def test_built_in_names() -> None:
-    assert preset_names() == ("ch-federal", "ch-low-yellow", "ti")
+    assert preset_names() == ("ch-federal", "ti")
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -52,8 +52,6 @@ def test_what_the_built_in_presets_share(name: str) -> None:
 def test_matrices() -> None:
     assert matrix_of("ch-federal") == FEDERAL
     assert matrix_of("ti") == FEDERAL
-    yellow = {**FEDERAL, "low": ("mean", "slight", "slight", "residual_hazard")}
-    assert matrix_of("ch-low-yellow") == yellow
     assert read_preset("ch-federal").matrix == swiss().matrix
 
 
@@ -63,17 +61,17 @@ def test_names_in_ticino() -> None:
 
 
 def test_unverified_values_are_told_once_per_source() -> None:
-    federal = preset_unverified(read_preset("ch-federal"))
-    assert len(federal) == 1
-    assert federal[0].startswith("preset ch-federal, unverified: the whole matrix. Matrix of ")
-    variant = preset_unverified(read_preset("ch-low-yellow"))
-    assert [line.split(". ")[0] for line in variant] == [
-        "preset ch-low-yellow, unverified: 11 of 12 fields of the matrix",
-        "preset ch-low-yellow, unverified: matrix low 30 to 100 years",
+    assert preset_unverified(read_preset("ch-federal")) == []
+    ticino = preset_unverified(read_preset("ti"))
+    assert [line.split(". ")[0] for line in ticino] == [
+        "preset ti, unverified: intensity low, intensity mean, intensity high",
+        "preset ti, unverified: the whole matrix",
     ]
-    assert (
-        "intensity low, intensity mean, intensity high" in preset_unverified(read_preset("ti"))[0]
-    )
+
+
+def test_the_matrix_names_where_it_was_read() -> None:
+    rows = read_preset("ch-federal").matrix_provenance
+    assert all("IWCodeSteinBlockschlag" in p.source for row in rows for p in row)
 
 
 def test_labels() -> None:
@@ -278,6 +276,9 @@ def test_unknown_names(tmp_path: Path) -> None:
     ) as e:
         read_preset("ch-fedral")
     assert "nearest: ch-federal" in str(e.value)
+    # One that was built in once, and had no source.
+    with pytest.raises(InputError, match=r"found 'ch-low-yellow'; expected one of ch-federal, ti"):
+        read_preset("ch-low-yellow")
     with pytest.raises(InputError, match=r"none\.toml: preset: file not found"):
         read_preset(tmp_path / "none.toml")
     # A file whose name is not .toml is read all the same.

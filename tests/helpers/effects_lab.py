@@ -19,6 +19,8 @@ from sassgis.model.settings import EngineSettings
 FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
 REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = range(6)
 G = 9.81
+#: The words of the paper, on which the effects were built.
+PAPER = EngineSettings(readings="1986")
 
 MIXED = BlockPopulation(axis_1_m=(0.4, 0.8), axis_2_m=(0.3, 0.6), axis_3_m=(0.2, 0.5))
 
@@ -103,7 +105,7 @@ def run(
         flat,
         table if isinstance(table, GroundTable) else GroundTable((table,)),
         blocks,
-        settings or EngineSettings(),
+        settings or PAPER,
         seed=seed,
         rocks_per_line=n,
         line_keys=np.arange(1, dtype=np.uint64),

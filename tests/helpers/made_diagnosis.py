@@ -58,6 +58,7 @@ name = "road"
 line = [[2700020.0, 1149880.0], [2700180.0, 1149880.0]]
 
 [engine]
+readings = "1986"
 max_events = 20000
 
 [run]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import shapely
@@ -19,7 +18,6 @@ from sassgis.io.write.layers.federal import (
     synoptic_intensity,
 )
 
-MODELS = Path(__file__).parents[1] / "io" / "interlis" / "models"
 E, N = 2_705_000.0, 1_150_000.0
 
 
@@ -39,7 +37,9 @@ PARTS = MultiPolygon([STEPS, at((80, 0), (90, 0), (90, 10))])
 
 
 def some_layers(**changes: Any) -> list[VectorLayer]:
-    where: dict[str, Any] = {"crs": "EPSG:2056", "federal": True}
+    where: dict[str, Any] = {
+        "crs": "EPSG:2056", "federal": True, "canton": changes.get("canton", "TI")
+    }  # fmt: skip
     zones = [
         IntensityZones(30, False, [CORE], ["low"]),
         IntensityZones(300, False, [CORE, HOLLOW], ["high", "mean"]),
@@ -51,7 +51,6 @@ def some_layers(**changes: Any) -> list[VectorLayer]:
     return [
         assessment_area(
             [box(E - 100, N - 100, E + 200, N + 200)],
-            canton=changes.get("canton", "TI"),
             comments='Only "rockfall" <here>',
             **where,
         ),
@@ -59,6 +58,9 @@ def some_layers(**changes: Any) -> list[VectorLayer]:
         intensity_by_source([source], **where),
         hazard_area([CORE, HOLLOW, PARTS], ["substantial", "mean", "residual_hazard"], **where),
         indicative_hazard_area(
-            changes.get("indicative", [STEPS]), method="Cells that rocks reach at all.", **where
+            changes.get("indicative", [STEPS]),
+            hazard_area_existing=False,
+            method="Cells that rocks reach at all.",
+            **where,
         ),
     ]

@@ -155,7 +155,7 @@ def observed(
         inside = (down >= s0) & (down < s1)
         forest = Forest(np.where(inside, stems / 1e4, 0.0), np.where(inside, girth, 0.0))
     done = simulate(
-        own, table, real, EngineSettings(), seed=seed, rocks_per_line=1,
+        own, table, real, EngineSettings(readings="1986"), seed=seed, rocks_per_line=1,
         line_keys=np.arange(n_rocks, dtype=np.uint64) + np.uint64(1000),
         starts=np.zeros((n_rocks, 2)),
         control_lines=ControlLineCrossings.same_for_all(
@@ -204,7 +204,7 @@ def observed(
         observations=observations,
         grid=grid,
         table=TABLE,
-        engine=EngineSettings(),
+        engine=EngineSettings(readings="1986"),
         effects=EffectSettings(),
         forest=None,
         traces=traces,

@@ -180,6 +180,7 @@ density_kgm3 = {DENSITY_KGM3}
 drop_m = [{low}, {high}]
 
 [engine]
+readings = "1986"
 {variant.get("engine", "")}
 
 [run]

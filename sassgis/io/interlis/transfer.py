@@ -1,4 +1,4 @@
-"""Hazard zones as an INTERLIS 2 transfer file (XTF), by the model files or by default names.
+"""Hazard zones as an INTERLIS 2 transfer file (XTF) of the federal model 166.1.
 
 Sources: KOGIS, *INTERLIS 2 – Reference Manual*, edition of 2006 (INTERLIS 2.3), chapter 3; the
 Federal Office for the Environment's minimal geodata model 166.1:
@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,21 +20,28 @@ import pyogrio
 import shapely
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from sassgis.io.interlis.mapping import ClassPlan, Slot, code_of, default_plan, plan_of
-from sassgis.io.interlis.validation import ValidationResult, check_xtf, validate_xtf
+from sassgis.io.interlis.validation import (
+    ValidationResult,
+    check_validator,
+    check_xtf,
+    validate_xtf,
+)
 from sassgis.io.interlis.xtf_document import XtfObject, document
 from sassgis.io.staging import MANIFEST_NAME, writing
 from sassgis.io.write.layers.federal_model import (
-    DECIMALS,
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
-    NOT_ASSESSED,
+    MINIMUM_CLASSES,
+    MODEL_NAME,
+    RESPONSIBILITY,
+    Attribute,
     FederalClass,
     is_lv95,
 )
 from sassgis.io.write.layers.federal_values import (
     check_extent,
     checked_values,
+    plain,
     surface_parts,
 )
 from sassgis.model.errors import ConfigError, InputError, OutputError
@@ -44,8 +50,6 @@ __all__ = ["ExportResult", "XtfSummary", "export_xtf", "validate_xtf", "write_xt
 
 PACKAGE_NAME = "hazard.gpkg"
 _NAMESPACE = uuid.UUID("0a5f4c7e-6f0b-5d0e-9b56-1b6d1c8c7d15")
-#: Characters that XML cannot hold.
-_NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,26 +59,17 @@ class XtfSummary:
     Attributes
     ----------
     path : Path
-    model : str
-        Name of the model.
-    from_model : bool
-        Whether names come from the model's files, rather than from defaults.
     objects : mapping of str to int
-        Objects by layer.
-    notes : tuple of str
-        What does not match, was left out or filled in.
+        Objects by class.
     """
 
     path: Path
-    model: str
-    from_model: bool
     objects: Mapping[str, int]
-    notes: tuple[str, ...]
 
     def lines(self) -> list[str]:
         """The summary in words."""
         counts = ", ".join(f"{name} {count}" for name, count in self.objects.items())
-        return [f"Wrote {self.path}, model {self.model}: {counts}.", *self.notes]
+        return [f"Wrote {self.path}, model {MODEL_NAME}: {counts}."]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +107,12 @@ def export_xtf(
     xtf : Path
         File to write.
     models : Path, optional
-        Folder with the files of the federal model and of all models that it imports.
+        Folder with the files of the federal model and of all models that it imports, against which
+        the validator checks the file.
     validate : bool
-        Whether to let the validator check the file; needs ``models``.
+        Whether the file must be checked: an error without ``models``.
     canton : str, optional
-        Who is responsible for the data ("TI"), where the layer of assessment areas does not say.
+        Who is responsible for the data ("TI"), where the layers do not say.
     overwrite : bool
         Whether a file that is there may be replaced.
 
@@ -152,36 +148,27 @@ def export_xtf(
             file=result_folder,
             expected=f"{PACKAGE_NAME} in it, which a run of hazard zones writes",
         )
-    summary = write_xtf(package, xtf, model_folder=models, canton=canton, overwrite=overwrite)
-    verdict = validate_xtf(xtf, models) if validate and models is not None else None
-    return ExportResult(summary, verdict)
+    if models is not None:
+        check_validator(models, [MODEL_NAME])
+    summary = write_xtf(package, xtf, canton=canton, overwrite=overwrite)
+    return ExportResult(summary, None if models is None else validate_xtf(xtf, models))
 
 
 def write_xtf(
-    geopackage_path: Path,
-    xtf_path: Path,
-    *,
-    model_folder: Path | None,
-    canton: str | None = None,
-    language: str = "en",
-    overwrite: bool = False,
+    geopackage_path: Path, xtf_path: Path, *, canton: str | None = None, overwrite: bool = False
 ) -> XtfSummary:
-    """Write the five layers of the federal model as INTERLIS 2.3 transfer file.
+    """Write the layers of the federal model as INTERLIS 2.3 transfer file.
 
     Equal layers give equal files: the identifiers of objects are made from what they hold.
 
     Parameters
     ----------
     geopackage_path : Path
-        With the layers of :data:`sassgis.io.write.layers.federal_model.FEDERAL_CLASSES`.
+        With the layers of :data:`sassgis.io.write.layers.federal_model.FEDERAL_CLASSES`; those that
+        are not in the minimum model may be absent.
     xtf_path : Path
-    model_folder : Path or None
-        Folder with the model's .ili files, from which all names, the order of attributes and the
-        codes are taken; None: default names, which are unverified.
     canton, overwrite
         As for :func:`export_xtf`.
-    language : str
-        Of texts, where the model has them in several languages.
 
     Returns
     -------
@@ -190,69 +177,65 @@ def write_xtf(
     Raises
     ------
     InputError
-        If the layers or the models cannot be used.
+        If the layers cannot be used.
     OutputError
         If the file exists or cannot be written.
     """
     if xtf_path.exists() and not overwrite:
         raise OutputError(f"{xtf_path}: exists; choose another name, or --overwrite")
-    plan = default_plan() if model_folder is None else plan_of(model_folder, language)
-    layers = {
-        name: _read_layer(geopackage_path, kind, plan.from_model, canton)
-        for name, kind in FEDERAL_CLASSES.items()
-    }
-    notes = list(plan.notes)
     objects = {
-        name: _objects(kind, plan.classes[name], layers[name], geopackage_path, notes)
-        for name, kind in FEDERAL_CLASSES.items()
-        if name in plan.classes
+        name: _objects(geopackage_path, kind, canton) for name, kind in FEDERAL_CLASSES.items()
     }
-    for name, rows in layers.items():
-        if name in plan.classes:
-            continue
-        if rows:
-            raise InputError(
-                f"the model {plan.model.name} has no class for the layer {name}",
-                file=model_folder,
-                found=", ".join(plan.known_classes),
-                expected=f"a class {name}, whatever its case and underscores",
-            )
-        notes.append(f"The model has no class for the layer {name}, which is empty.")
     partial = xtf_path.with_name(xtf_path.name + ".partial")
     with writing(xtf_path):
         xtf_path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with partial.open("w", encoding="utf-8", newline="\n") as stream:
-                stream.writelines(document(plan, objects, _NAMESPACE))
+                stream.writelines(document(objects, _NAMESPACE))
             problems = check_xtf(partial)
             if problems:  # pragma: no cover
                 raise OutputError(f"{xtf_path}: not written, a fault of sassgis: {problems[0]}")
             os.replace(partial, xtf_path)
         finally:
             partial.unlink(missing_ok=True)
-    return XtfSummary(
-        xtf_path,
-        plan.model.name,
-        plan.from_model,
-        {name: len(found) for name, found in objects.items()},
-        tuple(dict.fromkeys(notes)),
-    )
+    return XtfSummary(xtf_path, {name: len(found) for name, found in objects.items()})
 
 
 # --- layers ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    where: str
-    values: dict[str, Any]
-    polygons: list[Any]
+def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObject]:
+    frame = _read_layer(file, kind)
+    seen: dict[str, int] = {}
+    objects: list[XtfObject] = []
+    if frame is None:
+        return objects
+    for number, (record, geometry) in enumerate(
+        zip(frame.drop(columns="geometry").to_dict("records"), frame.geometry, strict=True)
+    ):
+        where = f"feature {frame.index[number]}"
+        given: dict[str, Any] = {str(key): value for key, value in record.items()}
+        given[RESPONSIBILITY] = plain(given[RESPONSIBILITY]) or canton
+        values = checked_values(kind, given, where, file=file)
+        texts = {a.name: text for a in kind.attributes if (text := _text(a, values[a.name]))}
+        for polygon in surface_parts(geometry, where=f"{kind.name}, {where}", file=file):
+            content = json.dumps([kind.name, values], sort_keys=True, ensure_ascii=True)
+            content += shapely.to_wkb(polygon.normalize(), hex=True)
+            seen[content] = seen.get(content, 0) + 1
+            identity = uuid.uuid5(_NAMESPACE, f"{content}|{seen[content]}")
+            # "<identifier of the canton>.<canton>.ch", as a name of XML: it begins with no digit.
+            tid = f"_{identity}.{values[RESPONSIBILITY].lower()}.ch"
+            objects.append(XtfObject(tid, texts, polygon))
+    return objects
 
 
-def _read_layer(file: Path, kind: FederalClass, from_model: bool, canton: str | None) -> list[_Row]:
+def _read_layer(file: Path, kind: FederalClass) -> gpd.GeoDataFrame | None:
+    """A layer in the coordinates of the model; None where it is absent and may be."""
     try:
         frame = pyogrio.read_dataframe(file, layer=kind.name, fid_as_index=True)
     except DataLayerError:
+        if kind.name not in MINIMUM_CLASSES:
+            return None
         raise InputError("layer is missing", file=file, field=kind.name) from None
     except DataSourceError as error:
         raise InputError("cannot be read", file=file, found=str(error)) from error
@@ -266,125 +249,23 @@ def _read_layer(file: Path, kind: FederalClass, from_model: bool, canton: str | 
             found="local coordinates" if frame.crs is None else frame.crs.name,
             expected=f"coordinates in EPSG:{FEDERAL_EPSG}",
         )
-    if absent := [a.name for a in kind.attributes if a.verified and a.name not in frame]:
+    if absent := [a.name for a in kind.attributes if a.name not in frame]:
         raise InputError(
-            "column is missing", file=file, field=f"{kind.name}.{absent[0]}", expected="it"
+            "column is missing",
+            file=file,
+            field=f"{kind.name}.{absent[0]}",
+            expected="the columns of model 166.1, as this version writes them",
         )
     check_extent(frame.geometry.dropna().to_numpy(), field=kind.name, file=file)
-    rows = []
-    for number, (record, geometry) in enumerate(
-        zip(frame.drop(columns="geometry").to_dict("records"), frame.geometry, strict=True)
-    ):
-        where = f"feature {frame.index[number]}"
-        values: dict[str, Any] = {str(key): value for key, value in record.items()}
-        if kind.name == "assessment_area":
-            _complete_area(values, canton)
-        # The codes of the model's own files go before those that are known here.
-        checked = checked_values(kind, values, where, federal=not from_model, file=file)
-        polygons = surface_parts(geometry, where=f"{kind.name}, {where}", file=file)
-        if polygons:
-            rows.append(_Row(where, checked, polygons))
-    return rows
+    return frame
 
 
-def _complete_area(values: dict[str, Any], canton: str | None) -> None:
-    given = values.get("data_responsibility")
-    if canton and (given is None or given != given or not str(given).strip()):
-        values["data_responsibility"] = canton
-    for attribute in FEDERAL_CLASSES["assessment_area"].attributes:
-        if not attribute.verified:
-            values.setdefault(attribute.name, NOT_ASSESSED)
-
-
-# --- objects ---------------------------------------------------------------------------------
-
-
-def _objects(
-    layer: FederalClass,
-    plan: ClassPlan,
-    rows: Sequence[_Row],
-    file: Path,
-    notes: list[str],
-) -> list[XtfObject]:
-    zone = next(slot for slot in plan.slots if slot.geometry)
-    together = any(step.many for step in zone.steps)
-    _note_left_out(layer, plan, rows, notes)
-    seen: dict[str, int] = {}
-    objects: list[XtfObject] = []
-    for row in rows:
-        texts = {
-            slot.name: text
-            for slot in plan.slots
-            if not slot.geometry and (text := _text_of(slot, row, layer.name, file)) is not None
-        }
-        polygons = [
-            part
-            for polygon in row.polygons
-            for part in (
-                [polygon]
-                if zone.decimals == DECIMALS
-                else surface_parts(polygon, where=row.where, file=file, decimals=zone.decimals)
-            )
-        ]
-        for group in [polygons] if together else [[p] for p in polygons]:
-            if not group:
-                continue
-            content = json.dumps([layer.name, row.values], sort_keys=True, ensure_ascii=True)
-            content += "".join(shapely.to_wkb(p.normalize(), hex=True) for p in group)
-            seen[content] = seen.get(content, 0) + 1
-            identity = uuid.uuid5(_NAMESPACE, f"{content}|{seen[content]}")
-            objects.append(XtfObject(str(identity), texts, group))
-    return objects
-
-
-def _note_left_out(
-    layer: FederalClass, plan: ClassPlan, rows: Sequence[_Row], notes: list[str]
-) -> None:
-    for name in plan.left_out:
-        attribute = next(a for a in layer.attributes if a.name == name)
-        values = {row.values[name] for row in rows} - {None}
-        if not attribute.verified and values <= {NOT_ASSESSED}:
-            continue  # a guess at a name, with nothing in it to lose
-        if values:
-            notes.append(
-                f"Column {layer.name}.{name} is left out: the model has no such attribute."
-            )
-
-
-def _text_of(slot: Slot, row: _Row, layer: str, file: Path) -> str | None:
-    if slot.column is None:
-        return slot.constant
-    value = row.values[slot.column]
-    kind = slot.type
-    found: str | None = None
-    expected = kind.text
+def _text(attribute: Attribute, value: Any) -> str:
+    """A checked value as the file has it; empty for none."""
     if value is None:
-        if not kind.mandatory:
-            return None
-        expected = f"a value, which the model's attribute {slot.name} must have"
-    elif kind.kind == "enumeration":
-        found = code_of(kind, _as_code(value))
-        expected = f"one of {', '.join(kind.codes)}"
-    elif kind.kind == "boolean":
-        found = str(value).lower() if isinstance(value, bool) else None
-    elif kind.kind == "number":
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if number and kind.low <= value <= kind.high:
-            found = f"{value:.{kind.decimals}f}"
-    elif isinstance(value, str):
-        text = _NO_XML.sub("", value)
-        found = text if kind.longest is None or len(text) <= kind.longest else None
-        expected = f"a text of at most {kind.longest} characters"
-    if found is None:
-        raise InputError(
-            f"{row.where}: value cannot be written",
-            file=file,
-            field=f"{layer}.{slot.column}",
-            found=value,
-            expected=expected,
-        )
-    return found
-
-
-def _as_code(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if attribute.kind == "number":
+        return f"{value:.{attribute.decimals}f}"
+    return str(value)

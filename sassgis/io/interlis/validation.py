@@ -8,12 +8,13 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -21,16 +22,19 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import shapely
 
-from sassgis.io.interlis.ili_parser import ili_files, read_models
-from sassgis.io.write.layers.federal_model import (
-    DECIMALS,
-    FEDERAL_EXTENT,
-)
+from sassgis.io.write.layers.federal_model import DECIMALS, FEDERAL_EXTENT
 from sassgis.model.errors import InputError, OutputError
 
 XTF_NAMESPACE = "http://www.interlis.ch/INTERLIS2.3"
 _NS = f"{{{XTF_NAMESPACE}}}"
 _MOST_LINES = 20
+#: A model as an .ili file declares it, at the beginning of a line.
+_MODEL = re.compile(
+    r"^\s*(?:CONTRACTED\s+)?(?:TYPE\s+|REFSYSTEM\s+|SYMBOLOGY\s+)?MODEL\s+(\w+)\s*(?:\(\w+\)\s*)?AT\b",
+    re.M,
+)
+#: An identifier as XML has it, which INTERLIS asks for.
+_IDENTIFIER = re.compile(r"[A-Za-z_][\w.-]*", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,21 +140,13 @@ def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) ->
     OutputError
         If the validator breaks down.
     """
-    if importlib.util.find_spec("ilivalidator") is None:
-        raise InputError(
-            "the INTERLIS validator is not installed",
-            expected=(
-                "the Python package ilivalidator: pip install 'sassgis[interlis]' (there is none "
-                "for Macs with Apple processors)"
-            ),
-        )
-    _check_models(xtf, model_folder)
+    check_validator(model_folder, _header_models(xtf))
     with tempfile.TemporaryDirectory(prefix="sassgis-") as name:
         work = Path(name)
         # Semicolons part its lists of files, and it knows no names beyond ASCII everywhere.
         models = work / "models"
         models.mkdir()
-        copies = {str(models / f"{n}.ili"): file for n, file in enumerate(ili_files(model_folder))}
+        copies = {str(models / f"{n}.ili"): file for n, file in enumerate(_ili_files(model_folder))}
         for copy, file in copies.items():
             shutil.copyfile(file, copy)
         data = work / "data.xtf"
@@ -196,18 +192,44 @@ def _cause(done: subprocess.CompletedProcess[bytes]) -> str:
     return lines[-1].strip() if lines else f"exit code {done.returncode}"
 
 
-def _check_models(xtf: Path, folder: Path) -> None:
-    library = read_models(folder)
-    names = _header_models(xtf)
-    absent = [name for name in names if name not in library.models]
-    for name in names:
-        absent += library.missing_imports(name)
-    if absent := list(dict.fromkeys(absent)):
+def _ili_files(folder: Path) -> list[Path]:
+    """The .ili files of a folder (not of the folders in it), by name."""
+    files = sorted(folder.glob("*.[iI][lL][iI]")) if folder.is_dir() else []
+    if not files:
+        raise InputError("holds no model", file=folder, expected="a folder with .ili files")
+    return files
+
+
+def check_validator(model_folder: Path, models: Sequence[str]) -> None:
+    """Refuse what would keep a file from being validated, before it is written.
+
+    Parameters
+    ----------
+    model_folder : Path
+    models : sequence of str
+        That the file names; those that they import are looked for by the validator.
+
+    Raises
+    ------
+    InputError
+        If the validator is not installed, or a model is not in the folder.
+    """
+    if importlib.util.find_spec("ilivalidator") is None:
+        raise InputError(
+            "the INTERLIS validator is not installed",
+            expected=(
+                "the Python package ilivalidator: pip install 'sassgis[interlis]' (there is none "
+                "for Macs with Apple processors)"
+            ),
+        )
+    texts = [file.read_text(encoding="latin-1") for file in _ili_files(model_folder)]
+    held = {name for text in texts for name in _MODEL.findall(text)}
+    if absent := [name for name in models if name not in held]:
         raise InputError(
             "models that the file needs are missing",
-            file=folder,
-            found=", ".join(absent),
-            expected="their .ili files in the folder",
+            file=model_folder,
+            found=", ".join(sorted(held)) or "no model",
+            expected=f"the .ili file of {', '.join(absent)}",
         )
 
 
@@ -325,7 +347,7 @@ def _problems(xtf: Path) -> Iterator[str]:
 def _basket_problems(tag: str, bid: str | None, models: list[str], bids: set[str]) -> Iterator[str]:
     if tag.count(".") != 1 or tag.split(".")[0] not in models:
         yield f"basket {tag} is no topic of a model in the header"
-    if not bid or bid in bids:
+    if not _IDENTIFIER.fullmatch(bid or "") or bid in bids:
         yield f"basket {tag} has no identifier of its own"
     bids.add(bid or "")
 
@@ -333,7 +355,7 @@ def _basket_problems(tag: str, bid: str | None, models: list[str], bids: set[str
 def _object_problems(tag: str, tid: str | None, basket: str, tids: set[str]) -> Iterator[str]:
     if tag.count(".") != 2:
         yield f"object {tag} in {basket} does not name model, topic and class"
-    if not tid or tid in tids:
+    if not _IDENTIFIER.fullmatch(tid or "") or tid in tids:
         yield f"object {tag} has no identifier of its own"
     tids.add(tid or "")
 

@@ -17,45 +17,46 @@ import numpy as np
 import shapely
 
 from sassgis import __version__
-from sassgis.io.interlis.mapping import ClassPlan, Step, TransferPlan
 from sassgis.io.interlis.validation import XTF_NAMESPACE
+from sassgis.io.write.layers.federal_model import (
+    DECIMALS,
+    FEDERAL_CLASSES,
+    MODEL_NAME,
+    MODEL_URI,
+    MODEL_VERSION,
+    TOPIC,
+    FederalClass,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class XtfObject:
-    """An object: its identifier, its texts by attribute, its zones."""
+    """An object: its identifier, its texts by attribute, its zone."""
 
     tid: str
-    texts: dict[str, str]
-    polygons: list[Any]
+    texts: Mapping[str, str]
+    polygon: Any
 
 
-def document(
-    plan: TransferPlan, objects: Mapping[str, Sequence[XtfObject]], namespace: uuid.UUID
-) -> Iterator[str]:
+def document(objects: Mapping[str, Sequence[XtfObject]], namespace: uuid.UUID) -> Iterator[str]:
     """The text of a transfer file in pieces, as it may be large.
 
     Parameters
     ----------
-    plan : TransferPlan
     objects : mapping of str to sequence of XtfObject
-        By layer.
+        By class.
     namespace : UUID
-        From which the identifiers of the baskets are made.
+        From which the identifier of the basket is made.
     """
     yield f'<?xml version="1.0" encoding="UTF-8"?>\n<TRANSFER xmlns="{XTF_NAMESPACE}">\n'
-    yield _text(_header(plan))
+    yield _text(_header())
     yield "<DATASECTION>\n"
-    numbers = count(1)
-    for topic in dict.fromkeys(plan.topics.values()):
-        inside = [name for name in objects if plan.topics[name] == topic]
-        tids = [item.tid for name in inside for item in objects[name]]
-        yield f'<{topic} BID="{uuid.uuid5(namespace, "|".join([topic, *tids]))}">\n'
-        for name in inside:
-            for item in objects[name]:
-                yield _text(_object_element(plan.classes[name], item, numbers))
-        yield f"</{topic}>\n"
-    yield "</DATASECTION>\n</TRANSFER>\n"
+    tids = [item.tid for inside in objects.values() for item in inside]
+    yield f'<{TOPIC} BID="_{uuid.uuid5(namespace, "|".join([TOPIC, *tids]))}">\n'
+    for name, inside in objects.items():
+        for item in inside:
+            yield _text(_object_element(FEDERAL_CLASSES[name], item))
+    yield f"</{TOPIC}>\n</DATASECTION>\n</TRANSFER>\n"
 
 
 def _text(element: ET.Element) -> str:
@@ -69,60 +70,29 @@ def _element(tag: str, *, lines: bool = False, **attributes: str) -> ET.Element:
     return element
 
 
-def _header(plan: TransferPlan) -> ET.Element:
+def _header() -> ET.Element:
     header = _element("HEADERSECTION", lines=True, SENDER=f"sassgis {__version__}", VERSION="2.3")
     models = _element("MODELS", lines=True)
-    for model in (plan.model, *plan.others):
-        models.append(_element("MODEL", NAME=model.name, VERSION=model.version, URI=model.uri))
+    models.append(_element("MODEL", NAME=MODEL_NAME, VERSION=MODEL_VERSION, URI=MODEL_URI))
     header.append(models)
-    if not plan.from_model:
-        comment = _element("COMMENT")
-        comment.text = plan.notes[0]
-        header.append(comment)
     return header
 
 
-def _object_element(kind: ClassPlan, item: XtfObject, numbers: Iterator[int]) -> ET.Element:
-    tid = item.tid if kind.identifier == "uuid" else str(next(numbers))
-    element = _element(kind.tag, lines=True, TID=tid)
-    for slot in kind.slots:
-        attribute = _element(slot.name)
-        if slot.geometry:
-            _add_surfaces(attribute, slot.steps, item.polygons, slot.decimals)
-        elif slot.name in item.texts:
-            _add_text(attribute, slot.steps, item.texts[slot.name])
-        else:
-            continue
-        element.append(attribute)
+def _object_element(kind: FederalClass, item: XtfObject) -> ET.Element:
+    """An object; its surface comes first, as in the model."""
+    element = _element(f"{TOPIC}.{kind.name}", lines=True, TID=item.tid)
+    zone = _element(kind.geometry)
+    zone.append(_surface(item.polygon))
+    element.append(zone)
+    for attribute in kind.attributes:
+        if attribute.name in item.texts:
+            child = _element(attribute.name)
+            child.text = item.texts[attribute.name]
+            element.append(child)
     return element
 
 
-def _add_text(parent: ET.Element, steps: tuple[Step, ...], text: str) -> None:
-    """Put a text into an attribute, inside the structures that the model wants around it."""
-    for step in steps:
-        structure = ET.SubElement(parent, step.structure)
-        if step.language is not None:
-            name, code = step.language
-            ET.SubElement(structure, name).text = code
-        parent = ET.SubElement(structure, step.attribute)
-    parent.text = text
-
-
-def _add_surfaces(
-    parent: ET.Element, steps: tuple[Step, ...], polygons: Sequence[Any], decimals: int
-) -> None:
-    """Put zones into an attribute, inside the structures that the model wants around them."""
-    if not steps:
-        parent.append(_surface(polygons[0], decimals))
-        return
-    step = steps[0]
-    for group in [[polygon] for polygon in polygons] if step.many else [list(polygons)]:
-        structure = ET.SubElement(parent, step.structure)
-        attribute = ET.SubElement(structure, step.attribute)
-        _add_surfaces(attribute, steps[1:], group, decimals)
-
-
-def _surface(polygon: Any, decimals: int) -> ET.Element:
+def _surface(polygon: Any) -> ET.Element:
     """A surface: its outline and then its holes, each a closed line of straight pieces."""
     surface = _element("SURFACE", lines=True)
     surface.tail = None
@@ -132,8 +102,8 @@ def _surface(polygon: Any, decimals: int) -> ET.Element:
         line.text = "\n"
         for x, y in ring:
             corner = _element("COORD")
-            ET.SubElement(corner, "C1").text = f"{x:.{decimals}f}"
-            ET.SubElement(corner, "C2").text = f"{y:.{decimals}f}"
+            ET.SubElement(corner, "C1").text = f"{x:.{DECIMALS}f}"
+            ET.SubElement(corner, "C2").text = f"{y:.{DECIMALS}f}"
             line.append(corner)
         surface.append(boundary)
     return surface

@@ -259,6 +259,7 @@ def resolved(config: Config) -> dict[str, Any]:
             plain[section] = [_plain(item) for item in value]
         else:
             plain[section] = None if value is None else _plain(value)
+    plain["engine"] = _plain(config.engine.resolved())
     plain["onsets"] = {name: _plain(onset) for name, onset in config.onsets.items()}
     return plain
 

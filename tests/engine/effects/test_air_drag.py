@@ -32,7 +32,7 @@ def landing(effects, radius=0.05, drop=100.0, speed=0.0, rock=2700.0):
     blocks = sphere(
         radius, drop_m=(drop, drop), speed_mps=(speed, speed), density_kgm3=(rock, rock)
     )
-    never_soft = EngineSettings(rolling_threshold=0.0)
+    never_soft = EngineSettings(readings="1986", rolling_threshold=0.0)
     out = run(FLAT, plain(), blocks, effects, log_events=3000, settings=never_soft)
     return first(out.event_logs[0], IMPACT)
 

@@ -116,7 +116,7 @@ def play(line, blocks, effects, table=None, n=8, cell=2.0, **more):
 def test_energy_never_grows_beyond_what_gravity_gives(line, blocks, effects, eta, rolling):
     out = play(
         line, blocks, effects, ground(eta_max=eta), log_events=30_000, n=4,
-        settings=EngineSettings(rolling=rolling),
+        settings=EngineSettings(readings="1986", rolling=rolling),
     )  # fmt: skip
     assert (out.rocks["reason"] != STEP_LIMIT).all()
     shape = effects.get(RockShape)

@@ -116,7 +116,7 @@ def test_slip_is_the_rule_of_coulomb_with_its_own_friction():
     slips = run(line, table, MIXED, soft("slip", friction=0.3), n=60, start=(3.0, 20.0))
     rule = run(
         line, table, MIXED, n=60, start=(3.0, 20.0),
-        settings=EngineSettings(eta_max_rule="coulomb"),
+        settings=EngineSettings(readings="1986", eta_max_rule="coulomb"),
     )  # fmt: skip
     assert same(slips, rule)
 

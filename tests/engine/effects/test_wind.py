@@ -45,7 +45,7 @@ def landing(acceleration, speed=5.0, drop=60.0, others=(), radius=0.3):
     blocks = sphere(radius, drop_m=(drop, drop), speed_mps=(speed, speed))
     out = run(
         FLAT, plain(), blocks, EffectSettings(Wind(acceleration), *others), start=START_M,
-        log_events=1000, settings=EngineSettings(rolling_threshold=0.0),
+        log_events=1000, settings=EngineSettings(readings="1986", rolling_threshold=0.0),
     )  # fmt: skip
     return first(out.event_logs[0], IMPACT)
 

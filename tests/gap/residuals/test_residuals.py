@@ -17,15 +17,18 @@ from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_conta
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
 from sassgis.gap.where.findings import reach_edges
 
+#: Restitution, its speed, rolling threshold and rolling friction of a ground.
+MORE = (0.0, 9.144, 0.1, 0.5, 0.2, 0.3)
+
 
 def test_an_impact_of_a_sphere_is_that_of_the_law():
     """A sphere has no orientation: with an even slope nothing is left to chance."""
     r, dip = 0.4, math.radians(35.0)
-    rows = np.array([[dip, 9.0, -4.0, 15.0, 0.5, 0.7, 1.0]])
+    rows = np.array([[dip, 9.0, -4.0, 15.0, 0.5, 0.7, 1.0, *MORE]])
     draws = np.zeros((1, 3, 3))
     draws[0, :, 0] = 0.1, 1.0, 2.0
     out = np.empty((1, 3, 3))
-    impact_draws(rows, np.full((1, 3, 3), r), draws, 9.81, 0.1, SCALE, out)
+    impact_draws(rows, np.full((1, 3, 3), r), draws, 9.81, SCALE, out)
     expected = impact(0.0, r, inertia(r, r), 9.0, -4.0, 15.0, 0.5, SCALE, 0.7)
     np.testing.assert_allclose(out[0], np.tile(expected, (3, 1)), rtol=1e-12)
 
@@ -33,11 +36,11 @@ def test_an_impact_of_a_sphere_is_that_of_the_law():
 def test_the_slope_that_is_met_is_flatter_by_the_variation():
     """Half of the tangent: the velocity is taken apart along the met ground and put back."""
     r, dip = 0.4, math.radians(40.0)
-    rows = np.array([[dip, 12.0, -5.0, 20.0, 1.0, 0.7, 1.0]])
+    rows = np.array([[dip, 12.0, -5.0, 20.0, 1.0, 0.7, 1.0, *MORE]])
     draws = np.zeros((1, 1, 3))
     draws[0, 0, 1] = 0.5
     out = np.empty((1, 1, 3))
-    impact_draws(rows, np.full((1, 1, 3), r), draws, 9.81, 0.1, SCALE, out)
+    impact_draws(rows, np.full((1, 1, 3), r), draws, 9.81, SCALE, out)
     met = math.atan(0.5 * math.tan(dip))
 
     def apart(vx: float, vz: float, angle: float) -> tuple[float, float]:
@@ -54,9 +57,9 @@ def test_the_slope_that_is_met_is_flatter_by_the_variation():
 
 
 def test_soft_landings_are_left_to_rolling():
-    rows = np.array([[0.5, 5.0, -0.3, 10.0, 0.5, 0.7, 0.0]])
+    rows = np.array([[0.5, 5.0, -0.3, 10.0, 0.5, 0.7, 0.0, *MORE]])
     out = np.empty((1, 4, 3))
-    impact_draws(rows, np.full((1, 4, 3), 0.5), np.zeros((1, 4, 3)), 9.81, 0.1, SCALE, out)
+    impact_draws(rows, np.full((1, 4, 3), 0.5), np.zeros((1, 4, 3)), 9.81, SCALE, out)
     assert np.isnan(out).all()
 
 

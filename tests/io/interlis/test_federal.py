@@ -42,33 +42,38 @@ from sassgis.io.write.layers.federal_values import (
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, Provenance
 
-LV95: dict[str, Any] = {"crs": "EPSG:2056", "federal": True}
+LV95: dict[str, Any] = {"crs": "EPSG:2056", "federal": True, "canton": "TI"}
 ZONE = box(made.E, made.N, made.E + 100, made.N + 100)
 INSIDE = (2_600_000.0, 1_100_000.0, 2_601_000.0, 1_101_000.0)
 
-#: As the documentation of the model lists them; typed anew, not taken from the module.
+#: As the text of the model lists them; typed anew, not taken from the module.
+BASIC = ["data_responsibility", "comments"]
+INTENSITY = [
+    *BASIC, "intensity_class", "process_cantonal_term", "return_period_in_years", "extreme_scenario"
+]  # fmt: skip
 COLUMNS = {
+    "assessment_area": [
+        "data_responsibility", "fl_state_flooding", "df_state_debris_flow",
+        "be_state_bank_erosion", "pl_state_permanent_landslide", "sl_state_spontaneous_landslide",
+        "hd_state_hillslope_debris_flow", "rf_state_rock_fall", "rs_state_rock_slide_rock_aval",
+        "if_state_ice_fall", "sh_state_sinkhole", "su_state_subsidence",
+        "fa_state_flowing_avalanche", "pa_state_powder_avalanche", "gs_state_gliding_snow",
+        "comments",
+    ],
     "synoptic_intensity": [
-        "intensity_class",
-        "process_cantonal_term",
-        "return_period_in_years",
-        "extreme_scenario",
-        "subproc_synoptic_intensity",
-        "sources_in_subprocesses_compl",
+        *INTENSITY, "subproc_synoptic_intensity", "sources_in_subprocesses_compl"
     ],
     "intensity_by_source": [
-        "intensity_class",
-        "process_cantonal_term",
-        "return_period_in_years",
-        "extreme_scenario",
-        "process_source",
-        "subproc_intensity_by_source",
-        "subscenario_probability",
+        *INTENSITY, "process_source", "subproc_intensity_by_source", "subscenario_probability",
         "scenario_description",
     ],
-    "hazard_area": ["main_process", "hazard_level", "subprocesses_complete", "sources_complete"],
-    "indicative_hazard_area": ["indicative_process", "hazard_indication", "method"],
-}
+    "hazard_area": [
+        *BASIC, "main_process", "hazard_level", "subprocesses_complete", "sources_complete"
+    ],
+    "indicative_hazard_area": [
+        *BASIC, "indicative_process", "hazard_indication", "method", "hazard_area_existing"
+    ],
+}  # fmt: skip
 
 
 def test_columns_are_those_of_the_model() -> None:
@@ -76,8 +81,6 @@ def test_columns_are_those_of_the_model() -> None:
     assert list(layers) == list(FEDERAL_CLASSES)
     for name, columns in COLUMNS.items():
         assert layers[name].columns == ["fid", *columns]
-    area = layers["assessment_area"].columns
-    assert {"data_responsibility", "rf_state_rock_fall", "comments"} < set(area)
     assert all(set(layer.fields) == set(layer.columns) - {"fid"} for layer in layers.values())
     assert all("166.1" in layer.description for layer in layers.values())
 
@@ -106,7 +109,7 @@ def test_empty_layers_keep_their_columns_and_types(tmp_path: Path) -> None:
         synoptic_intensity([], **LV95),
         intensity_by_source([], **LV95),
         hazard_area([], [], **LV95),
-        indicative_hazard_area([], **LV95),
+        indicative_hazard_area([], hazard_area_existing=True, **LV95),
     ]
     path = write_geopackage(tmp_path / "hazard.gpkg", layers)
     for layer in layers:
@@ -223,15 +226,32 @@ def test_known_levels(code: str) -> None:
 
 @pytest.mark.parametrize("code", INTENSITY_CLASSES)
 def test_known_intensities(code: str) -> None:
-    assert intensity(30, code=code).frame["intensity_class"].tolist() == [code]
+    assert intensity(301, code=code).frame["intensity_class"].tolist() == [code]
+
+
+@pytest.mark.parametrize(("years", "extreme"), [(300, False), (None, True)])
+def test_an_intensity_is_stated_in_detail_up_to_300_years(years: Any, extreme: bool) -> None:
+    with pytest.raises(InputError, match=r"intensity_class.*in detail.*existing_impact"):
+        intensity(years, extreme, "existing_impact")
+
+
+def test_a_sub_scenario_is_described() -> None:
+    zones = [IntensityZones(30, False, [ZONE], ["low"])]
+    whole = intensity_by_source([SourceZones("a", zones)], **LV95).frame
+    assert whole["subscenario_probability"].tolist() == [1.0]
+    with pytest.raises(InputError, match=r"scenario_description.*missing"):
+        intensity_by_source([SourceZones("a", zones, 0.5)], **LV95)
 
 
 def test_text_limits() -> None:
-    assert intensity(30, process_cantonal_term="x" * 50).frame.iloc[0, 1] == "x" * 50
+    assert (
+        intensity(30, process_cantonal_term="x" * 50).frame.loc[0, "process_cantonal_term"]
+        == "x" * 50
+    )
     with pytest.raises(InputError, match=r"51 characters.*at most 50"):
         intensity(30, process_cantonal_term="x" * 51)
     with pytest.raises(InputError, match=r"401 characters.*at most 400"):
-        indicative_hazard_area([ZONE], method="x" * 401, **LV95)
+        indicative_hazard_area([ZONE], hazard_area_existing=True, method="x" * 401, **LV95)
     zones = [IntensityZones(30, False, [ZONE], ["low"])]
     with pytest.raises(InputError, match=r"401 characters.*at most 400"):
         intensity_by_source([SourceZones("a", zones, 0.5, "x" * 401)], **LV95)
@@ -247,25 +267,25 @@ def test_probability_limits(probability: Any) -> None:
 
 def test_codes_of_the_rest() -> None:
     with pytest.raises(InputError, match="data_responsibility"):
-        assessment_area([ZONE], canton="XX", **LV95)
+        assessment_area([ZONE], **{**LV95, "canton": "XX"})
     with pytest.raises(InputError, match="rf_state_rock_fall"):
-        assessment_area([ZONE], canton="TI", rock_fall_state="done", **LV95)
+        assessment_area([ZONE], rock_fall_state="done", **LV95)
     with pytest.raises(InputError, match="sources_complete"):
         hazard_area([ZONE], ["mean"], sources_complete="yes", **LV95)
     with pytest.raises(InputError, match="1 codes; expected 2"):
         hazard_area([ZONE, ZONE], ["mean"], **LV95)
-    assert len(CANTONS) == len(set(CANTONS)) == 26
+    assert len(CANTONS) == len(set(CANTONS)) == 27
 
 
 def test_federal_layers_need_federal_coordinates() -> None:
     for crs in ("EPSG:32632", None, ""):
         with pytest.raises(InputError, match="EPSG:2056"):
-            hazard_area([], [], crs=crs, federal=True)
+            hazard_area([], [], crs=crs, federal=True, canton=None)
 
 
 def test_abroad_the_layers_are_the_same_but_claim_nothing() -> None:
     zone = box(680_000, 5_150_000, 680_100, 5_150_100)
-    abroad: dict[str, Any] = {"crs": "EPSG:32632", "federal": False}
+    abroad: dict[str, Any] = {"crs": "EPSG:32632", "federal": False, "canton": None}
     layer = hazard_area([zone], ["H4"], **abroad)
     assert layer.columns == ["fid", *COLUMNS["hazard_area"]]
     assert "166.1" not in layer.description and layer.frame.crs.to_epsg() == 32632

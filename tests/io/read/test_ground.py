@@ -18,8 +18,11 @@ from sassgis.model.ground import GroundClass
 from sassgis.model.settings import GroundSettings
 
 WEST, NORTH = 2_700_000.0, 1_150_000.0
-HEADER = "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,source,verified\n"
-GOOD = "scree,0.5,0.1,0.4,0.8,0.5,0.2,0.4,measured 2020,true\n"
+HEADER = (
+    "name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m,restitution,restitution_speed_mps,"
+    "rolling_threshold,source,verified\n"
+)
+GOOD = "scree,0.5,0.1,0.4,0.8,0.5,0.2,0.4,0.3,9.144,0.2,measured 2020,true\n"
 
 
 def settings(path=None, **keys):
@@ -59,11 +62,11 @@ def test_default_class_of_the_configuration_is_built_in():
 
 def test_own_classes_are_added_or_replace(tmp_path):
     path = tmp_path / "own.csv"
-    path.write_text(HEADER + GOOD + "rock,0.8,0,0.2,0.7,0.4,0.2,0,site,false\n")
+    path.write_text(HEADER + GOOD + "rock,0.8,0,0.2,0.7,0.4,0.2,0,0,9,0.1,site,false\n")
     table = read_ground_table(path)
     assert table.names == (*built_in_table().names, "scree")
     assert table.classes[-1] == GroundClass(
-        "scree", 0.5, 0.1, 0.4, 0.8, 0.5, 0.2, 0.4, "measured 2020", True
+        "scree", 0.5, 0.1, 0.4, 0.8, 0.5, 0.2, 0.4, 0.3, 9.144, 0.2, "measured 2020", True
     )
     assert table.classes[table.index("rock")].eta_max == 0.8
     assert table.classes[table.index("debris")] == built_in_table().classes[1]
@@ -73,31 +76,35 @@ def test_toml_and_spreadsheet_tables_say_the_same(tmp_path):
     toml, sheet = tmp_path / "own.toml", tmp_path / "own.csv"
     toml.write_text(
         '[[classes]]\nname = "scree"\neta_max = 0.5\ndp_min = 0.1\ndp_max = 0.4\nmu_f = 0.8\n'
-        'mu_0 = 0.5\nk = 0.2\nd_star_m = 0.4\nsource = "measured 2020"\nverified = true\n'
+        "mu_0 = 0.5\nk = 0.2\nd_star_m = 0.4\nrestitution = 0.3\n"
+        "restitution_speed_mps = 9.144\nrolling_threshold = 0.2\n"
+        'source = "measured 2020"\nverified = true\n'
     )
     sheet.write_bytes(
         b"\xef\xbb\xbf"
         + HEADER.replace(",", ";").encode()
         # A spreadsheet with decimal commas.
-        + b"scree;0,5;0,1;0,4;0,8;0,5;0,2;0,4;measured 2020;TRUE\r\n;;;;;;;;;\r\n"
+        + b"scree;0,5;0,1;0,4;0,8;0,5;0,2;0,4;0,3;9,144;0,2;measured 2020;TRUE\r\n;;;;;;;;;;;;\r\n"
     )
     assert read_ground_table(toml) == read_ground_table(sheet)
 
 
 def test_source_may_be_left_out_but_is_then_unverified(tmp_path):
     path = tmp_path / "own.csv"
-    path.write_text("name,eta_max,dp_min,dp_max,mu_f,mu_0,k,d_star_m\nscree,.5,0,0,.8,.5,.2,.4\n")
+    path.write_text(
+        HEADER.removesuffix(",source,verified\n") + "\nscree,.5,0,0,.8,.5,.2,.4,0,9,.1\n"
+    )
     own = read_ground_table(path).classes[-1]
     assert own.verified is False
     assert "own.csv" in own.source
 
 
-@given(values=st.tuples(*[st.floats(0.0, 1.0)] * 7))
+@given(values=st.tuples(*[st.floats(0.0, 1.0)] * 10))
 def test_numbers_come_through_unchanged(values):
     import tempfile
 
-    eta, a, b, *rest = values
-    numbers = (eta, min(a, b), max(a, b), *rest)
+    eta, a, b, *rest, speed, threshold = values
+    numbers = (eta, min(a, b), max(a, b), *rest, 0.1 + speed, threshold)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "own.csv"
         path.write_text(HEADER + "x," + ",".join(map(repr, numbers)) + ",s,no\n")
@@ -105,8 +112,15 @@ def test_numbers_come_through_unchanged(values):
 
 
 BAD_TABLES = [
-    (HEADER.replace("mu_0,", "") + "a,1,0,0,1,1,1,s,no\n", ["row 1", "mu_0", "missing column"]),
+    (
+        HEADER.replace("mu_0,", "") + "a,1,0,0,1,1,1,0,9,0,s,no\n",
+        ["row 1", "mu_0", "missing column"],
+    ),
     (HEADER.replace("mu_0", "mu0") + GOOD, ["row 1", "mu0", "unknown", "nearest: mu_0"]),
+    (HEADER.replace("restitution,", "") + GOOD, ["row 1", "restitution", "missing column"]),
+    (HEADER + GOOD.replace("0.3,9", "1.2,9"), ["row 2", "restitution", "1.2", "0 to 1"]),
+    (HEADER + GOOD.replace("9.144", "0"), ["row 2", "restitution_speed_mps", "0.1 to 1e+06"]),
+    (HEADER + GOOD.replace("9.144,0.2", "9.144,-1"), ["row 2", "rolling_threshold", "0 to 10"]),
     (HEADER + GOOD.replace("0.8", "steep"), ["row 2", "mu_f", "'steep'", "finite number"]),
     (HEADER + GOOD.replace("0.8", "nan"), ["row 2", "mu_f", "'nan'", "finite number"]),
     (HEADER + GOOD.replace("0.8", ""), ["row 2", "mu_f", "''", "finite number"]),
@@ -114,7 +128,7 @@ BAD_TABLES = [
     (HEADER + GOOD.replace("0.1,0.4", "0.4,0.1"), ["row 2", "dp_min", "dp_max 0.1"]),
     (HEADER + GOOD.replace("scree", " "), ["row 2", "name", "expected text"]),
     (HEADER + GOOD.replace("true", "perhaps"), ["row 2", "verified", "perhaps", "true or false"]),
-    (HEADER + GOOD.replace("measured", "a, b"), ["row 2", "11 values", "expected 10"]),
+    (HEADER + GOOD.replace("measured", "a, b"), ["row 2", "14 values", "expected 13"]),
     (HEADER + GOOD + GOOD, ["name", "twice", "'scree'"]),
     (HEADER, ["no ground class"]),
     ("", ["row 1", "missing column"]),

@@ -20,8 +20,8 @@ from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
-    HAZARD_INDICATED,
     NOT_ASSESSED,
+    RESPONSIBILITY,
     ROCK_FALL_STATE,
     ROCK_FALL_SUBPROCESS,
     ROCKFALL,
@@ -71,15 +71,15 @@ class SourceZones:
     source : str
         Name of the release area.
     zones : sequence of IntensityZones
-    subscenario_probability : float or None
-        0 to 1.
+    subscenario_probability : float
+        0 to 1; 1 for a whole scenario.
     scenario_description : str
-        At most 400 characters.
+        At most 400 characters; needed where the probability is not 1.
     """
 
     source: str
     zones: Sequence[IntensityZones]
-    subscenario_probability: float | None = None
+    subscenario_probability: float = 1.0
     scenario_description: str = ""
 
 
@@ -88,7 +88,7 @@ def assessment_area(
     *,
     crs: pyproj.CRS | str | None,
     federal: bool,
-    canton: str | None = None,
+    canton: str | None,
     rock_fall_state: str = "assessed_and_complete",
     comments: str = "",
 ) -> VectorLayer:
@@ -102,7 +102,7 @@ def assessment_area(
         Of the polygons.
     federal : bool
         Whether the layer follows the federal model: then it must lie in its extent.
-    canton : str, optional
+    canton : str or None
         Who is responsible for the data ("TI"). The model asks for it, so that it has to be filled
         in before an export.
     rock_fall_state : str
@@ -119,14 +119,10 @@ def assessment_area(
         If a value or a polygon is not as the model has it.
     """
     values: dict[str, Any] = {a.name: NOT_ASSESSED for a in STATE_ATTRIBUTES}
-    values |= {
-        "data_responsibility": canton or None,
-        ROCK_FALL_STATE: rock_fall_state,
-        "comments": comments,
-    }
+    values |= {ROCK_FALL_STATE: rock_fall_state, "comments": comments}
     rows = [(polygon, values) for polygon in polygons]
     style = VectorStyle(Symbol("fill", "#ffffff", opacity=0.0, outline="#222222", outline_mm=0.5))
-    return _layer("assessment_area", rows, style, crs, federal, optional=("data_responsibility",))
+    return _layer("assessment_area", rows, style, crs, federal, canton)
 
 
 def synoptic_intensity(
@@ -134,6 +130,7 @@ def synoptic_intensity(
     *,
     crs: pyproj.CRS | str | None,
     federal: bool,
+    canton: str | None,
     process_cantonal_term: str = ROCKFALL,
     sources_complete: str = "to_be_clarified",
     legend: Sequence[IntensityClass] = (),
@@ -144,7 +141,7 @@ def synoptic_intensity(
     ----------
     zones : sequence of IntensityZones
         Written with the rarest first, so that the more frequent are drawn over them.
-    crs, federal
+    crs, federal, canton
         As for :func:`assessment_area`.
     process_cantonal_term : str
         The canton's word for rockfall; at most 50 characters.
@@ -174,7 +171,7 @@ def synoptic_intensity(
         )
         for polygon, values in _intensity_rows("synoptic_intensity", zones)
     ]
-    return _layer("synoptic_intensity", rows, _intensity_style(legend), crs, federal)
+    return _layer("synoptic_intensity", rows, _intensity_style(legend), crs, federal, canton)
 
 
 def intensity_by_source(
@@ -182,6 +179,7 @@ def intensity_by_source(
     *,
     crs: pyproj.CRS | str | None,
     federal: bool,
+    canton: str | None,
     process_cantonal_term: str = ROCKFALL,
     legend: Sequence[IntensityClass] = (),
 ) -> VectorLayer:
@@ -192,7 +190,7 @@ def intensity_by_source(
     sources : sequence of SourceZones
         Their names are cut to 50 characters so that they still differ; a name may come several
         times, with other scenarios.
-    crs, federal, process_cantonal_term, legend
+    crs, federal, canton, process_cantonal_term, legend
         As for :func:`synoptic_intensity`.
 
     Returns
@@ -220,7 +218,7 @@ def intensity_by_source(
         for source in sources
         for polygon, values in _intensity_rows("intensity_by_source", source.zones)
     ]
-    return _layer("intensity_by_source", rows, _intensity_style(legend), crs, federal)
+    return _layer("intensity_by_source", rows, _intensity_style(legend), crs, federal, canton)
 
 
 def hazard_area(
@@ -229,6 +227,7 @@ def hazard_area(
     *,
     crs: pyproj.CRS | str | None,
     federal: bool,
+    canton: str | None,
     subprocesses_complete: str = "not_complete",
     sources_complete: str = "to_be_clarified",
     legend: Sequence[HazardLevel] = (),
@@ -240,7 +239,7 @@ def hazard_area(
     polygons : sequence of Polygon or MultiPolygon
     codes : sequence of str
         Level of each polygon: "residual_hazard", "slight", "mean", "substantial".
-    crs, federal
+    crs, federal, canton
         As for :func:`assessment_area`.
     subprocesses_complete, sources_complete : str
         One of :data:`COMPLETENESS`. Of the sub-processes of rockfall (rock slides, ice fall) only
@@ -270,7 +269,7 @@ def hazard_area(
         )
         for polygon, code in zip(polygons, codes, strict=True)
     ]
-    return _layer("hazard_area", rows, _level_style(legend), crs, federal)
+    return _layer("hazard_area", rows, _level_style(legend), crs, federal, canton)
 
 
 def indicative_hazard_area(
@@ -278,20 +277,21 @@ def indicative_hazard_area(
     *,
     crs: pyproj.CRS | str | None,
     federal: bool,
+    canton: str | None,
+    hazard_area_existing: bool,
     method: str = "",
-    hazard_indication: str = HAZARD_INDICATED,
 ) -> VectorLayer:
     """Where a hazard is indicated, without a level.
 
     Parameters
     ----------
     polygons : sequence of Polygon or MultiPolygon
-    crs, federal
+    crs, federal, canton
         As for :func:`assessment_area`.
+    hazard_area_existing : bool
+        Whether zones of hazard level cover the polygons.
     method : str
         How the zones were made; at most 400 characters.
-    hazard_indication : str
-        A code of the model; its codes are not known here, so that the default is unverified.
 
     Returns
     -------
@@ -304,14 +304,15 @@ def indicative_hazard_area(
     """
     values = {
         "indicative_process": ROCKFALL,
-        "hazard_indication": hazard_indication,
+        "hazard_indication": True,
         "method": method,
+        "hazard_area_existing": hazard_area_existing,
     }
     rows = [(polygon, values) for polygon in polygons]
     style = VectorStyle(
         Symbol("fill", "#8c510a", outline="#8c510a", outline_mm=0.3, hatch="horizontal")
     )
-    return _layer("indicative_hazard_area", rows, style, crs, federal)
+    return _layer("indicative_hazard_area", rows, style, crs, federal, canton)
 
 
 def _intensity_rows(
@@ -352,7 +353,7 @@ def _layer(
     style: VectorStyle,
     crs: pyproj.CRS | str | None,
     federal: bool,
-    optional: tuple[str, ...] = (),
+    canton: str | None,
 ) -> VectorLayer:
     kind = FEDERAL_CLASSES[name]
     if federal and not is_lv95(crs):
@@ -369,7 +370,13 @@ def _layer(
             parts.append(part)
             owners.append(number)
     values = [
-        checked_values(kind, rows[owner][1], f"polygon {owner + 1}", federal, optional)
+        checked_values(
+            kind,
+            {RESPONSIBILITY: canton, **rows[owner][1]},
+            f"polygon {owner + 1}",
+            federal,
+            optional=(RESPONSIBILITY,),
+        )
         for owner in owners
     ]
     columns = {a.name: _column(a, [v[a.name] for v in values]) for a in kind.attributes}
@@ -381,12 +388,7 @@ def _layer(
         kind.title,
         f"{kind.description} {federal_note(federal)}",
         frame,
-        {
-            a.name: FieldInfo(
-                a.alias, a.unit, "" if a.verified or not federal else "not verified in the model"
-            )
-            for a in kind.attributes
-        },
+        {a.name: FieldInfo(a.alias, a.unit) for a in kind.attributes},
         style=style,
     )
 

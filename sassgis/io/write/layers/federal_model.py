@@ -1,8 +1,7 @@
 """The Swiss minimal geodata model 166.1: its classes, attributes and codes, and where it holds.
 
 Source: Federal Office for the Environment, minimal geodata model *Hazard Mapping* (identifier
-166.1), version 1.3. What is known of it from elsewhere than its documentation has ``verified`` set
-to false, and the page ``docs/federal_model.md`` calls it unverified.
+166.1), version 1.3, model ``Hazard_Mapping_LV95_V1_3`` of 2021-03-01, read in its INTERLIS text.
 """
 
 from __future__ import annotations
@@ -18,31 +17,50 @@ from sassgis.model.crs import same_crs
 from sassgis.model.hazard import HazardPreset
 
 MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
+MODEL_NAME, MODEL_VERSION = "Hazard_Mapping_LV95_V1_3", "2021-03-01"
+MODEL_URI = "https://models.geo.admin.ch/BAFU/"
+TOPIC = f"{MODEL_NAME}.hazard_mapping"
 #: EPSG code of the model's coordinates: CH1903+ / LV95.
 FEDERAL_EPSG = 2056
 #: (west, south, east, north) within which coordinates may lie (m).
 FEDERAL_EXTENT = (2_460_000.0, 1_045_000.0, 2_870_000.0, 1_310_000.0)
 #: Decimals of a coordinate in metres: 1 mm.
 DECIMALS = 3
-#: No extreme scenario has a return period up to this (years).
+#: Up to this (years) no scenario is extreme, and an intensity is stated in detail.
 LONGEST_OF_A_SCENARIO = 300
 
 HAZARD_LEVELS = ("not_in_danger", "residual_hazard", "slight", "mean", "substantial")
 INTENSITY_CLASSES = ("no_impact", "existing_impact", "low", "mean", "high")
 MAIN_PROCESSES = ("water", "landslide", "rockfall", "avalanche")
+INDICATIVE_PROCESSES = (
+    "water", "w_flooding", "w_debris_flow", "landslide", "l_permanent_landslide",
+    "l_sudden_landslide_proc", "rockfall", "avalanche",
+)  # fmt: skip
+SOURCE_SUBPROCESSES = (
+    "w_flooding", "w_debris_flow", "w_bank_erosion", "l_permanent_landslide",
+    "l_sud_spontaneous_landslide", "l_sud_hillslope_debris_flow", "r_rock_fall",
+    "r_rock_slide_rock_avalanche", "r_ice_fall", "ss_sinkhole", "ss_subsidence",
+    "a_flowing_avalanche", "a_powder_avalanche", "a_gliding_snow",
+)  # fmt: skip
+SYNOPTIC_SUBPROCESSES = (
+    *SOURCE_SUBPROCESSES, "water", "landslide", "l_sudden_landslide_proc", "rockfall",
+    "sinkhole_or_subsidence", "avalanche",
+)  # fmt: skip
 COMPLETENESS = ("complete", "not_complete", "not_recognizable", "to_be_clarified")
-#: The model has more of these than the three that are known here.
-STATES = ("not_assessed", "assessment_not_necessary", "assessed_and_complete")
+STATES = (
+    "not_assessed", "assessment_not_necessary", "assessed_and_complete",
+    "assessed_and_not_complete", "assessed_and_not_recognizable", "assessed_and_to_be_clarified",
+)  # fmt: skip
+SIMPLE_STATES = ("not_assessed", "assessment_not_necessary", "assessed")
+#: The cantons, and Liechtenstein.
 CANTONS = (
-    "AG", "AI", "AR", "BE", "BL", "BS", "FR", "GE", "GL", "GR", "JU", "LU", "NE", "NW", "OW", "SG",
-    "SH", "SO", "SZ", "TG", "TI", "UR", "VD", "VS", "ZG", "ZH",
+    "AG", "AI", "AR", "BE", "BL", "BS", "FL", "FR", "GE", "GL", "GR", "JU", "LU", "NE", "NW", "OW",
+    "SG", "SH", "SO", "SZ", "TG", "TI", "UR", "VD", "VS", "ZG", "ZH",
 )  # fmt: skip
 
 ROCKFALL = "rockfall"
 ROCK_FALL_SUBPROCESS = "r_rock_fall"
 NOT_ASSESSED = "not_assessed"
-#: Code of a hazard that is indicated; not read in the model: unverified.
-HAZARD_INDICATED = "indicated"
 
 Kind = Literal["code", "text", "whole", "number", "boolean"]
 
@@ -61,14 +79,14 @@ class Attribute:
     required : bool
         Whether each feature needs a value.
     codes : tuple of str
-        Values of a "code"; empty where the model's are not known here.
+        Values of a "code".
     longest : int or None
         Most characters of a "text".
     low, high : float
         Limits of a number, both allowed.
     unit : str
-    verified : bool
-        Whether name and codes were read in the documentation of the model.
+    decimals : int
+        Of a "number" in the transfer file.
     """
 
     name: str
@@ -80,7 +98,7 @@ class Attribute:
     low: float = -math.inf
     high: float = math.inf
     unit: str = ""
-    verified: bool = True
+    decimals: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +111,7 @@ class FederalClass:
     geometry : str
         Name of the attribute that holds the surface.
     attributes : tuple of Attribute
-        In the order of the columns.
+        In the order of the transfer, those that are inherited first, and of the columns.
     """
 
     name: str
@@ -103,10 +121,16 @@ class FederalClass:
     attributes: tuple[Attribute, ...]
 
 
-def _state(name: str, process: str, *, verified: bool = False) -> Attribute:
-    return Attribute(
-        name, f"state of assessment: {process}", "code", codes=STATES, verified=verified
-    )
+def _code(name: str, alias: str, codes: tuple[str, ...]) -> Attribute:
+    return Attribute(name, alias, "code", codes=codes)
+
+
+def _text(name: str, alias: str, longest: int, *, required: bool = False) -> Attribute:
+    return Attribute(name, alias, "text", required, longest=longest)
+
+
+def _state(name: str, process: str, codes: tuple[str, ...] = STATES) -> Attribute:
+    return _code(name, f"state of assessment: {process}", codes)
 
 
 ROCK_FALL_STATE = "rf_state_rock_fall"
@@ -117,17 +141,23 @@ STATE_ATTRIBUTES = (
     _state("pl_state_permanent_landslide", "permanent landslide"),
     _state("sl_state_spontaneous_landslide", "spontaneous landslide"),
     _state("hd_state_hillslope_debris_flow", "hillslope debris flow"),
-    _state(ROCK_FALL_STATE, "rockfall", verified=True),
+    _state(ROCK_FALL_STATE, "rockfall"),
     _state("rs_state_rock_slide_rock_aval", "rock slide and rock avalanche"),
-    _state("if_state_ice_fall", "ice fall"),
-    _state("sh_state_sinkhole_or_subsidence", "sinkhole or subsidence"),
+    _state("if_state_ice_fall", "ice fall", SIMPLE_STATES),
+    _state("sh_state_sinkhole", "sinkhole", SIMPLE_STATES),
+    _state("su_state_subsidence", "subsidence", SIMPLE_STATES),
     _state("fa_state_flowing_avalanche", "flowing avalanche"),
     _state("pa_state_powder_avalanche", "powder avalanche"),
     _state("gs_state_gliding_snow", "gliding snow"),
 )
-_INTENSITY_ATTRIBUTES = (
-    Attribute("intensity_class", "intensity", "code", codes=INTENSITY_CLASSES),
-    Attribute("process_cantonal_term", "process, cantonal term", "text", False, longest=50),
+RESPONSIBILITY = "data_responsibility"
+_RESPONSIBLE = _code(RESPONSIBILITY, "responsible canton", CANTONS)
+_COMMENTS = _text("comments", "comments", 250)
+_BASIC = (_RESPONSIBLE, _COMMENTS)
+_INTENSITY = (
+    *_BASIC,
+    _code("intensity_class", "intensity", INTENSITY_CLASSES),
+    _text("process_cantonal_term", "process, cantonal term", 50, required=True),
     Attribute(
         "return_period_in_years", "return period", "whole", False, low=1, high=10_000, unit="years"
     ),
@@ -142,11 +172,7 @@ FEDERAL_CLASSES: Mapping[str, FederalClass] = {
             "Assessment area",
             "What was assessed, and for which processes.",
             "area",
-            (
-                Attribute("data_responsibility", "responsible canton", "code", codes=CANTONS),
-                *STATE_ATTRIBUTES,
-                Attribute("comments", "comments", "text", False),
-            ),
+            (_RESPONSIBLE, *STATE_ATTRIBUTES, _COMMENTS),
         ),
         FederalClass(
             "synoptic_intensity",
@@ -154,19 +180,9 @@ FEDERAL_CLASSES: Mapping[str, FederalClass] = {
             "Intensity of all sources together, by return period.",
             "impact_zone",
             (
-                *_INTENSITY_ATTRIBUTES,
-                Attribute(
-                    "subproc_synoptic_intensity",
-                    "subprocess",
-                    "code",
-                    codes=(ROCK_FALL_SUBPROCESS,),
-                ),
-                Attribute(
-                    "sources_in_subprocesses_compl",
-                    "sources complete",
-                    "code",
-                    codes=COMPLETENESS,
-                ),
+                *_INTENSITY,
+                _code("subproc_synoptic_intensity", "subprocess", SYNOPTIC_SUBPROCESSES),
+                _code("sources_in_subprocesses_compl", "sources complete", COMPLETENESS),
             ),
         ),
         FederalClass(
@@ -175,23 +191,18 @@ FEDERAL_CLASSES: Mapping[str, FederalClass] = {
             "Intensity of each source alone, by return period.",
             "impact_zone",
             (
-                *_INTENSITY_ATTRIBUTES,
-                Attribute("process_source", "source", "text", longest=50),
-                Attribute(
-                    "subproc_intensity_by_source",
-                    "subprocess",
-                    "code",
-                    codes=(ROCK_FALL_SUBPROCESS,),
-                ),
+                *_INTENSITY,
+                _text("process_source", "source", 50, required=True),
+                _code("subproc_intensity_by_source", "subprocess", SOURCE_SUBPROCESSES),
                 Attribute(
                     "subscenario_probability",
                     "probability of the sub-scenario",
                     "number",
-                    False,
                     low=0.0,
                     high=1.0,
+                    decimals=2,
                 ),
-                Attribute("scenario_description", "scenario", "text", False, longest=400),
+                _text("scenario_description", "scenario", 400),
             ),
         ),
         FederalClass(
@@ -200,12 +211,11 @@ FEDERAL_CLASSES: Mapping[str, FederalClass] = {
             "Highest hazard level of each place.",
             "impact_zone",
             (
-                Attribute("main_process", "main process", "code", codes=MAIN_PROCESSES),
-                Attribute("hazard_level", "hazard level", "code", codes=HAZARD_LEVELS),
-                Attribute(
-                    "subprocesses_complete", "subprocesses complete", "code", codes=COMPLETENESS
-                ),
-                Attribute("sources_complete", "sources complete", "code", codes=COMPLETENESS),
+                *_BASIC,
+                _code("main_process", "main process", MAIN_PROCESSES),
+                _code("hazard_level", "hazard level", HAZARD_LEVELS),
+                _code("subprocesses_complete", "subprocesses complete", COMPLETENESS),
+                _code("sources_complete", "sources complete", COMPLETENESS),
             ),
         ),
         FederalClass(
@@ -214,13 +224,18 @@ FEDERAL_CLASSES: Mapping[str, FederalClass] = {
             "Where a hazard is indicated, without a level.",
             "impact_zone",
             (
-                Attribute("indicative_process", "process", "code", codes=MAIN_PROCESSES),
-                Attribute("hazard_indication", "hazard indication", "code", verified=False),
-                Attribute("method", "method", "text", False, longest=400),
+                *_BASIC,
+                _code("indicative_process", "process", INDICATIVE_PROCESSES),
+                Attribute("hazard_indication", "hazard indication", "boolean"),
+                _text("method", "method", 400),
+                Attribute("hazard_area_existing", "hazard area exists", "boolean"),
             ),
         ),
     )
 }
+
+#: What every delivery holds; the other classes are of the extended model.
+MINIMUM_CLASSES = ("assessment_area", "synoptic_intensity", "hazard_area")
 
 
 def is_lv95(crs: pyproj.CRS | str | None) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,9 @@ from sassgis.io.write.layers.federal_model import (
     FederalClass,
 )
 from sassgis.model.errors import InputError
+
+#: Characters that XML cannot hold.
+_NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def checked_values(
@@ -52,8 +56,8 @@ def checked_values(
     Raises
     ------
     InputError
-        If a value is missing, of the wrong kind, out of range, too long or no code of the model; if
-        there is no return period though the scenario is not extreme; or an extreme one is frequent.
+        If a value is missing, of the wrong kind, out of range, too long or no code of the model, or
+        the values of a feature break a constraint of the model.
     """
 
     def refused(attribute: str, problem: str, found: object, expected: str) -> InputError:
@@ -79,33 +83,41 @@ def checked_values(
                     found = f"{len(found)} characters"
                 raise refused(attribute.name, "value cannot be used", found, _expected(attribute))
         checked[attribute.name] = value
-    if "extreme_scenario" in checked:
-        years, extreme = checked["return_period_in_years"], checked["extreme_scenario"]
-        if years is None and not extreme:
-            raise refused(
-                "return_period_in_years",
-                "value is missing",
-                None,
-                "years, unless the scenario is extreme",
-            )
-        if extreme and years is not None and years <= LONGEST_OF_A_SCENARIO:
-            raise refused(
-                "extreme_scenario",
-                "an extreme scenario is too frequent",
-                f"a return period of {years} years",
-                f"none, or more than {LONGEST_OF_A_SCENARIO}",
-            )
+    if broken := _broken_rule(checked):
+        raise refused(*broken)
     return checked
 
 
+def _broken_rule(values: Mapping[str, Any]) -> tuple[str, str, object, str] | None:
+    """The constraint of the model that values do not keep: attribute, problem, found, expected."""
+    if "extreme_scenario" in values:
+        years, extreme = values["return_period_in_years"], values["extreme_scenario"]
+        rare = years is not None and years > LONGEST_OF_A_SCENARIO
+        stated = f"a return period of {years} years" if years is not None else "no return period"
+        if years is None and not extreme:
+            expected = "years, unless the scenario is extreme"
+            return "return_period_in_years", "value is missing", None, expected
+        if extreme and years is not None and not rare:
+            expected = f"none, or more than {LONGEST_OF_A_SCENARIO}"
+            return "extreme_scenario", "an extreme scenario is too frequent", stated, expected
+        if values["intensity_class"] == "existing_impact" and not rare:
+            expected = f"existing_impact with more than {LONGEST_OF_A_SCENARIO} years only"
+            return "intensity_class", "an intensity is not stated in detail", stated, expected
+    probability = values.get("subscenario_probability")
+    if probability is not None and probability != 1.0 and not values["scenario_description"]:
+        expected = "a text, unless the probability of the sub-scenario is 1"
+        return "scenario_description", "value is missing", None, expected
+    return None
+
+
 def plain(value: Any) -> Any:
-    """None for all that means empty; text in single spaces."""
+    """None for all that means empty; text in single spaces, without what XML cannot hold."""
     if value is None or value is pd.NA or value != value:
         return None
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, str):
-        return " ".join(value.split()) or None
+        return " ".join(_NO_XML.sub("", value).split()) or None
     return value
 
 
@@ -125,7 +137,7 @@ def _of_kind(attribute: Attribute, value: Any, federal: bool) -> Any:
     if not isinstance(value, str):
         return None
     if attribute.kind == "code":
-        return value if not federal or not attribute.codes or value in attribute.codes else None
+        return value if not federal or value in attribute.codes else None
     return value if attribute.longest is None or len(value) <= attribute.longest else None
 
 
@@ -133,7 +145,7 @@ def _expected(attribute: Attribute) -> str:
     if attribute.kind == "boolean":
         return "true or false"
     if attribute.kind == "code":
-        return f"one of {', '.join(attribute.codes)}" if attribute.codes else "a code"
+        return f"one of {', '.join(attribute.codes)}"
     if attribute.kind == "text":
         return "a text" + (
             f" of at most {attribute.longest} characters" if attribute.longest else ""
@@ -190,9 +202,7 @@ def shortened(text: str, longest: int = 400) -> str:
     return f"{words.rstrip(' ,;:') or head}…"
 
 
-def surface_parts(
-    geometry: Any, *, where: str, file: Path | None = None, decimals: int = DECIMALS
-) -> list[Any]:
+def surface_parts(geometry: Any, *, where: str, file: Path | None = None) -> list[Any]:
     """Single polygons with straight edges, without heights, on coordinates of 1 mm.
 
     Corners that polygons share stay shared. What vanishes on the grid of 1 mm is left out.
@@ -204,8 +214,6 @@ def surface_parts(
         How messages speak of it.
     file : Path, optional
         Named by messages.
-    decimals : int
-        Of a coordinate (m).
 
     Returns
     -------
@@ -232,19 +240,19 @@ def surface_parts(
         )
     parts = []
     for part in shapely.get_parts(shapely.force_2d(geometry)).tolist():
-        parts += _on_millimetres(part, decimals)
+        parts += _on_millimetres(part)
     return parts
 
 
-def _on_millimetres(polygon: Any, decimals: int) -> list[Any]:
+def _on_millimetres(polygon: Any) -> list[Any]:
     if polygon.is_empty:
         return []
     # Not set_precision at once: it may put corners where the neighbour has none.
-    rounded = shapely.transform(polygon, lambda xy: np.round(xy, decimals))
+    rounded = shapely.transform(polygon, lambda xy: np.round(xy, DECIMALS))
     rounded = shapely.remove_repeated_points(rounded)
     if not rounded.is_valid:
-        rounded = shapely.set_precision(polygon, 10.0**-decimals)
-        rounded = shapely.transform(rounded, lambda xy: np.round(xy, decimals))
+        rounded = shapely.set_precision(polygon, 10.0**-DECIMALS)
+        rounded = shapely.transform(rounded, lambda xy: np.round(xy, DECIMALS))
     return [
         part
         for part in shapely.get_parts(rounded).tolist()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import geopandas as gpd
 import numpy as np
@@ -50,35 +51,28 @@ def federal_layers(
         f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."
     )
     sources = [
-        federal.SourceZones(area, _intensity_zones(maps, preset), None, _scenarios(hazard, area))
+        federal.SourceZones(area, _intensity_zones(maps, preset), 1.0, _scenarios(hazard, area))
         for area, maps in by_area.items()
     ]
-    extreme = hazard.intensities[-1].zones
+    where: dict[str, Any] = {"crs": crs, "federal": claims, "canton": config.hazard.canton}
+    # Each cell that a block reaches has a level: what is indicated is what the levels cover.
+    reached = list(shapely.get_parts(shapely.coverage_union_all(hazard.levels.polygons)))
     layers = [
         federal.hazard_area(
             list(hazard.levels.polygons),
             [level_codes[k - 1] for k in hazard.levels.classes],
-            crs=crs, federal=claims, legend=preset.levels,
+            legend=preset.levels, **where,
         ),
         federal.synoptic_intensity(
-            _intensity_zones(hazard.intensities, preset), crs=crs, federal=claims,
-            legend=preset.intensities,
+            _intensity_zones(hazard.intensities, preset), legend=preset.intensities, **where
         ),
         federal.indicative_hazard_area(
-            list(shapely.get_parts(shapely.coverage_union_all(extreme.polygons))),
-            crs=crs, federal=claims, method=method,
+            reached, hazard_area_existing=True, method=method, **where
         ),
-        federal.assessment_area(
-            list(assessed.polygons), crs=crs, federal=claims, canton=config.hazard.canton
-        ),
+        federal.assessment_area(list(assessed.polygons), **where),
     ]  # fmt: skip
     if by_area:
-        layers.insert(
-            2,
-            federal.intensity_by_source(
-                sources, crs=crs, federal=claims, legend=preset.intensities
-            ),
-        )
+        layers.insert(2, federal.intensity_by_source(sources, legend=preset.intensities, **where))
     return layers
 
 
