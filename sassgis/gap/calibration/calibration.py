@@ -25,6 +25,7 @@ from sassgis.gap.calibration.search import (
     SiteScores,
     Surface,
     first_design,
+    keeping_configured,
     minimum_without,
     next_design,
     posterior_of,
@@ -97,7 +98,7 @@ def calibration_task(
 def draws_of(task: CalibrationTask, first: int | None) -> tuple[int, int]:
     """Draws of the first design and of each repetition."""
     d = len(task.parameters)
-    return (first or max(96, 32 * d)), max(32, (first or 32 * d) // 3)
+    return (first or max(96, 32 * d)), max(16, (first or max(96, 32 * d)) // 3)
 
 
 def score_draw(task: CalibrationTask, draw: NumberedDraw) -> FloatArray:
@@ -128,24 +129,26 @@ def search(task: CalibrationTask, run: RunDraws, first: int | None = None) -> Se
     draws, more = draws_of(task, first)
     points = first_design(len(task.parameters), draws, task.seed)
     scored = _scored(run, points, 0)
-    surface = _surface(task, points, scored)
+    surface = _surface(task, points, scored, draws)
     for _ in range(REPETITIONS):
         new = next_design(surface, points, more, task.seed)
         scored = np.vstack([scored, _scored(run, new, len(points))])
         points = np.vstack([points, new])
-        surface = _surface(task, points, scored)
-    return Search(points, surface, posterior_of(surface, points, task.seed))
+        surface = _surface(task, points, scored, draws)
+    posterior = posterior_of(surface, points, task.seed)
+    identified = np.array([f.identified for f in fitted_parameters(task.parameters, posterior)])
+    return Search(points, surface, keeping_configured(surface, posterior, identified))
 
 
 def _scored(run: RunDraws, points: FloatArray, before: int) -> FloatArray:
     return np.stack(run([(1 + before + k, share) for k, share in enumerate(points)]))
 
 
-def _surface(task: CalibrationTask, points: FloatArray, scored: FloatArray) -> Surface:
+def _surface(task: CalibrationTask, points: FloatArray, scored: FloatArray, first: int) -> Surface:
     borders = np.cumsum([site.n_rocks for site in task.sites])[:-1]
     parts = np.split(scored, borders, axis=1)
     sites = [SiteScores(_columns(task, s), own) for s, own in zip(task.sites, parts, strict=True)]
-    return surface_of(points, sites, task.starts)
+    return surface_of(points, sites, task.starts, first)
 
 
 def _columns(task: CalibrationTask, site: Site) -> IntArray:

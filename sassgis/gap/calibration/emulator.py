@@ -11,22 +11,70 @@ from scipy.optimize import minimize
 from sassgis.model.grid import FloatArray
 
 #: Limits of the correlation lengths, in shares of the ranges.
-_LENGTHS = (0.2, 20.0)
+_LENGTHS = (0.15, 20.0)
 #: Standard deviation of the logarithm of a correlation length about 1, beforehand.
 _PRIOR = 1.0
-#: Limits of the variance and of the sampling noise, over the variance of the scores.
-_VARIANCE, _NOISE = (0.05, 100.0), (1e-4, 2.0)
-#: Scores are capped at this many times the distance from the best to the median draw.
-_CAP = 2.0
+#: Limits of the variances of parabola, bumps and sampling noise, over the variance of the scores.
+_PARABOLA, _BUMPS, _NOISE = (1e-3, 100.0), (1e-3, 100.0), (1e-3, 2.0)
+#: Scores are capped at this many times the distance from the best to this quantile of draws that
+#: are spread evenly.
+_CAP, _GOOD = 2.0, 0.25
 #: Draws from which the correlations are fitted, at most.
 _FITTED_ON = 240
 
 
 @dataclass(frozen=True, slots=True)
-class Emulator:
-    """Gaussian process (Matérn 5/2) through noisy scores of single rocks.
+class Correlations:
+    """Covariance of the scores of two draws.
 
-    Its correlations are fitted to the sum over the rocks and shared by all of them. A prediction is
+    A parabola over all parameters, which holds far from the draws as well, and bumps about it
+    (Matérn 5/2).
+
+    Attributes
+    ----------
+    lengths : float64, shape (d,)
+        Of the bumps, in shares of the ranges.
+    parabola, bumps, noise : float
+        Variances.
+    """
+
+    lengths: FloatArray
+    parabola: float
+    bumps: float
+    noise: float
+
+    def between(self, a: FloatArray, b: FloatArray) -> FloatArray:
+        """Covariance between points, shape (len(a), len(b))."""
+        flat = 1.0 + _centred(a) @ _centred(b).T
+        one, other = a / self.lengths, b / self.lengths
+        square = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2.0 * one @ other.T
+        root = np.sqrt(5.0 * np.maximum(square, 0.0))
+        covariance: FloatArray = self.parabola * flat**2 + self.bumps * (
+            1.0 + root + root**2 / 3.0
+        ) * np.exp(-root)
+        return covariance
+
+    def gradient(self, share: FloatArray, points: FloatArray, weights: FloatArray) -> FloatArray:
+        """Gradient at one point of the weighted sum of the covariances with others, shape (d,)."""
+        centred = _centred(points)
+        flat = 1.0 + centred @ _centred(share)
+        apart = (share - points) / self.lengths
+        root = np.sqrt(5.0 * (apart**2).sum(axis=1))
+        bumps = -(5.0 / 3.0) * self.bumps * (1.0 + root) * np.exp(-root) * weights
+        slope: FloatArray = (bumps @ apart) / self.lengths
+        return slope + 4.0 * self.parabola * (flat * weights) @ centred
+
+
+def _centred(shares: FloatArray) -> FloatArray:
+    """From -1 to 1."""
+    return 2.0 * shares - 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Emulator:
+    """Gaussian process through noisy scores of single rocks.
+
+    Its covariance is fitted to the sum over the rocks and shared by all of them. A prediction is
     then a linear function of the scores: the emulator of any weighted sum of rocks is the weighted
     sum of their emulators, so that rocks can be resampled or left out without a new fit.
 
@@ -34,29 +82,37 @@ class Emulator:
     ----------
     points : float64, shape (n, d)
         Where scores were made, as shares of the ranges.
-    lengths : float64, shape (d,)
+    correlations : Correlations
     centre : float64, shape (n_rocks,)
-        Mean score of each rock.
+        Score of each rock far from all draws.
     weights : float64, shape (n, n_rocks)
+    noise : float
+        Standard deviation that the sampling of campaigns gives the sum over the rocks.
+    factor : float64, shape (n, n)
+        Lower Cholesky factor of the covariance of the draws.
     """
 
     points: FloatArray
-    lengths: FloatArray
+    correlations: Correlations
     centre: FloatArray
     weights: FloatArray
+    noise: float
+    factor: FloatArray
 
     def rocks(self, shares: FloatArray) -> FloatArray:
         """Scores of single rocks, shape (m, n_rocks)."""
-        made: FloatArray = self.centre + matern(shares, self.points, self.lengths) @ self.weights
-        return made
+        return self.centre + self.correlations.between(shares, self.points) @ self.weights
 
-    def weighted(self, rock_weights: FloatArray) -> WeightedSum:
-        """The weighted sum over the rocks."""
+    def weighted(
+        self, rock_weights: FloatArray, rng: np.random.Generator | None = None
+    ) -> WeightedSum:
+        """The weighted sum over the rocks; with ``rng`` as other campaigns might have given it."""
+        weights = self.weights @ rock_weights
+        if rng is not None:
+            other = self.noise * rng.standard_normal(len(self.points))
+            weights = weights + cho_solve((self.factor, True), other)
         return WeightedSum(
-            self.points,
-            self.lengths,
-            float(self.centre @ rock_weights),
-            self.weights @ rock_weights,
+            self.points, self.correlations, float(self.centre @ rock_weights), weights
         )
 
 
@@ -65,40 +121,28 @@ class WeightedSum:
     """The emulator of a weighted sum of the scores of rocks; attributes as there."""
 
     points: FloatArray
-    lengths: FloatArray
+    correlations: Correlations
     centre: float
     weights: FloatArray
 
     def value(self, shares: FloatArray) -> FloatArray:
         """Sum at some points, shape (m,)."""
-        made: FloatArray = self.centre + matern(shares, self.points, self.lengths) @ self.weights
-        return made
+        return self.centre + self.correlations.between(shares, self.points) @ self.weights
 
     def gradient(self, share: FloatArray) -> FloatArray:
         """Gradient at one point, shape (d,)."""
-        apart = (share - self.points) / self.lengths
-        root = np.sqrt(5.0 * (apart**2).sum(axis=1))
-        slope = -(5.0 / 3.0) * (1.0 + root) * np.exp(-root) * self.weights
-        made: FloatArray = (slope @ apart) / self.lengths
-        return made
+        return self.correlations.gradient(share, self.points, self.weights)
 
 
-def matern(a: FloatArray, b: FloatArray, lengths: FloatArray) -> FloatArray:
-    """Matérn correlation of smoothness 5/2 between points, shape (len(a), len(b))."""
-    one, other = a / lengths, b / lengths
-    square = (one**2).sum(axis=1)[:, None] + (other**2).sum(axis=1) - 2.0 * one @ other.T
-    root = np.sqrt(5.0 * np.maximum(square, 0.0))
-    correlation: FloatArray = (1.0 + root + root**2 / 3.0) * np.exp(-root)
-    return correlation
-
-
-def fit(points: FloatArray, scores: FloatArray) -> Emulator:
+def fit(points: FloatArray, scores: FloatArray, first: int) -> Emulator:
     """Fit an emulator.
 
     Parameters
     ----------
     points : float64, shape (n, d)
     scores : float64, shape (n, n_rocks)
+    first : int
+        Draws that were spread evenly; the others lie where the best may be.
 
     Returns
     -------
@@ -106,10 +150,10 @@ def fit(points: FloatArray, scores: FloatArray) -> Emulator:
     """
     total = scores.sum(axis=1)
     order = np.argsort(total, kind="stable")
-    least, middle = total[order[0]], total[order[len(order) // 2]]
+    least = total[order[0]]
     # Beyond the cap all are equally bad, and so is what was never tried: no cliff far from the best
     # draws bends the surface near them. What single rocks lose or gain there shrinks in proportion.
-    cap = least + _CAP * (middle - least)
+    cap = least + _CAP * (np.quantile(total[:first], _GOOD) - least)
     usual = scores[order[: len(order) // 2 + 1]].mean(axis=0)
     room = max(cap - float(usual.sum()), 1e-12)
     over = np.maximum(total - float(usual.sum()), room)
@@ -117,34 +161,42 @@ def fit(points: FloatArray, scores: FloatArray) -> Emulator:
     far = min(int((total < cap).sum()), total.size - 1)
     base = usual + room / scores.shape[1]
     few = order[np.linspace(0, min(far, len(order) - 1), min(far + 1, _FITTED_ON)).astype(int)]
-    lengths, noise = _correlations(points[few], (capped[few] - base).sum(axis=1))
-    k = matern(points, points, lengths)
-    k[np.diag_indices_from(k)] += noise
-    weights = cho_solve(cho_factor(k, lower=True), capped - base)
-    return Emulator(points, lengths, base, weights)
+    sums = (capped[few] - base).sum(axis=1)
+    found = _correlations(points[few], sums)
+    k = found.between(points, points)
+    k[np.diag_indices_from(k)] += found.noise
+    factor, _ = cho_factor(k, lower=True)
+    weights = cho_solve((factor, True), capped - base)
+    noise = float(np.sqrt(found.noise) * sums.std())
+    return Emulator(points, found, base, weights, noise, factor)
 
 
-def _correlations(points: FloatArray, total: FloatArray) -> tuple[FloatArray, float]:
-    """Correlation lengths, and the noise over the variance, of the highest marginal likelihood."""
+def _correlations(points: FloatArray, total: FloatArray) -> Correlations:
+    """Those of the highest marginal likelihood, in units of the variance of the sums."""
     n, d = points.shape
     y = total / max(float(total.std()), 1e-12)
     square = (points[:, None] - points) ** 2
-    limits = [tuple(np.log(_LENGTHS))] * d + [tuple(np.log(_VARIANCE)), tuple(np.log(_NOISE))]
+    centred = _centred(points)
+    flat = (1.0 + centred @ centred.T) ** 2
+    limits = [_LENGTHS] * d + [_PARABOLA, _BUMPS, _NOISE]
 
     def surprise(x: FloatArray) -> tuple[float, FloatArray]:
-        variance, noise = np.exp(x[d:])
+        parabola, bumps, noise = np.exp(x[d:])
         scaled = square * np.exp(-2.0 * x[:d])
         root = np.sqrt(5.0 * scaled.sum(axis=2))
-        decay = variance * np.exp(-root)
-        k = (1.0 + root + root**2 / 3.0) * decay
-        factor = cho_factor(k + noise * np.eye(n), lower=True)
+        decay = bumps * np.exp(-root)
+        bump = (1.0 + root + root**2 / 3.0) * decay
+        factor = cho_factor(parabola * flat + bump + noise * np.eye(n), lower=True)
         inverse = cho_solve(factor, np.eye(n))
         solved = inverse @ y
         apart = inverse - np.outer(solved, solved)
-        by_length = 0.5 * np.einsum("ij,ijk->k", apart * (5.0 / 3.0) * (1.0 + root) * decay, scaled)
-        slope = np.append(
-            by_length, [0.5 * float((apart * k).sum()), 0.5 * noise * float(np.trace(apart))]
-        )
+        by_length = np.einsum("ij,ijk->k", apart * (5.0 / 3.0) * (1.0 + root) * decay, scaled)
+        by_variance = [
+            parabola * float((apart * flat).sum()),
+            float((apart * bump).sum()),
+            noise * float(np.trace(apart)),
+        ]
+        slope = 0.5 * np.append(by_length, by_variance)
         # Long correlations are expected where nothing speaks against them.
         slope[:d] += x[:d] / _PRIOR**2
         value = (
@@ -154,6 +206,7 @@ def _correlations(points: FloatArray, total: FloatArray) -> tuple[FloatArray, fl
         )
         return value, slope
 
-    first = np.append(np.zeros(d), [0.0, np.log(0.1)])
-    found = minimize(surprise, first, jac=True, method="L-BFGS-B", bounds=limits)
-    return np.exp(found.x[:d]), float(np.exp(found.x[d + 1] - found.x[d]))
+    first = np.append(np.zeros(d), np.log([0.3, 0.3, 0.1]))
+    found = minimize(surprise, first, jac=True, method="L-BFGS-B", bounds=np.log(limits))
+    parabola, bumps, noise = np.exp(found.x[d:]).tolist()
+    return Correlations(np.exp(found.x[:d]), parabola, bumps, noise)

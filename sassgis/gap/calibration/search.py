@@ -11,10 +11,11 @@ from emulators of the scores.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import emcee
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import norm, qmc
 from scipy.stats import t as student
@@ -23,12 +24,16 @@ from sassgis.gap.calibration.emulator import Emulator, WeightedSum, fit
 from sassgis.gap.calibration.parameters import PRIOR_SD, log_prior
 from sassgis.model.grid import FloatArray, IntArray
 
+BoolArray = NDArray[np.bool_]
+
 #: Samples of rocks drawn anew.
 _BOOTSTRAP = 60
 #: Steps of each walker, of which the first half is thrown away, and of the rest every so many kept.
 _STEPS, _THIN = 800, 10
-#: The posterior that new draws come from is wider than the one looked for.
-_WIDER = 0.5
+_STEPS_OF_DESIGN = 300
+#: Sharpness of the two posteriors, wider than the one looked for, that new draws come from, over
+#: that of a single identified parameter.
+_WIDER = (0.5, 0.1)
 
 
 def first_design(d: int, draws: int, seed: int) -> FloatArray:
@@ -79,12 +84,12 @@ class Surface:
         """Rocks whose score depends on the parameters."""
         return sum(int(np.any(e.weights != 0.0, axis=0).sum()) for e in self.emulators)
 
-    def weighted(self, rock_weights: Sequence[FloatArray]) -> Total:
-        """The weighted sum over all rocks."""
-        return Total(
-            self.columns,
-            tuple(e.weighted(w) for e, w in zip(self.emulators, rock_weights, strict=True)),
-        )
+    def weighted(
+        self, rock_weights: Sequence[FloatArray], rng: np.random.Generator | None = None
+    ) -> Total:
+        """The weighted sum over all rocks; with ``rng`` as other campaigns might have given it."""
+        pairs = zip(self.emulators, rock_weights, strict=True)
+        return Total(self.columns, tuple(e.weighted(w, rng) for e, w in pairs))
 
     @property
     def total(self) -> Total:
@@ -107,12 +112,21 @@ class Total:
         return value
 
     def minimum(
-        self, beginnings: FloatArray, starts: FloatArray | None = None, sharpness: float = 1.0
+        self,
+        beginnings: FloatArray,
+        starts: FloatArray | None = None,
+        sharpness: float = 1.0,
+        kept: BoolArray | None = None,
     ) -> tuple[FloatArray, float]:
         """Lowest point reached from some beginnings, and the sum there.
 
-        With ``starts`` the prior about them is weighed against ``sharpness`` times the sum.
+        With ``starts`` the prior about them is weighed against ``sharpness`` times the sum, and
+        parameters that are ``kept`` stay there.
         """
+        bounds = [(0.0, 1.0)] * beginnings.shape[1]
+        if starts is not None and kept is not None:
+            beginnings = np.where(kept, starts, beginnings)
+            bounds = [(u, u) if k else (0.0, 1.0) for u, k in zip(starts, kept, strict=True)]
 
         def both(u: FloatArray) -> tuple[float, FloatArray]:
             slope = np.zeros(u.size)
@@ -125,19 +139,18 @@ class Total:
                 slope = slope + pull
             return value, slope
 
-        found = [
-            minimize(both, u, jac=True, method="L-BFGS-B", bounds=[(0.0, 1.0)] * u.size)
-            for u in beginnings
-        ]
+        found = [minimize(both, u, jac=True, method="L-BFGS-B", bounds=bounds) for u in beginnings]
         best = min(found, key=lambda f: float(f.fun))
         return best.x, float(self.value(best.x[None])[0])
 
 
-def surface_of(points: FloatArray, sites: Sequence[SiteScores], starts: FloatArray) -> Surface:
-    """Emulate the scores of all sites."""
+def surface_of(
+    points: FloatArray, sites: Sequence[SiteScores], starts: FloatArray, first: int
+) -> Surface:
+    """Emulate the scores of all sites; ``first`` draws are those of the first design."""
     return Surface(
         tuple(s.columns for s in sites),
-        tuple(fit(points[:, s.columns], s.scores) for s in sites),
+        tuple(fit(points[:, s.columns], s.scores, first) for s in sites),
         starts,
     )
 
@@ -222,19 +235,23 @@ def bootstrap_excess(
 ) -> FloatArray:
     """How much worse than the best for rocks drawn anew the best for all rocks is, for each draw.
 
-    Rocks are drawn anew within their sites.
+    Rocks are drawn anew within their sites, and so is the noise of the simulated campaigns.
     """
     found = np.empty(draws)
     for k in range(draws):
         weights = [rng.multinomial(n, np.full(n, 1.0 / n)).astype(float) for n in surface.sizes]
-        own = surface.weighted(weights)
+        own = surface.weighted(weights, rng)
         _, least = own.minimum(np.vstack([bottom, rng.random((1, bottom.size))]))
         found[k] = float(own.value(bottom[None])[0]) - least
     return np.maximum(found, 0.0)
 
 
 def _sample(
-    surface: Surface, sharpness: float, beginnings: FloatArray, rng: np.random.Generator
+    surface: Surface,
+    sharpness: float,
+    beginnings: FloatArray,
+    rng: np.random.Generator,
+    steps: int = _STEPS,
 ) -> FloatArray:
     d = beginnings.shape[1]
     walkers = max(32, 4 * d)
@@ -248,8 +265,8 @@ def _sample(
     place = np.clip(place + 0.02 * rng.standard_normal(place.shape), 0.001, 0.999)
     sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True)
     sampler.random_state = np.random.RandomState(int(rng.integers(2**31))).get_state()
-    sampler.run_mcmc(place, _STEPS)
-    kept: FloatArray = sampler.get_chain(discard=_STEPS // 2, thin=_THIN, flat=True)
+    sampler.run_mcmc(place, steps)
+    kept: FloatArray = sampler.get_chain(discard=steps // 2, thin=_THIN, flat=True)
     return kept
 
 
@@ -260,9 +277,34 @@ def next_design(surface: Surface, points: FloatArray, draws: int, seed: int) -> 
     order = np.argsort(total.value(points), kind="stable")
     bottom, _ = total.minimum(points[order[:4]])
     wanted = float(np.mean(bootstrap_excess(surface, bottom, rng, 20)))
-    samples = _sample(surface, _WIDER / max(wanted, 1e-9), np.vstack([bottom, points[order]]), rng)
-    chosen = samples[rng.choice(len(samples), draws - 1, replace=len(samples) < draws)]
-    return np.vstack([bottom, chosen])
+    beginnings = np.vstack([bottom, points[order]])
+    chosen = [bottom[None]]
+    for sharpness, part in zip(_WIDER, np.array_split(np.arange(draws - 1), 2), strict=True):
+        samples = _sample(surface, sharpness / max(wanted, 1e-9), beginnings, rng, _STEPS_OF_DESIGN)
+        chosen.append(samples[rng.choice(len(samples), part.size, replace=False)])
+    return np.vstack(chosen)
+
+
+def keeping_configured(surface: Surface, posterior: Posterior, identified: BoolArray) -> Posterior:
+    """The best parameters with those at their configured values that need not leave them.
+
+    One after the other, the parameters that are not identified are put back to what was configured.
+    That stays if the others can make up for it: if the score is then no worse than that of the
+    better half of the posterior.
+    """
+    total = surface.total
+    enough = float(np.median(total.value(posterior.samples)))
+    kept = np.zeros(identified.size, np.bool_)
+    spread = posterior.samples.std(axis=0)
+    best = posterior.best
+    for k in np.flatnonzero(~identified)[np.argsort(-spread[~identified], kind="stable")]:
+        tried = kept.copy()
+        tried[k] = True
+        beginnings = np.vstack([best, posterior.samples[:: len(posterior.samples) // 3][:3]])
+        found, score = total.minimum(beginnings, surface.starts, posterior.sharpness, tried)
+        if score <= enough:
+            kept, best = tried, found
+    return replace(posterior, best=best)
 
 
 def minimum_without(
