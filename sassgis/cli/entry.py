@@ -21,6 +21,7 @@ from sassgis.cli.gap_validate_command import validate_observations
 from sassgis.cli.init_command import init
 from sassgis.cli.profile_command import profile
 from sassgis.cli.run_command import run
+from sassgis.cli.sensitivity_command import sensitivity
 from sassgis.cli.validate_command import validate
 from sassgis.cli.zone_command import zone
 from sassgis.model.errors import Interrupted, SassgisError
@@ -38,7 +39,9 @@ def gap() -> None:
     """Observations in the field, to be compared with the simulation."""
 
 
-for _command in (init, validate, run, zone, batch, profile, calibrate, export, demo):
+for _command in (
+    init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
+):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, diagnose, validate_observations, check_diagnosis):
     gap.add_command(_command)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.engine.rows import last_of
 from sassgis.engine.state import (
     BARRIER,
     CROSSING_DTYPE,
@@ -64,10 +65,11 @@ def crossings_of(
 
     Returns
     -------
-    CROSSING_DTYPE, shape (n,)
+    CROSSING_DTYPE, shape (max(n, 1),)
     """
-    rows = np.zeros(chainage.size, CROSSING_DTYPE)
-    n = profile.size - 1
+    rows = np.zeros(max(chainage.size, 1), CROSSING_DTYPE)
+    rows[0].last = chainage.size
+    n = last_of(profile)
     for i in range(chainage.size):
         x = chainage[i]
         j = 0
@@ -136,7 +138,7 @@ def control_lines_in_flight(
         return no_meeting()
     crossings = site.crossings
     profile = site.profile
-    n = crossings.size
+    n = last_of(crossings)
     x_end = state.x + vx * until
     forward = vx > 0.0
     for k in range(n):
@@ -161,7 +163,7 @@ def control_lines_in_flight(
                 outcome, left = _at_barrier(crossing, 0.5 * block.mass * (vx * vx + wz * wz + spin))
         if forward and not crossing.seen:
             j = state.segment
-            while j < profile.size - 2 and profile[j + 1].x < line_x:
+            while j < last_of(profile) - 1 and profile[j + 1].x < line_x:
                 j += 1
             height = max(z - crossing.z - block.b / profile[j].tx, 0.0)
             _write_passage(state, output, block, crossing, outcome, vx, wz, state.omega, height)
@@ -190,7 +192,7 @@ def control_lines_on_ground(
     Passages are written.
     """
     crossings = site.crossings
-    n = crossings.size
+    n = last_of(crossings)
     forward = state.direction > 0
     x = stretch.x
     x_end = stretch.x_end

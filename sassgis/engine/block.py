@@ -8,9 +8,18 @@ from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.flight import flight
 from sassgis.engine.ground_motion import ground_motion, tips
+from sassgis.engine.heading import (
+    after_ground,
+    after_impact,
+    before_flight,
+    before_ground,
+    place_spawned,
+)
 from sassgis.engine.landing import land
+from sassgis.engine.path import FOLLOWED, Path, note_passages
 from sassgis.engine.profile import segment_at, stretch_from
 from sassgis.engine.rolling import rolling_friction
+from sassgis.engine.rows import last_of
 from sassgis.engine.state import (
     END,
     FLIGHT,
@@ -40,6 +49,7 @@ def simulate_block(
     output: Output,
     physics: Physics,
     effects: hooks.Effects | None,
+    path: Path,
 ) -> None:
     """Simulate one block from its start to its end.
 
@@ -54,18 +64,37 @@ def simulate_block(
     physics : Physics
     effects : Effects, optional
         None for the model of 1986 alone.
+    path : Path
+        Whose ``form`` says whether the block stays on the profile of the site or is followed.
     """
+    followed = path.form == FOLLOWED
     hooks.on_start(effects, state, block)
     while state.phase != END:
         state.events += 1
         if state.events > physics.max_events:
             end(state, STEP_LIMIT)
         elif state.phase == FLIGHT:
+            if followed:
+                before_flight(state, block, site, path, physics)
             flight(state, block, site, output, physics, effects)
         elif state.phase == IMPACT:
+            into = -(state.vx * state.nx + state.vz * state.nz)
+            impacts = state.impacts
+            spawned = output.spawned.filled[0]
             land(state, block, site, output, physics, effects)
+            if followed:
+                place_spawned(state, output.spawned, spawned)
+                after_impact(state, block, site, path, physics, into, state.impacts > impacts)
+        elif followed:
+            gu, gv = before_ground(state, block, site, path, physics)
+            x = state.x
+            level = state.speed * site.profile[state.segment].tx
+            ground_motion(state, block, site, output, physics, effects)
+            after_ground(state, path, physics, gu, gv, x, level, abs(state.vx))
         else:
             ground_motion(state, block, site, output, physics, effects)
+        if followed and last_of(site.crossings) > 0:
+            note_passages(site, path)
     if state.reason == REST and not state.moved:
         state.reason = NEVER_STARTED
     state.vx = 0.0
@@ -105,8 +134,9 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     state.top_speed = 0.0
     state.top_height = 0.0
     state.top_energy = 0.0
+    state.reach = np.inf
     state.stretch = stretch_from(site.stretches, stretch, x)
-    for i in range(site.crossings.size):
+    for i in range(last_of(site.crossings)):
         site.crossings[i].seen = False
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.engine.rows import last_of
 from sassgis.engine.state import Records
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
 from sassgis.model.jit import inlined, lean
@@ -70,7 +71,7 @@ def _core_contact(
     nx = -here.tz
     nz = here.tx
     met = -1
-    for k in range(max(j, 1), min(j + 1, profile.size - 2) + 1):
+    for k in range(max(j, 1), min(j + 1, last_of(profile) - 1) + 1):
         if not is_convex(profile, k):
             continue
         t, vertex_nx, vertex_nz = contact_with_vertex(
@@ -87,7 +88,7 @@ def _core_contact(
 @lean
 def _first_segment(flying: Flying, start: float, profile: Records, near: int, step: int) -> int:
     """The segment under the rear end of a block at time ``start``."""
-    n = profile.size - 1
+    n = last_of(profile)
     j = near
     if step > 0:
         edge = flying.x + flying.vx * start - flying.a
@@ -177,7 +178,7 @@ def next_contact(
     Contact
         Of two contacts at the same time, the one approached faster.
     """
-    n = profile.size - 1
+    n = last_of(profile)
     vx = flying.vx
     step = 1 if vx >= 0.0 else -1
     still = abs(vx) < 1e-9
@@ -240,7 +241,7 @@ def _contact_at(
 
     Parameters as the locals of next_contact; ``above``, ``rate`` and ``fall`` as _within_reach.
     """
-    n = profile.size - 1
+    n = last_of(profile)
     here = profile[j]
     length = span(profile, j)
     if not left:
@@ -316,7 +317,7 @@ def resting_height(
     st = math.sin(theta)
     reach = math.sqrt(a * a * ct * ct + b * b * st * st)
     height = -np.inf
-    n = profile.size - 1
+    n = last_of(profile)
     first = near
     while first > 0 and profile[first].x > x - a:
         first -= 1

@@ -9,6 +9,7 @@ from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
 from sassgis.engine.profile import segment_at
 from sassgis.engine.recording import record_flight
+from sassgis.engine.rows import last_of
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
@@ -26,15 +27,18 @@ from sassgis.engine.state import (
 from sassgis.engine.touching import Flying
 from sassgis.model.jit import inlined
 
+#: Ground that is known ahead of a block, beyond its longest semi-axis (m).
+MARGIN_M = 0.01
 # A block that moves straight up or down is looked at for so long (s).
 _LONGEST = 1e6
 
 
 @inlined
-def _time_to_end(state: Record, profile: Records) -> float:
-    """When the centre leaves the profile (s)."""
+def _time_to_end(state: Record, block: Block, profile: Records) -> float:
+    """When the centre leaves the profile (s); one that goes on must lie under the whole block."""
     if state.vx > 1e-9:
-        limit = (profile[profile.size - 1].x - state.x) / state.vx
+        front = block.a + MARGIN_M if state.open else 0.0
+        limit = (profile[last_of(profile)].x - front - state.x) / state.vx
     elif state.vx < -1e-9:
         limit = (profile[0].x - state.x) / state.vx
     else:
@@ -82,7 +86,9 @@ def flight(
     """Fly to the next contact, a barrier or the end of the profile."""
     g = physics.gravity
     log_event(output.log, state, 0.0, 0.0)
-    limit = hooks.before_flight(effects, state, block, site, g, _time_to_end(state, site.profile))
+    limit = hooks.before_flight(
+        effects, state, block, site, g, _time_to_end(state, block, site.profile)
+    )
     flying = Flying(
         state.x, state.z, state.vx, state.vz, state.theta, state.omega, block.a, block.b, g
     )
@@ -92,7 +98,7 @@ def flight(
     )  # fmt: skip
     until = contact.t if contact.segment >= 0 else limit
     barrier = no_meeting()
-    if site.crossings.size > 0:
+    if last_of(site.crossings) > 0:
         barrier = control_lines_in_flight(state, block, site, output, g, until)
     at_barrier = barrier.line >= 0
     if at_barrier:
@@ -119,7 +125,10 @@ def flight(
             # It drops to the foot of the wall.
             state.z = min(state.z, site.crossings[barrier.line].z + block.b)
     elif contact.segment < 0:
-        end(state, LEFT_PROFILE)
+        if state.open:
+            same_event(state, physics)
+        else:
+            end(state, LEFT_PROFILE)
     else:
         state.segment = contact.segment
         state.nx = contact.nx

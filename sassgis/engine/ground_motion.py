@@ -24,6 +24,7 @@ from sassgis.engine.rolling import (
     rolling_friction,
     rolling_stretch,
 )
+from sassgis.engine.rows import last_of
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
@@ -126,6 +127,9 @@ def _look_ahead(
     u = along(profile, state.segment, state.x, state.z)
     length = max(here.length - u if direction > 0 else u, 0.0)
     ends_by = SEGMENT_END
+    if state.x + length * ux > state.reach:
+        length = max((state.reach - state.x) / ux, 0.0)
+        ends_by = PART
     lift = 0.0
     if pull < 0.0 and -v * v / (2.0 * pull) <= length:
         length = -v * v / (2.0 * pull)
@@ -148,7 +152,7 @@ def _look_ahead(
     # A next segment that does not rise can only be met at the end of this one.
     after = state.segment + direction
     passed = state.segment
-    if 0 <= after < profile.size - 1 and turn(profile, state.segment, direction) > -STRAIGHT:
+    if 0 <= after < last_of(profile) and turn(profile, state.segment, direction) > -STRAIGHT:
         passed = after
     moved = Flying(
         state.x, state.z, direction * ux, direction * uz, state.theta, 0.0, wide, narrow, 0.0
@@ -161,7 +165,7 @@ def _look_ahead(
         state.nz = contact.nz
     x_end = state.x + direction * ux * length
     first = profile[0].x
-    last = profile[profile.size - 1].x
+    last = profile[last_of(profile)].x
     if x_end > last or x_end < first:
         end_x = last if direction > 0 else first
         length = min(max((end_x - state.x) / (direction * ux), 0.0), length)
@@ -247,7 +251,7 @@ def ground_motion(
         ends_by = PART
     stretch = _gains(state, block, x_end, pull, length, ends_by, mu * g * ux)
     barrier = no_meeting()
-    if site.crossings.size > 0:
+    if last_of(site.crossings) > 0:
         barrier = control_lines_on_ground(
             state, block, site, output, stretch, direction * ux, direction * uz
         )
@@ -316,7 +320,7 @@ def _go_on(state: Record, block: Block, site: Site, physics: Physics, ahead: Ahe
         _lift_off(state, block, site, physics.gravity, ahead.lift)
     elif what == SEGMENT_END:
         after = state.segment + state.direction
-        if after < 0 or after >= site.profile.size - 1:
+        if after < 0 or after >= last_of(site.profile):
             end(state, LEFT_PROFILE)
             return
         if turn(site.profile, state.segment, state.direction) > STRAIGHT:

@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 
 from sassgis.engine.barriers import crossings_of
 from sassgis.engine.block import simulate_block, start_released, start_spawned
+from sassgis.engine.cell_register import FULL
 from sassgis.engine.draws import block_of, draw_block, draw_start
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.spawning import room_for
+from sassgis.engine.heading import continue_path, start_path
+from sassgis.engine.path import FOLLOWED, Path, place, room_ahead
 from sassgis.engine.profile import last_cell, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work
+from sassgis.engine.rows import last_of
 from sassgis.engine.state import (
     BARRIER,
     REST,
@@ -28,18 +32,23 @@ from sassgis.engine.state import (
 )
 from sassgis.engine.statistics import (
     CellSums,
+    Disks,
     Event,
     Exceedance,
     FlatBins,
     LineTally,
     Objects,
-    at_objects,
+    PlaceWork,
     close_line,
     collect,
+    count_places,
     empty_event,
     empty_tally,
     flush,
     give_back,
+    meet_disks,
+    meet_objects,
+    place_work,
 )
 from sassgis.model import rng
 from sassgis.model.jit import inlined, kernel
@@ -61,6 +70,7 @@ class Lines(NamedTuple):
     cell: NDArray[np.int64]
     stems: NDArray[np.float64]  # as cell: stems per m² there
     diameter: NDArray[np.float64]  # as cell: of the stems at breast height (m)
+    on_map: NDArray[np.float64]  # (cell_s.size, 2) borders on the map: columns and rows, in cells
     number: NDArray[np.int64]  # of the line in the run
     key: NDArray[np.uint64]  # identity of the line for random draws
     stratum: NDArray[np.int64]  # (n,) of the sample; lines of one stratum follow each other
@@ -68,6 +78,15 @@ class Lines(NamedTuple):
     control_line_offset: NDArray[np.int64]
     control_line_x: NDArray[np.float64]
     control_line: NDArray[np.int64]
+
+
+class Points(NamedTuple):
+    """Release points of a chunk from which paths are followed; each is a stratum of the sample."""
+
+    u: NDArray[np.float64]  # place in plan (cells)
+    v: NDArray[np.float64]
+    number: NDArray[np.int64]  # of the point in the run
+    key: NDArray[np.uint64]  # its identity for random draws
 
 
 class ControlLineTable(NamedTuple):
@@ -91,9 +110,16 @@ class Setup(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Windows or objects, and the blocks that came to them."""
+    """Objects, and the blocks that came to them."""
 
     under: Objects
+    reach: Exceedance  # added to
+
+
+class Windows(NamedTuple):
+    """Windows, and the blocks whose path met them."""
+
+    disks: Disks
     reach: Exceedance  # added to
 
 
@@ -103,7 +129,7 @@ class Totals(NamedTuple):
     bins: FlatBins
     sums: CellSums
     reach: Exceedance  # of the cells
-    windows: Places
+    windows: Windows
     objects: Places
 
 
@@ -113,17 +139,11 @@ class Rows(NamedTuple):
     rocks: Records  # (n_lines * n_rocks,) model.results.ROCK_DTYPE
     passages: Records  # model.results.PASSAGE_DTYPE, filled from the top
     spawned: Records  # ROCK_DTYPE, spawned blocks, filled from the top
+    ends: NDArray[np.float64]  # (n_lines * n_rocks, 2), place of the end of a followed path (cells)
+    spawned_ends: NDArray[np.float64]  # the same of spawned blocks
     events: Records  # (n_lines * n_rocks, n_events) state.EVENT_DTYPE; n_events may be 0
     event_counts: NDArray[np.int64]  # (n_lines * n_rocks,)
     filled: NDArray[np.int64]  # (2,) rows of passages and of spawned blocks that there are
-
-
-class PlaceWork(NamedTuple):
-    """Working space for windows or objects."""
-
-    tally: LineTally
-    peak: NDArray[np.float64]
-    met: NDArray[np.int64]
 
 
 class Work(NamedTuple):
@@ -137,11 +157,9 @@ class Work(NamedTuple):
     objects: PlaceWork
     n_line: NDArray[np.int64]  # (3,) cells, windows and objects that the stratum touched
     spawned: Spawned
-
-
-def _place_work(places: Places) -> PlaceWork:
-    n = places.reach.rocks.shape[0]
-    return PlaceWork(empty_tally(places.reach), np.full(n, -1.0), np.zeros(n, np.int64))
+    vertices: Records  # of the ground just ahead, on a path that is followed
+    crossings: Records
+    stretches: Records
 
 
 def working_space(totals: Totals, most_spawned: int) -> Work:
@@ -152,13 +170,14 @@ def working_space(totals: Totals, most_spawned: int) -> Work:
     n = totals.sums.stops.size
     return Work(
         np.zeros(1, hooks.BLOCK_DTYPE),
-        empty_work(n),
+        empty_work(n, chords=totals.windows.disks.u.size > 0),
         empty_event(n),
         empty_tally(totals.reach),
-        _place_work(totals.windows),
-        _place_work(totals.objects),
+        place_work(totals.windows.reach),
+        place_work(totals.objects.reach),
         np.zeros(3, np.int64),
         room_for(most_spawned),
+        *room_ahead(),
     )
 
 
@@ -170,6 +189,7 @@ def simulate_lines(
     rows: Rows,
     work: Work,
     effects: hooks.Effects | None,
+    path: Path,
 ) -> int:
     """Simulate all blocks of some lines, with the blocks that they spawn.
 
@@ -185,67 +205,160 @@ def simulate_lines(
         As working_space makes it.
     effects : Effects, optional
         None for the model of 1986 alone.
+    path : Path
+        As no_path makes it: blocks stay on their lines.
 
     Returns
     -------
     int
         DONE; or NO_ROOM or TOO_MANY_SPAWNED: then nothing that was filled is of use.
     """
-    state = work.state[0]
-    spawned = work.spawned
     n_lines = lines.number.size
     for i in range(n_lines):
-        site = site_of(i, lines, setup)
-        limits = setup.limits[i if setup.limits.shape[0] > 1 else 0]
-        for r in range(setup.n_rocks):
-            # The released block first, then those that it and they spawn, in turn.
-            key = rng.rock_key(setup.seed, lines.key[i], setup.first_rock + r)
-            start = draw_start(limits[0], limits[1], key, lines.start[i, 0], lines.start[i, 1])
-            block = hooks.on_block(effects, draw_block(limits[0], limits[1], key))
-            start_released(state, block, site, setup.physics, start)
-            number = i * setup.n_rocks + r
-            row = rows.rocks[number]
-            open_row(row, lines.number[i], setup.first_rock + r, 0, state.x)
-            log = EventLog(rows.events[number], rows.event_counts[number:])
-            n_spawned = 0
-            spawned.filled[0] = 0
-            while True:
-                n = rows.filled[0]
-                if n + site.crossings.size > rows.passages.size:
-                    return NO_ROOM
-                output = Output(rows.passages[n:], work.cells, log, spawned)
-                simulate_block(state, block, site, output, setup.physics, effects)
-                finish_block(row, block, state, site, rows, totals.sums)
-                if effects is None:
-                    break
-                collect(work.event, work.cells, state.n_touched, block.mass)
-                if n_spawned >= min(spawned.filled[0], spawned.rows.size):
-                    break
-                if rows.filled[1] >= rows.spawned.size:
-                    return NO_ROOM
-                leaving = spawned.rows[n_spawned]
-                n_spawned += 1
-                block = hooks.on_block(
-                    effects, spawned_block(leaving, block.density, key, n_spawned)
-                )
-                start_spawned(state, block, site, leaving, start.x)
-                row = rows.spawned[rows.filled[1]]
-                rows.filled[1] += 1
-                open_row(row, lines.number[i], setup.first_rock + r, n_spawned, state.x)
-                log = EventLog(log.rows[:0], log.filled)
-            if effects is None:
-                add_to_totals(totals, work, state.n_touched, block.mass)
-            else:
-                if spawned.filled[0] > n_spawned:
-                    return TOO_MANY_SPAWNED
-                # They count together, with their energies in J.
-                add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)
+        status = simulate_rocks(
+            i, site_of(i, lines, setup), lines.number[i], lines.key[i], lines.start[i, 0],
+            lines.start[i, 1], setup, totals, rows, work, effects, path,
+        )  # fmt: skip
+        if status != DONE:
+            return status
         if i == n_lines - 1 or lines.stratum[i + 1] != lines.stratum[i]:
-            close_line(work.tally, work.n_line[0], totals.reach)
-            close_line(work.windows.tally, work.n_line[1], totals.windows.reach)
-            close_line(work.objects.tally, work.n_line[2], totals.objects.reach)
-            work.n_line[:] = 0
+            close_stratum(totals, work)
     return DONE
+
+
+@kernel
+def simulate_paths(
+    points: Points,
+    setup: Setup,
+    totals: Totals,
+    rows: Rows,
+    work: Work,
+    effects: hooks.Effects | None,
+    path: Path,
+) -> int:
+    """Simulate all blocks of some release points, each along the path that it takes.
+
+    Parameters as those of simulate_lines; the cells of the totals are those of the path's register.
+    """
+    site = Site(work.vertices, setup.grounds, work.crossings, work.stretches)
+    n_points = points.number.size
+    for i in range(n_points):
+        status = simulate_rocks(
+            i, site, points.number[i], points.key[i], points.u[i], points.v[i], setup, totals, rows,
+            work, effects, path,
+        )  # fmt: skip
+        if status != DONE:
+            return status
+        close_stratum(totals, work)
+    return DONE
+
+
+@kernel
+def close_stratum(totals: Totals, work: Work) -> None:
+    """Add the blocks of a stratum of the sample to the sums, and clear their tally."""
+    close_line(work.tally, work.n_line[0], totals.reach)
+    close_line(work.windows.tally, work.n_line[1], totals.windows.reach)
+    close_line(work.objects.tally, work.n_line[2], totals.objects.reach)
+    work.n_line[:] = 0
+
+
+@kernel
+def simulate_rocks(
+    i: int,
+    site: Site,
+    line: int,
+    line_key: np.uint64,
+    first: float,
+    second: float,
+    setup: Setup,
+    totals: Totals,
+    rows: Rows,
+    work: Work,
+    effects: hooks.Effects | None,
+    path: Path,
+) -> int:
+    """Simulate all blocks of line or release point ``i``.
+
+    ``first`` and ``second`` are limits of the starting chainage (m), or the place of the release
+    point (cells). Returns as simulate_lines.
+    """
+    state = work.state[0]
+    spawned = work.spawned
+    followed = path.form == FOLLOWED
+    limits = setup.limits[i if setup.limits.shape[0] > 1 else 0]
+    for r in range(setup.n_rocks):
+        # The released block first, then those that it and they spawn, in turn.
+        key = rng.rock_key(setup.seed, line_key, setup.first_rock + r)
+        start = draw_start(
+            limits[0], limits[1], key, 0.0 if followed else first, 0.0 if followed else second
+        )
+        block = hooks.on_block(effects, draw_block(limits[0], limits[1], key))
+        if followed:
+            u, v = draw_place(key, first, second, path.spread)
+            if not start_path(state, block, site, path, u, v):
+                u, v = first, second
+                start_path(state, block, site, path, u, v)
+        start_released(state, block, site, setup.physics, start)
+        number = i * setup.n_rocks + r
+        row = rows.rocks[number]
+        open_row(row, line, setup.first_rock + r, 0, state.x)
+        log = EventLog(rows.events[number], rows.event_counts[number:])
+        end_place = rows.ends[number]
+        n_spawned = 0
+        spawned.filled[0] = 0
+        while True:
+            n = rows.filled[0]
+            n_lines = path.line_kind.size if followed else last_of(site.crossings)
+            if n + n_lines > rows.passages.size:
+                return NO_ROOM
+            output = Output(rows.passages[n:], work.cells, log, spawned)
+            simulate_block(state, block, site, output, setup.physics, effects, path)
+            finish_block(row, block, state, site, rows, totals.sums)
+            if work.windows.peak.size:
+                meet_disks(
+                    work.cells, state.n_touched, block.mass, totals.windows.disks, work.windows
+                )
+            if followed:
+                end_place[0], end_place[1] = place(state, state.x)
+                if path.register.counts[FULL]:
+                    return NO_ROOM
+            if effects is None:
+                break
+            collect(work.event, work.cells, state.n_touched, block.mass)
+            if n_spawned >= min(spawned.filled[0], spawned.rows.size):
+                break
+            if rows.filled[1] >= rows.spawned.size:
+                return NO_ROOM
+            leaving = spawned.rows[n_spawned]
+            n_spawned += 1
+            block = hooks.on_block(effects, spawned_block(leaving, block.density, key, n_spawned))
+            if followed:
+                continue_path(state, block, site, path, leaving)
+            start_spawned(state, block, site, leaving, start.x)
+            row = rows.spawned[rows.filled[1]]
+            end_place = rows.spawned_ends[rows.filled[1]]
+            rows.filled[1] += 1
+            open_row(row, line, setup.first_rock + r, n_spawned, state.x)
+            log = EventLog(log.rows[:0], log.filled)
+        if effects is None:
+            add_to_totals(totals, work, state.n_touched, block.mass)
+        else:
+            if spawned.filled[0] > n_spawned:
+                return TOO_MANY_SPAWNED
+            # They count together, with their energies in J.
+            add_to_totals(totals, work, give_back(work.event, work.cells), 1.0)
+    return DONE
+
+
+@kernel
+def draw_place(key: np.uint64, u: float, v: float, spread: float) -> tuple[float, float]:
+    """Where a block starts: anywhere in the square (cells) that its release point represents."""
+    if spread <= 0.0:
+        return u, v
+    return (
+        u + spread * (rng.uniform(key, rng.START_U, 0) - 0.5),
+        v + spread * (rng.uniform(key, rng.START_V, 0) - 0.5),
+    )
 
 
 @kernel
@@ -259,7 +372,7 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
     c1 = lines.cell_offset[i + 1]
     stretches = stretches_of(
         lines.cell_s[c0 + i : c1 + i + 1], lines.cell[c0:c1], lines.stems[c0:c1],
-        lines.diameter[c0:c1], s,
+        lines.diameter[c0:c1], lines.on_map[c0 + i : c1 + i + 1], s,
     )  # fmt: skip
     g0 = lines.control_line_offset[i]
     g1 = lines.control_line_offset[i + 1]
@@ -331,16 +444,8 @@ def add_to_totals(totals: Totals, work: Work, n_touched: int, mass: float) -> No
     cells = work.cells
     threshold = totals.bins.threshold
     n_line = work.n_line
-    own = work.windows
-    if own.peak.size:
-        n_line[1] = at_objects(
-            cells, n_touched, mass, threshold, totals.windows.under, own.peak, own.met, own.tally,
-            n_line[1],
-        )  # fmt: skip
-    own = work.objects
-    if own.peak.size:
-        n_line[2] = at_objects(
-            cells, n_touched, mass, threshold, totals.objects.under, own.peak, own.met, own.tally,
-            n_line[2],
-        )  # fmt: skip
+    n_line[1] = count_places(work.windows, threshold, n_line[1])
+    if work.objects.peak.size:
+        meet_objects(cells, n_touched, mass, totals.objects.under, work.objects)
+        n_line[2] = count_places(work.objects, threshold, n_line[2])
     n_line[0] = flush(cells, n_touched, totals.sums, totals.bins, mass, work.tally, n_line[0])

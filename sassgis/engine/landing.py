@@ -218,7 +218,7 @@ def _leaves(physics: Physics, as_circle: bool, wn: float, contact: float, low: f
 
     ``low`` is the square of the speed below which a rebound of the contact alone does not count.
     """
-    if physics.eta_rule == RESTITUTION and contact > 0.0 and contact * contact >= low:
+    if physics.eta_rule == RESTITUTION and contact > 1e-12 and contact * contact >= low:
         return True
     return wn > 1e-12 and not as_circle
 

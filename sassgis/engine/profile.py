@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.recording import STRETCH_DTYPE
+from sassgis.engine.rows import last_of
 from sassgis.engine.state import BARRIER, VERTEX_DTYPE, Records
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel, lean
@@ -37,6 +38,7 @@ def profile_of(s: FloatArray, z: FloatArray, ground: NDArray[np.int32]) -> Recor
     """
     n = s.size
     rows = np.zeros(n, VERTEX_DTYPE)
+    rows[0].last = n - 1
     for i in range(n):
         row = rows[i]
         row.x = s[i]
@@ -88,7 +90,12 @@ def without_straight_vertices(
 
 @kernel
 def stretches_of(
-    cell_s: FloatArray, cell: IntArray, stems: FloatArray, diameter: FloatArray, s: FloatArray
+    cell_s: FloatArray,
+    cell: IntArray,
+    stems: FloatArray,
+    diameter: FloatArray,
+    on_map: FloatArray,
+    s: FloatArray,
 ) -> Records:
     """Stretches of cells, cut at the vertices.
 
@@ -99,6 +106,8 @@ def stretches_of(
     cell : int64, shape (n_cells,)
     stems, diameter : float64, shape (n_cells,)
         Stems per square metre and their diameter at breast height (m).
+    on_map : float64, shape (n_cells + 1, 2)
+        Borders of the cells on the map: u, v.
     s : float64, shape (n,)
         Chainage of the vertices (m).
 
@@ -118,6 +127,9 @@ def stretches_of(
             rows[n].start = here
             rows[n].cell = cell[i]
             rows[n].segment = j
+            share = min(max((here - cell_s[i]) / (cell_s[i + 1] - cell_s[i]), 0.0), 1.0)
+            rows[n].u = on_map[i, 0] + share * (on_map[i + 1, 0] - on_map[i, 0])
+            rows[n].v = on_map[i, 1] + share * (on_map[i + 1, 1] - on_map[i, 1])
             rows[n].stems = stems[i]
             rows[n].diameter = diameter[i]
             n += 1
@@ -132,6 +144,9 @@ def stretches_of(
         n = 1
         here = s[n_segments]
     rows[n].start = here
+    rows[0].last = n
+    rows[n].u = on_map[cell.size, 0]
+    rows[n].v = on_map[cell.size, 1]
     return rows[: n + 1]
 
 
@@ -139,7 +154,7 @@ def stretches_of(
 def segment_at(profile: Records, x: float, near: int) -> int:
     """The segment under chainage x."""
     j = near
-    n = profile.size - 1
+    n = last_of(profile)
     while j > 0 and profile[j].x > x:
         j -= 1
     while j < n - 1 and profile[j + 1].x < x:
@@ -166,7 +181,7 @@ def turn(profile: Records, j: int, direction: int) -> float:
 @lean
 def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -> int:
     """The segment along which a block that touches segment j moves on in a direction."""
-    n = profile.size - 1
+    n = last_of(profile)
     while True:
         u = along(profile, j, x, z)
         if direction > 0 and u >= profile[j].length - _PAST and j < n - 1:
@@ -194,7 +209,7 @@ def foot_segment(profile: Records, j: int, x: float, z: float, direction: int) -
 @lean
 def stretch_from(stretches: Records, i: int, x: float) -> int:
     """The stretch under chainage x, looking ahead from stretch i."""
-    while i < stretches.size - 2 and stretches[i + 1].start < x:
+    while i < last_of(stretches) - 1 and stretches[i + 1].start < x:
         i += 1
     return i
 
@@ -202,7 +217,7 @@ def stretch_from(stretches: Records, i: int, x: float) -> int:
 @lean
 def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
     """Stretch ahead of a block that moves in a direction, and the distance to its border (m)."""
-    n = stretches.size - 1
+    n = last_of(stretches)
     while direction > 0 and i < n - 1 and stretches[i + 1].start <= x + _PAST:
         i += 1
     while direction < 0 and i > 0 and stretches[i].start >= x - _PAST:
@@ -214,11 +229,11 @@ def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tupl
 @lean
 def last_cell(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
     """Cell in which a block ends; -1 outside."""
-    if x < profile[0].x or x > profile[profile.size - 1].x:
+    if x < profile[0].x or x > profile[last_of(profile)].x:
         return -1
     # The last stretch that starts at or before x.
     low = 0
-    high = stretches.size
+    high = last_of(stretches) + 1
     while low < high:
         middle = (low + high) // 2
         if stretches[middle].start <= x:
@@ -229,4 +244,4 @@ def last_cell(profile: Records, stretches: Records, reason: int, x: float, start
     # A block that a wall holds lies in front of it, also on the border of a cell.
     if reason == BARRIER and k > 0 and stretches[k].start >= x > start:
         k -= 1
-    return int(stretches[min(max(k, 0), stretches.size - 2)].cell)
+    return int(stretches[min(max(k, 0), last_of(stretches) - 1)].cell)

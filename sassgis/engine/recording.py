@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.rows import last_of, record_type
 from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES
 
@@ -23,17 +24,15 @@ N_RECORDED = len(QUANTITIES)
 ENERGY, HEIGHT, SPEED2, ARRIVAL = range(N_RECORDED)
 
 #: The profile of one line cut at cell borders and vertices; the last row has only its start.
-STRETCH_DTYPE = np.dtype(
-    (
-        np.record,
-        [
-            ("start", np.float64),  # chainage (m)
-            ("cell", np.int64),  # position in the chunk's cells, -1 for none
-            ("segment", np.int64),
-            ("stems", np.float64),  # of the forest there, per m²
-            ("diameter", np.float64),  # of the stems at breast height (m)
-        ],
-    )
+STRETCH_DTYPE = record_type(
+    ("start", np.float64),  # chainage (m)
+    ("cell", np.int64),  # position in the chunk's cells, -1 for none
+    ("segment", np.int64),
+    ("stems", np.float64),  # of the forest there, per m²
+    ("diameter", np.float64),  # of the stems at breast height (m)
+    ("last", np.int64),  # of the first row: position of the end of the last stretch
+    ("u", np.float64),  # of the start on the map: columns from the west edge of the grid
+    ("v", np.float64),  # rows from its north edge
 )
 
 
@@ -45,11 +44,16 @@ class CellWork(NamedTuple):
 
     peak: NDArray[np.float64]  # (n, N_RECORDED), columns as above
     touched: NDArray[np.int64]  # cells in the order in which they were entered
+    chord: NDArray[np.float64]  # (n, 4): u, v at both ends of the path there; (0, 4): not kept
 
 
-def empty_work(n_cells: int) -> CellWork:
-    """Room for what a block does in the cells of a chunk."""
-    return CellWork(np.full((n_cells, N_RECORDED), -1.0), np.zeros(n_cells, np.int64))
+def empty_work(n_cells: int, chords: bool) -> CellWork:
+    """Room for what a block does in the cells of a chunk, and for its path across each if wanted."""
+    return CellWork(
+        np.full((n_cells, N_RECORDED), -1.0),
+        np.zeros(n_cells, np.int64),
+        np.zeros((n_cells if chords else 0, 4)),
+    )
 
 
 @lean
@@ -75,6 +79,41 @@ def _raise(
     peak[cell, HEIGHT] = max(peak[cell, HEIGHT], height)
     peak[cell, SPEED2] = max(peak[cell, SPEED2], speed2)
     return n_touched
+
+
+@lean
+def _on_map(stretches: NDArray[np.void], i: int, x: float) -> tuple[float, float]:
+    """Place on the map (u, v) of chainage x in stretch i, which is straight there."""
+    here = stretches[i]
+    after = stretches[i + 1]
+    length = after.start - here.start
+    share = min(max((x - here.start) / length, 0.0), 1.0) if length > 0.0 else 0.0
+    return here.u + share * (after.u - here.u), here.v + share * (after.v - here.v)
+
+
+@lean
+def _pass(
+    work: CellWork, cell: int, first: bool, u: float, v: float, u_end: float, v_end: float
+) -> None:
+    """Note where a block passes a cell: from where it was first to the farthest place from there.
+
+    Its path within the cell is taken as straight. A block that turns back leaves the farthest.
+    """
+    chord = work.chord[cell]
+    if first:
+        chord[0] = u
+        chord[1] = v
+        chord[2] = u_end
+        chord[3] = v_end
+        return
+    du = chord[2] - chord[0]
+    dv = chord[3] - chord[1]
+    before = du * du + dv * dv
+    du = u_end - chord[0]
+    dv = v_end - chord[1]
+    if du * du + dv * dv > before:
+        chord[2] = u_end
+        chord[3] = v_end
 
 
 @lean
@@ -120,7 +159,7 @@ def record_flight(
     top : float
         Greatest passing height (m).
     """
-    n = stretches.size - 1
+    n = last_of(stretches)
     while i > 0 and stretches[i].start > x:
         i -= 1
     while i < n - 1 and stretches[i + 1].start < x:
@@ -137,6 +176,9 @@ def record_flight(
     clear = 0.0
     apex = 0.0
     before = vz * vz
+    chords = work.chord.shape[0] > 0
+    u, v = _on_map(stretches, i, x) if chords else (0.0, 0.0)
+    u_end, v_end = u, v
     while True:
         if step > 0:
             border = stretches[i + 1].start
@@ -167,11 +209,18 @@ def record_flight(
         high = max(high - clear, 0.0)
         top = max(top, high)
         cell = stretches[i].cell
+        n_before = n_touched
         if cell >= 0:
             speed2 = vx * vx + max(before, after)
             n_touched = _raise(
                 work, n_touched, cell, 0.5 * speed2 + spin_energy, high, speed2, t + now
             )
+        if chords:
+            ahead = stretches[i + 1] if step > 0 else stretches[i]
+            u_end, v_end = _on_map(stretches, i, x_end) if inside else (ahead.u, ahead.v)
+            if cell >= 0:
+                _pass(work, cell, n_touched > n_before, u, v, u_end, v_end)
+            u, v = u_end, v_end
         if inside:
             return n_touched, i, top
         before = after
@@ -212,13 +261,16 @@ def record_ground(
     t : float
         Time since the release at the start (s).
     """
-    n = stretches.size - 1
+    n = last_of(stretches)
     while i > 0 and stretches[i].start > x:
         i -= 1
     while i < n - 1 and stretches[i + 1].start < x:
         i += 1
     step = 1 if x_end >= x else -1
     done = 0.0
+    chords = work.chord.shape[0] > 0
+    u, v = _on_map(stretches, i, x) if chords else (0.0, 0.0)
+    u_end, v_end = u, v
     while True:
         if step > 0:
             border = stretches[i + 1].start
@@ -230,6 +282,7 @@ def record_ground(
         if not inside and chord > 0.0:
             share = min(max(abs(border - x) / chord, done), 1.0)
         cell = stretches[i].cell
+        n_before = n_touched
         if cell >= 0:
             fast = max(v2 + dv2 * done, v2 + dv2 * share)
             energy = 0.5 * fast + max(spin + dspin * done, spin + dspin * share)
@@ -240,6 +293,12 @@ def record_ground(
                 if both > 0.0:
                     enters += 2.0 * length * done / both
             n_touched = _raise(work, n_touched, cell, energy, 0.0, max(fast, 0.0), enters)
+        if chords:
+            ahead = stretches[i + 1] if step > 0 else stretches[i]
+            u_end, v_end = _on_map(stretches, i, x_end) if inside else (ahead.u, ahead.v)
+            if cell >= 0:
+                _pass(work, cell, n_touched > n_before, u, v, u_end, v_end)
+            u, v = u_end, v_end
         if inside:
             return n_touched, i
         done = share

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +20,13 @@ from sassgis.engine.kernel import (
     Rows,
     Setup,
     Totals,
+    Windows,
     simulate_lines,
     working_space,
 )
+from sassgis.engine.path import no_path
 from sassgis.engine.state import EVENT_DTYPE, Physics
-from sassgis.engine.statistics import Exceedance, Objects, by_name, empty_sums, flat_bins
+from sassgis.engine.statistics import Disks, Exceedance, Objects, by_name, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
@@ -62,6 +64,9 @@ class Simulated:
     passages : PASSAGE_DTYPE
     event_logs : tuple of EVENT_DTYPE arrays, shape (n_events,)
         Events of each released block; empty unless asked for.
+    x, y : float64, shape (n_rocks + n_pieces,)
+        Where the blocks and the spawned blocks end on the map (m); empty where they were simulated
+        on given lines.
     """
 
     cells: IntArray
@@ -73,6 +78,8 @@ class Simulated:
     pieces: NDArray[np.void]
     passages: NDArray[np.void]
     event_logs: tuple[NDArray[np.void], ...]
+    x: FloatArray = field(default_factory=lambda: np.empty(0))
+    y: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 def no_exceedance(n: int, bins: Bins) -> Exceedance:
@@ -80,19 +87,23 @@ def no_exceedance(n: int, bins: Bins) -> Exceedance:
     return Exceedance(*(np.zeros((n, bins.threshold.size), np.int64) for _ in range(2)))
 
 
-def _exceedance(sums: Exceedance) -> dict[str, IntArray]:
+def exceedance(sums: Exceedance) -> dict[str, IntArray]:
+    """Counts under their names."""
     return {"exceed": sums.rocks, "exceed_square": sums.square}
 
 
-def _windows(window: Window | None, cells: IntArray) -> tuple[IntArray, Objects]:
-    if window is not None:
-        centres, offset, number = window.around(cells)
-        return centres, Objects(offset, number)
-    none = np.empty(0, np.int64)
-    return none, Objects(np.zeros(cells.size + 1, np.int64), none)
+def _disks(window: Window | None, cells: IntArray) -> tuple[IntArray, Disks]:
+    """The windows that blocks in some cells may meet: flat indices of their middle, and disks."""
+    if window is None:
+        none = np.empty(0, np.int64)
+        nowhere = Objects(np.zeros(cells.size + 1, np.int64), none)
+        return none, Disks(nowhere, np.empty(0), np.empty(0), 0.0)
+    centres, offset, number = window.around(cells)
+    row, col = np.divmod(centres, window.n_cols)
+    return centres, Disks(Objects(offset, number), col + 0.5, row + 0.5, window.radius**2)
 
 
-def _physics(settings: EngineSettings) -> Physics:
+def physics_of(settings: EngineSettings) -> Physics:
     """Settings as the kernel reads them, from those of the named set and the user's."""
     return Physics(
         gravity=float(settings.gravity_mps2),
@@ -166,8 +177,8 @@ def _cells_of(profiles: ProfileSet) -> tuple[IntArray, IntArray]:
     return cells[known], local
 
 
-def _control_line_table(crossings: ControlLineCrossings) -> ControlLineTable:
-    lines = crossings.control_lines
+def control_line_table(lines: Sequence[ControlLine]) -> ControlLineTable:
+    """Stations and barriers as the kernel takes them."""
     return ControlLineTable(
         np.array([_control_line_rule(line) for line in lines], np.int64),
         np.array([line.height_m for line in lines], np.float64),
@@ -209,6 +220,7 @@ def _lines(
         cell=local,
         stems=stems,
         diameter=diameter,
+        on_map=np.zeros((profiles.cell_s.size, 2)) if profiles.on_map is None else profiles.on_map,
         number=np.asarray(numbers, np.int64),
         key=np.asarray(keys, np.uint64),
         stratum=np.asarray(strata, np.int64),
@@ -219,19 +231,22 @@ def _lines(
     )
 
 
-def _empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
+def empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
     """Room for so many released blocks, passages, spawned blocks and events of each block."""
     return Rows(
         rocks=np.zeros(n, _RECORDS_OF_ROCKS),
         passages=np.zeros(max(n_passages, 1), _RECORDS_OF_PASSAGES),
         spawned=np.zeros(n_spawned, _RECORDS_OF_ROCKS),
+        ends=np.zeros((n, 2)),
+        spawned_ends=np.zeros((n_spawned, 2)),
         events=np.zeros((n, n_events), EVENT_DTYPE),
         event_counts=np.zeros(n, np.int64),
         filled=np.zeros(2, np.int64),
     )
 
 
-def _too_many_spawned() -> InputError:
+def too_many_spawned() -> InputError:
+    """The error for a block that spawns too many others."""
     return InputError(
         "a block spawns too many others",
         field="effects",
@@ -282,7 +297,8 @@ def simulate(
     objects : ObjectCells, optional
         At each of which every block counts once, with its largest energy in the object's cells.
     window : Window, optional
-        In which a block counts once with its largest energy, besides the counts by cell.
+        In which a block counts once with its largest energy, besides the counts by cell; needs
+        profiles that are on a map.
     line_numbers : int64, shape (n_lines,), optional
         Number of each line in the run; default 0, 1, 2, ...
     strata : int64, shape (n_lines,), optional
@@ -317,6 +333,8 @@ def simulate(
     effects = effects or EffectSettings()
     settings = settings.resolved()
     _check(profiles, table)
+    if window is not None and profiles.on_map is None:
+        raise ValueError("profiles that are not on a map do not meet windows on it")
     starts = _checked_starts(profiles, starts)
     cells, local = _cells_of(profiles)
     one_by_one = np.arange(n_lines, dtype=np.int64)
@@ -329,13 +347,13 @@ def simulate(
     setup = Setup(
         ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
         np.stack([population.limits() for population in populations]),
-        _physics(settings),
-        _control_line_table(crossings),
+        physics_of(settings),
+        control_line_table(crossings.control_lines),
         np.uint64(seed),
         first_rock,
         rocks_per_line,
     )
-    centres, windows = _windows(window, cells)
+    centres, disks = _disks(window, cells)
     hooked = prepare(effects, bool((lines.stems > 0.0).any()))
     n = n_lines * rocks_per_line
     room = 1
@@ -344,26 +362,26 @@ def simulate(
             flat,
             empty_sums(cells.size, flat),
             no_exceedance(cells.size, bins),
-            Places(windows, no_exceedance(centres.size, bins)),
+            Windows(disks, no_exceedance(centres.size, bins)),
             Places(Objects(*objects.under(cells)), no_exceedance(objects.n_objects, bins)),
         )
         n_passages = room * crossings.chainage.size * rocks_per_line
-        rows = _empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
+        rows = empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
         work = working_space(totals, most_spawned(effects))
-        status = simulate_lines(lines, setup, totals, rows, work, hooked)
+        status = simulate_lines(lines, setup, totals, rows, work, hooked, no_path())
         if status != NO_ROOM:
             break
         room *= 4
     if status == TOO_MANY_SPAWNED:
-        raise _too_many_spawned()
+        raise too_many_spawned()
     n_passages, n_spawned = rows.filled
     counts = rows.event_counts
     return Simulated(
         cells=cells,
-        sums=by_name(totals.sums, totals.reach, flat) | _exceedance(totals.reach),
+        sums=by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach),
         windows=centres,
-        window_sums=_exceedance(totals.windows.reach),
-        objects=_exceedance(totals.objects.reach),
+        window_sums=exceedance(totals.windows.reach),
+        objects=exceedance(totals.objects.reach),
         rocks=rows.rocks.view(ROCK_DTYPE),
         pieces=rows.spawned[:n_spawned].view(ROCK_DTYPE),
         passages=rows.passages[:n_passages].view(PASSAGE_DTYPE),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.recording import CellWork
+from sassgis.engine.rows import Record, Records, record_type
 from sassgis.model.jit import inlined, kernel
 
 # Phases, as they are written to the event log.
@@ -23,16 +24,6 @@ REST, BARRIER, LEFT_PROFILE, STEP_LIMIT, NEVER_STARTED, BROKEN = 0, 1, 2, 3, 4, 
 
 # Effects cut a flight or a stretch of rolling into so many steps at most, on average.
 _STEPS_PER_EVENT = 50
-
-#: A row of a structured array, as numba and plain Python both know it.
-Record = Any
-Records = NDArray[np.void]
-
-
-def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
-    """A structured dtype whose rows give their fields as attributes."""
-    return np.dtype((np.record, list(fields)))
-
 
 _F, _I = np.float64, np.int64
 
@@ -45,6 +36,7 @@ VERTEX_DTYPE = record_type(
     ("length", _F),  # of the segment (m)
     ("angle", _F),  # of the segment (rad)
     ("ground", _I),  # position in the ground table
+    ("last", _I),  # of the first row: position of the last vertex
 )
 
 #: Stations and barriers on a profile, by rising chainage.
@@ -56,6 +48,7 @@ CROSSING_DTYPE = record_type(
     ("kind", _I),
     ("number", _I),  # of the control line in the run
     ("seen", np.bool_),  # whether the block has been here
+    ("last", _I),  # of the first row: how many there are
 )
 
 #: Where a block is, how it moves, and what has become of it.
@@ -96,6 +89,22 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("top_speed", _F),  # (m/s)
     ("top_height", _F),  # (m)
     ("top_energy", _F),  # (J/kg)
+    # On a path that is followed (path.py):
+    ("open", np.bool_),  # whether the ground goes on where the profile ends
+    ("reach", _F),  # chainage at which a stretch on the ground ends at the latest (m)
+    ("from_x", _F),  # chainage and place (cells) from which the heading holds
+    ("from_u", _F),
+    ("from_v", _F),
+    ("du", _F),  # heading, in cells per metre
+    ("dv", _F),
+    ("sampled", _F),  # chainage up to which the ground ahead is known (m)
+    ("line_u", _F),  # next lines of half cells ahead of it
+    ("line_v", _F),
+    ("on_plane", np.bool_),  # whether the plane goes on on which the profile began
+    ("plane_z", _F),  # its height where the heading holds from (m)
+    ("plane_slope", _F),
+    ("drift", _F),  # angle by which it drifts aside of the descent (rad)
+    ("turn", _F),  # turn of the heading that is still to come, to the right on the map (rad)
 )
 
 #: One event of a block: its phase and state as the phase begins. (ux, uz) is the direction of the
@@ -112,6 +121,8 @@ EVENT_DTYPE = record_type(
     ("segment", np.int32),
     ("ux", _F),
     ("uz", _F),
+    ("u", _F),  # place in plan, on a path that is followed (cells)
+    ("v", _F),
 )
 
 #: A block that an impact of another has spawned, in flight.
@@ -127,6 +138,11 @@ SPAWNED_DTYPE = record_type(
     ("c", _F),
     ("mass", _F),
     ("t", _F),  # since the release (s)
+    ("aside", _F),  # angle to the heading of its parent, to the right on the map (rad)
+    ("u", _F),  # place in plan, on a path that is followed (cells)
+    ("v", _F),
+    ("du", _F),  # heading (cells per metre)
+    ("dv", _F),
 )
 
 
@@ -218,6 +234,8 @@ def log_event(log: EventLog, state: Record, ux: float, uz: float) -> None:
         row.segment = state.segment if state.phase != FLIGHT else -1
         row.ux = ux
         row.uz = uz
+        row.u = state.from_u + (state.x - state.from_x) * state.du
+        row.v = state.from_v + (state.x - state.from_x) * state.dv
         log.filled[0] = i + 1
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.recording import ARRIVAL, ENERGY, HEIGHT, N_RECORDED, SPEED2, CellWork
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import FloatArray
 from sassgis.model.jit import lean
 from sassgis.model.statistics_table import QUANTITIES, Bins, Reducer, sums_by
 
@@ -39,6 +39,15 @@ class Objects(NamedTuple):
     number: NDArray[np.int64]
 
 
+class Disks(NamedTuple):
+    """Disks around the centres of cells, which paths may meet."""
+
+    under: Objects  # the disks that meet each cell of the chunk
+    u: NDArray[np.float64]  # (n,) centres: columns and rows of the grid, in cells
+    v: NDArray[np.float64]
+    radius2: float  # in cells, squared
+
+
 class Exceedance(NamedTuple):
     """Rocks that came to each place (cell or object) with at least the energy of a threshold."""
 
@@ -65,6 +74,23 @@ class LineTally(NamedTuple):
     hits: NDArray[np.uint32]  # (n, thresholds)
     came: NDArray[np.bool_]
     touched: NDArray[np.int64]  # places in the order in which they were first reached
+
+
+class PlaceWork(NamedTuple):
+    """Working space for disks or objects."""
+
+    tally: LineTally
+    peak: NDArray[np.float64]  # largest energy of the block there (J), -1 where it has not been
+    met: NDArray[np.int64]
+    n_met: NDArray[np.int64]  # (1,)
+
+
+def place_work(reach: Exceedance) -> PlaceWork:
+    """Working space for the places of some sums."""
+    n = reach.rocks.shape[0]
+    return PlaceWork(
+        empty_tally(reach), np.full(n, -1.0), np.zeros(n, np.int64), np.zeros(1, np.int64)
+    )
 
 
 def flat_bins(bins: Bins) -> FlatBins:
@@ -147,36 +173,65 @@ def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
 
 
 @lean
-def at_objects(
-    work: CellWork,
-    n_touched: int,
-    mass: float,
-    threshold: FloatArray,
-    objects: Objects,
-    peak: FloatArray,
-    met: IntArray,
-    tally: LineTally,
-    n_line: int,
-) -> int:
-    """Count one block at the objects whose cells it touched, with its largest energy there.
+def _meet(own: PlaceWork, number: int, joule: float) -> None:
+    """Raise the energy of a block at a place."""
+    if own.peak[number] < 0.0:
+        own.met[own.n_met[0]] = number
+        own.n_met[0] += 1
+    own.peak[number] = max(own.peak[number], joule)
 
-    ``peak`` is -1 for all objects before and after; ``met`` is working space.
-    """
-    n_met = 0
+
+@lean
+def meet_objects(
+    work: CellWork, n_touched: int, mass: float, objects: Objects, own: PlaceWork
+) -> None:
+    """Note the largest energy of a block on the objects whose cells it touched."""
     for k in range(n_touched):
         cell = work.touched[k]
+        joule = work.peak[cell, ENERGY] * mass
         for m in range(objects.offset[cell], objects.offset[cell + 1]):
-            number = objects.number[m]
-            if peak[number] < 0.0:
-                met[n_met] = number
-                n_met += 1
-            peak[number] = max(peak[number], work.peak[cell, ENERGY])
+            _meet(own, objects.number[m], joule)
+
+
+@lean
+def meet_disks(work: CellWork, n_touched: int, mass: float, disks: Disks, own: PlaceWork) -> None:
+    """Note the largest energy of a block in the disks that its path meets.
+
+    In each cell the path is taken as straight (recording._pass); the energy is the largest there.
+    """
+    # A path that touches a disk meets it, whatever the rounding.
+    radius2 = disks.radius2 * (1.0 + 1e-9)
+    for k in range(n_touched):
+        cell = work.touched[k]
+        joule = work.peak[cell, ENERGY] * mass
+        chord = work.chord[cell]
+        du = chord[2] - chord[0]
+        dv = chord[3] - chord[1]
+        length2 = du * du + dv * dv
+        per_length2 = 1.0 / length2 if length2 > 0.0 else 0.0
+        for m in range(disks.under.offset[cell], disks.under.offset[cell + 1]):
+            number = disks.under.number[m]
+            if joule <= own.peak[number]:
+                continue
+            u = disks.u[number] - chord[0]
+            v = disks.v[number] - chord[1]
+            share = min(max((u * du + v * dv) * per_length2, 0.0), 1.0)
+            u -= share * du
+            v -= share * dv
+            if u * u + v * v <= radius2:
+                _meet(own, number, joule)
+
+
+@lean
+def count_places(own: PlaceWork, threshold: FloatArray, n_line: int) -> int:
+    """Count a block at all places that it met; returns the number that its line has touched."""
     near = 0
-    for k in range(n_met):
-        number = met[k]
-        near = _level(threshold, 1e-3 * (peak[number] * mass), near)
-        n_line = _tally(tally, n_line, number, near)
-        peak[number] = -1.0
+    for k in range(own.n_met[0]):
+        number = own.met[k]
+        near = _level(threshold, 1e-3 * own.peak[number], near)
+        n_line = _tally(own.tally, n_line, number, near)
+        own.peak[number] = -1.0
+    own.n_met[0] = 0
     return n_line
 
 

@@ -72,13 +72,13 @@ def ground_warnings(used: Sequence[GroundClass], built_in: Sequence[GroundClass]
     return out
 
 
-def spread_warnings(lines_per_point: int) -> list[str]:
+def spread_warnings(lines_per_point: int, path: str) -> list[str]:
     """What the lateral spread leaves out."""
-    if lines_per_point > 1:
+    if lines_per_point > 1 or path == "followed":
         return []
     return [
         "All blocks of a release point keep to one fall line: maps and zones are too narrow where "
-        "blocks spread laterally. [spread] or [effects.lateral_deflection] gives them a width."
+        'blocks spread laterally. terrain.path = "followed" gives each block a path of its own.'
     ]
 
 
@@ -90,7 +90,7 @@ def simulation_warnings(
     out = []
     ends = line_ends(progress)
     for end, what in _LINE_ENDS:
-        if ends[end]:
+        if ends[end] and not run.followed:
             out.append(f"{ends[end]} of {sum(ends.values())} fall lines {what}.")
     for reason, what in _STOPS:
         n = int(progress.reasons[reason])
@@ -118,7 +118,11 @@ def simulation_warnings(
         out.append("No block reaches: " + ", ".join(idle) + ".")
     used = np.unique(run.ground[np.isfinite(run.grid.values)])
     classes = [run.table.classes[i] for i in used]
-    return [*out, *ground_warnings(classes, built_in), *spread_warnings(run.lines_per_point)]
+    return [
+        *out,
+        *ground_warnings(classes, built_in),
+        *spread_warnings(run.lines_per_point, run.path),
+    ]
 
 
 def rule_warnings(preset: HazardPreset, frequencies: Mapping[tuple[str, str], float]) -> list[str]:

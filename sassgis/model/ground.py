@@ -14,6 +14,19 @@ PARAMETERS = (
     "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m", "restitution",
     "restitution_speed_mps", "rolling_threshold",
 )  # fmt: skip
+#: Between which each of them must lie.
+LIMITS = {
+    "eta_max": (0.0, 1.0),
+    "dp_min": (0.0, 1.0),
+    "dp_max": (0.0, 1.0),
+    "mu_f": (0.0, 10.0),
+    "mu_0": (0.0, 10.0),
+    "k": (0.0, 10.0),
+    "d_star_m": (0.0, 100.0),
+    "restitution": (0.0, 1.0),
+    "restitution_speed_mps": (0.1, 1e6),
+    "rolling_threshold": (0.0, 10.0),
+}
 _ROW_DTYPE = np.dtype([(name, np.float64) for name in PARAMETERS])
 
 
@@ -61,19 +74,7 @@ class GroundClass:
 
     def __post_init__(self) -> None:
         """Raise InputError where a value is outside what the model can take."""
-        limits = {
-            "eta_max": (0.0, 1.0),
-            "dp_min": (0.0, 1.0),
-            "dp_max": (0.0, 1.0),
-            "mu_f": (0.0, 10.0),
-            "mu_0": (0.0, 10.0),
-            "k": (0.0, 10.0),
-            "d_star_m": (0.0, 100.0),
-            "restitution": (0.0, 1.0),
-            "restitution_speed_mps": (0.1, 1e6),
-            "rolling_threshold": (0.0, 10.0),
-        }
-        for field, (low, high) in limits.items():
+        for field, (low, high) in LIMITS.items():
             value = getattr(self, field)
             if not (np.isfinite(value) and low <= value <= high):
                 raise InputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -64,34 +65,41 @@ class Forest:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A disk of cells around each cell, in which a block counts once.
+    """A disk around the centre of each cell, in which a block counts once if its path meets it.
 
     Attributes
     ----------
     n_rows, n_cols : int
         Of the grid.
     radius : float
-        In cells, from centre to centre; below 1 the window is the cell itself.
+        In cells. From half a cell on, no long straight path passes between all the disks.
     """
 
     n_rows: int
     n_cols: int
     radius: float
 
+    def steps(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns from the middle of a window to each cell that its disk meets."""
+        reach = math.ceil(self.radius + 0.5)
+        step = np.arange(-reach, reach + 1)
+        gap2 = np.maximum(np.abs(step) - 0.5, 0.0) ** 2
+        near = gap2[:, None] + gap2[None, :] <= self.radius**2 + 1e-9
+        drow, dcol = (step[i] for i in np.nonzero(near))
+        return drow, dcol
+
     def around(self, cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Windows that hold any of some cells (flat indices).
+        """Windows whose disk meets any of some cells (flat indices).
 
         Returns
         -------
         centres : int64, shape (n_windows,)
             Flat indices of the cells in the middle of the windows, ascending.
-        windows : Objects
+        offset : int64, shape (n_cells + 1,)
+        number : int64, shape (offset[-1],)
             The windows of each of ``cells``, by their position in ``centres``.
         """
-        reach = int(self.radius)
-        step = np.arange(-reach, reach + 1)
-        near = step[:, None] ** 2 + step[None, :] ** 2 <= self.radius**2 + 1e-9
-        drow, dcol = (step[i] for i in np.nonzero(near))
+        drow, dcol = self.steps()
         row, col = np.divmod(cells, self.n_cols)
         rows = row[:, None] + drow
         cols = col[:, None] + dcol
@@ -133,11 +141,17 @@ class MapRun:
     objects : ObjectCells
         Exposed objects at which blocks are counted.
     ref_width_m : float
-        Reference width of the hazard curves (m); 0: one cell.
+        Reference width of the hazard curves (m); 0: none are wanted.
     effects : EffectSettings
         What the model of 1986 leaves out.
     forest : Forest or None
         For the effect of trees.
+    block_scale_m : float
+        Size below which terrain counts as roughness (m); 0: none does.
+    ground_heights : Grid or None
+        Heights that blocks meet, on the cells of ``grid``; None: those of ``grid``.
+    path : {"followed", "fall_line"}
+        Whether each block has a path of its own, or keeps to the lines of its release point.
     """
 
     grid: Grid
@@ -161,6 +175,14 @@ class MapRun:
     ref_width_m: float = 0.0
     effects: EffectSettings = field(default_factory=EffectSettings)
     forest: Forest | None = None
+    block_scale_m: float = 0.0
+    ground_heights: Grid | None = None
+    path: str = "fall_line"
+
+    @property
+    def heights(self) -> Grid:
+        """Heights that blocks meet: those of profiles."""
+        return self.grid if self.ground_heights is None else self.ground_heights
 
     @property
     def rocks_per_line(self) -> int:
@@ -170,14 +192,31 @@ class MapRun:
     @property
     def lines_per_point(self) -> int:
         """Lines traced from each release point in each repetition."""
+        if self.followed:
+            return 1
         # Blocks that share a path arrive or not together: their errors would be understated.
         if self.effects.get(LateralDeflection) is not None:
             return self.rocks_per_point
         return self.spread.lines_per_point
 
     @property
+    def followed(self) -> bool:
+        """Whether each block has a path of its own."""
+        return self.path == "followed"
+
+    def start_spread_m(self, area: int) -> float:
+        """Side of the square around a release point in which its blocks start (m)."""
+        polygon = self.areas[area].geometry.area > 0.0
+        return self.spacing_m if self.followed and polygon and self.placement == "grid" else 0.0
+
+    @property
     def lateral_spread(self) -> str:
         """In words: how blocks leave the fall line."""
+        if self.followed:
+            return (
+                "the path of each block is followed: its heading turns at impacts and as it rolls "
+                f"(sideways tilt {self.engine.side_tilt_deg:g}°, drift {self.engine.drift_deg:g}°)"
+            )
         lateral = self.effects.get(LateralDeflection)
         if lateral is not None:
             how = (
@@ -196,15 +235,16 @@ class MapRun:
     @property
     def rocks_per_stratum(self) -> int:
         """Blocks of one stratum of the sample: of a line, or of a point where paths are random."""
-        if self.effects.get(LateralDeflection) is None:
+        if self.followed or self.effects.get(LateralDeflection) is None:
             return self.rocks_per_line
         return self.rocks_per_line * self.lines_per_point
 
     @property
     def window(self) -> Window | None:
-        """The cells in which a block counts for the hazard at the one in their middle."""
-        radius = 0.5 * self.ref_width_m / self.grid.cell_size
-        return Window(*self.grid.shape, radius) if radius >= 1.0 else None
+        """The disks in which a block counts for the hazard at the cell in their middle."""
+        if self.ref_width_m == 0.0:
+            return None
+        return Window(*self.grid.shape, 0.5 * self.ref_width_m / self.grid.cell_size)
 
 
 @dataclass(frozen=True, slots=True)

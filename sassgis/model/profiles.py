@@ -102,6 +102,9 @@ class ProfileSet:
         they start at ``cell_offset[i] + i``. First border = first vertex, last = last vertex.
     cell : int64, shape (cell_offset[-1],)
         Flat index of the grid cell under each stretch; -1 where there is none.
+    on_map : float64, shape (cell_offset[-1] + n, 2), or None
+        Borders between the stretches on the map, laid out as ``cell_s``: columns from the west edge
+        of the grid and rows from its north edge, in cells. None: not on a map.
     """
 
     offset: IntArray
@@ -111,6 +114,7 @@ class ProfileSet:
     cell_offset: IntArray
     cell_s: FloatArray
     cell: IntArray
+    on_map: FloatArray | None = None
 
     def __len__(self) -> int:
         return int(self.offset.size - 1)

@@ -60,6 +60,14 @@ class TerrainSettings(Section):
     segment_tolerance_m: Annotated[
         float, Interval(ge=0, le=100), "largest vertical gap between terrain and segments (m)"
     ] = 0.25
+    block_scale_m: Annotated[
+        float | None,
+        Interval(ge=0, le=100),
+        "size below which terrain counts as roughness: heights on finer cells are averaged over it "
+        "before lines are flattened (m); 0: never; default: mean diameter of the smallest block "
+        'scenario; with engine.readings = "1986": 0',
+        Example(1.0),
+    ] = None
     energy_line_angle_deg: Annotated[
         float,
         Interval(ge=0, le=60),
@@ -69,6 +77,12 @@ class TerrainSettings(Section):
     max_line_length_m: Annotated[
         float, Interval(gt=0, le=100_000), "longest fall line, in plan (m)"
     ] = 5000.0
+    path: Annotated[
+        Literal["followed", "fall_line"],
+        '"followed": the heading of each block turns at its impacts and as it rolls, and the '
+        'terrain is flattened along its own path. "fall_line": all blocks of a release point move '
+        "on its fall line, or on the lines of [spread] or [effects.lateral_deflection]",
+    ] = "followed"
     flat_slope_deg: Annotated[
         float,
         Interval(ge=0, le=30),
@@ -422,6 +436,18 @@ class EngineSettings(Section):
         Interval(ge=100, le=10_000_000),
         "contacts after which a block is given up and reported",
     ] = 20_000
+    side_tilt_deg: Annotated[
+        float,
+        Interval(ge=0, le=45),
+        "of followed paths: standard deviation of the sideways tilt of the spot that an impact "
+        "meets (degrees)",
+    ] = 15.0
+    drift_deg: Annotated[
+        float,
+        Interval(ge=0, le=30),
+        "of followed paths: standard deviation of the angle by which a block drifts aside of the "
+        "descent, drawn once for each (degrees)",
+    ] = 3.0
 
     def resolved(self) -> EngineSettings:
         """The same settings with every key of the named set filled in.
@@ -590,8 +616,9 @@ class HazardSettings(Section):
     ref_width_m: Annotated[
         float | None,
         Interval(gt=0, le=1000),
-        "reference width of all frequencies (m): a block counts for a place if it comes "
-        "within half of it, as block plus exposed object; default: one cell",
+        "reference width of all frequencies (m): a block counts for a place if its centre comes "
+        "within half of it, so block plus exposed object; one cell or more; sassgis zone and "
+        "batch need it",
         Example(10.0),
     ] = None
     confidence: Annotated[

@@ -206,6 +206,13 @@ def _ground_table(run: MapRun) -> ReportTable:
     )  # fmt: skip
 
 
+def _block_scale(run: MapRun) -> str:
+    """In words: what of the terrain blocks do not meet."""
+    if run.heights is run.grid:
+        return "none: cells are not finer than the blocks"
+    return f"what is smaller than {run.block_scale_m:.3g} m (terrain.block_scale_m)"
+
+
 def map_report(
     run: MapRun,
     planned: Plan,
@@ -227,7 +234,8 @@ def map_report(
         Paths on the line of the block with the longest run-out.
     warnings : sequence of str
     facts : mapping of str to object
-        As in the GeoPackage, and the names "terrain_file" and "config_file".
+        As in the GeoPackage, the names "terrain_file" and "config_file", and "tolerance_check" if
+        there was one.
     folder : Path
     """
     outlines = release_outlines(run)
@@ -294,7 +302,10 @@ def map_report(
             ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),
             ("Reference width of the reach probability", f"{run.grid.cell_size:.4g} m (one cell)"),
             ("Smoothing of the terrain for fall lines", f"{run.fall_lines.smoothing_m:g} m"),
+            ("Terrain that counts as roughness", _block_scale(run)),
             ("Segments within", f"{run.segment_tolerance_m:g} m of the terrain, vertically"),
+            *((("A sample at other tolerances", str(facts["tolerance_check"])),)
+              if "tolerance_check" in facts else ()),
         ),
         warnings=tuple(warnings),
         key_results=ends,

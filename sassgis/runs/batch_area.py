@@ -44,6 +44,7 @@ from sassgis.runs.inputs import (
     collected_notices,
     forest_of,
     map_run_of,
+    on_block_scale,
     read_rules,
     yearly_frequencies,
 )
@@ -172,7 +173,8 @@ def _area_run(setting: Setting, grid: Grid, area: ReleaseArea) -> MapRun:
     """The run of an area on a part of the terrain, but for the ground and the forest."""
     control_lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
     ground = _no_ground(grid)
-    return map_run_of(setting.config, grid, ground, setting.table, (area,), control_lines, None)
+    run = map_run_of(setting.config, grid, ground, setting.table, (area,), control_lines, None)
+    return on_block_scale(run)
 
 
 def _fingerprint(

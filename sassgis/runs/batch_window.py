@@ -12,6 +12,7 @@ from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.model.errors import InputError
 from sassgis.model.map_run import MapRun
 from sassgis.model.settings import LateralDeflection
+from sassgis.terrain.block_scale import SD_PER_DIAMETER
 from sassgis.terrain.plan import Plan, plan
 from sassgis.terrain.prepare import trace_lines
 from sassgis.terrain.release import take
@@ -97,7 +98,8 @@ def windowed(
             raise InputError("lies outside the DEM", found=str(bounds))
         run = make(part)
         planned = plan(run)
-        keep = edge_cells(run.fall_lines.smoothing_m, ref_width_m, terrain.cell_size)
+        widest = max(run.fall_lines.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
+        keep = edge_cells(widest, ref_width_m, terrain.cell_size)
         reached = terrain.part_of(_extent(run, planned, repetitions)).grown(keep, keep, keep, keep)
         near = [
             cut and beyond

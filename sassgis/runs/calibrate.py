@@ -22,6 +22,7 @@ from sassgis.gap.calibration.calibration import (
     search,
 )
 from sassgis.gap.calibration.parameters import fitted_names
+from sassgis.gap.calibration.release import terrain_of
 from sassgis.gap.calibration.site import Site, site_of
 from sassgis.io.read.config import load_config
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
@@ -32,7 +33,7 @@ from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
 from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
 from sassgis.runs.draw_store import DrawStore
-from sassgis.runs.gap_case import read_case
+from sassgis.runs.gap_case import read_case_and_run
 from sassgis.runs.job import job_count
 
 #: With fewer rocks nothing can be said of their scatter.
@@ -169,7 +170,8 @@ def _sites(configs: Sequence[Config], files: Sequence[Path]) -> list[Site]:
         name, number = config.project.name, 2
         while name in [s.name for s in ready]:
             name, number = f"{config.project.name} ({number})", number + 1
-        ready.append(site_of(name, read_case(config, file), str(file)))
+        case, run = read_case_and_run(config, file)
+        ready.append(site_of(name, case, terrain_of(case, run), str(file)))
     known = {c.name: c for c in ready[0].case.table.classes}
     for site, config in zip(ready, configs, strict=True):
         for own in site.case.table.classes:

@@ -82,7 +82,7 @@ class Checkpoint:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._waiting:
                 rows = joined_rows(self._waiting)
-                _write(self._part(self._parts), {f: getattr(rows, f) for f in _ROW_FIELDS})
+                write_arrays(self._part(self._parts), {f: getattr(rows, f) for f in _ROW_FIELDS})
                 self._waiting = []
                 self._parts += 1
             state: dict[str, NDArray[np.generic]] = {
@@ -90,7 +90,7 @@ class Checkpoint:
                 "parts": np.array(self._parts),
             }
             state |= state_of(progress)
-            _write(self.folder / "state.npz", state)
+            write_arrays(self.folder / "state.npz", state)
 
     def rows(self) -> list[Path]:
         """Files of the rows that were handed on, in order."""
@@ -180,7 +180,7 @@ def _group(state: dict[str, Any], name: str) -> dict[str, Any]:
     return {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}
 
 
-def _write(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
+def write_arrays(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
     """Write beside and rename, so that a full disk leaves the older state as it was."""
     fresh = path.with_suffix(".new")
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
+from sassgis.terrain.block_scale import block_scale_grid
 
 
 @contextmanager
@@ -96,7 +98,8 @@ def read_map_run(
     table = read_ground_table(config.ground.classes)
     ground = ground_raster(config.ground, grid, table)
     control_lines = read_control_lines(config, grid)
-    return map_run_of(config, grid, ground, table, chosen, control_lines, forest_of(config, grid))
+    run = map_run_of(config, grid, ground, table, chosen, control_lines, forest_of(config, grid))
+    return on_block_scale(run)
 
 
 def map_run_of(
@@ -127,7 +130,25 @@ def map_run_of(
         stop_points_max=config.output.stop_points_max,
         effects=config.effects,
         forest=forest,
+        block_scale_m=block_scale_m(config),
+        path=config.terrain.path,
     )
+
+
+def block_scale_m(config: Config) -> float:
+    """Size below which terrain counts as roughness (m); 0: none."""
+    stated = config.terrain.block_scale_m
+    if stated is None:
+        # The paper has profiles of the terrain as it was surveyed.
+        paper = config.engine.readings == "1986"
+        return 0.0 if paper else min(b.mean_width_m for b in config.blocks)
+    return stated
+
+
+def on_block_scale(run: MapRun) -> MapRun:
+    """The run with heights without what is smaller than its blocks."""
+    heights = block_scale_grid(run.grid, run.block_scale_m)
+    return replace(run, ground_heights=None if heights is run.grid else heights)
 
 
 def input_files(config: Config) -> dict[str, Path]:
@@ -204,6 +225,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
             codes = [c.code for c in preset.intensities]
             vulnerability = read_vulnerability(config.risk.vulnerability, codes)
             vulnerability.check_covers(placed.objects)
+    width = ref_width(config, run.grid.cell_size)
     z = config.zones
     # Between two fall lines nothing was computed: the gap is not a place that is safe.
     gap = max(2.0 * run.grid.cell_size, run.spacing_m)
@@ -213,7 +235,6 @@ def read_rules(config: Config, run: MapRun) -> Rules:
         min_width_m=z.min_width_m,
         tolerance_m=z.tolerance_m,
     )
-    width = ref_width(config, run.grid.cell_size)
     return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
 
 
@@ -273,17 +294,23 @@ def ref_width(config: Config, cell_size: float) -> float:
     Raises
     ------
     ConfigError
-        It is below two cells, and so neither one cell nor a disk of cells.
+        It is missing, or below one cell: blocks could pass between the centres of two cells and
+        count for neither.
     """
     width = config.hazard.ref_width_m
-    if width is None or width == cell_size:
-        return cell_size
-    if width < 2.0 * cell_size:
+    if width is None:
         raise ConfigError(
-            "is too narrow for the cells of the terrain model",
+            "missing key: frequencies need the width that they refer to",
+            file=config.file,
+            field="hazard.ref_width_m",
+            expected="width of the exposed object and a block, as 10 (m)",
+        )
+    if width < cell_size * (1.0 - 1e-9):
+        raise ConfigError(
+            "is narrower than a cell of the terrain model",
             file=config.file,
             field="hazard.ref_width_m",
             found=f"{width:g} m with cells of {cell_size:g} m",
-            expected=f"{2.0 * cell_size:g} m or more, or nothing for one cell",
+            expected=f"{cell_size:g} m or more, or a finer terrain model",
         )
     return width

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import sassgis
 from sassgis.hazard.progress import Progress
+from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import simulation_warnings
 from sassgis.io.read.config import load_config, settings_hash
 from sassgis.io.read.ground_map import built_in_table
@@ -24,6 +25,7 @@ from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.map import chunks_of, simulate_map
+from sassgis.runs.sample_check import check_tolerance
 from sassgis.terrain.plan import Plan, plan
 
 #: Seconds between two savings of the state of a run.
@@ -53,6 +55,8 @@ class Simulation:
         Holds the rows for tables.
     warnings : tuple of str
     seconds : float
+    tolerance : ToleranceCheck or None
+        How a sample answers to the tolerance of the segments; None where that was not asked.
     """
 
     config: Config
@@ -62,6 +66,7 @@ class Simulation:
     checkpoint: Checkpoint
     warnings: tuple[str, ...]
     seconds: float
+    tolerance: ToleranceCheck | None = None
 
 
 def configured(config: Config | str | Path, seed: int | None) -> Config:
@@ -119,7 +124,7 @@ def simulate_config(
         Name of the simulation among several for one result.
     """
     run, planned = job.run, job.planned
-    fingerprint = _state_fingerprint(config, run, schedule)
+    fingerprint = state_fingerprint(config, run, schedule)
     checkpoint = Checkpoint(work, fingerprint, part)
     began = time.perf_counter()
     resumed = checkpoint.restore(run)
@@ -139,11 +144,36 @@ def simulate_config(
         repetitions *= 2
         tell(f"Going on to {min(repetitions, repetitions_max)} repetitions")
     seconds = time.perf_counter() - began
-    warnings = (*job.notices, *simulation_warnings(run, progress, built_in_table().classes))
-    return Simulation(config, run, planned, progress, checkpoint, warnings, seconds)
+    # The same blocks without barriers have the same tolerance.
+    tolerance = None if part else _checked(config, run, planned, checkpoint, jobs, tell)
+    warnings = (
+        *job.notices,
+        *(() if tolerance is None else tolerance.warnings()),
+        *simulation_warnings(run, progress, built_in_table().classes),
+    )
+    return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
 
 
-def _state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
+def _checked(
+    config: Config,
+    run: MapRun,
+    planned: Plan,
+    checkpoint: Checkpoint,
+    jobs: int | None,
+    tell: Callable[[str], None],
+) -> ToleranceCheck | None:
+    """How a sample answers to the tolerance; the simulation itself has been saved."""
+    tell("Repeating a sample at half and double the tolerance")
+    try:
+        return check_tolerance(run, planned, job_count(config, jobs))
+    except KeyboardInterrupt:
+        raise Interrupted(
+            f"stopped by the user; what was computed is kept in {checkpoint.folder}: the same "
+            "command goes on from there"
+        ) from None
+
+
+def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
     """Of all that a saved state hangs on, down to the version and to what is kept for tables."""
     parts = [
         sassgis.__version__,

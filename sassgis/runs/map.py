@@ -15,21 +15,38 @@ from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
+from sassgis.engine.simulate_paths import Terrain, follow
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.hazard.bins import bins_of
-from sassgis.hazard.progress import ChunkResult, Progress, add_chunk, joined_rows
+from sassgis.hazard.progress import (
+    ChunkResult,
+    Progress,
+    add_chunk,
+    joined_lines,
+    joined_rows,
+)
+from sassgis.model import rng
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import BlockRows, MapRun
+from sassgis.model.profiles import TraceSet
 from sassgis.model.settings import LateralDeflection
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
-from sassgis.terrain.flatten import chainage_to_xy
+from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.plan import Plan
-from sassgis.terrain.prepare import drawn_lines, line_draw_keys, prepare_lines, trace_lines
+from sassgis.terrain.prepare import (
+    control_line_crossings,
+    drawn_lines,
+    line_draw_keys,
+    prepare_lines,
+    scenario_word,
+    trace_lines,
+)
 from sassgis.terrain.release import take
 from sassgis.terrain.stretch import take_lines
 
@@ -48,6 +65,67 @@ class Chunk:
 
 def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
     """One chunk."""
+    return (_followed if run.followed else _on_lines)(run, planned, chunk, bins)
+
+
+def _terrain(run: MapRun) -> Terrain:
+    """What paths are followed on."""
+    return Terrain(run.heights, run.ground, run.segment_tolerance_m, run.control_lines, run.forest)
+
+
+def _path_keys(keys: NDArray[np.uint64], scenario: str) -> NDArray[np.uint64]:
+    """Identity of release points for the random draws of a block scenario."""
+    out: NDArray[np.uint64] = rng.combined(rng.combined(keys, 0), scenario_word(scenario))
+    return out
+
+
+def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
+    """A chunk of blocks whose paths are followed."""
+    cells = run.heights.cell_of(planned.points.x[chunk.points], planned.points.y[chunk.points])
+    known = (cells >= 0) & np.isfinite(run.heights.values.ravel()[np.maximum(cells, 0)])
+    which = chunk.points[known]
+    points = take(planned.points, which)
+    area = int(planned.points.area[chunk.points[0]])
+    scenarios = planned.scenarios[area]
+    sums: dict[int, Simulated] = {}
+    parts: list[BlockRows] = []
+    for k in scenarios if which.size else ():
+        result = follow(
+            _terrain(run),
+            points,
+            run.table,
+            run.blocks[k],
+            run.engine,
+            seed=run.seed,
+            rocks_per_point=run.rocks_per_point,
+            point_keys=_path_keys(points.key, run.blocks[k].name),
+            point_numbers=which,
+            spread_m=run.start_spread_m(area),
+            objects=run.objects,
+            window=run.window,
+            first_rock=chunk.repetition * run.rocks_per_point,
+            bins=bins,
+            effects=run.effects,
+        )
+        ended = np.concatenate([result.rocks, result.pieces])
+        sums[k] = result
+        parts.append(
+            BlockRows(
+                ended, np.full(ended.size, k, np.int64), result.x, result.y,
+                result.passages, np.full(result.passages.size, k, np.int64),
+            )
+        )  # fmt: skip
+    lines = joined_lines([])
+    if chunk.repetition == 0:
+        # For the map: where the descent leads from each point.
+        starts = take(planned.starts, chunk.points)
+        lines = drawn_lines(run, trace_lines(run, planned.surface, starts), chunk.points)
+    lost = int((~known).sum()) * run.rocks_per_point * len(scenarios)
+    return ChunkResult(area, sums, joined_rows(parts), lines, lost)
+
+
+def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
+    """A chunk of blocks that keep to the lines of their release points."""
     which, m = chunk.points, run.lines_per_point
     starts = take(planned.starts, which)
     traces = trace_lines(run, planned.surface, starts, chunk.repetition)
@@ -109,6 +187,8 @@ def paths_on_line(run: MapRun, planned: Plan, line: int, scenario: int, rock: in
     InputError
         The line is too short for a profile.
     """
+    if run.followed:
+        return _followed_path(run, planned, line, scenario, rock)
     repetition = rock // run.rocks_per_line
     point, member = divmod(line, run.lines_per_point)
     starts = take(planned.starts, np.array([point]))
@@ -140,6 +220,49 @@ def paths_on_line(run: MapRun, planned: Plan, line: int, scenario: int, rock: in
             for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
         ),
         paths=tuple(trajectory(c, run.engine.gravity_mps2) for c in result.event_logs),
+        stops=result.rocks["runout_m"],
+    )
+
+
+def _followed_path(run: MapRun, planned: Plan, point: int, scenario: int, rock: int) -> LinePaths:
+    """The path of one block that was followed, with the profile under it."""
+    points = take(planned.points, np.array([point]))
+    blocks = run.blocks[scenario]
+    result = follow(
+        _terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
+        point_keys=_path_keys(points.key, blocks.name), first_rock=rock,
+        spread_m=run.start_spread_m(int(points.area[0])), log_events=_LOG_EVENTS,
+        effects=run.effects,
+    )  # fmt: skip
+    log = result.event_logs[0]
+    places = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
+    if places.size < 2:
+        raise InputError("this path is too short for a profile")
+    grid = run.heights
+    path = TraceSet(
+        offset=np.array([0, places.size], np.int64),
+        x=grid.west + log["u"][places] * grid.cell_size,
+        y=grid.north - log["v"][places] * grid.cell_size,
+        s=log["x_m"][places],
+        point=np.zeros(1, np.int64),
+        fan=np.zeros(1),
+        end=np.zeros(1, np.uint8),
+    )
+    flat = profiles(grid, path, run.ground, run.segment_tolerance_m)
+    s, z = flat.vertices(0)
+    crossed = control_line_crossings(run.control_lines, path)
+    return LinePaths(
+        area=points.area_names[int(points.area[0])],
+        scenario=blocks.name,
+        s=s,
+        z=z,
+        ground=flat.ground.astype(np.int64),
+        ground_names=run.table.names,
+        control_lines=tuple(
+            (crossed.control_lines[g], float(c))
+            for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
+        ),
+        paths=(trajectory(log, run.engine.gravity_mps2),),
         stops=result.rocks["runout_m"],
     )
 

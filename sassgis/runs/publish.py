@@ -162,6 +162,8 @@ def publish_map(
         None if progress.furthest is None else paths_on_line(run, planned, *progress.furthest[1:])
     )
     named = {"terrain_file": config.dem_path.name, "config_file": config.file.name}
+    if done.tolerance is not None:
+        named["tolerance_check"] = done.tolerance.sentence()
     context = map_report(
         run, planned, progress, layers, shown, warnings, facts | named, work / "figures"
     )
@@ -188,6 +190,7 @@ def publish_map(
         | ({"zoning": extras.facts} if extras.facts else {}),
         counts=counts,
         warnings=warnings,
+        checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
     )
     return layers
 

@@ -26,11 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.model import rng
+from sassgis.model.cell_geometry import exact, height_at
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel
 from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
 from sassgis.model.release_areas import FallLineSettings
-from sassgis.terrain.cells import exact, grown, height_at, next_share
+from sassgis.terrain.cells import grown, next_share
 from sassgis.terrain.surface import BoolArray, Surface, shape_at, slope_at, smoothed, standing
 from sassgis.terrain.surface import surface as spline
 

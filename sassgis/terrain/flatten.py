@@ -11,20 +11,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.model.cell_geometry import (
+    SHORTEST_STRETCH,
+    cell_index,
+    exact,
+    height_at,
+    next_line,
+)
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel
 from sassgis.model.profiles import ProfileSet, TraceSet
-from sassgis.terrain.cells import (
-    SHORTEST_STRETCH,
-    cell_index,
-    cell_stretches,
-    exact,
-    grown,
-    height_at,
-    next_line,
-    next_share,
-)
+from sassgis.terrain.cells import cell_stretches, grown, next_share
 
 # Height samples closer than this (cells) are not kept apart.
 _SAMPLE_GAP = 1e-3
@@ -96,7 +94,7 @@ def profiles(
         _SAMPLE_GAP * grid.cell_size,
         float(segment_tolerance_m),
     )
-    cell_offset, cell_s, cell = cell_stretches(grid, traces)
+    cell_offset, cell_s, cell, on_map = cell_stretches(grid, traces)
     return ProfileSet(
         offset=offset,
         s=s,
@@ -105,6 +103,7 @@ def profiles(
         cell_offset=cell_offset,
         cell_s=cell_s,
         cell=cell,
+        on_map=on_map,
     )
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from sassgis.model.cell_geometry import cell_index, height_at
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.jit import kernel
-from sassgis.terrain.cells import cell_index, height_at
 
 
 def heights_at(grid: Grid, x: FloatArray, y: FloatArray) -> FloatArray:

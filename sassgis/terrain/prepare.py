@@ -94,7 +94,7 @@ def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
     traces : TraceSet
         As of trace_lines.
     """
-    flat = profiles(run.grid, traces, run.ground, run.segment_tolerance_m)
+    flat = profiles(run.heights, traces, run.ground, run.segment_tolerance_m)
     good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
     lines, kept = take_lines(traces, good), take_profiles(flat, good)
     return PreparedLines(

@@ -89,6 +89,7 @@ def take_profiles(profiles: ProfileSet, which: NDArray[np.bool_]) -> ProfileSet:
     vertices = np.diff(profiles.offset)
     stretches = np.diff(profiles.cell_offset)
     keep_v = np.repeat(which, vertices)
+    on_map = profiles.on_map
     return ProfileSet(
         offset=np.concatenate([[0], np.cumsum(vertices[which])]).astype(np.int64),
         s=profiles.s[keep_v],
@@ -97,6 +98,7 @@ def take_profiles(profiles: ProfileSet, which: NDArray[np.bool_]) -> ProfileSet:
         cell_offset=np.concatenate([[0], np.cumsum(stretches[which])]).astype(np.int64),
         cell_s=profiles.cell_s[np.repeat(which, stretches + 1)],
         cell=profiles.cell[np.repeat(which, stretches)],
+        on_map=None if on_map is None else on_map[np.repeat(which, stretches + 1)],
     )
 
 
@@ -123,6 +125,9 @@ def with_lead_in(profiles: ProfileSet, length_m: float) -> ProfileSet:
     new_s = profiles.s[first] - length_m
     new_z = profiles.z[first] + length_m * np.maximum(fall, 0.0)
     first_cell_s = profiles.cell_offset[:-1] + np.arange(n)
+    on_map = profiles.on_map
+    if on_map is not None:
+        on_map = np.insert(on_map, first_cell_s, on_map[first_cell_s], axis=0)
     return ProfileSet(
         offset=profiles.offset + np.arange(n + 1),
         s=np.insert(profiles.s, first, new_s),
@@ -131,4 +136,5 @@ def with_lead_in(profiles: ProfileSet, length_m: float) -> ProfileSet:
         cell_offset=profiles.cell_offset + np.arange(n + 1),
         cell_s=np.insert(profiles.cell_s, first_cell_s, new_s),
         cell=np.insert(profiles.cell, profiles.cell_offset[:-1], -1),
+        on_map=on_map,
     )

@@ -328,3 +328,13 @@ def test_a_hundred_samples_of_random_points_spread_as_their_errors_say() -> None
     spread = np.var(rates, axis=0, ddof=1)
     # The spread of 100 samples is itself known to 14 %.
     np.testing.assert_allclose(np.mean(variances, axis=0), spread, rtol=0.4)
+
+
+def test_blocks_that_never_start_are_in_no_denominator():
+    # 20 simulated, 5 never started, 6 arrive: 6/15 of the onset frequency; the same of the map.
+    source = Source("A", "m", 3.0, 20, 4, never_started=5)
+    counts = SourceCounts(np.array([7]), np.array([[6]]), np.array([[12]]))
+    assert source_rate(source, counts)[0, 0] == pytest.approx(3.0 * 6 / 15)
+    p, _ = reach_probability(np.array([6]), np.array([12]), Sample(15, 4, 5, False))
+    assert p[0] == pytest.approx(6 / 15)
+    assert Source("A", "m", 3.0, 20, 4, never_started=20).rate_per_rock == 0.0

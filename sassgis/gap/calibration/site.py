@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.engine.simulate_paths import Terrain
 from sassgis.gap.calibration.impact_scores import (
     impact_quantities,
     impact_scores,
@@ -67,6 +68,8 @@ class Site:
     name : str
     case : Case
     rock_lines : RockLines
+    terrain : Terrain or None
+        What paths are followed on; None: rocks keep to their fall lines.
     axes : Axes
     scale : Scale
         Quantities that are scored, with the scatter of the observed as their unit.
@@ -84,6 +87,7 @@ class Site:
     name: str
     case: Case
     rock_lines: RockLines
+    terrain: Terrain | None
     axes: Axes
     scale: Scale
     quantities: Mapping[str, FloatArray]
@@ -98,8 +102,8 @@ class Site:
         return self.case.n_rocks
 
 
-def site_of(name: str, case: Case, file: str = "") -> Site:
-    """Prepare a case; ``file`` is for messages.
+def site_of(name: str, case: Case, terrain: Terrain | None = None, file: str = "") -> Site:
+    """Prepare a case; with a terrain paths are followed, ``file`` is for messages.
 
     Raises
     ------
@@ -127,8 +131,8 @@ def site_of(name: str, case: Case, file: str = "") -> Site:
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         scored |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
     return Site(
-        name, case, rock_lines_of(case), axes, scale, scored, scale.rows(quantities), impacts,
-        outcomes, _classes(case, axes, seen, impacts),
+        name, case, rock_lines_of(case), terrain, axes, scale, scored, scale.rows(quantities),
+        impacts, outcomes, _classes(case, axes, seen, impacts),
     )  # fmt: skip
 
 
@@ -147,6 +151,8 @@ def _axes(case: Case, seen: Released) -> Axes:
 
 def _quantities(case: Case, axes: Axes, seen: Released) -> dict[str, FloatArray]:
     found = rock_quantities(case, replace(seen.campaign, deposits=None, impacts=None))
+    # Where on a station a rock passes is not kept of followed paths.
+    found = {name: values for name, values in found.items() if not name.endswith(":aside")}
     if np.isfinite(seen.x).any():
         found["stop:runout"] = axes.run_out(seen.x, seen.y)
         found["stop:aside"] = axes.lateral(seen.x, seen.y)
@@ -193,7 +199,9 @@ def _released(
 ) -> dict[str, FloatArray]:
     if not site.scale.names:
         return {}
-    made = released(site.case, site.rock_lines, table, count=count, seed=seed, number=number)
+    made = released(
+        site.case, site.rock_lines, site.terrain, table, count=count, seed=seed, number=number
+    )
     each = [_quantities(site.case, site.axes, one) for one in made]
     return {name: np.stack([one[name] for one in each]) for name in site.scale.names}
 

@@ -446,6 +446,20 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
                 )
             )
     lines = sections.get("spread", BundleSettings()).lines_per_point
+    if sections.get("terrain", TerrainSettings()).path == "followed":
+        lateral = LateralDeflection.name in sections.get("effects", {})
+        if lines > 1 or lateral:
+            problems.append(
+                ConfigError(
+                    "lines of their own do not go with paths that are followed",
+                    file=file,
+                    field=f"effects.{LateralDeflection.name}"
+                    if lateral
+                    else "spread.lines_per_point",
+                    found='terrain.path = "followed" (the default)',
+                    expected='terrain.path = "fall_line"',
+                )
+            )
     if LateralDeflection.name in sections.get("effects", {}) and lines > 1:
         problems.append(
             ConfigError(

@@ -57,6 +57,7 @@ def write_manifest(
     settings: object,
     counts: Mapping[str, int],
     warnings: Sequence[str],
+    checks: Mapping[str, object] | None = None,
 ) -> Path:
     """Write the manifest of the result in ``path.parent``.
 
@@ -84,6 +85,8 @@ def write_manifest(
         Release points, fall lines, blocks, and so on.
     warnings : sequence of str
         What the run reported to the user.
+    checks : mapping of str to object, optional
+        What the run found of its own numerics.
 
     Returns
     -------
@@ -114,6 +117,7 @@ def write_manifest(
         "settings_sha256": settings_digest(settings),
         "counts": plain(counts),
         "warnings": list(warnings),
+        "checks": plain(checks or {}),
         "files": [
             _described(file, file.relative_to(path.parent).as_posix())
             for file in _result_files(path.parent)

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import shapely
 from helpers.zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
+from shapely import ops
 
 from sassgis.engine.simulate import simulate
 from sassgis.hazard.bins import bins_of
@@ -26,12 +27,32 @@ from sassgis.terrain.stretch import take_lines
 
 #: Area, scenario, line, repetition: cells with the largest energy of a rock there (kJ).
 Rock = tuple[str, str, int, int, dict[int, float]]
+#: The straight line across each cell from where its path enters to where it leaves, in cells.
+Chords = dict[int, shapely.LineString]
 
 
-def rocks_one_by_one(zoned: Zoned) -> list[Rock]:
+def across(
+    trace: shapely.LineString, low: float, high: float, cells: Iterable[int], n_cols: int
+) -> Chords:
+    """The chord of a line in each of some cells, as far as a block went on it."""
+    out = {}
+    for cell in cells:
+        row, col = divmod(cell, n_cols)
+        inside = trace.intersection(shapely.box(col, row, col + 1, row + 1))
+        ends = sorted(trace.project(shapely.Point(p)) for p in shapely.get_coordinates(inside))
+        chord = shapely.LineString([trace.interpolate(ends[0]), trace.interpolate(ends[-1])])
+        scale = chord.length / (ends[-1] - ends[0])
+        out[cell] = ops.substring(
+            chord, max(low - ends[0], 0.0) * scale, min(high, ends[-1]) * scale - ends[0] * scale
+        )
+    return out
+
+
+def rocks_one_by_one(zoned: Zoned) -> tuple[list[Rock], list[Chords]]:
     """Simulate every rock of a run by itself."""
     run, planned = zoned.done.run, zoned.done.planned
     out: list[Rock] = []
+    chords: list[Chords] = []
     m, n = run.spread.lines_per_point, run.rocks_per_line
     for point in range(len(planned.points)):
         starts = take(planned.starts, np.array([point]))
@@ -44,7 +65,12 @@ def rocks_one_by_one(zoned: Zoned) -> list[Rock]:
             keys = line_draw_keys(traces, starts.key, m, blocks.name)
             for member in np.flatnonzero(good):
                 this = np.arange(len(traces)) == member
-                prepared = prepare_lines(run, take_lines(traces, this))
+                line = take_lines(traces, this)
+                trace = shapely.LineString(
+                    np.column_stack([line.x - run.grid.west, run.grid.north - line.y])
+                    / run.grid.cell_size
+                )
+                prepared = prepare_lines(run, line)
                 for number in range(run.repetitions * n):
                     alone = simulate(
                         prepared.profiles,
@@ -58,36 +84,38 @@ def rocks_one_by_one(zoned: Zoned) -> list[Rock]:
                         control_lines=prepared.crossings,
                         first_rock=number,
                         bins=bins_of(run),
+                        log_events=2000,
                     )
                     came = alone.sums["reach"] == 1
                     cells = alone.cells[came].tolist()
                     energy = alone.sums["energy_max"][came].tolist()
+                    # A block turns back at an event, if it does.
+                    chainage = alone.event_logs[0]["x_m"] / run.grid.cell_size
+                    chords.append(
+                        across(trace, chainage.min(), chainage.max(), cells, run.grid.shape[1])
+                    )
                     stratum = (point * m + int(member)) * run.repetitions + number // n
                     out.append(
                         (run.areas[area].name, blocks.name, stratum, number,
                          dict(zip(cells, energy, strict=True)))
                     )  # fmt: skip
-    return out
+    return out, chords
 
 
-def in_windows(rocks: Iterable[Rock], n_rows: int, n_cols: int, radius: float) -> list[Rock]:
-    """Each rock with its largest energy within a radius (in cells) of every cell."""
-    reach = math.floor(radius)
-    steps = [
-        (i, j)
-        for i in range(-reach, reach + 1)
-        for j in range(-reach, reach + 1)
-        if math.hypot(i, j) <= radius + 1e-9
-    ]
+def in_windows(
+    rocks: Iterable[Rock], chords: Iterable[Chords], n_rows: int, n_cols: int, radius: float
+) -> list[Rock]:
+    """Each rock with its largest energy within a radius (in cells) of the centre of every cell."""
+    centres = shapely.points(
+        *(c.ravel() + 0.5 for c in np.meshgrid(*map(np.arange, (n_cols, n_rows))))
+    )
+    tree = shapely.STRtree(centres)
     out = []
-    for area, scenario, line, number, own in rocks:
+    for (area, scenario, line, number, own), paths in zip(rocks, chords, strict=True):
         around: dict[int, float] = {}
         for cell, energy in own.items():
-            row, col = divmod(cell, n_cols)
-            for i, j in steps:
-                if 0 <= row + i < n_rows and 0 <= col + j < n_cols:
-                    there = (row + i) * n_cols + col + j
-                    around[there] = max(around.get(there, 0.0), energy)
+            for there in tree.query(paths[cell], "dwithin", radius).tolist():
+                around[there] = max(around.get(there, 0.0), energy)
         out.append((area, scenario, line, number, around))
     return out
 
@@ -146,18 +174,16 @@ def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
     return case, zoned(case.config, folder / "work")
 
 
-@pytest.fixture(scope="module", params=[None, 4.0, 10.0], ids=["cell", "4 m", "10 m"])
+@pytest.fixture(scope="module", params=[2.0, 5.0, 10.0], ids=["one cell", "5 m", "10 m"])
 def both(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Zoned, list[Rock], list[Rock]]:
     """A run; its rocks with the cells they touch; with those for which they count."""
-    hazard = {} if request.param is None else {"ref_width_m": request.param}
-    _, zoned = make(tmp_path_factory.mktemp("counted"), hazard=hazard)
-    rocks = rocks_one_by_one(zoned)
-    if request.param is None:
-        return zoned, rocks, rocks
+    _, zoned = make(tmp_path_factory.mktemp("counted"), hazard={"ref_width_m": request.param})
+    rocks, chords = rocks_one_by_one(zoned)
     grid = zoned.done.run.grid
-    return zoned, rocks, in_windows(rocks, *grid.shape, 0.5 * request.param / grid.cell_size)
+    radius = 0.5 * request.param / grid.cell_size
+    return zoned, rocks, in_windows(rocks, chords, *grid.shape, radius)
 
 
 def test_there_is_something_to_count(both) -> None:

@@ -1,0 +1,118 @@
+"""The cells that blocks come to, numbered as they come, where they are not known beforehand."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.statistics import Disks, Objects
+from sassgis.model.grid import IntArray
+from sassgis.model.jit import inlined, lean
+from sassgis.model.map_run import ObjectCells, Window
+
+#: What ``counts`` holds: cells, windows, objects listed by cell, windows listed by cell, and
+#: whether there was room for all of them.
+CELLS, WINDOWS, LISTED_OBJECTS, LISTED_WINDOWS, FULL = range(5)
+
+
+class CellRegister(NamedTuple):
+    """Cells of the grid, windows around them and objects on them, by their number in the chunk."""
+
+    n_cols: int
+    n_rows: int
+    number: NDArray[np.int32]  # (n_rows * n_cols,), -1 for cells to which nothing has come
+    cells: IntArray  # flat indices of the cells, as far as there are
+    window_number: NDArray[np.int32]  # as ``number``; empty without windows
+    windows: IntArray  # flat indices of their middle cells
+    row_step: IntArray  # cells of a window, as steps from its middle
+    col_step: IntArray
+    object_cell: IntArray  # as model.map_run.ObjectCells
+    object_number: IntArray
+    disks: Disks  # of the windows
+    on_objects: Objects
+    counts: IntArray  # (5,)
+
+    @property
+    def full(self) -> bool:
+        """Whether there was no room for a cell."""
+        return bool(self.counts[FULL])
+
+
+def empty_register(
+    shape: tuple[int, int], room: int, window: Window | None, objects: ObjectCells
+) -> CellRegister:
+    """Room for so many cells, as many windows again, and the objects on them."""
+    n_rows, n_cols = shape
+    n = n_rows * n_cols
+    steps = window.steps() if window is not None else (np.empty(0, np.int64),) * 2
+    n_windows = 3 * room if steps[0].size else 0
+    most = np.bincount(objects.cell).max() if objects.cell.size else 0
+    return CellRegister(
+        n_cols=n_cols,
+        n_rows=n_rows,
+        number=np.full(n, -1, np.int32),
+        cells=np.zeros(room, np.int64),
+        window_number=np.full(n if n_windows else 0, -1, np.int32),
+        windows=np.zeros(n_windows, np.int64),
+        row_step=steps[0],
+        col_step=steps[1],
+        object_cell=np.asarray(objects.cell, np.int64),
+        object_number=np.asarray(objects.number, np.int64),
+        disks=Disks(
+            Objects(np.zeros(room + 1, np.int64), np.zeros(room * steps[0].size, np.int64)),
+            np.zeros(n_windows),
+            np.zeros(n_windows),
+            window.radius**2 if window is not None else 0.0,
+        ),
+        on_objects=Objects(np.zeros(room + 1, np.int64), np.zeros(room * int(most), np.int64)),
+        counts=np.zeros(5, np.int64),
+    )
+
+
+@inlined
+def registered(register: CellRegister, flat: int) -> int:
+    """The number of a cell of the grid; -1 if there is no room for it, which is noted."""
+    known = register.number[flat]
+    if known >= 0:
+        return int(known)
+    return _register(register, flat)
+
+
+@lean
+def _register(register: CellRegister, flat: int) -> int:
+    """Give a cell to which nothing has come yet its number."""
+    counts = register.counts
+    i = counts[CELLS]
+    n_steps = register.row_step.size
+    windows = counts[WINDOWS] + n_steps
+    if i >= register.cells.size or (n_steps > 0 and windows > register.windows.size):
+        counts[FULL] = 1
+        return -1
+    counts[CELLS] = i + 1
+    register.number[flat] = i
+    register.cells[i] = flat
+    row = flat // register.n_cols
+    col = flat % register.n_cols
+    for k in range(n_steps):
+        to_row = row + register.row_step[k]
+        to_col = col + register.col_step[k]
+        if 0 <= to_row < register.n_rows and 0 <= to_col < register.n_cols:
+            middle = to_row * register.n_cols + to_col
+            if register.window_number[middle] < 0:
+                register.window_number[middle] = counts[WINDOWS]
+                register.windows[counts[WINDOWS]] = middle
+                register.disks.u[counts[WINDOWS]] = to_col + 0.5
+                register.disks.v[counts[WINDOWS]] = to_row + 0.5
+                counts[WINDOWS] += 1
+            register.disks.under.number[counts[LISTED_WINDOWS]] = register.window_number[middle]
+            counts[LISTED_WINDOWS] += 1
+    register.disks.under.offset[i + 1] = counts[LISTED_WINDOWS]
+    first = np.searchsorted(register.object_cell, flat)
+    while first < register.object_cell.size and register.object_cell[first] == flat:
+        register.on_objects.number[counts[LISTED_OBJECTS]] = register.object_number[first]
+        counts[LISTED_OBJECTS] += 1
+        first += 1
+    register.on_objects.offset[i + 1] = counts[LISTED_OBJECTS]
+    return int(i)

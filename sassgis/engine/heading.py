@@ -1,0 +1,386 @@
+"""How the heading of a block turns on a path that is followed.
+
+The normal force of the ground has a part across the heading where the ground falls to one side. On
+ground of gradient G (m per m) an impact with normal impulse J per unit mass (m/s) in the vertical
+plane of the heading, on ground that rises p ahead and q to the right, gives the velocity
+
+    v_r = J (tan τ − q) / √(1 + p²)
+
+to the right; the heading turns by atan(v_r/v_h) and the speed stays, v_h being the horizontal speed
+after the impact. τ is the sideways tilt of the spot that is met: drawn for each impact, as Δp is
+for the slope ahead. As J grows more slowly than the speed of a block that grazes the ground, the
+turn falls with speed. While a block rolls or slides J is g cos β per second, and the angle χ
+between heading and descent follows
+
+    dχ/ds = −κ sin χ,  κ = g |G| / ((1 + G²) v_h²),
+
+s being the length in plan; over a step of constant κ, tan(χ/2) falls by exp(−κ s).
+
+A block that is not the mirror image of itself in its plane of motion pushes aside steadily. It sees
+the descent turned by an angle that is drawn once for it: its drift.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sassgis.engine.contact import resting_height
+from sassgis.engine.path import Path, begin_profile, gradient, known_to, look_ahead, place
+from sassgis.engine.profile import segment_at
+from sassgis.engine.rows import Record
+from sassgis.engine.state import (
+    END,
+    FLIGHT,
+    IMPACT,
+    ROLLING,
+    Block,
+    Physics,
+    Site,
+    Spawned,
+)
+from sassgis.model import rng
+from sassgis.model.cell_geometry import exact, height_at
+from sassgis.model.jit import inlined, lean
+
+# On the ground the heading turns by so much at most before the profile begins anew (rad); κ times
+# the length of a step, where that is longer than so many radii.
+_TURN = 0.01
+_BEND_PER_STEP = 0.5
+_SHORTEST_STEP = 0.1
+# Impacts that turn the heading less than this do not (rad).
+_NO_TURN = 1e-9
+
+
+@inlined
+def head(state: Record, path: Path, u: float, v: float, hu: float, hv: float) -> None:
+    """Let the present chainage be at (u, v), in cells, with a unit vector as heading."""
+    state.from_x = state.x
+    state.from_u = exact(u)
+    state.from_v = exact(v)
+    state.du = hu / path.cell_size
+    state.dv = hv / path.cell_size
+
+
+@inlined
+def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
+    """Unit vector of the descent as a block sees it that drifts."""
+    size = math.sqrt(gu * gu + gv * gv)
+    c = math.cos(state.drift)
+    s = math.sin(state.drift)
+    return -(gu * c - gv * s) / size, -(gv * c + gu * s) / size
+
+
+@lean
+def start_path(state: Record, block: Block, site: Site, path: Path, u: float, v: float) -> bool:
+    """Set out at a place in the direction of the descent; whether the terrain is known there.
+
+    On level ground any direction is as likely.
+    """
+    state.drift = path.drift * rng.normal(block.key, rng.DRIFT, 0)
+    state.turn = 0.0
+    state.x = 0.0
+    state.phase = IMPACT
+    for i in range(path.line_seen.size):
+        path.line_seen[i] = False
+    gu, gv, known = gradient(path, u, v, block.radius)
+    z, ground = _ground_at(path, u, v)
+    if ground < 0:
+        return False
+    if known and gu * gu + gv * gv > 1e-12:
+        hu, hv = _downhill(state, gu, gv)
+    else:
+        angle = 2.0 * math.pi * rng.uniform(block.key, rng.HEADING, 0)
+        hu = math.cos(angle)
+        hv = math.sin(angle)
+    head(state, path, u, v, hu, hv)
+    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0)
+    return True
+
+
+@lean
+def continue_path(state: Record, block: Block, site: Site, path: Path, spawned: Record) -> bool:
+    """Set out where another block has spawned this one; whether the terrain is known there."""
+    state.drift = path.drift * rng.normal(block.key, rng.DRIFT, 0)
+    state.turn = 0.0
+    state.x = spawned.x
+    state.phase = IMPACT
+    for i in range(path.line_seen.size):
+        path.line_seen[i] = False
+    c = math.cos(spawned.aside)
+    s = math.sin(spawned.aside)
+    hu = (spawned.du * c - spawned.dv * s) * path.cell_size
+    hv = (spawned.dv * c + spawned.du * s) * path.cell_size
+    gu, gv, _ = gradient(path, spawned.u, spawned.v, block.radius)
+    z, ground = _ground_at(path, spawned.u, spawned.v)
+    if ground < 0:
+        return False
+    head(state, path, spawned.u, spawned.v, hu, hv)
+    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0)
+    return True
+
+
+@inlined
+def _ground_at(path: Path, u: float, v: float) -> tuple[float, int]:
+    """Height (m) and ground class of the terrain; class -1 where it is not known."""
+    row = int(np.floor(v))
+    col = int(np.floor(u))
+    if not (0 <= row < path.heights.shape[0] and 0 <= col < path.heights.shape[1]):
+        return 0.0, -1
+    z = height_at(path.heights, u, v, row, col)
+    if math.isnan(z):
+        return 0.0, -1
+    return z, int(path.ground[row, col])
+
+
+@lean
+def turn_heading(
+    state: Record,
+    block: Block,
+    site: Site,
+    path: Path,
+    gravity: float,
+    angle: float,
+    gu: float,
+    gv: float,
+) -> None:
+    """Turn the heading to the right by an angle (rad), with all that is relative to the ground.
+
+    The block keeps its place in plan, its velocity along and off the ground, its spin and its
+    orientation to the ground; what its centre is raised or lowered by is taken from its speed. One
+    that moves backwards is turned about, so that it always moves ahead.
+
+    Parameters
+    ----------
+    gu, gv : float
+        Slope of the terrain at the scale of the block along u and v (m per m).
+    """
+    here = site.profile[segment_at(site.profile, state.x, state.segment)]
+    slope = here.tz / here.tx
+    z0 = here.z + (state.x - here.x) * slope
+    ground = here.ground
+    rests = _rests_at(state, block, site)
+    hu = state.du * path.cell_size
+    hv = state.dv * path.cell_size
+    if state.vx < 0.0 if state.phase == FLIGHT else state.direction < 0:
+        slope = -slope
+        hu = -hu
+        hv = -hv
+        _mirror(state)
+    c = math.cos(angle)
+    s = math.sin(angle)
+    to_u = hu * c - hv * s
+    to_v = hv * c + hu * s
+    before = math.atan(slope)
+    tilt = math.atan(gu * to_u + gv * to_v) - math.atan(gu * hu + gv * hv)
+    after = min(max(before + tilt, -1.5), 1.5)
+    tilt = after - before
+    u, v = place(state, state.x)
+    state.theta += tilt
+    _rotate(state, math.cos(tilt), math.sin(tilt))
+    head(state, path, u, v, to_u, to_v)
+    begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity)
+    raised = _rests_at(state, block, site) - rests
+    if abs(raised) < block.a:
+        state.z += raised
+        _take(state, block, gravity * raised)
+
+
+@inlined
+def _rests_at(state: Record, block: Block, site: Site) -> float:
+    """Height at which the block would touch the ground as it stands (m)."""
+    if state.phase == ROLLING:
+        radius = block.roll_radius
+        return resting_height(state.x, 0.0, radius, radius, site.profile, 0)
+    return resting_height(state.x, state.theta, block.a, block.b, site.profile, 0)
+
+
+@inlined
+def _mirror(state: Record) -> None:
+    """Turn a block about."""
+    state.theta = math.pi - state.theta
+    state.omega = -state.omega
+    state.vx = -state.vx
+    state.nx = -state.nx
+    state.direction = 1
+
+
+@inlined
+def _rotate(state: Record, c: float, s: float) -> None:
+    """Rotate the velocity in the plane of motion."""
+    vx = state.vx * c - state.vz * s
+    state.vz = state.vz * c + state.vx * s
+    state.vx = vx
+
+
+@inlined
+def _take(state: Record, block: Block, work: float) -> None:
+    """Take some work from the kinetic energy (J/kg)."""
+    twice = block.inertia * state.omega * state.omega
+    if state.phase == FLIGHT:
+        twice += state.vx * state.vx + state.vz * state.vz
+    else:
+        twice += state.speed * state.speed
+    if twice > 0.0:
+        left = math.sqrt(max(1.0 - 2.0 * work / twice, 0.0))
+        state.vx *= left
+        state.vz *= left
+        state.omega *= left
+        state.speed *= left
+
+
+@inlined
+def after_impact(
+    state: Record,
+    block: Block,
+    site: Site,
+    path: Path,
+    physics: Physics,
+    into: float,
+    hard: bool,
+) -> None:
+    """Turn the heading as an impact does; ``into`` is the normal speed before it (m/s).
+
+    ``hard`` is whether it was an impact: a soft landing meets no spot of its own.
+    """
+    if state.phase == END or state.phase == IMPACT:
+        return
+    u, v = place(state, state.x)
+    gu, gv, known = gradient(path, u, v, block.radius)
+    angle = state.turn
+    state.turn = 0.0
+    here = site.profile[state.segment]
+    if state.phase == FLIGHT:
+        off = state.vx * state.nx + state.vz * state.nz
+        ahead = state.vx
+    else:
+        off = 0.0
+        ahead = state.direction * state.speed * here.tx
+    if known:
+        # As the block drifts, the ground seems turned.
+        c = math.cos(state.drift)
+        s = math.sin(state.drift)
+        su = gu * c - gv * s
+        sv = gv * c + gu * s
+        hu = state.du * path.cell_size
+        hv = state.dv * path.cell_size
+        side = su * -hv + sv * hu
+        if hard and path.side_tilt > 0.0:
+            tilt = path.side_tilt * rng.normal(block.key, rng.SIDE_TILT, state.impacts)
+            side -= math.tan(min(max(tilt, -1.2), 1.2))
+        push = -max(off + into, 0.0) * side * state.nz
+        if ahead < 0.0:
+            # To the right of a block that moves backwards lies its left.
+            push = -push
+        if push != 0.0:
+            angle += math.atan2(push, abs(ahead))
+    backwards = ahead < 0.0
+    if abs(angle) > _NO_TURN or backwards:
+        turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
+
+
+@inlined
+def before_flight(state: Record, block: Block, site: Site, path: Path, physics: Physics) -> None:
+    """Look ahead to where a flight lands, where the ground below it is not known yet."""
+    if state.vx < 0.0:
+        # A wind has turned it back.
+        turn_heading(state, block, site, path, physics.gravity, 0.0, 0.0, 0.0)
+    needed = known_to(state, block)
+    if state.open and state.sampled < needed:
+        look_ahead(state, block, site, path, needed, physics.gravity)
+
+
+@inlined
+def before_ground(
+    state: Record, block: Block, site: Site, path: Path, physics: Physics
+) -> tuple[float, float]:
+    """Turn the heading as far as is due, and look how far the ground may be followed.
+
+    Returns the slope of the terrain along u and v at the scale of the block (m per m).
+    """
+    u, v = place(state, state.x)
+    gu, gv, _ = gradient(path, u, v, block.radius)
+    steep2 = gu * gu + gv * gv
+    step = max(path.cell_size, 2.0 * block.radius)
+    angle = state.turn
+    if state.speed <= 0.0:
+        # What starts from rest starts down the descent.
+        state.direction = 1
+        if steep2 > 1e-12:
+            angle = _angle_to(state, path, gu, gv)
+            state.turn = angle
+    elif steep2 > 1e-12:
+        level = state.speed * site.profile[state.segment].tx
+        kappa = _bending(physics.gravity, steep2, level * level)
+        step = min(step, max(_BEND_PER_STEP / kappa, _SHORTEST_STEP * block.radius))
+        # Over the step the block moves as it heads in its middle.
+        angle += 0.5 * _bent(_angle_to(state, path, gu, gv) - angle, kappa * step)
+    if abs(angle) > _TURN or state.direction < 0 or (state.speed <= 0.0 and angle != 0.0):
+        state.turn -= angle
+        turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
+    state.reach = state.x + step
+    needed = state.reach + 2.0 * block.a
+    if state.open and state.sampled < needed:
+        look_ahead(state, block, site, path, needed, physics.gravity)
+    return gu, gv
+
+
+@inlined
+def _bending(gravity: float, steep2: float, level2: float) -> float:
+    """κ (1/m), from the squares of the gradient and of the horizontal speed (m²/s²)."""
+    return gravity * math.sqrt(steep2) / ((1.0 + steep2) * max(level2, 1e-9))
+
+
+@inlined
+def _bent(angle: float, kappa_s: float) -> float:
+    """By how much an angle to the descent falls over a length, times κ (rad)."""
+    return angle - 2.0 * math.atan(math.tan(0.5 * angle) * math.exp(-kappa_s))
+
+
+@inlined
+def _angle_to(state: Record, path: Path, gu: float, gv: float) -> float:
+    """Angle from the heading to the descent as the block sees it, to the right (rad)."""
+    tu, tv = _downhill(state, gu, gv)
+    hu = state.du * path.cell_size
+    hv = state.dv * path.cell_size
+    return math.atan2(hu * tv - hv * tu, hu * tu + hv * tv)
+
+
+@inlined
+def after_ground(
+    state: Record,
+    path: Path,
+    physics: Physics,
+    gu: float,
+    gv: float,
+    x: float,
+    level: float,
+    level_after: float,
+) -> None:
+    """Let the heading turn towards the descent over a stretch on the ground.
+
+    Parameters
+    ----------
+    gu, gv : float
+        Slope of the terrain at its start (m per m).
+    x : float
+        Chainage of its start (m).
+    level, level_after : float
+        Horizontal speed at its start and end (m/s).
+    """
+    steep2 = gu * gu + gv * gv
+    if steep2 > 1e-12:
+        kappa = _bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
+        angle = _angle_to(state, path, gu, gv) - state.turn
+        state.turn += _bent(angle, kappa * (state.x - x))
+
+
+@inlined
+def place_spawned(state: Record, spawned: Spawned, before: int) -> None:
+    """Write where the blocks are that an impact has spawned, from number ``before`` on."""
+    for i in range(before, min(spawned.filled[0], spawned.rows.size)):
+        row = spawned.rows[i]
+        row.u, row.v = place(state, row.x)
+        row.du = state.du
+        row.dv = state.dv

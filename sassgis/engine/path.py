@@ -1,0 +1,448 @@
+"""The ground along a path that is followed: a profile that is sampled just ahead of the block.
+
+Between two turns of its heading a block moves in a vertical plane, over the heights of the terrain
+along a straight line in plan. Where the heading turns (heading.py) the profile begins anew, on the
+plane of the ground that the block touches, turned with the heading; that plane goes on until the
+terrain has left it by the tolerance. So the block stands to the ground as before, and the path as
+it was gone is a profile in one plane, as Bozzolo and Pamini (1986, Fig. 1) have it.
+
+Positions in plan are in cells from the outer corner of the grid: u eastward, v southward.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.cell_register import CellRegister, empty_register, registered
+from sassgis.engine.flight import MARGIN_M
+from sassgis.engine.recording import STRETCH_DTYPE
+from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.state import CROSSING_DTYPE, FLIGHT, VERTEX_DTYPE, Block, Site
+from sassgis.model.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.jit import inlined, lean
+from sassgis.model.map_run import ObjectCells
+
+#: Whether a block moves along a given profile, or its path is followed on the terrain.
+FIXED, FOLLOWED = 0, 1
+
+# Vertices, stretches and crossings of the ground just ahead for which there is room.
+_ROOM = 512
+# Ground behind a block, in its longest semi-axes.
+_BEHIND = 4.0
+# Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
+_ROUNDING = 1e-9
+
+
+class Path(NamedTuple):
+    """What a path is followed on."""
+
+    form: int
+    heights: FloatArray  # (n_rows, n_cols), of the cell centres (m)
+    ground: NDArray[np.int32]  # as heights: position in the ground table
+    stems: FloatArray  # (n_cells,) per m²; empty without a forest
+    diameter: FloatArray  # as stems, of the stems (m)
+    cell_size: float  # (m)
+    tolerance: float  # largest vertical gap between terrain and segments (m)
+    side_tilt: float  # standard deviation of the sideways tilt of what an impact meets (rad)
+    drift: float  # standard deviation of the angle by which blocks drift aside (rad)
+    spread: float  # side of the square in which the blocks of a point start (cells)
+    line_u: FloatArray  # vertices of all stations and barriers, one after the other (cells)
+    line_v: FloatArray
+    line_number: IntArray  # of the station or barrier that begins here; -1: no piece begins here
+    line_kind: IntArray  # by the number, as kernel.ControlLineTable
+    line_height: FloatArray
+    line_capacity: FloatArray
+    line_seen: NDArray[np.bool_]  # by the number: whether the block has been here
+    register: CellRegister
+
+
+def no_path() -> Path:
+    """No terrain: blocks stay on their lines."""
+    none = np.empty(0)
+    numbers = np.empty(0, np.int64)
+    return Path(
+        FIXED, np.empty((0, 0)), np.empty((0, 0), np.int32), none, none, 1.0, 0.0, 0.0, 0.0, 0.0,
+        none, none, numbers, numbers, none, none, np.empty(0, np.bool_),
+        empty_register((0, 0), 0, None, ObjectCells.none()),
+    )  # fmt: skip
+
+
+def room_ahead() -> tuple[Records, Records, Records]:
+    """Room for vertices, crossings and stretches of the ground ahead."""
+    return (
+        np.zeros(_ROOM, VERTEX_DTYPE),
+        np.zeros(_ROOM, CROSSING_DTYPE),
+        np.zeros(3 * _ROOM, STRETCH_DTYPE),
+    )
+
+
+@inlined
+def place(state: Record, x: float) -> tuple[float, float]:
+    """Place in plan at a chainage of the present heading (cells)."""
+    along = x - state.from_x
+    return state.from_u + exact(along * state.du), state.from_v + exact(along * state.dv)
+
+
+@inlined
+def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, float, bool]:
+    """Slope of the terrain along u and v at the scale of a block (m per m), and whether known.
+
+    Central differences over its diameter, or over a cell if that is longer.
+    """
+    step = max(radius / path.cell_size, 0.5)
+    n_rows, n_cols = path.heights.shape
+    east = _height(path, u + step, v, n_rows, n_cols)
+    west = _height(path, u - step, v, n_rows, n_cols)
+    south = _height(path, u, v + step, n_rows, n_cols)
+    north = _height(path, u, v - step, n_rows, n_cols)
+    per = 1.0 / (2.0 * step * path.cell_size)
+    gu = (east - west) * per
+    gv = (south - north) * per
+    if math.isnan(gu) or math.isnan(gv):
+        return 0.0, 0.0, False
+    return gu, gv, True
+
+
+@inlined
+def _height(path: Path, u: float, v: float, n_rows: int, n_cols: int) -> float:
+    """Height of the terrain (m); NaN where it is not known."""
+    return height_at(path.heights, u, v, int(np.floor(v)), int(np.floor(u)))
+
+
+@inlined
+def begin_profile(
+    state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int,
+    gravity: float,
+) -> None:  # fmt: skip
+    """Begin the profile at the present chainage, on a plane through height z (m) there.
+
+    Parameters
+    ----------
+    slope : float
+        Rise of the plane per metre ahead.
+    ground : int
+        Class of the ground that the block stands on, or that it has come to.
+    """
+    state.sampled = state.x
+    state.open = True
+    state.segment = 0
+    state.stretch = 0
+    state.on_plane = True
+    state.plane_z = z
+    state.plane_slope = slope
+    state.line_u = _line_ahead(state.from_u, state.du)
+    state.line_v = _line_ahead(state.from_v, state.dv)
+    behind = _BEHIND * block.a
+    first = site.profile[0]
+    first.x = state.x - behind
+    first.z = z - slope * behind
+    first.ground = ground
+    first.last = 0
+    site.stretches[0].last = 0
+    site.stretches[0].start = first.x
+    site.stretches[0].u, site.stretches[0].v = place(state, first.x)
+    site.crossings[0].last = 0
+    look_ahead(state, block, site, path, known_to(state, block), gravity)
+
+
+@inlined
+def known_to(state: Record, block: Block) -> float:
+    """Chainage up to which the ground must be known under a block and just ahead of it (m)."""
+    return float(state.x + block.a + 4.0 * MARGIN_M)
+
+
+@inlined
+def _next_sample(state: Record) -> float:
+    """Chainage of the next border or middle line of a cell; advances the lines (m)."""
+    along_u = np.inf
+    along_v = np.inf
+    if state.du != 0.0:
+        along_u = (0.5 * state.line_u - state.from_u) / state.du
+    if state.dv != 0.0:
+        along_v = (0.5 * state.line_v - state.from_v) / state.dv
+    along = min(along_u, along_v)
+    if along_u <= along:
+        state.line_u += 1.0 if state.du > 0.0 else -1.0
+    if along_v <= along:
+        state.line_v += 1.0 if state.dv > 0.0 else -1.0
+    return float(state.from_x + along)
+
+
+@inlined
+def _cell_between(state: Record, path: Path, x: float, after: float) -> int:
+    """Flat index of the cell between two samples; -1 where the terrain is not known."""
+    u, v = place(state, 0.5 * (x + after))
+    cell = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
+    if cell >= 0 and math.isnan(path.heights[int(v), int(u)]):
+        return -1
+    return int(cell)
+
+
+@inlined
+def _add_vertex(site: Site, x: float, z: float) -> None:
+    """End the last segment at chainage x and height z (m); the ground is that of the last."""
+    profile = site.profile
+    n = last_of(profile)
+    here = profile[n]
+    dx = x - here.x
+    dz = z - here.z
+    here.length = math.sqrt(dx * dx + dz * dz)
+    here.tx = dx / here.length
+    here.tz = dz / here.length
+    here.angle = math.atan2(dz, dx)
+    after = profile[n + 1]
+    after.x = x
+    after.z = z
+    after.ground = here.ground
+    profile[0].last = n + 1
+
+
+@inlined
+def _add_stretch(
+    state: Record, site: Site, path: Path, cell: int, segment: int, end: float
+) -> None:
+    """Let the stretches go on in a cell (flat index) up to a chainage (m)."""
+    u, v = place(state, end)
+    stretches = site.stretches
+    n = last_of(stretches)
+    number = registered(path.register, cell) if cell >= 0 else -1
+    if n > 0 and stretches[n - 1].cell == number and stretches[n - 1].segment == segment:
+        stretches[n].start = end
+        stretches[n].u, stretches[n].v = u, v
+        return
+    row = stretches[n]
+    row.cell = number
+    row.segment = segment
+    row.stems = 0.0
+    row.diameter = 0.0
+    if path.stems.size and cell >= 0:
+        row.stems = path.stems[cell]
+        row.diameter = path.diameter[cell]
+    after = stretches[n + 1]
+    after.start = end
+    after.u, after.v = u, v
+    stretches[0].last = n + 1
+
+
+@inlined
+def _full(site: Site) -> bool:
+    """Whether there is no room for another sample."""
+    return bool(
+        last_of(site.profile) + 3 >= site.profile.size
+        or last_of(site.stretches) + 3 >= site.stretches.size
+    )
+
+
+@inlined
+def _line_ahead(position: float, rate: float) -> float:
+    """First line of half cells ahead of a position."""
+    return next_line(2.0 * position, np.inf if rate > 0.0 else -np.inf)
+
+
+@lean
+def look_ahead(
+    state: Record, block: Block, site: Site, path: Path, to_x: float, gravity: float
+) -> None:
+    """Sample the ground ahead to a chainage (m); under a flight also to where it has landed.
+
+    At first the plane goes on on which the profile began, until a sample lies farther from it than
+    the tolerance. Then segments are as long as all samples stay within the tolerance of them: each
+    sample narrows the cone of slopes from the last vertex, and where none is left the sample before
+    makes a vertex. Of the slopes in the cone that of the terrain is taken.
+    """
+    if _full(site):
+        _forget_behind(state, block, site)
+    begin = state.sampled
+    profile = site.profile
+    n_cols = path.heights.shape[1]
+    x = state.sampled
+    n = last_of(profile)
+    z = profile[n].z
+    gap = 0.0
+    if state.on_plane:
+        # The plane stays one segment.
+        z = state.plane_z + state.plane_slope * (x - state.from_x)
+        profile[0].last = 0
+        n = 0
+    u, v = place(state, x)
+    from_z = _height(path, u, v, path.heights.shape[0], n_cols)
+    if math.isnan(from_z):
+        from_z = z
+    before_z = from_z
+    limit = path.tolerance + _ROUNDING
+    aloft = state.phase == FLIGHT and state.vx > 1e-6
+    low = -np.inf
+    high = np.inf
+    empty = True
+    while state.open and (x < to_x or aloft):
+        after = _next_sample(state)
+        if after - x <= SHORTEST_STRETCH:
+            continue
+        cell = _cell_between(state, path, x, after)
+        if cell < 0:
+            state.open = False
+            break
+        u, v = place(state, after)
+        after_z = height_at(path.heights, u, v, cell // n_cols, cell % n_cols)
+        ground = path.ground[cell // n_cols, cell % n_cols]
+        if state.on_plane:
+            on_plane = state.plane_z + state.plane_slope * (after - state.from_x)
+            new_gap = abs(after_z - on_plane)
+            if ground == profile[n].ground and new_gap <= limit:
+                _add_stretch(state, site, path, cell, n, after)
+                z = on_plane
+                gap = new_gap
+            else:
+                state.on_plane = False
+                x_end = x
+                if ground == profile[n].ground and new_gap > gap:
+                    share = min(max((limit - gap) / (new_gap - gap), 0.0), 1.0)
+                    x_end = x + share * (after - x)
+                x_end = max(x_end, state.x + SHORTEST_STRETCH)
+                if x_end > x:
+                    _add_stretch(state, site, path, cell, n, x_end)
+                    z += state.plane_slope * (x_end - x)
+                    before_z += (after_z - before_z) * (x_end - x) / (after - x)
+                    x = x_end
+                if x > profile[n].x:
+                    _add_vertex(site, x, z)
+                    n += 1
+                from_z = before_z
+                if after - x <= SHORTEST_STRETCH:
+                    continue
+        if not state.on_plane:
+            here = profile[n]
+            down = (after_z - limit - here.z) / (after - here.x)
+            up = (after_z + limit - here.z) / (after - here.x)
+            if not empty and (ground != here.ground or max(low, down) > min(high, up)):
+                _add_vertex(site, x, z)
+                n += 1
+                here = profile[n]
+                from_z = before_z
+                low = -np.inf
+                high = np.inf
+                down = (after_z - limit - z) / (after - x)
+                up = (after_z + limit - z) / (after - x)
+            here.ground = ground
+            empty = False
+            low = max(low, down)
+            high = min(high, up)
+            # As steep as the terrain is over the segment, as far as the cone allows.
+            rise = (after_z - from_z) / (after - here.x)
+            z = here.z + min(max(rise, low), high) * (after - here.x)
+            _add_stretch(state, site, path, cell, n, after)
+        x = after
+        before_z = after_z
+        if aloft:
+            t = (x - state.x) / state.vx
+            if state.z + (state.vz - 0.5 * gravity * t) * t < z - limit:
+                aloft = False
+                to_x = max(to_x, x + block.a + 4.0 * MARGIN_M)
+        if _full(site):
+            break
+    if n == 0 and x <= state.x:
+        # The block stands at the edge of what is known.
+        x = state.x + SHORTEST_STRETCH
+        z = state.plane_z + state.plane_slope * SHORTEST_STRETCH
+        u, v = place(state, state.x)
+        edge = cell_index(u, v, path.heights.shape[0], n_cols)
+        _add_stretch(state, site, path, edge, 0, x)
+    if x > profile[n].x:
+        _add_vertex(site, x, z)
+    state.sampled = x
+    if path.line_u.size:
+        _cross_lines(state, site, path, begin, x)
+
+
+@lean
+def _forget_behind(state: Record, block: Block, site: Site) -> None:
+    """Make room: take the ground far behind the block away."""
+    profile = site.profile
+    n = last_of(profile)
+    first = 0
+    while first < n - 1 and profile[first + 1].x < state.x - _BEHIND * block.a:
+        first += 1
+    for i in range(first, n + 1):
+        profile[i - first] = profile[i]
+    profile[0].last = n - first
+    state.segment = max(state.segment - first, 0)
+    if state.skip_to >= 0:
+        state.skip_to = max(state.skip_to - first, -1)
+    stretches = site.stretches
+    n = last_of(stretches)
+    begin = 0
+    while begin < n - 1 and stretches[begin + 1].start <= state.x:
+        begin += 1
+    for i in range(begin, n + 1):
+        stretches[i - begin] = stretches[i]
+        stretches[i - begin].segment -= first
+    stretches[0].last = n - begin
+    state.stretch = max(state.stretch - begin, 0)
+
+
+@lean
+def _cross_lines(state: Record, site: Site, path: Path, begin: float, end: float) -> None:
+    """Find the stations and barriers that the path crosses between two chainages (m)."""
+    u0, v0 = place(state, begin)
+    u1, v1 = place(state, end)
+    du = u1 - u0
+    dv = v1 - v0
+    for k in range(path.line_u.size):
+        number = path.line_number[k]
+        if number < 0:
+            continue
+        eu = path.line_u[k + 1] - path.line_u[k]
+        ev = path.line_v[k + 1] - path.line_v[k]
+        cross = du * ev - dv * eu
+        if cross == 0.0:
+            continue
+        fu = path.line_u[k] - u0
+        fv = path.line_v[k] - v0
+        share = (fu * ev - fv * eu) / cross
+        on_line = (fu * dv - fv * du) / cross
+        # A vertex belongs to the piece that begins there.
+        if 0.0 < share <= 1.0 and 0.0 <= on_line < 1.0:
+            _add_crossing(site, path, number, begin + share * (end - begin))
+
+
+@lean
+def _add_crossing(site: Site, path: Path, number: int, x: float) -> None:
+    """Add a crossing at a chainage (m), in their order."""
+    crossings = site.crossings
+    n = last_of(crossings)
+    if n + 1 >= crossings.size:
+        return
+    profile = site.profile
+    j = last_of(profile) - 1
+    while j > 0 and profile[j].x > x:
+        j -= 1
+    at = n
+    while at > 0 and crossings[at - 1].x > x:
+        crossings[at] = crossings[at - 1]
+        at -= 1
+    row = crossings[at]
+    row.x = x
+    row.z = profile[j].z + (x - profile[j].x) * profile[j].tz / profile[j].tx
+    row.kind = path.line_kind[number]
+    row.height = path.line_height[number]
+    row.capacity = path.line_capacity[number]
+    row.number = number
+    row.seen = path.line_seen[number]
+    for i in range(n + 1):
+        # A line that is crossed twice acts twice, but is passed once.
+        if i != at and crossings[i].number == number:
+            crossings[max(i, at)].seen = True
+    crossings[0].last = n + 1
+
+
+@inlined
+def note_passages(site: Site, path: Path) -> None:
+    """Remember the stations and barriers that the block has passed."""
+    for i in range(last_of(site.crossings)):
+        if site.crossings[i].seen:
+            path.line_seen[site.crossings[i].number] = True

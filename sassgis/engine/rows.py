@@ -1,0 +1,28 @@
+"""Rows whose number is not that of their array: a path that is followed has room for more.
+
+The first row says how many of them hold.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.model.jit import inlined
+
+#: A row of a structured array, as numba and plain Python both know it.
+Record = Any
+Records = NDArray[np.void]
+
+
+def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
+    """A structured dtype whose rows give their fields as attributes."""
+    return np.dtype((np.record, list(fields)))
+
+
+@inlined
+def last_of(rows: Records) -> int:
+    """Position of the last vertex of a profile, of the end of the last stretch; number of crossings."""
+    return int(rows[0].last)

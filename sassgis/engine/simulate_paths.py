@@ -1,0 +1,243 @@
+"""The driver of followed paths: as simulate.py, on the terrain in place of given lines."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.cell_register import CELLS, WINDOWS, CellRegister, empty_register
+from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
+from sassgis.engine.kernel import (
+    NO_ROOM,
+    TOO_MANY_SPAWNED,
+    Places,
+    Points,
+    Rows,
+    Setup,
+    Totals,
+    Windows,
+    simulate_paths,
+    working_space,
+)
+from sassgis.engine.path import FOLLOWED, Path
+from sassgis.engine.simulate import (
+    Simulated,
+    control_line_table,
+    empty_rows,
+    exceedance,
+    no_exceedance,
+    physics_of,
+    too_many_spawned,
+)
+from sassgis.engine.statistics import by_name, empty_sums, flat_bins
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.effects import EffectSettings
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import Forest, ObjectCells, Window
+from sassgis.model.profiles import ReleasePoints
+from sassgis.model.results import PASSAGE_DTYPE, ROCK_DTYPE, ControlLine
+from sassgis.model.settings import EngineSettings
+from sassgis.model.statistics_table import Bins, default_bins
+
+# Cells for which there is room at first; four times as many each time that it was too few.
+_ROOM = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class Terrain:
+    """What paths are followed on.
+
+    Attributes
+    ----------
+    grid : Grid
+        Heights that blocks move over.
+    ground : int32, shape of the grid
+        Ground class of each cell.
+    tolerance_m : float
+        Largest vertical gap between terrain and segments (m).
+    control_lines : sequence of (ControlLine, float64 array of shape (k, 2))
+        Stations and barriers with their trace on the map (m).
+    forest : Forest or None
+    """
+
+    grid: Grid
+    ground: NDArray[np.int32]
+    tolerance_m: float
+    control_lines: Sequence[tuple[ControlLine, FloatArray]] = ()
+    forest: Forest | None = None
+
+
+def follow(
+    terrain: Terrain,
+    points: ReleasePoints,
+    table: GroundTable,
+    blocks: BlockPopulation | Sequence[BlockPopulation],
+    settings: EngineSettings,
+    *,
+    seed: int,
+    rocks_per_point: int,
+    point_keys: NDArray[np.uint64],
+    point_numbers: IntArray | None = None,
+    spread_m: float = 0.0,
+    objects: ObjectCells | None = None,
+    window: Window | None = None,
+    first_rock: int = 0,
+    bins: Bins | None = None,
+    log_events: int = 0,
+    effects: EffectSettings | None = None,
+) -> Simulated:
+    """Simulate blocks from release points, each along the path that it takes over the terrain.
+
+    They depend only on seed, key of the point and number there, never on what else is simulated.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    points : ReleasePoints
+    table, blocks, settings, seed, objects, window, first_rock, bins, log_events, effects
+        As for sassgis.engine.simulate.simulate.
+    rocks_per_point : int
+    point_keys : uint64, shape (n,)
+        Identity of each point for the random draws.
+    point_numbers : int64, shape (n,), optional
+        Number of each point in the run, which stands for the line; default 0, 1, 2, ...
+    spread_m : float
+        Side of the square around each point in which its blocks start (m).
+
+    Returns
+    -------
+    Simulated
+        ``runout_m`` is the length of the path in plan. Each point is a stratum of the sample.
+
+    Raises
+    ------
+    InputError
+        A point lies where no height is known.
+    """
+    bins = bins or default_bins()
+    flat = flat_bins(bins)
+    effects = effects or EffectSettings()
+    objects = objects or ObjectCells.none()
+    u, v = _places(terrain.grid, points)
+    n = len(points)
+    numbers = np.arange(n, dtype=np.int64) if point_numbers is None else point_numbers
+    given = Points(u, v, np.asarray(numbers, np.int64), np.asarray(point_keys, np.uint64))
+    lines = [line for line, _ in terrain.control_lines]
+    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
+    settings = settings.resolved()
+    setup = Setup(
+        ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
+        np.stack([population.limits() for population in populations]),
+        physics_of(settings),
+        control_line_table(lines),
+        np.uint64(seed),
+        first_rock,
+        rocks_per_point,
+    )
+    forest = terrain.forest
+    hooked = prepare(effects, forest is not None and bool((forest.stems_per_m2 > 0.0).any()))
+    room, more = _ROOM, 1
+    while True:
+        register = empty_register(terrain.grid.shape, room, window, objects)
+        totals = Totals(
+            flat,
+            empty_sums(room, flat),
+            no_exceedance(room, bins),
+            Windows(register.disks, no_exceedance(register.windows.size, bins)),
+            Places(register.on_objects, no_exceedance(objects.n_objects, bins)),
+        )
+        spawned = more * n * rocks_per_point if hooked is not None else 0
+        passages = more * len(lines) * (n * rocks_per_point + 1)
+        rows = empty_rows(n * rocks_per_point, passages, spawned, log_events)
+        work = working_space(totals, most_spawned(effects))
+        path = _path(terrain, settings, register, spread_m)
+        status = simulate_paths(given, setup, totals, rows, work, hooked, path)
+        if status != NO_ROOM:
+            break
+        if register.full:
+            room *= 4
+        else:
+            more *= 4
+    if status == TOO_MANY_SPAWNED:
+        raise too_many_spawned()
+    return _named(terrain.grid, register, totals, rows, flat, log_events)
+
+
+def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
+    """Places of release points in cells; InputError where no height is known."""
+    cells = grid.cell_of(points.x, points.y)
+    bad = np.flatnonzero((cells < 0) | ~np.isfinite(grid.values.ravel()[np.maximum(cells, 0)]))
+    if bad.size:
+        x, y = points.x[bad[0]], points.y[bad[0]]
+        raise InputError(
+            "a release point lies where no height is known", found=f"({x:.1f}, {y:.1f})"
+        )
+    return (points.x - grid.west) / grid.cell_size, (grid.north - points.y) / grid.cell_size
+
+
+def _path(
+    terrain: Terrain, settings: EngineSettings, register: CellRegister, spread_m: float
+) -> Path:
+    """The terrain as the kernel takes it."""
+    grid, forest = terrain.grid, terrain.forest
+    table = control_line_table([line for line, _ in terrain.control_lines])
+    traces = [np.asarray(trace, np.float64) for _, trace in terrain.control_lines]
+    number = [np.r_[np.full(len(t) - 1, i), -1] for i, t in enumerate(traces)]
+    xy = np.concatenate([np.empty((0, 2)), *traces])
+    none = np.empty(0)
+    return Path(
+        form=FOLLOWED,
+        heights=np.ascontiguousarray(grid.values, np.float64),
+        ground=np.ascontiguousarray(terrain.ground, np.int32),
+        stems=none if forest is None else forest.stems_per_m2,
+        diameter=none if forest is None else forest.diameter_m,
+        cell_size=float(grid.cell_size),
+        tolerance=float(terrain.tolerance_m),
+        side_tilt=math.radians(settings.side_tilt_deg),
+        drift=math.radians(settings.drift_deg),
+        spread=spread_m / grid.cell_size,
+        line_u=np.ascontiguousarray((xy[:, 0] - grid.west) / grid.cell_size),
+        line_v=np.ascontiguousarray((grid.north - xy[:, 1]) / grid.cell_size),
+        line_number=np.concatenate([np.empty(0, np.int64), *number]).astype(np.int64),
+        line_kind=table.kind,
+        line_height=table.height,
+        line_capacity=table.capacity,
+        line_seen=np.zeros(len(traces), np.bool_),
+        register=register,
+    )
+
+
+def _named(
+    grid: Grid, register: CellRegister, totals: Totals, rows: Rows, flat: object, log_events: int
+) -> Simulated:
+    """What the blocks left, cells and windows in ascending order."""
+    known = register.counts[CELLS]
+    sums = by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach)  # type: ignore[arg-type]
+    reached = np.flatnonzero((sums["reach"][:known] > 0) | (sums["stops"][:known] > 0))
+    order = reached[np.argsort(register.cells[reached])]
+    windows = np.argsort(register.windows[: register.counts[WINDOWS]])
+    came = totals.windows.reach.rocks[windows, 0] > 0
+    windows = windows[came]
+    n_passages, n_spawned = rows.filled
+    ends = np.concatenate([rows.ends, rows.spawned_ends[:n_spawned]])
+    return Simulated(
+        cells=register.cells[order],
+        sums={name: values[order] for name, values in sums.items()},
+        windows=register.windows[windows],
+        window_sums={n: v[windows] for n, v in exceedance(totals.windows.reach).items()},
+        objects=exceedance(totals.objects.reach),
+        rocks=rows.rocks.view(ROCK_DTYPE),
+        pieces=rows.spawned[:n_spawned].view(ROCK_DTYPE),
+        passages=rows.passages[:n_passages].view(PASSAGE_DTYPE),
+        event_logs=tuple(rows.events[i, : rows.event_counts[i]] for i in range(rows.rocks.size))
+        if log_events
+        else (),
+        x=grid.west + ends[:, 0] * grid.cell_size,
+        y=grid.north - ends[:, 1] * grid.cell_size,
+    )

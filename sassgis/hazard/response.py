@@ -1,0 +1,115 @@
+"""How a result answers to a change: the same blocks once more, and what became of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from sassgis.hazard.map_sums import quantiles
+from sassgis.hazard.progress import Progress
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.results import StopReason
+from sassgis.model.statistics_table import Bins
+
+#: What is compared, with its name in sentences.
+MEASURES: Mapping[str, str] = {
+    "runout_q50": "median run-out",
+    "runout_q95": "run-out (95 %)",
+    "energy_q95": "energy (95 %)",
+    "reached_area": "reached area",
+}
+#: Blocks that a cell needs for its 95 % quantile, and cells for their median.
+_FEWEST_BLOCKS, _FEWEST_CELLS = 20, 10
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """What blocks did, as far as it is compared.
+
+    Attributes
+    ----------
+    blocks : int
+        Those that started.
+    runout : int64, shape (n,)
+        Of them by run-out, in whole metres.
+    cells : int64, shape (n_cells,)
+        Flat indices of the cells that blocks reach, ascending.
+    energy_kj : float64, shape (n_cells,)
+        95 % quantile of the kinetic energy there (kJ); NaN where too few blocks arrive.
+    """
+
+    blocks: int
+    runout: IntArray
+    cells: IntArray
+    energy_kj: FloatArray
+
+    def runout_m(self, *probabilities: float) -> FloatArray:
+        """Quantiles of the run-out (m); NaN without blocks."""
+        edges = np.arange(self.runout.size + 1, dtype=np.float64)
+        given = tuple(float(np.clip(p, 0.0, 1.0)) for p in probabilities)
+        if not self.blocks:
+            return np.full(len(given), np.nan)
+        return quantiles(self.runout[None, :], edges, given)[:, 0]
+
+    def runout_limits(self, probability: float) -> FloatArray:
+        """Limits of about 95 % confidence of a quantile of the run-out, from its order (m)."""
+        room = 1.96 * np.sqrt(probability * (1.0 - probability) / max(self.blocks, 1))
+        return self.runout_m(probability - room, probability + room)
+
+
+class RelativeChange(NamedTuple):
+    """A relative change; ``certain`` unless another sample of blocks might have made it."""
+
+    value: float
+    certain: bool
+
+    def __str__(self) -> str:
+        return "unknown" if np.isnan(self.value) else f"{100.0 * self.value:+.0f} %"
+
+
+def outcome_of(progress: Progress, bins: Bins) -> RunOutcome:
+    """What the blocks of a run did."""
+    runout = np.delete(progress.runout, StopReason.NEVER_STARTED, axis=0).sum(axis=0)
+    cells = progress.sums.cells
+    if not cells.size:
+        return RunOutcome(int(runout.sum()), runout, cells, np.empty(0))
+    reach = progress.sums.column("reach")
+    order = np.argsort(cells)
+    order = order[reach[order] > 0]
+    (energy,) = quantiles(
+        progress.sums.column("energy")[order],
+        bins.edges["energy"],
+        (0.95,),
+        progress.sums.column("energy_max")[order],
+    )
+    energy = np.where(reach[order] >= _FEWEST_BLOCKS, energy, np.nan)
+    return RunOutcome(int(runout.sum()), runout, cells[order].copy(), energy)
+
+
+def response(base: RunOutcome, other: RunOutcome) -> dict[str, RelativeChange]:
+    """Relative changes of the MEASURES from ``base`` to ``other``.
+
+    The energies are compared cell by cell where enough blocks arrive in both; the answer is the
+    median over these cells. Changes of run-out are certain where the confidence limits of the
+    quantiles do not meet.
+    """
+    out = {}
+    for p in (0.5, 0.95):
+        (before,), (after,) = base.runout_m(p), other.runout_m(p)
+        low, high = base.runout_limits(p), other.runout_limits(p)
+        apart = bool(low[1] < high[0] or high[1] < low[0])
+        out[f"runout_q{round(100 * p)}"] = RelativeChange(_relative(before, after), apart)
+    _, one, two = np.intersect1d(base.cells, other.cells, assume_unique=True, return_indices=True)
+    ratio = other.energy_kj[two] / base.energy_kj[one]
+    ratio = ratio[np.isfinite(ratio)]
+    enough = ratio.size >= _FEWEST_CELLS
+    out["energy_q95"] = RelativeChange(float(np.median(ratio)) - 1.0 if enough else np.nan, enough)
+    out["reached_area"] = RelativeChange(_relative(base.cells.size, other.cells.size), True)
+    return out
+
+
+def _relative(before: float, after: float) -> float:
+    return float(after / before - 1.0) if before > 0.0 else float("nan")

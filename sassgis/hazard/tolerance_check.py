@@ -1,0 +1,79 @@
+"""What flattening leaves open: a sample of the blocks at half and at double the tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sassgis.hazard.response import MEASURES, RelativeChange, RunOutcome, response
+
+#: Change beyond which the user is warned.
+LARGEST_CHANGE = 0.2
+#: Reach and energy; the reached area of a sample hangs on its size.
+_COMPARED = ("runout_q50", "runout_q95", "energy_q95")
+
+
+@dataclass(frozen=True, slots=True)
+class ToleranceCheck:
+    """How results answer to the tolerance of the segments.
+
+    Attributes
+    ----------
+    tolerance_m : float
+        That of the run (m).
+    blocks : int
+        Of the sample.
+    answers : mapping of float to mapping of str to RelativeChange
+        By the tolerance (m) and the measure.
+    """
+
+    tolerance_m: float
+    blocks: int
+    answers: Mapping[float, Mapping[str, RelativeChange]]
+
+    def sentence(self) -> str:
+        """The changes in words."""
+        return "; ".join(
+            f"{t:g} m: " + ", ".join(f"{MEASURES[name]} {answer}" for name, answer in found.items())
+            for t, found in self.answers.items()
+        )
+
+    def facts(self) -> dict[str, object]:
+        """For the manifest: plain numbers, None where too few blocks tell."""
+        return {
+            "tolerance_m": self.tolerance_m,
+            "blocks": self.blocks,
+            "changes": {
+                f"{t:g} m": {
+                    n: None if a.value != a.value else round(a.value, 3) for n, a in found.items()
+                }
+                for t, found in self.answers.items()
+            },
+        }
+
+    def warnings(self) -> list[str]:
+        """What the user should know."""
+        large = [
+            f"{MEASURES[name]} {answer} at {t:g} m"
+            for t, found in self.answers.items()
+            for name, answer in found.items()
+            if answer.certain and abs(answer.value) > LARGEST_CHANGE
+        ]
+        if not large:
+            return []
+        return [
+            f"Results depend on terrain.segment_tolerance_m ({self.tolerance_m:g} m): "
+            + ", ".join(large)
+            + f" (a sample of {self.blocks} blocks). Choose it so that half of it changes little."
+        ]
+
+
+def tolerance_check(
+    tolerance_m: float, base: RunOutcome, others: Mapping[float, RunOutcome]
+) -> ToleranceCheck:
+    """Compare the outcomes at other tolerances (m) with that of the run."""
+    answers = {}
+    for t, other in others.items():
+        found = response(base, other)
+        answers[t] = {name: found[name] for name in _COMPARED}
+    return ToleranceCheck(tolerance_m, base.blocks, answers)

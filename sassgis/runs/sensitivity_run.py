@@ -1,0 +1,377 @@
+"""How a configuration answers to the ranges of its ground classes: many small runs, one result."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import sassgis
+from sassgis.hazard.assess import Rules
+from sassgis.hazard.sensitivity import (
+    BASE,
+    CHANCE,
+    Names,
+    RangeEffect,
+    SensitivityMaps,
+    Variant,
+    VariantFinding,
+    design,
+    effects,
+    farthest,
+    finding_of,
+    sensitivity_maps,
+)
+from sassgis.hazard.warnings import rule_warnings
+from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.read.config import resolved, settings_hash
+from sassgis.io.read.range_table import read_ranges
+from sassgis.io.staging import CHECKPOINT_STEM, staged_output, writing
+from sassgis.io.write.frames import write_table
+from sassgis.io.write.layers.sensitivity_maps import sensitivity_layers
+from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.io.write.manifest import write_manifest
+from sassgis.io.write.raster import write_raster
+from sassgis.io.write.sensitivity_tables import effect_table, range_table, simulation_table
+from sassgis.model.errors import InputError, Interrupted
+from sassgis.model.ground_ranges import (
+    ParameterRange,
+    RangeRule,
+    acting,
+    ranges_of,
+    with_values,
+)
+from sassgis.model.map_run import MapRun
+from sassgis.model.results import RasterLayer
+from sassgis.model.run_config import Config
+from sassgis.report.page import write_report
+from sassgis.report.sensitivity_report import sensitivity_report
+from sassgis.runs.checkpoint import write_arrays
+from sassgis.runs.inputs import input_files, read_rules
+from sassgis.runs.job import Job, OnProgress, configured, job_count, read_job, state_fingerprint
+from sassgis.runs.map import simulate_map
+from sassgis.runs.zone import prepared
+
+#: Blocks of each release point in each simulation, as a share of those of the configuration.
+_ROCKS_SHARE, _FEWEST_ROCKS = 0.2, 4
+
+
+@dataclass(frozen=True, slots=True)
+class SensitivityResult:
+    """What a sensitivity left.
+
+    Attributes
+    ----------
+    folder : Path
+    ranges : tuple of ParameterRange
+    effects : tuple of RangeEffect
+    maps : SensitivityMaps
+    simulations : int
+    warnings : tuple of str
+    """
+
+    folder: Path
+    ranges: tuple[ParameterRange, ...]
+    effects: tuple[RangeEffect, ...]
+    maps: SensitivityMaps
+    simulations: int
+    warnings: tuple[str, ...]
+
+
+def sensitivity(
+    config: Config | str | Path,
+    out: str | Path,
+    *,
+    samples: int = 32,
+    rocks: int | None = None,
+    ranges: Path | None = None,
+    overwrite: bool = False,
+    areas: Sequence[str] | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    on_progress: OnProgress | None = None,
+    say: Callable[[str], None] | None = None,
+) -> SensitivityResult:
+    """Simulate a configuration with the values that its ground classes might have.
+
+    Levels need onset frequencies; without them reach and energy alone are compared.
+
+    Parameters
+    ----------
+    config : Config or path
+    out : path
+        Folder of the result; appears whole or not at all. An interrupted call leaves what it
+        simulated beside it; the same call goes on from there.
+    samples : int
+        Simulations with values that fill all ranges at once.
+    rocks : int, optional
+        Blocks of each release point in each simulation; default: a fifth of the configured ones.
+    ranges : Path, optional
+        Own table of ranges, before the built-in one.
+    overwrite, areas, seed, jobs, on_progress, say
+        As for sassgis.runs.run.run; progress counts simulations.
+
+    Returns
+    -------
+    SensitivityResult
+
+    Raises
+    ------
+    ConfigError, InputError, OutputError
+    Interrupted
+        If the user stops it; what was simulated is kept.
+    """
+    config = configured(config, seed)
+    tell = say or (lambda _text: None)
+    with staged_output(Path(out), overwrite) as work:
+        job = read_job(config, areas, tell)
+        known = read_ranges(job.run.table, ranges)
+        rules = read_rules(config, job.run) if _has_frequencies(config) else None
+        if rules is not None:
+            job = prepared(job, rules)
+        given = config.release.rocks_per_point
+        few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
+        run = replace(job.run, rocks_per_point=few, stop_points_max=0)
+        lab = _Lab(config, replace(job, run=run), rules, work, job_count(config, jobs), on_progress)
+        done = _simulated(lab, known, samples, tell)
+        tell("Writing maps, tables and report")
+        warnings = (*job.notices, *_warnings(rules, config, done.ranges))
+        found = _publish(work, config, lab, done, warnings, ranges, areas)
+    return SensitivityResult(
+        Path(out), done.ranges, found[0], found[1], len(done.findings), warnings
+    )
+
+
+def _has_frequencies(config: Config) -> bool:
+    """Whether any onset frequency is stated: then all must be."""
+    stated = any(o.frequency is not None for o in config.onsets.values())
+    return stated or config.hazard.frequencies is not None
+
+
+class _Lab:
+    """Simulates variants; what was found is kept beside the result, by what was asked."""
+
+    def __init__(
+        self,
+        config: Config,
+        job: Job,
+        rules: Rules | None,
+        work: Path,
+        jobs: int,
+        on_progress: OnProgress | None,
+    ) -> None:
+        self.job, self.rules = job, rules
+        self.total = 0
+        self._folder = work / CHECKPOINT_STEM
+        self._jobs = jobs
+        self._step = on_progress
+        self._asked, self._blocks = 0, 0
+        judged = None if rules is None else (rules.preset, rules.frequencies)
+        schedule = repr((job.run.rocks_per_point, judged))
+        self._fingerprint = state_fingerprint(config, job.run, schedule)
+
+    def find(self, variant: Variant, seed: int | None = None) -> VariantFinding:
+        """What the variant finds, now or in an earlier call."""
+        asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items()), seed]
+        digest = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
+        file = self._folder / f"{digest}.npz"
+        found = _restored(file)
+        if found is None:
+            found = self._simulate(variant, seed)
+            with writing(file):
+                file.parent.mkdir(parents=True, exist_ok=True)
+                write_arrays(file, found.arrays())
+        self._asked += 1
+        self._blocks += found.blocks
+        if self._step is not None:
+            self._step(self._asked, max(self.total, self._asked), self._blocks)
+        return found
+
+    def _simulate(self, variant: Variant, seed: int | None) -> VariantFinding:
+        run = self.job.run
+        run = replace(
+            run,
+            table=with_values(run.table, variant.values),
+            seed=run.seed if seed is None else seed,
+        )
+        try:
+            progress = simulate_map(run, self.job.planned, jobs=self._jobs)
+        except KeyboardInterrupt:
+            raise Interrupted(
+                f"stopped by the user after {self._asked} simulations; they are kept in "
+                f"{self._folder}: the same command goes on from there"
+            ) from None
+        if not progress.reasons.sum():
+            raise InputError(
+                "no block could be simulated",
+                found=f"{progress.lost} blocks, on fall lines that all end where they begin",
+                expected="release areas on slopes, on known terrain and not at its edge",
+            )
+        return finding_of(run, progress, self.rules)
+
+
+def _restored(file: Path) -> VariantFinding | None:
+    try:
+        with np.load(file, allow_pickle=False) as stored:
+            return VariantFinding.from_arrays({k: stored[k] for k in stored.files})
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """All simulations of a design: base, another seed and farthest, ends, filling."""
+
+    ranges: tuple[ParameterRange, ...]
+    variants: tuple[Variant, ...]
+    findings: tuple[VariantFinding, ...]
+
+    @property
+    def ends(self) -> slice:
+        return slice(3, 3 + 2 * len(self.ranges))
+
+    @property
+    def filling(self) -> slice:
+        return slice(3 + 2 * len(self.ranges), None)
+
+
+def _simulated(
+    lab: _Lab, rules: Sequence[RangeRule], samples: int, tell: Callable[[str], None]
+) -> _Done:
+    """Find the classes that blocks may meet, and simulate the design for their ranges."""
+    run = lab.job.run
+    tell("Simulating the classes as they are, and at their farthest")
+    used = acting(run.engine)
+    everywhere = _classes_on(run, np.flatnonzero(np.isfinite(run.grid.values)))
+    first = [
+        (Variant(BASE, {}), None),
+        (Variant(CHANCE, {}), run.seed + 1),
+        (farthest(ranges_of(run.table, everywhere, rules, used)), None),
+    ]
+    findings = [lab.find(v, s) for v, s in first]
+    met = _classes_on(run, np.unique(np.concatenate([f.cells for f in findings])))
+    ranges = ranges_of(run.table, met, rules, used)
+    if not ranges:
+        raise InputError(
+            "no range to vary", found=f"ground classes {', '.join(met)}", expected="ranges of them"
+        )
+    ends, filling = design(ranges, samples, run.seed)
+    lab.total = len(first) + len(ends) + len(filling)
+    tell(f"Simulating {len(ranges)} ranges alone and {samples} points of all")
+    findings += [lab.find(v) for v in (*ends, *filling)]
+    return _Done(ranges, (*(v for v, _ in first), *ends, *filling), tuple(findings))
+
+
+def _classes_on(run: MapRun, cells: np.ndarray) -> list[str]:
+    return [run.table.names[i] for i in np.unique(run.ground.ravel()[cells])]
+
+
+def _warnings(
+    rules: Rules | None, config: Config, ranges: Sequence[ParameterRange]
+) -> tuple[str, ...]:
+    out = []
+    if rules is None:
+        out.append(
+            "The configuration states no onset frequency: reach and energy are compared, levels "
+            "are not."
+        )
+    else:
+        out += rule_warnings(rules.preset, rules.frequencies)
+    assumed = sum(not r.verified for r in ranges)
+    if assumed:
+        out.append(
+            f"{assumed} of {len(ranges)} ranges are assumptions (tables/ranges.csv). A range of "
+            "your own table (--ranges) goes before them."
+        )
+    return tuple(out)
+
+
+def _publish(
+    work: Path,
+    config: Config,
+    lab: _Lab,
+    done: _Done,
+    warnings: Sequence[str],
+    own_ranges: Path | None,
+    areas: Sequence[str] | None,
+) -> tuple[tuple[RangeEffect, ...], SensitivityMaps]:
+    """Write everything into the working folder."""
+    run, rules = lab.job.run, lab.rules
+    grid = run.grid
+    base, chance = done.findings[:2]
+    ends, filling = done.findings[done.ends], done.findings[done.filling]
+    names = Names(
+        () if rules is None else tuple(c.label for c in rules.preset.levels),
+        tuple(line.name for line, _ in run.control_lines),
+        () if rules is None else tuple(o.name for o in rules.placed.objects),
+    )
+    cell_m2 = grid.cell_size**2
+    pairs = list(zip(done.variants, done.findings, strict=True))
+    found = effects(done.ranges, base, chance, ends, pairs[done.filling], names, cell_m2)
+    maps = sensitivity_maps(base, chance, ends, filling)
+    preset = None if rules is None else rules.preset
+    layers = sensitivity_layers(maps, done.ranges, len(filling), grid.shape, preset)
+    terrain = terrain_layer(grid)
+    for layer in (*layers, terrain):
+        write_raster(layer, grid, work / "maps")
+    _project(work, config.project.name, run, layers, terrain)
+    write_table(work / "tables" / "ranges.csv", [range_table(done.ranges)])
+    write_table(work / "tables" / "effects.csv", [effect_table(found)])
+    simulations = simulation_table(base, pairs, done.ranges, names, cell_m2)
+    write_table(work / "tables" / "simulations.csv", [simulations])
+    facts = {
+        "Program": f"sassgis {sassgis.__version__}",
+        "Seed": str(run.seed),
+        "Settings and inputs (SHA-256)": settings_hash(config),
+        "Configuration": config.file.name,
+    }
+    context = sensitivity_report(
+        config.project.name, run, found, maps, layers, len(filling), base.blocks, names, warnings,
+        facts, work / "figures",
+    )  # fmt: skip
+    write_report(work / "report.html", context)
+    write_manifest(
+        work / "manifest.json",
+        inputs=input_files(config) | ({} if own_ranges is None else {"ranges": own_ranges}),
+        base=config.file.parent,
+        crs=grid.crs,
+        vertical_datum=grid.vertical_datum,
+        seed=run.seed,
+        ref_widths_m={"hazard": run.ref_width_m} if rules is not None else {},
+        preset="" if preset is None else preset.name,
+        settings=resolved(config) | ({} if areas is None else {"areas": sorted(areas)}),
+        counts={
+            "simulations": len(done.findings),
+            "ranges": len(done.ranges),
+            "rocks_per_point": run.rocks_per_point,
+            "rocks_per_simulation": base.blocks,
+        },
+        warnings=warnings,
+    )
+    return tuple(found), maps
+
+
+def _project(
+    work: Path, title: str, run: MapRun, layers: Sequence[RasterLayer], terrain: RasterLayer
+) -> None:
+    """The maps over the relief."""
+    entries = tuple(
+        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=i == 0)
+        for i, layer in enumerate(layers)
+    )
+    write_project(
+        work / "project.qgz",
+        title=f"{title}: sensitivity",
+        crs=run.grid.crs,
+        groups=[
+            LayerGroup("Sensitivity to the ground", entries, exclusive=True),
+            LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
+        ],
+        extent=run.grid.bounds,
+        abstract="How results answer to the ranges of the ground classes.",
+    )

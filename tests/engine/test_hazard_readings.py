@@ -1,0 +1,177 @@
+"""The readings for hazard work: rolling, tipping, corners, the start, and what they replace."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from sassgis.engine.ellipse import inertia, mean_radius
+from sassgis.model.errors import ConfigError
+from sassgis.model.settings import EngineSettings
+
+G = 9.81
+
+
+def share_of_way(lab, out, phase):
+    """Share of the way of all rocks in one phase."""
+    in_phase, whole = 0.0, 0.0
+    for log in out.event_logs:
+        way = np.abs(np.diff(log["x_m"]))
+        whole += way.sum()
+        in_phase += way[log["phase"][:-1] == phase].sum()
+    return in_phase / whole
+
+
+def test_the_sets_and_what_is_given():
+    assert EngineSettings().readings == "hazard"
+    paper = EngineSettings(readings="1986").resolved()
+    assert (paper.eta_max_rule, paper.rolling, paper.rolling_threshold) == ("scale", "round", 0.1)
+    assert (paper.tipping, paper.corner) == (False, "ellipse")
+    own = EngineSettings(rolling="round", rolling_threshold=0.2).resolved()
+    assert (own.eta_max_rule, own.rolling, own.rolling_threshold) == ("restitution", "round", 0.2)
+    assert own.resolved() == own
+    with pytest.raises(ConfigError, match="readings"):
+        EngineSettings(readings="1987")  # type: ignore[arg-type]
+
+
+def test_the_paper_does_not_know_the_new_columns(lab):
+    line = lab.rough(4)
+    plain = lab.run(line, lab.DEBRIS, lab.MIXED, n=60)
+    other = dataclasses.replace(
+        lab.DEBRIS, restitution=0.9, restitution_speed_mps=1e3, rolling_threshold=2.0
+    )
+    assert lab.run(line, other, lab.MIXED, n=60).rocks.tobytes() == plain.rocks.tobytes()
+
+
+def test_the_threshold_is_that_of_the_class_unless_it_is_given(lab):
+    line = lab.rough(4)
+
+    def rocks(column, **key):
+        own = dataclasses.replace(lab.DEBRIS, rolling_threshold=column)
+        settings = dataclasses.replace(lab.HAZARD, **key)
+        dropped = dataclasses.replace(lab.MIXED, drop_m=(0.5, 0.5))
+        return lab.run(line, own, dropped, n=60, settings=settings).rocks.tobytes()
+
+    assert rocks(0.5) != rocks(0.1)
+    assert rocks(0.5) == rocks(0.1, rolling_threshold=0.5)
+
+
+def test_a_rock_at_rest_on_steep_debris_does_not_slide_all_the_way(lab):
+    line = lab.slope((150, 40), (100, 0))
+    slides = lab.run(line, lab.DEBRIS, lab.MIXED, n=60, log_events=4000)
+    assert share_of_way(lab, slides, lab.SLIDING) > 0.9
+    tips = lab.run(line, lab.DEBRIS, lab.MIXED, n=60, log_events=4000, settings=lab.HAZARD)
+    # What slides then are rocks too flat to tip.
+    round_ones = [
+        log
+        for log, rock in zip(tips.event_logs, tips.rocks, strict=True)
+        if 0.8 * 2 * rock["a_m"] * rock["b_m"] > rock["a_m"] ** 2 - rock["b_m"] ** 2
+    ]
+    assert len(round_ones) > 50
+    assert all((log["phase"][0] == lab.ROLLING) for log in round_ones)
+
+
+@pytest.mark.parametrize(("b", "rolls"), [(0.38, True), (0.25, False)])
+def test_which_ellipse_tips(lab, b, rolls):
+    # (a² − b²)/(2 a b): 0.278 and 0.75 for a = 0.5, against μ_f = 0.6.
+    own = lab.ground(mu_f=0.6, mu_0=0.5)
+    blocks = lab.ellipsoid(0.5, b, 0.2, orientation_rad=(0.0, 0.0), speed_mps=(6.0, 6.0))
+    out = lab.run(
+        lab.slope((60, 0)), own, blocks, settings=lab.HAZARD, log_events=40, start=[(5.0, 5.0)]
+    )
+    log = out.event_logs[0]
+    assert log["phase"][0] == (lab.ROLLING if rolls else lab.SLIDING)
+    if rolls:
+        # Angular momentum about the ground is kept, then the centre is lifted from b to r.
+        r = mean_radius(0.5, b)
+        share = 1.0 + inertia(0.5, b) / r**2
+        speed = math.sqrt(2.0 / share * (0.5 * 36.0 / share - G * (r - b)))
+        assert math.hypot(log["vx_mps"][0], log["vz_mps"][0]) == pytest.approx(speed, rel=1e-12)
+
+
+def test_a_slow_rock_does_not_tip(lab):
+    # Its energy does not lift it over its longer axis, and the ground is too flat for rolling.
+    blocks = lab.ellipsoid(0.5, 0.38, 0.3, orientation_rad=(0.0, 0.0), speed_mps=(1.0, 1.0))
+    out = lab.run(
+        lab.slope((60, 0)), lab.ground(), blocks, settings=lab.HAZARD, log_events=40,
+        start=[(5.0, 5.0)],
+    )  # fmt: skip
+    assert set(out.event_logs[0]["phase"][:-1]) == {lab.SLIDING}
+    assert out.rocks["runout_m"][0] - 5.0 == pytest.approx(1.0 / (2 * G * 0.8), rel=1e-9)
+
+
+def test_a_sliding_rock_tips_once_it_is_fast_enough(lab):
+    # Where μ_r > tan β > μ_f it slides faster and faster until it can turn over its longer axis.
+    own = lab.ground(mu_f=0.5, mu_0=0.9)
+    blocks = lab.ellipsoid(0.5, 0.38, 0.3, orientation_rad=(0.0, 0.0))
+    line = lab.slope((60, 35), (5, 0))
+    out = lab.run(line, own, blocks, settings=lab.HAZARD, log_events=40, start=[(5.0, 5.0)])
+    log = out.event_logs[0]
+    first = int(np.flatnonzero(log["phase"] == lab.ROLLING)[0])
+    assert first > 0
+    r = mean_radius(0.5, 0.38)
+    share = 1.0 + inertia(0.5, 0.38) / r**2
+    needed = G * math.cos(math.radians(35)) * ((r - 0.38) + (0.5 - r))
+    along = (log["x_m"][first] - log["x_m"][0]) / math.cos(math.radians(35))
+    pull = G * (math.sin(math.radians(35)) - 0.5 * math.cos(math.radians(35)))
+    assert along == pytest.approx(needed * share / pull, abs=0.1)
+
+
+@pytest.mark.parametrize("turn", [2.0, 4.0, 8.0])
+def test_a_rolling_rock_loses_once_at_a_concave_corner(lab, turn):
+    own = lab.ground(eta_max=0.35, mu_0=0.4, dp=(0.1, 0.4))
+    blocks = lab.ellipsoid(0.5, 0.4, 0.3, speed_mps=(0.0, 0.0))
+    line = lab.slope((60, 35), (60, 35 - turn), (200, 0))
+    settings = dataclasses.replace(lab.HAZARD, rolling="round", rolling_threshold=0.0)
+    out = lab.run(line, own, blocks, n=40, settings=settings, log_events=400, start=[(5.0, 30.0)])
+    r = mean_radius(0.5, 0.4)
+    for log in out.event_logs:
+        at = np.flatnonzero((abs(log["x_m"] - 60.0) < 1.0) & (log["phase"] == lab.IMPACT))
+        assert at.size == 1
+        i = at[0]
+        assert log["phase"][i - 1] == log["phase"][i + 1] == lab.ROLLING
+        before, after = (
+            0.5 * (log["vx_mps"][j] ** 2 + log["vz_mps"][j] ** 2)
+            + 0.5 * inertia(0.5, 0.4) * log["omega_radps"][j] ** 2
+            for j in (i, i + 1)
+        )
+        # As going round: μ_r v per radian; the turn of a circle itself loses (1 − cos)-like terms.
+        delta = math.radians(turn)
+        lost = 2.0 * 0.4 * math.sin(delta) * math.cos(delta)
+        assert after / before == pytest.approx(1.0 - lost, abs=0.01)
+        assert abs(log["z_m"][i + 1] - log["z_m"][i]) < 0.01 * r
+
+
+def test_many_small_corners_cost_what_few_large_ones_do(lab):
+    """A concave arc of 35 degrees in 5 or 20 corners: the speed at its end hardly differs."""
+    own = lab.ground(eta_max=0.35, mu_0=0.4)
+    ends = []
+    for n in (5, 20, 60):
+        arc = [(20.0 / n, 35.0 - 35.0 * (i + 0.5) / n) for i in range(n)]
+        line = lab.slope((60, 35), *arc, (200, 0))
+        settings = dataclasses.replace(lab.HAZARD, rolling="round")
+        out = lab.run(line, own, lab.sphere(0.4), n=20, settings=settings, start=[(5.0, 5.0)])
+        ends.append(float(np.median(out.rocks["runout_m"])) - 80.0)
+    assert max(ends) < 1.15 * min(ends)
+
+
+@pytest.mark.parametrize("drop", [0.0, 0.05, 0.4])
+def test_hops_cost_what_rolling_costs(lab, drop):
+    """A sphere that hops over even ground: each impulse J takes μ_r J of its speed, as rolling."""
+    own = dataclasses.replace(
+        lab.ground(eta_max=0.1, mu_0=0.5), restitution=0.5, restitution_speed_mps=1e6
+    )
+    blocks = lab.sphere(0.5, speed_mps=(12.0, 12.0), spin_radps=(24.0, 24.0), drop_m=(drop, drop))
+    out = lab.run(lab.slope((100, 0)), own, blocks, settings=lab.HAZARD, start=[(5.0, 5.0)])
+    fall = math.sqrt(2.0 * G * drop)
+    v, way = 12.0, 12.0 * fall / G
+    while fall**2 > 2.0 * G * 0.1 * 0.5:
+        v -= 0.5 * 1.5 * fall
+        fall *= 0.5
+        way += v * 2.0 * fall / G
+    v -= 0.5 * fall
+    way += v**2 / (2.0 * 0.5 * G)
+    assert out.rocks["runout_m"][0] - 5.0 == pytest.approx(way, rel=0.03)

@@ -1,0 +1,58 @@
+"""Run-out on a fine terrain at block scale: settled at small tolerances, and a warning at large."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from sassgis.hazard.bins import bins_of
+from sassgis.hazard.response import outcome_of
+from sassgis.io.read.config import load_config
+from sassgis.model.map_run import MapRun
+from sassgis.runs.inputs import read_map_run
+from sassgis.runs.map import simulate_map
+from sassgis.runs.sample_check import check_tolerance
+from sassgis.terrain.plan import Plan, plan
+
+pytestmark = pytest.mark.battery
+
+
+@pytest.fixture(scope="module")
+def quarry(repository: Path, shared_data: Path, tmp_path_factory) -> tuple[MapRun, Plan]:
+    file = repository / "docs" / "studies" / "authume" / "authume.py"
+    spec = importlib.util.spec_from_file_location("authume_tolerance", file)
+    assert spec is not None and spec.loader is not None
+    authume = importlib.util.module_from_spec(spec)
+    sys.modules["authume_tolerance"] = authume  # Dataclasses look their module up.
+    spec.loader.exec_module(authume)
+    data = shared_data / authume.FOLDER
+    if not data.is_dir():
+        pytest.skip("the data of the Authume quarry are not in the folder of the field data")
+    observed = authume.read_observed(data)
+    path = authume.write_inputs(tmp_path_factory.mktemp("in"), data, observed, 20, 1.0, {})
+    run = read_map_run(load_config(path, {"engine.readings": "hazard"}))
+    return run, plan(run)
+
+
+def test_run_out_settles_at_small_tolerances(quarry: tuple[MapRun, Plan]) -> None:
+    run, planned = quarry
+    assert run.ground_heights is not None and run.grid.cell_size < run.block_scale_m
+    found = []
+    for tolerance in (0.02, 0.05, 0.1):
+        fine = replace(run, segment_tolerance_m=tolerance)
+        outcome = outcome_of(simulate_map(fine, planned, jobs=1), bins_of(fine))
+        found.append(outcome.runout_m(0.5, 0.9))
+    for one in found[1:]:
+        assert one == pytest.approx(found[0], rel=0.2)
+
+
+def test_a_tolerance_that_cuts_off_benches_is_reported(quarry: tuple[MapRun, Plan]) -> None:
+    run, planned = quarry
+    check = check_tolerance(replace(run, segment_tolerance_m=0.5), planned, 1)
+    assert check is not None
+    assert check.answers[1.0]["runout_q50"].value > 0.5
+    assert "median run-out +" in check.warnings()[0] and "at 1 m" in check.warnings()[0]

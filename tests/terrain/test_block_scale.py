@@ -1,0 +1,94 @@
+"""Terrain finer than a block: waves of known length keep the share that the Gaussian leaves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.terrains import grid_of, points_at, rough
+
+from sassgis.io.read.config import load_config
+from sassgis.model.grid import Grid
+from sassgis.model.map_run import MapRun
+from sassgis.runs.inputs import read_map_run
+from sassgis.terrain.block_scale import block_scale_grid
+from sassgis.terrain.fall_lines import fall_line_surface
+from sassgis.terrain.heights import heights_at
+from sassgis.terrain.prepare import prepare_lines, trace_lines
+
+DIAMETER = 2.0
+
+
+@pytest.mark.parametrize("lengths", [0.5, 1.0, 2.0, 4.0])
+def test_waves_are_damped_by_their_length_over_the_diameter(lengths: float) -> None:
+    wave = lengths * DIAMETER
+    fine = grid_of(lambda x, y: np.sin(2.0 * np.pi * x / wave) + 0.0 * y, 200, 60, cell=0.125)
+    out = block_scale_grid(fine, DIAMETER)
+    inner = np.s_[24:-24, 24:-24]
+    kept = out.values[inner].std() / fine.values[inner].std()
+    # Transfer of a Gaussian of standard deviation D/4 at the wave number 2π/λ.
+    assert kept == pytest.approx(math.exp(-0.5 * (0.25 * 2.0 * np.pi / lengths) ** 2), abs=1e-4)
+
+
+def test_the_spread_is_that_of_a_disk_of_one_diameter() -> None:
+    spike = np.zeros((81, 81))
+    spike[40, 40] = 1.0
+    grid = Grid(spike, 0.0, 81 * 0.1, 0.1)
+    out = block_scale_grid(grid, DIAMETER).values
+    x = (np.arange(81) - 40) * 0.1
+    assert out.sum() == pytest.approx(1.0)
+    # Of a uniform disk of radius R: R²/4 along each axis.
+    assert (out.sum(axis=0) * x**2).sum() == pytest.approx((0.5 * DIAMETER) ** 2 / 4.0, rel=2e-3)
+
+
+def test_planes_and_gaps_stay() -> None:
+    grid = grid_of(lambda x, y: 300.0 + 0.7 * y - 0.2 * x, 60, 50, cell=0.5)
+    grid.values[20:24, 30:33] = np.nan
+    out = block_scale_grid(grid, DIAMETER)
+    np.testing.assert_allclose(out.values, grid.values, atol=1e-9)
+    assert (out.west, out.north, out.cell_size) == (grid.west, grid.north, grid.cell_size)
+
+
+@pytest.mark.parametrize(("scale", "same"), [(0.0, True), (2.0, True), (2.01, False)])
+def test_only_cells_finer_than_the_block(scale: float, same: bool) -> None:
+    grid = grid_of(rough, 30, 30, cell=2.0)
+    assert (block_scale_grid(grid, scale) is grid) is same
+
+
+def test_it_fades_where_cells_become_as_wide_as_the_block() -> None:
+    grid = grid_of(rough, 60, 60, cell=2.0)
+    gap = np.abs(block_scale_grid(grid, 2.0 + 1e-6).values - grid.values)
+    assert gap.max() < 1e-3
+
+
+def test_profiles_follow_these_heights_and_maps_the_terrain_model(
+    make_valley: Callable[..., Path],
+) -> None:
+    config = load_config(make_valley(), {"terrain.block_scale_m": 8.0, "run.seed": 3})
+    run = read_map_run(config)
+    assert run.block_scale_m == 8.0 and run.heights is run.ground_heights
+    x, y = run.areas[0].geometry.centroid.coords[0]
+
+    def gap(run: MapRun, heights: Grid) -> float:
+        lines = trace_lines(run, fall_line_surface(run.grid, run.fall_lines), points_at(x, y))
+        flat = prepare_lines(run, lines).flat
+        z = flat.vertices(0)[1]
+        # The first vertex is the start of the line: no tolerance there.
+        return abs(float(z[0]) - float(heights_at(heights, lines.x[:1], lines.y[:1])[0]))
+
+    assert gap(run, run.heights) < 1e-9 < 1e-3 < gap(run, run.grid)
+    assert gap(replace(run, ground_heights=None), run.grid) < 1e-9
+
+
+def test_the_default_is_the_smallest_scenario(make_valley: Callable[..., Path]) -> None:
+    path = make_valley()
+    smallest = min(b.mean_width_m for b in load_config(path).blocks)
+    assert read_map_run(load_config(path)).block_scale_m == smallest
+    for off in ({"terrain.block_scale_m": 0}, {"engine.readings": "1986"}):
+        assert read_map_run(load_config(path, off)).block_scale_m == 0.0
+    stated = {"engine.readings": "1986", "terrain.block_scale_m": 3.0}
+    assert read_map_run(load_config(path, stated)).block_scale_m == 3.0
