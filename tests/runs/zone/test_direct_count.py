@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from helpers.zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
 from shapely import ops
+from helpers.zone_slope import VULNERABILITY, Case, Zoned, box, place, two_areas, zoned
 
 from sassgis.engine.simulate import simulate
 from sassgis.hazard.bins import bins_of
