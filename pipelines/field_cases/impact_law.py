@@ -116,7 +116,7 @@ def predict(state: State, law: Law, rng: np.random.Generator, draws: int = DRAWS
     a, b, c = state.axes
     inert, radius = inertia(a, b), (a * b * c) ** (1.0 / 3.0)
     ground, soft = law.ground, law.soft
-    numbers = None if soft is None else numbers_of(soft)
+    numbers = None if soft is None else soft_ground.prepare(soft)
     phase = rng.uniform(0.0, math.pi, draws)
     u = rng.uniform(ground.dp_min, ground.dp_max, draws)
     error = np.maximum(1.0 + SPEED_ERROR * rng.standard_normal((draws, 3)), 0.1)
@@ -149,19 +149,6 @@ def predict(state: State, law: Law, rng: np.random.Generator, draws: int = DRAWS
         made[k, 3] = (energy + inert * spin**2) / before
         made[k, 4] = energy / (state.vt**2 + state.vn**2)
     return made
-
-
-def numbers_of(soft: SoftGround) -> soft_ground.Soft:
-    """Settings of soft ground as the engine's functions take them."""
-    forms = {
-        "velocity_scaled": soft_ground.VELOCITY_SCALED,
-        "scar": soft_ground.SCAR,
-        "slip": soft_ground.SLIP,
-    }
-    return soft_ground.Soft(
-        forms[soft.form], soft.reference_speed_mps, soft.modulus_mpa, soft.depth_factor,
-        soft.drag_coefficient, soft.soil_density_kgm3, soft.friction,
-    )  # fmt: skip
 
 
 def left_out_scores(

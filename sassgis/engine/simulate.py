@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sassgis.engine import barriers as control_line_rules
 from sassgis.engine import impact as impact_rules
-from sassgis.engine.effects.hooks import MOST_SPAWNED, ground_of, most_spawned, prepare
+from sassgis.engine.effects.hooks import ground_of, most_spawned, prepare
+from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.kernel import (
     NO_ROOM,
     TOO_MANY_SPAWNED,

@@ -199,8 +199,10 @@ def meet_disks(work: CellWork, n_touched: int, mass: float, disks: Disks, own: P
 
     In each cell the path is taken as straight (recording._pass); the energy is the largest there.
     """
-    # A path that touches a disk meets it, whatever the rounding.
-    radius2 = disks.radius2 * (1.0 + 1e-9)
+    # Whatever the rounding: a path along the edge of a disk meets it, one that ends there does not,
+    # or else what a block does in the next cell would count.
+    beside = disks.radius2 * (1.0 + 1e-9)
+    at_end = disks.radius2 * (1.0 - 1e-9)
     for k in range(n_touched):
         cell = work.touched[k]
         joule = work.peak[cell, ENERGY] * mass
@@ -215,10 +217,11 @@ def meet_disks(work: CellWork, n_touched: int, mass: float, disks: Disks, own: P
                 continue
             u = disks.u[number] - chord[0]
             v = disks.v[number] - chord[1]
-            share = min(max((u * du + v * dv) * per_length2, 0.0), 1.0)
+            foot = (u * du + v * dv) * per_length2
+            share = min(max(foot, 0.0), 1.0)
             u -= share * du
             v -= share * dv
-            if u * u + v * v <= radius2:
+            if u * u + v * v <= (beside if share == foot else at_end):
                 _meet(own, number, joule)
 
 

@@ -659,22 +659,23 @@ class HazardSettings(Section):
 
 @dataclass(frozen=True, slots=True)
 class ZoningSettings(Section):
-    """From cells to polygons."""
+    """From cells to polygons; the defaults suit a map of 1:5000 (docs/zones.md)."""
 
-    min_area_m2: Annotated[float, Interval(ge=0, le=1e6), "smallest area of a zone (m2)"] = 100.0
+    min_area_m2: Annotated[
+        float, Interval(ge=0, le=1e6), "smallest area of a zone and of a hole in one (m2)"
+    ] = 200.0
     closing_m: Annotated[
         float | None,
         Interval(ge=0, le=1000),
         "gaps between parts of a zone that are closed, up to this width (m); default: "
-        "two cells, or release.spacing_m if that is wider",
+        "min_width_m, or release.spacing_m if that is wider",
         Example(5.0),
     ] = None
     min_width_m: Annotated[
-        float | None,
+        float,
         Interval(ge=0, le=1000),
-        "threads narrower than this are widened (m); default: three cells",
-        Example(6.0),
-    ] = None
+        "threads narrower than this are widened, rims of a higher zone join it (m)",
+    ] = 10.0
     tolerance_m: Annotated[
         float | None,
         Interval(ge=0, le=1000),

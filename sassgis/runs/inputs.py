@@ -228,7 +228,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
     width = ref_width(config, run.grid.cell_size)
     z = config.zones
     # Between two fall lines nothing was computed: the gap is not a place that is safe.
-    gap = max(2.0 * run.grid.cell_size, run.spacing_m)
+    gap = max(z.min_width_m, run.spacing_m)
     settings = ZoneSettings(
         min_area_m2=z.min_area_m2,
         closing_m=gap if z.closing_m is None else z.closing_m,

@@ -145,7 +145,7 @@ def two_areas(folder: Path, **settings: Mapping[str, Any]) -> Case:
                 "rocks_per_point": 4,
             },
             "ground": {"default": "debris"},
-            "hazard": {},
+            "hazard": {"ref_width_m": 2.0},
             "zones": {},
             "run": {"seed": 5, "jobs": 1},
         },

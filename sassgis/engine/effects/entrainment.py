@@ -132,5 +132,5 @@ def entrain(
         spawn(
             spawned, state.x, -np.inf, along * ground.tx - up * ground.tz,
             along * ground.tz + up * ground.tx, ground.angle, 0.0, block, size, mass,
-            state.began + state.t,
+            state.began + state.t, 0.0,
         )  # fmt: skip

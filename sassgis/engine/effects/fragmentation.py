@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from sassgis.engine.effects.spawning import spawn
+from sassgis.engine.effects.spawning import MOST_SPAWNED, spawn
 from sassgis.engine.state import Block, Record, Spawned
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
@@ -21,27 +21,33 @@ from sassgis.model.jit import kernel, lean
 class Fragmentation(EffectSection):
     """Breaking of blocks at impacts.
 
-    "fractal" after Perfect (1997) and Ruiz-Carulla et al. (2017); "threshold" as in many lumped
-    models (Matas et al. 2017 have a threshold as well).
+    "fractal" after RockGIS (Matas et al. 2017) and RFFM (Ruiz-Carulla et al. 2017): a threshold, a
+    survival rate, volumes by a power law, a cone. How they are drawn is our own, as is "threshold".
     """
 
     name: ClassVar[str] = "fragmentation"
 
     form: Annotated[
         Literal["fractal", "threshold"],
-        '"fractal": a block breaks with the probability 1 − exp(−(e/e_ref)^shape), e the energy '
-        "lost in the impact per unit mass; the largest fragment keeps survival of the volume, the "
-        'next that share of the rest, and so on. "threshold": it breaks if e is above e_ref, into '
-        "equal parts",
+        '"fractal": where an impact takes more energy per unit mass (e) than energy_jkg, all '
+        "blocks break but the share survival_rate; the volumes of the fragments follow "
+        'N(> V) ~ V^−D/3 down to smallest_m3. "threshold": all break there, into equal parts',
     ] = "fractal"
-    energy_jkg: Annotated[float, Interval(ge=0.0, le=1e6), "e_ref (J/kg)"] = 300.0
-    shape: Annotated[float, Interval(ge=0.1, le=20.0), 'exponent of "fractal" (Weibull)'] = 2.0
-    survival: Annotated[
+    energy_jkg: Annotated[float, Interval(ge=0.0, le=1e6), "threshold e_0 of e (J/kg)"] = 400.0
+    survival_rate: Annotated[
         float,
-        Interval(ge=0.01, le=0.999),
-        'of "fractal": share of the volume that the largest fragment keeps',
-    ] = 0.5
-    pieces: Annotated[int, Interval(ge=2, le=20), "most fragments of one break"] = 5
+        Interval(ge=0.0, le=1.0),
+        'of "fractal": share of the blocks that stay whole at the threshold',
+    ] = 0.7
+    shape: Annotated[
+        float,
+        Interval(ge=0.0, le=20.0),
+        'of "fractal": above it survival_rate^((e/e_0)^shape) stay whole; 0: as many at any energy',
+    ] = 0.0
+    fractal_dimension: Annotated[
+        float, Interval(ge=0.5, le=2.9), 'D of "fractal": the exponent of the volumes is D/3'
+    ] = 2.5
+    pieces: Annotated[int, Interval(ge=2, le=20), 'most fragments of a break of "threshold"'] = 5
     loss: Annotated[
         float,
         Interval(ge=0.0, le=0.99),
@@ -50,17 +56,18 @@ class Fragmentation(EffectSection):
     cone_deg: Annotated[
         float,
         Interval(ge=0.0, le=89.0),
-        "fragments leave within this angle of the direction of the whole (degrees), in the "
-        "vertical plane",
+        "fragments leave within this angle of the direction of the whole (degrees)",
     ] = 20.0
     smallest_m3: Annotated[
         float,
-        Interval(ge=0.0, le=10.0),
+        Interval(ge=1e-5, le=10.0),
         "no smaller fragment is made: fewer fragments, or the block stays whole (m3)",
     ] = 0.02
 
 
 OFF, FRACTAL, THRESHOLD = 0, 1, 2
+#: Draws of a stream that are kept for one break: more than there is room for fragments.
+_DRAWS = 8192
 
 
 class Breaking(NamedTuple):
@@ -68,8 +75,9 @@ class Breaking(NamedTuple):
 
     form: int
     energy: float  # J/kg
-    shape: float
     survival: float
+    shape: float
+    exponent: float  # of the volumes, D/3
     pieces: int
     loss: float
     cone: float  # rad
@@ -79,12 +87,13 @@ class Breaking(NamedTuple):
 def prepare(settings: Fragmentation | None) -> Breaking:
     """From settings to what the kernel reads."""
     if settings is None:
-        return Breaking(OFF, 0.0, 1.0, 0.5, 2, 0.0, 0.0, 0.0)
+        return Breaking(OFF, 0.0, 1.0, 0.0, 1.0, 2, 0.0, 0.0, 1.0)
     return Breaking(
         {"fractal": FRACTAL, "threshold": THRESHOLD}[settings.form],
         float(settings.energy_jkg),
+        float(settings.survival_rate),
         float(settings.shape),
-        float(settings.survival),
+        float(settings.fractal_dimension) / 3.0,
         int(settings.pieces),
         float(settings.loss),
         math.radians(settings.cone_deg),
@@ -95,47 +104,64 @@ def prepare(settings: Fragmentation | None) -> Breaking:
 @kernel
 def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool:
     """Whether an impact that takes ``lost`` (J/kg) breaks the block."""
+    if lost <= max(breaking.energy, 0.0):
+        return False
     if breaking.form == THRESHOLD:
-        return lost > breaking.energy
-    if breaking.energy <= 0.0:
-        return lost > 0.0
-    chance = -math.expm1(-((max(lost, 0.0) / breaking.energy) ** breaking.shape))
-    return bool(rng.uniform(key, rng.BREAKS, number) < chance)
+        return True
+    above = lost / breaking.energy if breaking.energy > 0.0 else 1.0
+    whole = breaking.survival ** (above**breaking.shape)
+    return bool(rng.uniform(key, rng.BREAKS, number) < 1.0 - whole)
+
+
+@kernel
+def most_fragments(breaking: Breaking, volume: float) -> int:
+    """Most fragments that a block of a volume (m³) can have, none of them below the smallest.
+
+    One more than there is room for is told as too many.
+    """
+    most = min(int(min(volume / breaking.smallest, 1e6)), MOST_SPAWNED + 1)
+    return min(most, breaking.pieces) if breaking.form == THRESHOLD else most
 
 
 @lean
-def shares(breaking: Breaking, volume: float, out: FloatArray) -> int:
+def shares(breaking: Breaking, key: np.uint64, number: int, volume: float, out: FloatArray) -> int:
     """Shares of the volume of the fragments, largest first; they add up to 1.
+
+    Of "fractal" the i-th is in proportion to Γ_i^(-1/b), Γ_i the i-th point of a Poisson process
+    with the rate 1: N(> V) follows V^-b without a lower end, and the largest scatter as in nature.
+    The list ends before a fragment that would be below the smallest; those on it share the volume,
+    what the law has below the smallest included.
 
     Parameters
     ----------
     volume : float
         Of the whole (m³).
-    out : float64, shape (at least ``pieces``,)
+    out : float64, shape (at least most_fragments,)
         Filled.
 
     Returns
     -------
     int
-        Fragments: as many as can be without one below the smallest; below 2 the block stays whole.
+        Fragments; 0 if they are fewer than two: the block stays whole.
     """
-    n = breaking.pieces
-    while n >= 2:
-        if breaking.form == THRESHOLD:
-            least = 1.0 / n
-        else:
-            rest = (1.0 - breaking.survival) ** (n - 1)
-            least = min(rest, breaking.survival * (1.0 - breaking.survival) ** (n - 2))
-        if least * volume >= breaking.smallest:
+    n = out.size
+    if breaking.form == THRESHOLD:
+        out[:] = 1.0 / max(n, 1)
+        return n if n >= 2 else 0
+    point = 0.0
+    total = 0.0
+    for i in range(n):
+        point -= math.log(rng.uniform(key, rng.FRAGMENT_SIZE, _DRAWS * number + i))
+        size = point ** (-1.0 / breaking.exponent)
+        if volume * size < breaking.smallest * (total + size):
+            n = i
             break
-        n -= 1
+        out[i] = size
+        total += size
     if n < 2:
         return 0
-    left = 1.0
-    for i in range(n - 1):
-        out[i] = 1.0 / n if breaking.form == THRESHOLD else left * breaking.survival
-        left -= out[i]
-    out[n - 1] = left
+    for i in range(n):
+        out[i] /= total
     return n
 
 
@@ -159,7 +185,9 @@ def sideways_speeds(
     """
     mean = 0.0
     for i in range(n):
-        angle = (2.0 * rng.uniform(key, rng.FRAGMENT_ANGLE, 64 * number + i) - 1.0) * breaking.cone
+        angle = (
+            2.0 * rng.uniform(key, rng.FRAGMENT_ANGLE, _DRAWS * number + i) - 1.0
+        ) * breaking.cone
         out[i] = math.tan(angle)
         mean += share[i] * out[i]
     sideways = 0.0
@@ -169,25 +197,63 @@ def sideways_speeds(
     return math.sqrt((1.0 - breaking.loss) / (1.0 + sideways))
 
 
+@lean
+def angles_aside(
+    breaking: Breaking,
+    key: np.uint64,
+    number: int,
+    n: int,
+    share: FloatArray,
+    vx: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Angles in plan (rad) between the paths of the fragments and that of the whole.
+
+    No momentum aside is made: with the speeds ``vx`` along their own paths, Σ m v_x sin(angle) = 0.
+
+    Parameters
+    ----------
+    share, vx, out : float64, shape (at least n,)
+    """
+    mean = 0.0
+    weights = 0.0
+    for i in range(n):
+        angle = 2.0 * rng.uniform(key, rng.FRAGMENT_ASIDE, _DRAWS * number + i) - 1.0
+        out[i] = math.sin(angle * breaking.cone)
+        weight = share[i] * abs(vx[i])
+        mean += weight * out[i]
+        weights += weight
+    if weights > 0.0:
+        mean /= weights
+    widest = 1.0
+    for i in range(n):
+        out[i] -= mean
+        widest = max(widest, abs(out[i]))
+    for i in range(n):
+        out[i] = math.copysign(math.asin(out[i] / widest), out[i] * vx[i])
+
+
 @kernel
 def break_up(
     breaking: Breaking, spawned: Spawned, block: Block, number: int, state: Record
 ) -> bool:
     """Break a block in flight into fragments; False if it is too small to break."""
     volume = 4.0 / 3.0 * math.pi * block.a * block.b * block.c
-    share = np.empty(breaking.pieces)
-    n = shares(breaking, volume, share)
+    share = np.empty(most_fragments(breaking, volume))
+    n = shares(breaking, block.key, number, volume, share)
     if n < 2:
         return False
     side = np.empty(n)
     ahead = sideways_speeds(breaking, block.key, number, n, share, side)
+    vx = ahead * (state.vx - side * state.vz)
+    vz = ahead * (state.vz + side * state.vx)
+    aside = np.empty(n)
+    angles_aside(breaking, block.key, number, n, share, vx, aside)
     spin = math.sqrt(1.0 - breaking.loss) * state.omega
-    vx = state.vx
-    vz = state.vz
     for i in range(n):
         size = share[i] ** (1.0 / 3.0)
         spawn(
-            spawned, state.x, state.z, ahead * (vx - side[i] * vz), ahead * (vz + side[i] * vx),
-            state.theta, spin, block, size, share[i] * block.mass, state.began + state.t,
+            spawned, state.x, state.z, vx[i], vz[i], state.theta, spin, block, size,
+            share[i] * block.mass, state.began + state.t, aside[i],
         )  # fmt: skip
     return True

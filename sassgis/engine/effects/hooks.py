@@ -25,6 +25,7 @@ from sassgis.engine.effects import (
 )
 from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.registry import in_motion
+from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.impact import COULOMB, SCALE
 from sassgis.engine.state import (
     STATE_FIELDS,
@@ -38,9 +39,6 @@ from sassgis.engine.state import (
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 from sassgis.model.jit import inlined
-
-#: Blocks that one released block may spawn.
-MOST_SPAWNED = 5000
 
 #: The state of a block, with what effects remember of it and of the step that it makes.
 BLOCK_DTYPE = record_type(

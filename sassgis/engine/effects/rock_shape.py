@@ -17,9 +17,9 @@ from sassgis.model.jit import kernel
 class RockShape(EffectSection):
     """What the plane ellipse does not know of the third axis.
 
-    "flat_landing" is how platy blocks leave the wheel-like motion (Caviezel et al. 2021, Nature
-    Communications 12); "mean_inertia" is as for spheres of equal inertia in lumped models
-    (Jaboyedoff et al. 2005).
+    "flat_landing" is our own law, fitted to nothing: Caviezel et al. (2021, Nature Communications
+    12) found that shape rules run-out and lateral spread more than mass, and gave no such law.
+    "mean_inertia" is as for spheres of equal inertia in lumped models (Jaboyedoff et al. 2005).
     """
 
     name: ClassVar[str] = "rock_shape"
@@ -27,7 +27,8 @@ class RockShape(EffectSection):
     form: Annotated[
         Literal["flat_landing", "mean_inertia"],
         '"flat_landing": at each impact a block may fall on its flat side, the more likely the '
-        "flatter it is (probability strength · (1 − c/b)); the contact then stops its spin. "
+        "flatter it is (probability strength · (1 − c/b), a law of our own); the contact then "
+        "stops its spin. "
         '"mean_inertia": the block tumbles about all axes: its moment of inertia is the mean of '
         "the three",
     ] = "flat_landing"

@@ -17,7 +17,7 @@ class SoftGround(EffectSection):
     """Impacts on ground that yields.
 
     Velocity scaling after Pfeiffer and Bowen (1989), with v_ref = 9.144 m/s; the depth of the scar
-    after Lu et al. (2019, Landslides 16).
+    after Lu et al. (2019, Landslides 16) or ASTRA 12006 (2008, after Labiouse), not verified.
     """
 
     name: ClassVar[str] = "soft_ground"
@@ -25,9 +25,8 @@ class SoftGround(EffectSection):
     form: Annotated[
         Literal["velocity_scaled", "scar", "slip"],
         '"velocity_scaled": the normal rebound is multiplied with 1 / (1 + (v_n / v_ref)²). '
-        '"scar": a scar of depth d = depth_factor · m^¼ M_E^−0.4 v_n^0.8 and a drag ½ C ρ A v² '
-        'along it, A the section of the block below the surface; "slip": the contact slips with '
-        "the friction where the impulse would need more",
+        '"scar": a drag ½ C ρ A v² along a scar, A the section of the block below the surface. '
+        '"slip": the contact slips with the friction where the impulse would need more',
     ] = "velocity_scaled"
     classes: Annotated[tuple[str, ...], "ground classes that are soft; empty: all"] = (
         "soft_meadow",
@@ -37,11 +36,15 @@ class SoftGround(EffectSection):
         float, Interval(ge=0.1, le=1e6), 'v_ref of "velocity_scaled" (m/s)'
     ] = 9.144
     modulus_mpa: Annotated[float, Interval(ge=0.1, le=1e4), 'M_E of "scar" (MPa)'] = 10.0
-    depth_factor: Annotated[
-        float,
-        Interval(ge=0.0, le=1.0),
-        'of "scar": depth in m for m in kg, M_E in MPa and v_n in m/s',
-    ] = 0.02
+    depth_law: Annotated[
+        Literal["lu", "astra"],
+        'depth of "scar" (m; m in kg, M_E in kPa, v_n in m/s, R in m). "lu": '
+        '0.16 m^¼ M_E^−0.4 v_n^0.8. "astra": m v_n²/F with F = 1.765 M_E^0.4 R^0.2 E^0.6 (kN), '
+        "E = m v_n²/2 in kJ",
+    ] = "lu"
+    depth_scale: Annotated[
+        float, Interval(ge=0.0, le=100.0), 'of "scar": factor on the depth of the law'
+    ] = 1.0
     drag_coefficient: Annotated[float, Interval(ge=0.0, le=100.0), 'C of "scar"'] = 1.0
     soil_density_kgm3: Annotated[float, Interval(ge=100.0, le=4000.0), 'ρ of "scar" (kg/m3)'] = (
         1800.0
@@ -50,6 +53,8 @@ class SoftGround(EffectSection):
 
 
 OFF, VELOCITY_SCALED, SCAR, SLIP = 0, 1, 2, 3
+_KPA_PER_MPA = 1e3
+_J_PER_KJ = 1e3
 
 
 class Soft(NamedTuple):
@@ -57,7 +62,8 @@ class Soft(NamedTuple):
 
     form: int
     reference: float  # m/s
-    modulus: float  # MPa
+    modulus: float  # kPa
+    astra: bool
     depth: float
     drag: float
     density: float
@@ -67,12 +73,13 @@ class Soft(NamedTuple):
 def prepare(settings: SoftGround | None) -> Soft:
     """From settings to what the kernel reads."""
     if settings is None:
-        return Soft(OFF, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+        return Soft(OFF, 1.0, 1.0, False, 0.0, 0.0, 0.0, 0.0)
     return Soft(
         {"velocity_scaled": VELOCITY_SCALED, "scar": SCAR, "slip": SLIP}[settings.form],
         float(settings.reference_speed_mps),
-        float(settings.modulus_mpa),
-        float(settings.depth_factor),
+        _KPA_PER_MPA * float(settings.modulus_mpa),
+        settings.depth_law == "astra",
+        float(settings.depth_scale),
         float(settings.drag_coefficient),
         float(settings.soil_density_kgm3),
         float(settings.friction),
@@ -87,9 +94,18 @@ def rebound_left(soft: Soft, normal_speed: float) -> float:
 
 
 @kernel
-def scar_depth(soft: Soft, mass: float, normal_speed: float) -> float:
-    """Depth of the scar (m), after Lu et al. (2019): m^¼ M_E^−0.4 v_n^0.8."""
-    return float(soft.depth * mass**0.25 * soft.modulus**-0.4 * max(normal_speed, 0.0) ** 0.8)
+def scar_depth(soft: Soft, mass: float, radius: float, normal_speed: float) -> float:
+    """Depth of the scar (m).
+
+    After Lu et al. (2019) as another program has it, 0.16 m^¼ M_E^−0.4 v_n^0.8; or m v_n²/F with
+    the force of ASTRA 12006 (2008, after Labiouse). Neither was read in its source.
+    """
+    speed = max(normal_speed, 0.0)
+    if not soft.astra:
+        return float(soft.depth * 0.16 * mass**0.25 * soft.modulus**-0.4 * speed**0.8)
+    twice = mass * speed * speed / _J_PER_KJ
+    # m v²/F with E^0.6 = (m v²/2)^0.6 in F.
+    return float(soft.depth * twice**0.4 * 2.0**0.6 / (1.765 * soft.modulus**0.4 * radius**0.2))
 
 
 @kernel
@@ -99,7 +115,7 @@ def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float
     ½ C ρ A v² over the length of the scar, relative to ½ m v²; A is the segment of a circle of the
     block's radius below the surface and the length its chord.
     """
-    depth = min(scar_depth(soft, mass, normal_speed), radius)
+    depth = min(scar_depth(soft, mass, radius, normal_speed), radius)
     cosine = 1.0 - depth / radius
     half = math.acos(cosine)
     section = radius * radius * (half - cosine * math.sin(half))

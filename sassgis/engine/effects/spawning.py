@@ -7,6 +7,9 @@ import numpy as np
 from sassgis.engine.state import SPAWNED_DTYPE, Block, Spawned
 from sassgis.model.jit import lean
 
+#: Blocks that one released block may spawn.
+MOST_SPAWNED = 5000
+
 
 def room_for(most: int) -> Spawned:
     """Room for so many spawned blocks of one released block."""
@@ -26,10 +29,12 @@ def spawn(
     size: float,
     mass: float,
     t: float,
+    aside: float,
 ) -> None:
     """Add a block ``size`` times as long as its parent, at a time since the release (s).
 
-    One without room is counted only.
+    ``aside`` (rad) is the angle in plan, positive to the right, between its path and the parent's;
+    a run along a profile does not use it. One without room is counted only.
     """
     i = spawned.filled[0]
     spawned.filled[0] = i + 1
@@ -46,3 +51,4 @@ def spawn(
         row.c = size * parent.c
         row.mass = mass
         row.t = t
+        row.aside = aside

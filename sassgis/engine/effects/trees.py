@@ -13,7 +13,9 @@ from sassgis.engine.profile import segment_at, to_cell_border
 from sassgis.engine.state import Block, Record, Site
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
+from sassgis.model.errors import ConfigError
 from sassgis.model.jit import kernel, lean
+from sassgis.model.tree_species import energy_ratios
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +31,19 @@ class Trees(EffectSection):
     form: Annotated[
         Literal["stems", "full_stems", "viscous"],
         '"stems": the block meets stems at random along its path; each takes at most '
-        "38.7 DBH^2.31 J (DBH in cm), the less the farther from its middle it is hit. "
-        '"full_stems": each takes efficiency of that wherever it is hit. "viscous": a force −k v '
+        "38.7 DBH^2.31 J (DBH in cm) of fir, the less the farther from its middle it is hit. "
+        '"full_stems": each takes all of that wherever it is hit. "viscous": a force −k v '
         "while the block is below the crowns; drag_kgps is k",
     ] = "stems"
+    species: Annotated[
+        str,
+        "what stands there, for both forms with stems: factor on the energy of a stem. fir, "
+        "spruce, conifers, broadleaved, larch, maple or beech; the factors are not verified",
+    ] = "fir"
     efficiency: Annotated[
         float,
         Interval(ge=0.0, le=10.0),
-        "share of the energy of a stem that counts, for both forms with stems",
+        "one more factor on the energy of a stem, for both forms with stems",
     ] = 1.0
     drag_kgps: Annotated[float, Interval(ge=0.0, le=1e5), 'k of "viscous" (kg/s)'] = 300.0
     height_m: Annotated[
@@ -44,6 +51,15 @@ class Trees(EffectSection):
         Interval(ge=0.0, le=100.0),
         "stems take energy up to this height above the ground (m)",
     ] = 15.0
+
+    def _fits_together(self) -> None:
+        if self.species not in energy_ratios():
+            raise ConfigError(
+                "unknown species",
+                field="species",
+                found=repr(self.species),
+                expected="one of " + ", ".join(energy_ratios()),
+            )
 
     @property
     def takes_anything(self) -> bool:
@@ -87,7 +103,7 @@ def prepare(settings: Trees | None, has_stems: bool) -> Stand:
         return Stand(OFF, 0.0, 0.0, 0.0)
     return Stand(
         {"stems": STEMS, "full_stems": FULL_STEMS, "viscous": VISCOUS}[settings.form],
-        float(settings.efficiency),
+        energy_ratios()[settings.species] * float(settings.efficiency),
         float(settings.drag_kgps),
         float(settings.height_m),
     )

@@ -339,10 +339,15 @@ def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
         "energy_jkg": parameter_draws.within("break.energy", fit.ranges["energy_jkg"]),
         "loss": parameter_draws.within("break.loss", fit.ranges["loss"]),
     }
-    values["pieces"] = int(parameter_draws.within("break.pieces", fit.ranges["pieces"]))
-    if not threshold:
-        values["shape"] = parameter_draws.within("break.shape", fit.ranges["shape"])
-        values["survival"] = parameter_draws.within("break.survival", fit.ranges["survival"])
+    if threshold:
+        values["pieces"] = int(parameter_draws.within("break.pieces", fit.ranges["pieces"]))
+    else:
+        for key, name in (
+            ("shape", "break.shape"),
+            ("survival_rate", "break.survival"),
+            ("fractal_dimension", "break.dimension"),
+        ):
+            values[key] = parameter_draws.within(name, fit.ranges[key])
     form = "threshold" if threshold else "fractal"
     # Smaller pieces are not looked for in the field, and there would be very many of them.
     smallest = 0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3
@@ -358,7 +363,7 @@ def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
 def _soft_ground(case: Case, parameter_draws: ParameterDraws) -> _Part:
     names = {
         "reference_speed_mps": "soft.reference",
-        "depth_factor": "soft.depth",
+        "depth_scale": "soft.depth",
         "drag_coefficient": "soft.drag",
         "friction": "soft.friction",
     }

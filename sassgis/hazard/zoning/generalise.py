@@ -27,15 +27,18 @@ BoolArray = NDArray[np.bool_]
 class ZoneSettings:
     """How zones are drawn.
 
+    The defaults are our choice of what is legible on a map of 1:5000: parts and gaps of 2 mm, areas
+    of 8 mm². They are in metres, so that zones of one slope do not grow with the cells.
+
     Attributes
     ----------
     min_area_m2 : float
         Smallest zone, and smallest hole in a zone (m²).
-    closing_m : float or None
-        Widest gap between parts of a zone that is closed (m); None: two cells.
-    min_width_m : float or None
-        Narrower parts of a zone, as a single fall line, are widened to at least this (m), by an odd
-        number of cells; None: three cells.
+    closing_m : float
+        Widest gap between parts of a zone that is closed (m).
+    min_width_m : float
+        Narrower parts of a zone, as a single fall line, are widened to at least this (m); narrower
+        rims of a higher zone join it.
     tolerance_m : float or None
         Farthest that a zone's boundary runs outside the outline of its cells (m); None: one and a
         half cells.
@@ -48,9 +51,9 @@ class ZoneSettings:
         If a value is negative, or the precision is not 1 m divided by a whole number.
     """
 
-    min_area_m2: float = 100.0
-    closing_m: float | None = None
-    min_width_m: float | None = None
+    min_area_m2: float = 200.0
+    closing_m: float = 10.0
+    min_width_m: float = 10.0
     tolerance_m: float | None = None
     precision_m: float = 0.001
 
@@ -80,13 +83,11 @@ class ZoneSettings:
 
     def closing_cells(self, cell_size: float) -> int:
         """Widest gap that is closed (whole cells)."""
-        return 2 if self.closing_m is None else math.floor(self.closing_m / cell_size + 1e-9)
+        return math.floor(self.closing_m / cell_size + 1e-9)
 
     def width_cells(self, cell_size: float) -> int:
-        """Least width of a part of a zone (cells, odd)."""
-        if self.min_width_m is None:
-            return 3
-        return 2 * math.ceil(max(self.min_width_m / cell_size - 1.0, 0.0) / 2.0 - 1e-9) + 1
+        """Least width of a part of a zone (whole cells, at least one)."""
+        return max(1, math.ceil(self.min_width_m / cell_size - 1e-9))
 
     def tolerance_cells(self, cell_size: float) -> float:
         """Largest distance of the boundary from the outline of the cells (cells)."""
@@ -153,20 +154,45 @@ def _closed(mask: BoolArray, gap: int) -> BoolArray:
     return _eroded(_dilated(mask, shape), shape)
 
 
-def _widened(mask: BoolArray, width: int) -> BoolArray:
-    """Set disks on the cells of parts that are too narrow for one; the width is odd."""
+def _narrow(mask: BoolArray, width: int) -> BoolArray:
+    """Cells of parts that are too narrow for a disk."""
     if width == 1:
-        return mask
-    half = width // 2
+        return np.zeros_like(mask)
     shape = _disk(width)
     wide = _dilated(_eroded(np.pad(mask, width), shape), shape)
     # A disk does not reach into the corners of a wide part: they are not narrow for that.
-    slack = (half + 1) // 2
+    slack = (width // 2 + 1) // 2
     near = _dilated(wide, _square(2 * slack + 1))[slack:-slack, slack:-slack]
-    narrow = mask & ~near[width:-width, width:-width]
-    if not narrow.any():
-        return mask
-    return np.asarray(mask | _dilated(narrow, shape)[half:-half, half:-half])
+    return mask & ~near[width:-width, width:-width]
+
+
+def _widened(mask: BoolArray, width: int, known: BoolArray) -> BoolArray:
+    """Let parts that are too narrow for a disk grow by a cell on each side until one fits.
+
+    Step by step, so that they do not grow through terrain that is unknown.
+    """
+    for _ in range(width):
+        narrow = _narrow(mask, width)
+        if not narrow.any():
+            break
+        mask = mask | (_dilated(narrow, _disk(3))[1:-1, 1:-1] & known)
+    return mask
+
+
+def _without_rims(classes: IntArray, width: int) -> IntArray:
+    """Raise parts of a class that are narrow and beside a higher one to that one.
+
+    From the lowest class up: several narrow rims beside each other become one that is wide enough,
+    and not all the highest.
+    """
+    out = classes.copy()
+    for k in range(1, int(classes.max())):
+        narrow = _narrow(out == k, width)
+        if narrow.any():
+            part = regions(narrow.astype(np.int64))
+            raised = _joining(part.of_cell, out, part.cells.size)
+            out = np.where(narrow, np.maximum(raised[part.of_cell], out), out)
+    return out
 
 
 def _with_each(
@@ -216,17 +242,25 @@ def _borders(of_cell: IntArray, classes: IntArray) -> tuple[IntArray, IntArray, 
     return key // base, key % base, sides.astype(np.int64)
 
 
+def _joining(of_cell: IntArray, classes: IntArray, n: int) -> IntArray:
+    """Higher class with which each of n regions shares the longest border; 0: touches none.
+
+    Of equally long borders that with the lower class counts.
+    """
+    raised = np.zeros(n, np.int64)
+    region, neighbour, sides = _borders(of_cell, classes)
+    order = np.lexsort((-neighbour, sides))
+    raised[region[order]] = neighbour[order]
+    return raised
+
+
 def _without_small_regions(classes: IntArray, smallest: int, known: BoolArray) -> IntArray:
     """Raise small regions to a higher class that they touch, or let them grow."""
     part = regions(classes)
     small = (part.klass > 0) & (part.cells < smallest)
     if not small.any():
         return classes
-    raised = np.zeros(part.cells.size, np.int64)
-    region, neighbour, sides = _borders(part.of_cell, classes)
-    # The longest common border decides; of equally long ones the lower class.
-    order = np.lexsort((-neighbour, sides))
-    raised[region[order]] = neighbour[order]
+    raised = _joining(part.of_cell, classes, part.cells.size)
     joins = small & (raised > 0)
     out = np.where(joins[part.of_cell], raised[part.of_cell], classes)
     if joins.any():
@@ -315,7 +349,9 @@ def generalised(
     2. Gaps of {class >= k} no wider than ``closing_m`` are closed. Both by mathematical morphology
        with disks (Serra 1982).
     3. Holes in {class >= k} smaller than ``min_area_m2`` are raised to k.
-    4. Regions of one class smaller than ``min_area_m2`` join the higher class with which they share
+    4. Parts of one class narrower than ``min_width_m`` join the higher class with which they share
+       the longest border, from the lowest class up.
+    5. Regions of one class smaller than ``min_area_m2`` join the higher class with which they share
        the longest border; those that touch none grow by the nearest cells.
     """
     settings = settings or ZoneSettings()
@@ -332,9 +368,10 @@ def generalised(
     width = settings.width_cells(cell_size)
     while True:
         before = out
-        out = _with_each(out, is_known, lambda region: _widened(region, width))
+        out = _with_each(out, is_known, lambda region: _widened(region, width, is_known))
         out = _with_each(out, is_known, lambda region: _closed(region, gap))
         out = _without_small_holes(out, smallest, is_known)
+        out = _without_rims(out, width)
         out = _without_small_regions(out, smallest, is_known)
         if np.array_equal(out, before):
             return out

@@ -58,7 +58,7 @@ EVERYTHING = st.builds(
     soft_ground=st.none()
     | st.builds(
         SoftGround, st.sampled_from(["velocity_scaled", "scar", "slip"]), classes=st.just(()),
-        reference_speed_mps=st.floats(0.5, 20.0), depth_factor=st.floats(0.0, 0.2),
+        reference_speed_mps=st.floats(0.5, 20.0), depth_scale=st.floats(0.0, 20.0),
         friction=st.floats(0.0, 2.0),
     ),
     roughness=forms(Roughness, "uniform", "wave", obstacle_m=(0.0, 1.0), wavelength_m=(0.1, 5.0)),
@@ -70,7 +70,7 @@ NEW_BLOCKS = st.builds(
     roughness=forms(Roughness, "uniform", obstacle_m=(0.0, 0.5)),
     fragmentation=forms(
         Fragmentation, "fractal", "threshold", energy_jkg=(20.0, 300.0), loss=(0.0, 0.9),
-        cone_deg=(0.0, 60.0), survival=(0.1, 0.9),
+        cone_deg=(0.0, 60.0), survival_rate=(0.0, 0.9), fractal_dimension=(1.0, 2.9),
     ),
     entrainment=st.builds(
         Entrainment, st.sampled_from(["poisson", "energy"]), classes=st.just(()),

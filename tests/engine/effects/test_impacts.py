@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +24,7 @@ from helpers.effects_lab import (
 )
 from scipy import stats
 
-from sassgis.engine.effects import rock_shape, roughness
+from sassgis.engine.effects import rock_shape, roughness, soft_ground
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
@@ -36,6 +38,7 @@ from sassgis.model.settings import EngineSettings
 pytestmark = pytest.mark.kernels
 
 FLAT = slope((200.0, 0.0))
+DATA = Path(__file__).parents[4] / "shared/data"
 VX, VZ, OMEGA = "vx_mps", "vz_mps", "omega_radps"
 #: Lands on its corner, so that it rebounds.
 TILTED = ellipsoid(
@@ -76,13 +79,13 @@ def test_velocity_scaled_at_a_speed_of_v_ref_halves_it():
     assert yields[VZ] == pytest.approx(0.5 * hard[VZ], rel=1e-12)
 
 
-@pytest.mark.parametrize(("modulus", "factor"), [(10.0, 0.02), (2.0, 0.02), (10.0, 0.2)])
+@pytest.mark.parametrize(("modulus", "factor"), [(10.0, 2.0), (2.0, 2.0), (10.0, 20.0)])
 def test_the_scar_takes_what_its_drag_takes(modulus, factor):
     met, hard, rock = first_impact(None)
-    _, yields, _ = first_impact(soft("scar", modulus_mpa=modulus, depth_factor=factor))
+    _, yields, _ = first_impact(soft("scar", modulus_mpa=modulus, depth_scale=factor))
     mass, into = rock["mass_kg"], -met[VZ]
     radius = (rock["a_m"] * rock["b_m"] * rock["c_m"]) ** (1 / 3)
-    depth = min(factor * mass**0.25 * modulus**-0.4 * into**0.8, radius)
+    depth = min(factor * 0.16 * mass**0.25 * (1e3 * modulus) ** -0.4 * into**0.8, radius)
     # Segment of a circle below the surface, and its chord, by integration.
     y = np.linspace(radius - depth, radius, 200_001)
     section = 2.0 * np.trapezoid(np.sqrt(radius**2 - y**2), y)
@@ -91,6 +94,43 @@ def test_the_scar_takes_what_its_drag_takes(modulus, factor):
     for column in (VX, VZ, OMEGA):
         assert yields[column] == pytest.approx(math.sqrt(left) * hard[column], rel=1e-4)
     assert left < 0.97
+
+
+def depth(law, mass, radius, speed, modulus=10.0, scale=1.0):
+    settings = SoftGround("scar", modulus_mpa=modulus, depth_law=law, depth_scale=scale)
+    return soft_ground.scar_depth(soft_ground.prepare(settings), mass, radius, speed)
+
+
+def test_scars_are_as_deep_as_their_laws_say():
+    # 1 t, 10 m/s, R 0.45 m, M_E 10 MPa, computed by hand from the two forms.
+    assert depth("lu", 1000.0, 0.45, 10.0) == pytest.approx(0.1426, rel=1e-3)
+    force = 1.765 * 1e4**0.4 * 0.45**0.2 * 50.0**0.6  # kN
+    assert depth("astra", 1000.0, 0.45, 10.0) == pytest.approx(100.0 / force, rel=1e-12)
+    assert 100.0 / force == pytest.approx(0.16, abs=0.005)
+    assert depth("astra", 1000.0, 0.45, 10.0, scale=2.0) == pytest.approx(200.0 / force)
+    assert depth("lu", 1000.0, 0.45, -1.0) == depth("astra", 1000.0, 0.45, 0.0) == 0.0
+
+
+def test_scars_of_chant_sura_are_as_deep_as_terrain_differences_show():
+    """Six scars of 780 kg (Caviezel et al. 2019); M_E was not measured: 10 MPa, the default."""
+    file = DATA / "chant_sura_2020/scarring_esurf2019/chant_sura_esurf_2019_impacts.csv"
+    if not file.exists():
+        pytest.skip(f"{file} is not there")
+    with file.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    for law in ("lu", "astra"):
+        ratio = {}
+        for column in ("observed_scarring_depth_m", "observed_scarring_depth_ifm_m"):
+            logs = [
+                math.log(
+                    depth(law, float(r["mass_kg"]), float(r["radius_m"]),
+                          float(r["incoming_normal_speed_mps"])) / float(r[column])
+                )
+                for r in rows
+            ]  # fmt: skip
+            ratio[column] = math.exp(sum(logs) / len(logs))
+        assert ratio["observed_scarring_depth_m"] == pytest.approx(1.0, rel=0.25)
+        assert 0.3 < ratio["observed_scarring_depth_ifm_m"] < 0.5
 
 
 def test_a_deeper_scar_takes_more_from_fast_and_large_blocks_and_on_softer_ground():

@@ -55,8 +55,9 @@ NEUTRAL = {
     "no obstacles": EffectSettings(Roughness(obstacle_m=0.0)),
     "no waves": EffectSettings(Roughness("wave", obstacle_m=0.0)),
     "never flat": EffectSettings(RockShape(strength=0.0)),
-    "unbreakable": EffectSettings(Fragmentation(energy_jkg=1e6, shape=20.0)),
+    "unbreakable": EffectSettings(Fragmentation(energy_jkg=1e6)),
     "below the threshold": EffectSettings(Fragmentation("threshold", 1e6)),
+    "all survive": EffectSettings(Fragmentation(energy_jkg=0.0, survival_rate=1.0)),
     "too small to break": EffectSettings(Fragmentation(smallest_m3=10.0)),
     "nothing loose": EffectSettings(Entrainment(number=0.0, classes=())),
     "no energy, nothing loose": EffectSettings(Entrainment("energy", 0.0, classes=())),
@@ -76,7 +77,7 @@ def test_trees_without_a_forest_are_the_base_to_the_last_bit(base):
 # the first contacts, and in the mean.
 ALMOST = {
     "fast reference": SoftGround(reference_speed_mps=1e6, classes=()),
-    "no scar": SoftGround("scar", depth_factor=0.0, classes=()),
+    "no scar": SoftGround("scar", depth_scale=0.0, classes=()),
     "no drag in the scar": SoftGround("scar", drag_coefficient=0.0, classes=()),
     "no slip": SoftGround("slip", friction=100.0, classes=()),
 }
@@ -101,7 +102,7 @@ def test_soft_ground_without_strength_is_the_base_but_for_rounding(base, name):
     assert close >= 118
     strong = {
         "fast reference": SoftGround(reference_speed_mps=1.0, classes=()),
-        "no scar": SoftGround("scar", depth_factor=0.1, classes=()),
+        "no scar": SoftGround("scar", depth_scale=10.0, classes=()),
         "no drag in the scar": SoftGround("scar", drag_coefficient=10.0, classes=()),
         "no slip": SoftGround("slip", friction=0.1, classes=()),
     }[name]

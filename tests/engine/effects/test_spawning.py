@@ -56,7 +56,7 @@ def broken(effects, block, number, vx, vz, theta, omega):
     """Fragments of a block that breaks at (5, 80)."""
     state = np.zeros(1, BLOCK_DTYPE)[0]
     state.x, state.z, state.vx, state.vz, state.theta, state.omega = 5.0, 80.0, vx, vz, theta, omega
-    spawned = room_for(50)
+    spawned = room_for(1000)
     assert fragmentation.break_up(effects.breaking, spawned, block, number, state)
     return spawned.rows[: spawned.filled[0]]
 
@@ -68,9 +68,9 @@ def ended(out):
 
 
 BREAKABLE = [
-    Fragmentation(energy_jkg=30.0),
-    Fragmentation(energy_jkg=60.0, survival=0.8, pieces=9, smallest_m3=0.001),
-    Fragmentation(energy_jkg=20.0, survival=0.2, pieces=3, smallest_m3=0.05, loss=0.5),
+    Fragmentation(energy_jkg=20.0, survival_rate=0.2),
+    Fragmentation(energy_jkg=20.0, survival_rate=0.0, fractal_dimension=2.8, smallest_m3=0.001),
+    Fragmentation(energy_jkg=20.0, shape=2.0, fractal_dimension=1.0, smallest_m3=0.05, loss=0.5),
     Fragmentation("threshold", energy_jkg=25.0, pieces=4),
 ]
 
@@ -105,7 +105,9 @@ def test_no_piece_is_smaller_than_the_smallest(settings):
 
 def test_there_are_more_stops_than_rocks_and_each_is_counted_where_it_is():
     flat = profile(ROUGH)
-    out = run(flat, ground(), MIXED, breaking(energy_jkg=30.0), n=200, start=(3, 20))
+    out = run(
+        flat, ground(), MIXED, breaking(energy_jkg=20.0, survival_rate=0.0), n=200, start=(3, 20)
+    )
     rows = ended(out)
     rows = rows[rows["reason"] <= 1]
     assert out.sums["stops"].sum() == rows.size > 250
@@ -117,7 +119,7 @@ def test_there_are_more_stops_than_rocks_and_each_is_counted_where_it_is():
 @pytest.mark.parametrize("loss", [0.0, 0.1, 0.6])
 @pytest.mark.parametrize("form", ["fractal", "threshold"])
 def test_a_break_makes_neither_energy_nor_momentum(form, loss):
-    settings = Fragmentation(form, loss=loss, cone_deg=40.0, smallest_m3=0.0, pieces=6)
+    settings = Fragmentation(form, loss=loss, cone_deg=40.0, smallest_m3=1e-3, pieces=6)
     effects = as_read(settings)
     block = block_of(0.7, 0.5, 0.4, 2700.0, 4 / 3 * math.pi * 0.14 * 2700.0, np.uint64(3))
     vx, vz, theta, omega = 9.0, -2.0, 0.4, 11.0
@@ -126,8 +128,9 @@ def test_a_break_makes_neither_energy_nor_momentum(form, loss):
     sideways = []
     for number in range(40):
         rows = broken(effects, block, number, vx, vz, theta, omega)
-        assert len(rows) == 6
+        assert len(rows) == 6 if form == "threshold" else len(rows) >= 2
         mass = rows["mass"]
+        assert mass.sum() == pytest.approx(block.mass, rel=1e-12)
         v2 = rows["vx"] ** 2 + rows["vz"] ** 2
         moving = 0.5 * (mass * v2).sum()
         spin = 0.5 * (mass * inertia_of(rows) * rows["omega"] ** 2).sum()
@@ -138,6 +141,9 @@ def test_a_break_makes_neither_energy_nor_momentum(form, loss):
         assert abs(side.sum()) < 1e-9 * abs(side).max()
         assert 0.0 < ahead <= block.mass * (vx**2 + vz**2) * (1 + 1e-12)
         assert (rows["theta"] == theta).all()
+        aside = mass * rows["vx"] * np.sin(rows["aside"])
+        assert abs(aside.sum()) < 1e-9 * abs(aside).max()
+        assert np.abs(np.sin(rows["aside"])).max() <= 2.0 * math.sin(math.radians(40.0))
         sideways.append(abs(side).max())
     assert np.unique(sideways).size == 40
 
@@ -147,37 +153,69 @@ def inertia_of(rows):
 
 
 def test_without_a_cone_pieces_go_on_as_the_whole():
-    settings = Fragmentation(cone_deg=0.0, loss=0.0, smallest_m3=0.0)
+    settings = Fragmentation(cone_deg=0.0, loss=0.0)
     block = block_of(0.7, 0.5, 0.4, 2700.0, 1500.0, np.uint64(3))
     rows = broken(as_read(settings), block, 1, 9.0, -2.0, 0.4, 11.0)
     assert rows["vx"] == pytest.approx(9.0, rel=1e-14)
     assert rows["vz"] == pytest.approx(-2.0, rel=1e-14)
     assert rows["omega"] == pytest.approx(11.0, rel=1e-14)
+    assert (rows["aside"] == 0.0).all()
 
 
-def test_shares_are_those_of_the_fractal():
-    out = np.zeros(20)
-    five = as_read(Fragmentation(survival=0.6, smallest_m3=0.0)).breaking
-    assert fragmentation.shares(five, 1.0, out) == 5
-    assert out[:5] == pytest.approx([0.6, 0.24, 0.096, 0.0384, 0.0256], rel=1e-12)
-    # Too small a last one: fewer pieces; and none at all where two are too many.
-    some = as_read(Fragmentation(survival=0.6, smallest_m3=0.07)).breaking
-    assert fragmentation.shares(some, 1.0, out) == 3
-    assert out[:3] == pytest.approx([0.6, 0.24, 0.16], rel=1e-12)
-    assert fragmentation.shares(some, 0.12, out) == 0
-    equal = as_read(Fragmentation("threshold", pieces=7, smallest_m3=0.1)).breaking
-    assert fragmentation.shares(equal, 0.45, out) == 4
-    assert out[:4] == pytest.approx(0.25, rel=1e-12)
+def drawn_shares(settings, volume, n):
+    """Shares of the fragments of n breaks of a block of some volume (m³)."""
+    read = as_read(settings).breaking
+    made = []
+    for number in range(n):
+        out = np.zeros(fragmentation.most_fragments(read, volume))
+        count = fragmentation.shares(read, np.uint64(7), number, volume, out)
+        made.append(out[:count])
+    return made
 
 
-@pytest.mark.parametrize(("drop", "shape"), [(2.0, 2.0), (5.0, 2.0), (5.0, 0.8)])
-def test_breaks_are_as_frequent_as_weibull_says(drop, shape):
+def test_equal_shares_are_not_below_the_smallest():
+    (shares,) = drawn_shares(Fragmentation("threshold", pieces=7, smallest_m3=0.1), 0.45, 1)
+    assert shares == pytest.approx([0.25] * 4, rel=1e-12)
+    (shares,) = drawn_shares(Fragmentation("threshold", pieces=7, smallest_m3=0.3), 0.45, 1)
+    assert shares.size == 0
+
+
+@pytest.mark.parametrize("dimension", [1.5, 2.5])
+def test_volumes_follow_the_power_law_down_to_the_smallest(dimension):
+    """Over the smallest of k, the k - 1 others are a sample of Pareto's law with b = D/3."""
+    b = dimension / 3.0
+    settings = Fragmentation(fractal_dimension=dimension, smallest_m3=1e-5)
+    volume = 0.1 if dimension == 2.5 else 30.0
+    made = [s for s in drawn_shares(settings, volume, 300) if s.size]
+    for shares in made:
+        assert shares.sum() == pytest.approx(1.0, rel=1e-12)
+        assert (np.diff(shares) <= 0.0).all()
+        assert volume * shares[-1] >= settings.smallest_m3 * (1 - 1e-12)
+    first = np.concatenate([s[:9] / s[9] for s in made if s.size > 40])
+    assert first.size > 2000
+    assert stats.kstest(first, stats.pareto(b).cdf).pvalue > 1e-3
+    # The exponent is the same decade by decade over two decades.
+    volumes = volume * np.concatenate(made)
+    counts = [np.sum(volumes >= v) for v in (2e-5, 2e-4, 2e-3)]
+    slopes = -np.diff(np.log10(counts))
+    assert slopes == pytest.approx([b, b], abs=0.04)
+
+
+@pytest.mark.parametrize(("survival", "shape"), [(0.7, 0.0), (0.7, 2.0), (0.3, 1.0)])
+def test_the_survival_rate_is_the_share_of_blocks_that_stay_whole(survival, shape):
     # A sphere that falls straight down on level ground loses all its energy: g h per kg.
-    blocks = sphere(0.5, drop_m=(drop, drop))
-    out = run(FLAT, plain(), blocks, breaking(energy_jkg=50.0, shape=shape), n=3000)
-    chance = 1.0 - math.exp(-((G * drop / 50.0) ** shape))
-    broken = int((out.rocks["reason"] == BROKEN).sum())
-    assert stats.binomtest(broken, 3000, chance).pvalue > 1e-3
+    blocks = sphere(0.5, drop_m=(6.0, 6.0))
+    effects = breaking(energy_jkg=50.0, survival_rate=survival, shape=shape, smallest_m3=1e-5)
+    out = run(FLAT, plain(), blocks, effects, n=3000)
+    whole = int((out.rocks["reason"] != BROKEN).sum())
+    expected = survival ** ((6.0 * G / 50.0) ** shape)
+    assert stats.binomtest(whole, 3000, expected).pvalue > 1e-3
+
+
+def test_no_block_breaks_below_the_threshold():
+    effects = breaking(energy_jkg=1.01 * G * 6.0, survival_rate=0.0)
+    out = run(FLAT, plain(), sphere(0.5, drop_m=(6.0, 6.0)), effects, n=100)
+    assert (out.rocks["reason"] != BROKEN).all()
 
 
 def test_the_threshold_is_one():
@@ -188,7 +226,7 @@ def test_the_threshold_is_one():
 
 
 def test_endless_breaking_is_told_and_not_cut_off():
-    effects = breaking("threshold", 0.0, pieces=20, smallest_m3=0.0)
+    effects = breaking("threshold", 0.0, pieces=20, smallest_m3=1e-5)
     with pytest.raises(InputError, match="spawns too many") as caught:
         run(ROUGH, ground(), MIXED, effects, n=3)
     assert caught.value.field == "effects"
@@ -200,9 +238,9 @@ def test_endless_breaking_is_told_and_not_cut_off():
 @pytest.mark.parametrize(
     "effects",
     [
-        breaking(energy_jkg=20.0, smallest_m3=0.005),
+        breaking(energy_jkg=20.0, survival_rate=0.2, smallest_m3=0.005),
         EffectSettings(Entrainment(number=0.5, size_ratio=0.9, share=1.0)),
-        EffectSettings(Fragmentation(energy_jkg=30.0), Entrainment(number=0.3)),
+        EffectSettings(Fragmentation(energy_jkg=20.0, survival_rate=0.2), Entrainment(number=0.3)),
     ],
 )
 def test_a_rock_and_its_pieces_count_once_with_the_largest_energy(effects):
@@ -258,7 +296,7 @@ def test_passages_of_pieces_carry_their_mass():
         ROUGH,
         ground(),
         MIXED,
-        breaking(energy_jkg=20.0),
+        breaking(energy_jkg=20.0, survival_rate=0.2),
         n=200,
         start=(3, 20),
         control_lines=control_lines,
@@ -274,7 +312,7 @@ def test_passages_of_pieces_carry_their_mass():
 
 def test_new_blocks_do_not_depend_on_how_the_work_is_cut():
     both = EffectSettings(
-        Fragmentation(energy_jkg=30.0),
+        Fragmentation(energy_jkg=20.0, survival_rate=0.2),
         Entrainment(number=0.5, classes=("talus",)),
     )
     whole = run(ROUGH, TALUS, MIXED, both, n=30, start=(3, 20))
@@ -366,7 +404,7 @@ def test_the_rock_itself_goes_on_as_before():
 
 def test_settings_out_of_range_are_refused():
     for make in (
-        lambda: Fragmentation(survival=1.0),
+        lambda: Fragmentation(survival_rate=1.1),
         lambda: Fragmentation(pieces=1),
         lambda: Fragmentation(loss=1.0),
         lambda: Fragmentation("explosion"),  # type: ignore[arg-type]

@@ -24,8 +24,10 @@ from scipy import stats
 from sassgis.engine.effects import trees
 from sassgis.engine.effects.trees import Trees
 from sassgis.model.effects import EffectSettings
+from sassgis.model.errors import ConfigError
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
+from sassgis.model.tree_species import energy_ratios
 
 ANGLE = 30.0
 RADIUS = 0.4
@@ -106,6 +108,28 @@ def test_a_stem_takes_what_the_formula_says():
         assert taken == pytest.approx(0.5 * 38.7 * dbh**2.31, rel=1e-12)
     # Dorren and Berger (2006): some 100 kJ for a fir of 30 cm, several hundred for one of 50 cm.
     assert pytest.approx(100e3, rel=0.05) == ONE_STEM
+
+
+@pytest.mark.parametrize("species", list(energy_ratios()))
+def test_species_scale_what_a_stem_takes(species):
+    stand = trees.prepare(Trees("full_stems", species=species, efficiency=0.5), True)
+    taken = trees.stem_loss(stand, np.uint64(5), 0, 0.3)
+    assert taken == pytest.approx(0.5 * energy_ratios()[species] * ONE_STEM, rel=1e-12)
+
+
+def test_species_have_the_ratios_that_are_cited():
+    # Rockyfor3D: conifers 0.93, broadleaved 1.59; fir is the reference, spruce about 0.9.
+    known = energy_ratios()
+    assert known["fir"] == 1.0
+    assert known["spruce"] == 0.9
+    assert (known["conifers"], known["broadleaved"]) == (0.93, 1.59)
+    assert all(1.3 <= known[name] <= 1.7 for name in ("larch", "maple", "beech"))
+
+
+def test_an_unknown_species_is_told():
+    with pytest.raises(ConfigError, match="spruce") as caught:
+        Trees(species="palm")
+    assert caught.value.field == "species" and "palm" in str(caught.value)
 
 
 def test_where_a_stem_is_hit_matters():

@@ -25,6 +25,10 @@ def hazard(**keys: object) -> Callable[[Case], None]:
     return lambda case: case.sections["hazard"].update(keys)
 
 
+def without_ref_width(case: Case) -> None:
+    del case.sections["hazard"]["ref_width_m"]
+
+
 def block(**keys: object) -> Callable[[Case], None]:
     def spoil(case: Case) -> None:
         for key, value in keys.items():
@@ -189,7 +193,10 @@ BAD: dict[str, tuple[Callable[[Case], None], str, list[str]]] = {
         preset(ROW, ROW.replace('"substantial"', '"red"')), "own.toml", ["matrix.mean", "red"]
     ),
     "too narrow": (
-        hazard(ref_width_m=3.0), "config.toml", ["hazard.ref_width_m", "3 m", "2 m", "4 m"]
+        hazard(ref_width_m=1.5), "config.toml", ["hazard.ref_width_m", "1.5 m", "2 m", "finer"]
+    ),
+    "no reference width": (
+        without_ref_width, "config.toml", ["hazard.ref_width_m", "missing", "width"]
     ),
     "share of all": (
         hazard(uncertain_share_max=1.0), "config.toml", ["hazard.uncertain_share_max", "below 1"]

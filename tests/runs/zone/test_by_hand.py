@@ -86,7 +86,7 @@ def rolling_case(folder: Path) -> Case:
             "engine": {"slope_variation": "off"},
             # Zones that are the cells themselves.
             "zones": {"min_area_m2": 0.0, "closing_m": 0.0, "min_width_m": 0.0, "tolerance_m": 0.0},
-            "hazard": {"frequencies": "frequencies.csv"},
+            "hazard": {"frequencies": "frequencies.csv", "ref_width_m": 2.0},
             "run": {"seed": 3, "jobs": 1},
         },
         [sphere("small", 0.4), sphere("large", 0.8)],

@@ -96,9 +96,11 @@ def with_everything(folder: Path) -> Case:
 
 
 CASES: dict[str, Callable[[Path], Case]] = {
-    "cells": two_areas,
+    "narrow": lambda folder: two_areas(folder, hazard={"ref_width_m": 4.0}),
     "rare": lambda folder: two_areas(
-        folder, zones={"min_area_m2": 400.0, "closing_m": 12.0, "min_width_m": 10.0}
+        folder,
+        hazard={"ref_width_m": 4.0},
+        zones={"min_area_m2": 400.0, "closing_m": 12.0, "min_width_m": 10.0},
     ),
     "everything": with_everything,
 }
