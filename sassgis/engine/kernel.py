@@ -40,6 +40,7 @@ from sassgis.engine.statistics import (
     place_work,
 )
 from sassgis.model import rng
+from sassgis.model.cell_geometry import exact
 from sassgis.model.jit import inlined, kernel
 
 #: What simulate_lines returns: whether all went well; whether there were too few rows for passages
@@ -345,8 +346,8 @@ def draw_place(key: np.uint64, u: float, v: float, spread: float) -> tuple[float
     if spread <= 0.0:
         return u, v
     return (
-        u + spread * (rng.uniform(key, rng.START_U, 0) - 0.5),
-        v + spread * (rng.uniform(key, rng.START_V, 0) - 0.5),
+        u + exact(spread * (rng.uniform(key, rng.START_U, 0) - 0.5)),
+        v + exact(spread * (rng.uniform(key, rng.START_V, 0) - 0.5)),
     )
 
 

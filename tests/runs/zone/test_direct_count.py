@@ -168,6 +168,8 @@ def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
     case.write_text("vulnerability.csv", VULNERABILITY.rstrip())
     case.set("risk.vulnerability", "vulnerability.csv")
     case.sections["release"] |= {"spacing_m": 5.0, "rocks_per_point": 6}
+    # With the turning ellipse the centre steps by centimetres where rolling ends.
+    case.sections["engine"] = {"readings": "1986"}
     # A second round of rocks, which is never enough.
     case.sections["hazard"] |= {"uncertain_share_max": 0.0001, "repetitions_max": 2}
     case.write()
