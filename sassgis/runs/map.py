@@ -186,8 +186,12 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
     return ChunkResult(area, sums, joined_rows(parts), drawn_lines(run, traces, which), lost)
 
 
-def paths_on_line(run: MapRun, planned: Plan, line: int, scenario: int, rock: int) -> LinePaths:
+def paths_on_line(
+    run: MapRun, planned: Plan, line: int, scenario: int, rock: int
+) -> LinePaths | None:
     """Paths of blocks on one line of a run, in the repetition of one of them.
+
+    None if the path of a block that was followed is too short for a profile: it never started.
 
     Parameters
     ----------
@@ -237,8 +241,10 @@ def paths_on_line(run: MapRun, planned: Plan, line: int, scenario: int, rock: in
     )
 
 
-def _followed_path(run: MapRun, planned: Plan, point: int, scenario: int, rock: int) -> LinePaths:
-    """The path of one block that was followed, with the profile under it."""
+def _followed_path(
+    run: MapRun, planned: Plan, point: int, scenario: int, rock: int
+) -> LinePaths | None:
+    """The path of one block that was followed, with the profile under it; None: too short."""
     points = take(planned.points, np.array([point]))
     blocks = run.blocks[scenario]
     result = follow(
@@ -250,7 +256,7 @@ def _followed_path(run: MapRun, planned: Plan, point: int, scenario: int, rock: 
     log = result.event_logs[0]
     places = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
     if places.size < 2:
-        raise InputError("this path is too short for a profile")
+        return None
     grid = run.heights
     path = TraceSet(
         offset=np.array([0, places.size], np.int64),

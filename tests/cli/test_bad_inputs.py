@@ -158,6 +158,7 @@ def test_a_flat_release_area_draws_a_warning_and_gives_an_honest_result(slope: S
 
 def test_no_map_is_made_where_no_rock_can_be_followed(slope: Slope, call) -> None:
     slope.write_dem(np.full((ROWS, COLS), 500.0))
+    slope.write_config(terrain__path='"fall_line"')
     code, _, err = call("run", slope.config, "-o", slope.folder / "result")
     assert code == 2
     line = err.splitlines()[-1]
