@@ -221,7 +221,7 @@ def with_trees(case: Case) -> Diagnosis:
     )  # fmt: skip
     effect = Calibrated(
         table,
-        EffectSettings(Trees("stems", 0.8)),
+        EffectSettings(Trees("stems", efficiency=0.8)),
         {"trees": {"form": "stems", "efficiency": np.float64(0.8), "height_m": 15.0}},
         (90.0, 160.0), 420.0, 31.5,
     )  # fmt: skip

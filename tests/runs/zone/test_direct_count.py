@@ -151,7 +151,8 @@ def counted(rocks: list[Rock], source: tuple[str, str], energies: list[float]) -
 
 
 def make(folder: Path, **settings: dict[str, object]) -> tuple[Case, Zoned]:
-    case = two_areas(folder, spread={"lines_per_point": 2, "width_percent": 8.0}, **settings)
+    bundles = {"lines_per_point": 2, "width_percent": 8.0}
+    case = two_areas(folder, spread=bundles, terrain={"path": "fall_line"}, **settings)
     # Two houses, one of them on its corner, and people at a point in the gully.
     corner = shapely.affinity.rotate(box(60.3, 33.2, 4.7, 3.1), 30.0)
     case.write_layer(
