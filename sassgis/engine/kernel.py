@@ -17,19 +17,8 @@ from sassgis.engine.heading import continue_path, start_path
 from sassgis.engine.path import FOLLOWED, Path, place, room_ahead
 from sassgis.engine.profile import last_cell, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work
-from sassgis.engine.rows import last_of
-from sassgis.engine.state import (
-    BARRIER,
-    REST,
-    Block,
-    EventLog,
-    Output,
-    Physics,
-    Record,
-    Records,
-    Site,
-    Spawned,
-)
+from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.state import BARRIER, REST, Block, EventLog, Output, Physics, Site, Spawned
 from sassgis.engine.statistics import (
     CellSums,
     Disks,

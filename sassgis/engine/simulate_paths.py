@@ -78,7 +78,7 @@ def follow(
     terrain: Terrain,
     points: ReleasePoints,
     table: GroundTable,
-    blocks: BlockPopulation,
+    blocks: BlockPopulation | Sequence[BlockPopulation],
     settings: EngineSettings,
     *,
     seed: int,
@@ -130,10 +130,11 @@ def follow(
     numbers = np.arange(n, dtype=np.int64) if point_numbers is None else point_numbers
     given = Points(u, v, np.asarray(numbers, np.int64), np.asarray(point_keys, np.uint64))
     lines = [line for line, _ in terrain.control_lines]
+    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     settings = settings.resolved()
     setup = Setup(
         ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
-        blocks.limits()[None, :],
+        np.stack([population.limits() for population in populations]),
         physics_of(settings),
         control_line_table(lines),
         np.uint64(seed),
@@ -220,9 +221,9 @@ def _named(
     grid: Grid, register: CellRegister, totals: Totals, rows: Rows, flat: object, log_events: int
 ) -> Simulated:
     """What the blocks left, cells and windows in ascending order."""
-    known = register.counts[CELLS]
+    known = int(register.counts[CELLS])
     sums = by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach)  # type: ignore[arg-type]
-    reached = np.flatnonzero((sums["reach"][:known] > 0) | (sums["stops"][:known] > 0))
+    reached = np.flatnonzero((totals.reach.rocks[:known, 0] > 0) | (totals.sums.stops[:known] > 0))
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])
     came = totals.windows.reach.rocks[windows, 0] > 0

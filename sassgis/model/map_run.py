@@ -224,11 +224,16 @@ class MapRun:
         return self.spacing_m if self.followed and polygon and self.placement == "grid" else 0.0
 
     @property
+    def path_words(self) -> str:
+        """In words: along what blocks are simulated."""
+        return "paths that are followed" if self.followed else "fall lines"
+
+    @property
     def lateral_spread(self) -> str:
         """In words: how blocks leave the fall line."""
         if self.followed:
             return (
-                "the path of each block is followed: its heading turns at impacts and as it rolls "
+                "the heading of each block turns at impacts and as it rolls "
                 f"(sideways tilt {self.engine.side_tilt_deg:g}°, drift {self.engine.drift_deg:g}°)"
             )
         lateral = self.effects.get(LateralDeflection)
