@@ -263,7 +263,6 @@ def look_ahead(
     x = state.sampled
     n = last_of(profile)
     z = profile[n].z
-    gap = 0.0
     if state.on_plane:
         # The plane stays one segment.
         z = state.plane_z + state.plane_slope * (x - state.from_x)
@@ -273,6 +272,8 @@ def look_ahead(
     from_z = _height(path, u, v, path.heights.shape[0], n_cols)
     if math.isnan(from_z):
         from_z = z
+    # The plane begins at the height of the last profile, within the tolerance of the terrain.
+    gap = abs(from_z - z)
     before_z = from_z
     limit = path.tolerance + _ROUNDING
     aloft = state.phase == FLIGHT and state.vx > 1e-6
