@@ -95,11 +95,10 @@ def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, floa
     Central differences over its diameter, or over a cell if that is longer.
     """
     step = exact(max(radius / path.cell_size, 0.5))
-    n_rows, n_cols = path.heights.shape
-    east = _height(path, u + step, v, n_rows, n_cols)
-    west = _height(path, u - step, v, n_rows, n_cols)
-    south = _height(path, u, v + step, n_rows, n_cols)
-    north = _height(path, u, v - step, n_rows, n_cols)
+    east = _height(path, u + step, v)
+    west = _height(path, u - step, v)
+    south = _height(path, u, v + step)
+    north = _height(path, u, v - step)
     per = 1.0 / (2.0 * step * path.cell_size)
     gu = (east - west) * per
     gv = (south - north) * per
@@ -109,7 +108,7 @@ def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, floa
 
 
 @inlined
-def _height(path: Path, u: float, v: float, n_rows: int, n_cols: int) -> float:
+def _height(path: Path, u: float, v: float) -> float:
     """Height of the terrain (m); NaN where it is not known."""
     return height_at(path.heights, u, v, int(np.floor(v)), int(np.floor(u)))
 
@@ -258,33 +257,15 @@ def look_ahead(
     if _full(site):
         _forget_behind(state, block, site)
     begin = state.sampled
-    profile = site.profile
+    _go_on_from(state, site, path)
     n_cols = path.heights.shape[1]
-    x = state.sampled
-    n = last_of(profile)
-    z = profile[n].z
-    if state.on_plane:
-        # The plane stays one segment.
-        z = state.plane_z + state.plane_slope * (x - state.from_x)
-        profile[0].last = 0
-        n = 0
-    u, v = place(state, x)
-    from_z = _height(path, u, v, path.heights.shape[0], n_cols)
-    if math.isnan(from_z):
-        from_z = z
-    # The plane begins at the height of the last profile, within the tolerance of the terrain.
-    gap = abs(from_z - z)
-    before_z = from_z
     limit = path.tolerance + _ROUNDING
     aloft = state.phase == FLIGHT and state.vx > 1e-6
-    low = -np.inf
-    high = np.inf
-    empty = True
-    while state.open and (x < to_x or aloft):
+    while state.open and (state.sampled < to_x or aloft) and not _full(site):
         after = _next_sample(state)
-        if after - x <= SHORTEST_STRETCH:
+        if after - state.sampled <= SHORTEST_STRETCH:
             continue
-        cell = _cell_between(state, path, x, after)
+        cell = _cell_between(state, path, state.sampled, after)
         if cell < 0:
             state.open = False
             break
@@ -292,72 +273,144 @@ def look_ahead(
         after_z = height_at(path.heights, u, v, cell // n_cols, cell % n_cols)
         ground = path.ground[cell // n_cols, cell % n_cols]
         if state.on_plane:
-            on_plane = state.plane_z + state.plane_slope * (after - state.from_x)
-            new_gap = abs(after_z - on_plane)
-            if ground == profile[n].ground and new_gap <= limit:
-                _add_stretch(state, site, path, cell, n, after)
-                z = on_plane
-                gap = new_gap
-            else:
-                state.on_plane = False
-                x_end = x
-                if ground == profile[n].ground and new_gap > gap:
-                    share = min(max((limit - gap) / (new_gap - gap), 0.0), 1.0)
-                    x_end = x + share * (after - x)
-                x_end = max(x_end, state.x + SHORTEST_STRETCH)
-                if x_end > x:
-                    _add_stretch(state, site, path, cell, n, x_end)
-                    z += state.plane_slope * (x_end - x)
-                    before_z += (after_z - before_z) * (x_end - x) / (after - x)
-                    x = x_end
-                if x > profile[n].x:
-                    _add_vertex(site, x, z)
-                    n += 1
-                from_z = before_z
-                if after - x <= SHORTEST_STRETCH:
-                    continue
-        if not state.on_plane:
-            here = profile[n]
-            down = (after_z - limit - here.z) / (after - here.x)
-            up = (after_z + limit - here.z) / (after - here.x)
-            if not empty and (ground != here.ground or max(low, down) > min(high, up)):
-                _add_vertex(site, x, z)
-                n += 1
-                here = profile[n]
-                from_z = before_z
-                low = -np.inf
-                high = np.inf
-                down = (after_z - limit - z) / (after - x)
-                up = (after_z + limit - z) / (after - x)
-            here.ground = ground
-            empty = False
-            low = max(low, down)
-            high = min(high, up)
-            # As steep as the terrain is over the segment, as far as the cone allows.
-            rise = (after_z - from_z) / (after - here.x)
-            z = here.z + min(max(rise, low), high) * (after - here.x)
-            _add_stretch(state, site, path, cell, n, after)
-        x = after
-        before_z = after_z
+            _along_plane(state, site, path, cell, after, after_z, ground, limit)
+        if not state.on_plane and after - state.sampled > SHORTEST_STRETCH:
+            _along_cone(state, site, path, cell, after, after_z, ground, limit)
         if aloft:
-            t = (x - state.x) / state.vx
-            if state.z + (state.vz - 0.5 * gravity * t) * t < z - limit:
+            t = (after - state.x) / state.vx
+            if state.z + (state.vz - 0.5 * gravity * t) * t < state.ahead_z - limit:
                 aloft = False
-                to_x = max(to_x, x + block.a + 4.0 * MARGIN_M)
-        if _full(site):
-            break
-    if n == 0 and x <= state.x:
-        # The block stands at the edge of what is known.
-        x = state.x + SHORTEST_STRETCH
-        z = state.plane_z + state.plane_slope * SHORTEST_STRETCH
-        u, v = place(state, state.x)
-        edge = cell_index(u, v, path.heights.shape[0], n_cols)
-        _add_stretch(state, site, path, edge, 0, x)
-    if x > profile[n].x:
-        _add_vertex(site, x, z)
-    state.sampled = x
+                to_x = max(to_x, after + block.a + 4.0 * MARGIN_M)
+    _end_profile(state, site, path)
     if path.line_u.size:
-        _cross_lines(state, site, path, begin, x)
+        _cross_lines(state, site, path, begin, state.sampled)
+
+
+@inlined
+def _go_on_from(state: Record, site: Site, path: Path) -> None:
+    """Take up sampling where the profile ends."""
+    profile = site.profile
+    state.ahead_z = profile[last_of(profile)].z
+    if state.on_plane:
+        # The plane stays one segment.
+        state.ahead_z = state.plane_z + state.plane_slope * (state.sampled - state.from_x)
+        profile[0].last = 0
+    u, v = place(state, state.sampled)
+    known = _height(path, u, v)
+    state.before_z = state.ahead_z if math.isnan(known) else known
+    # The plane begins at the height of the last profile, within the tolerance of the terrain.
+    state.gap = abs(state.before_z - state.ahead_z)
+    _open_cone(state)
+
+
+@inlined
+def _open_cone(state: Record) -> None:
+    """Begin a segment of any slope at the last vertex."""
+    state.vertex_z = state.before_z
+    state.low = -np.inf
+    state.high = np.inf
+
+
+@lean
+def _along_plane(
+    state: Record,
+    site: Site,
+    path: Path,
+    cell: int,
+    after: float,
+    after_z: float,
+    ground: int,
+    limit: float,
+) -> None:
+    """Go on to the next sample on the plane, or end it where the terrain has left it.
+
+    Parameters
+    ----------
+    cell : int
+        Flat index of the cell up to the sample.
+    after, after_z : float
+        Chainage of the sample, and height of the terrain there (m).
+    ground : int
+        Ground class of the cell.
+    limit : float
+        Largest gap (m).
+    """
+    profile = site.profile
+    on_plane = state.plane_z + state.plane_slope * (after - state.from_x)
+    gap = abs(after_z - on_plane)
+    same = ground == profile[0].ground
+    x = state.sampled
+    if same and gap <= limit:
+        _add_stretch(state, site, path, cell, 0, after)
+        state.sampled = after
+        state.ahead_z = on_plane
+        state.before_z = after_z
+        state.gap = gap
+        return
+    state.on_plane = False
+    x_end = x
+    if same and gap > state.gap:
+        share = min(max((limit - state.gap) / (gap - state.gap), 0.0), 1.0)
+        x_end = x + share * (after - x)
+    x_end = max(x_end, state.x + SHORTEST_STRETCH)
+    if x_end > x:
+        _add_stretch(state, site, path, cell, 0, x_end)
+        state.ahead_z += state.plane_slope * (x_end - x)
+        state.before_z += (after_z - state.before_z) * (x_end - x) / (after - x)
+        state.sampled = x_end
+    _add_vertex(site, state.sampled, state.ahead_z)
+    _open_cone(state)
+
+
+@lean
+def _along_cone(
+    state: Record,
+    site: Site,
+    path: Path,
+    cell: int,
+    after: float,
+    after_z: float,
+    ground: int,
+    limit: float,
+) -> None:
+    """Go on to the next sample on the open segment, or on a new one; parameters as _along_plane."""
+    profile = site.profile
+    n = last_of(profile)
+    here = profile[n]
+    down = (after_z - limit - here.z) / (after - here.x)
+    up = (after_z + limit - here.z) / (after - here.x)
+    begun = state.sampled > here.x
+    if begun and (ground != here.ground or max(state.low, down) > min(state.high, up)):
+        _add_vertex(site, state.sampled, state.ahead_z)
+        n += 1
+        here = profile[n]
+        _open_cone(state)
+        down = (after_z - limit - here.z) / (after - here.x)
+        up = (after_z + limit - here.z) / (after - here.x)
+    here.ground = ground
+    state.low = max(state.low, down)
+    state.high = min(state.high, up)
+    # As steep as the terrain is over the segment, as far as the cone allows.
+    rise = (after_z - state.vertex_z) / (after - here.x)
+    state.ahead_z = here.z + min(max(rise, state.low), state.high) * (after - here.x)
+    _add_stretch(state, site, path, cell, n, after)
+    state.sampled = after
+    state.before_z = after_z
+
+
+@inlined
+def _end_profile(state: Record, site: Site, path: Path) -> None:
+    """End the last segment at the last sample."""
+    profile = site.profile
+    if last_of(profile) == 0 and state.sampled <= state.x:
+        # The block stands at the edge of what is known.
+        state.sampled = state.x + SHORTEST_STRETCH
+        state.ahead_z = state.plane_z + state.plane_slope * SHORTEST_STRETCH
+        u, v = place(state, state.x)
+        edge = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
+        _add_stretch(state, site, path, edge, 0, state.sampled)
+    if state.sampled > profile[last_of(profile)].x:
+        _add_vertex(site, state.sampled, state.ahead_z)
 
 
 @lean

@@ -103,6 +103,12 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("on_plane", np.bool_),  # whether the plane goes on on which the profile began
     ("plane_z", _F),  # its height where the heading holds from (m)
     ("plane_slope", _F),
+    ("ahead_z", _F),  # height of the profile where it is sampled to (m)
+    ("before_z", _F),  # of the terrain there
+    ("vertex_z", _F),  # of the terrain at the last vertex
+    ("gap", _F),  # between plane and terrain at the last sample (m)
+    ("low", _F),  # limits of the slope of the last segment
+    ("high", _F),
     ("drift", _F),  # angle by which it drifts aside of the descent (rad)
     ("turn", _F),  # turn of the heading that is still to come, to the right on the map (rad)
 )

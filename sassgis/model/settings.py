@@ -59,7 +59,7 @@ class TerrainSettings(Section):
     ] = 5.0
     segment_tolerance_m: Annotated[
         float, Interval(ge=0, le=100), "largest vertical gap between terrain and segments (m)"
-    ] = 0.25
+    ] = 0.05
     block_scale_m: Annotated[
         float | None,
         Interval(ge=0, le=100),
