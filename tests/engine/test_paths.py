@@ -337,8 +337,8 @@ def test_a_rolling_sphere_turns_as_an_independent_integration_says() -> None:
     settings = EngineSettings(
         side_tilt_deg=35.0, drift_deg=0.0, slope_variation="off", rolling="round"
     )
-    # Small: the centre of a larger one stands the higher, the steeper its heading is. Fast: it turns
-    # little in each step, which is as long as half of the turn at most.
+    # Small: the centre of a larger one stands the higher, the steeper its heading is. Fast: it
+    # turns little in each step, which is as long as half of the turn at most.
     sphere = BlockPopulation(
         "s", (0.1, 0.1), (0.1, 0.1), (0.1, 0.1), drop_m=(3.0, 3.0), speed_mps=(9.0, 9.0)
     )
