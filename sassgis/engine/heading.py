@@ -174,6 +174,9 @@ def turn_heading(
     to_v = hv * c + hu * s
     before = math.atan(slope)
     tilt = math.atan(gu * to_u + gv * to_v) - math.atan(gu * hu + gv * hv)
+    if state.phase != FLIGHT and state.speed <= 0.0:
+        # Nothing moves relative to the ground: that is as the terrain is.
+        tilt = math.atan(gu * to_u + gv * to_v) - before
     after = min(max(before + tilt, -1.5), 1.5)
     tilt = after - before
     u, v = place(state, state.x)
@@ -183,8 +186,13 @@ def turn_heading(
     begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity)
     raised = _rests_at(state, block, site) - rests
     if abs(raised) < block.a:
-        state.z += raised
-        _take(state, block, gravity * raised)
+        paid = min(raised, _kinetic(state, block) / gravity)
+        state.z += paid
+        _take(state, block, gravity * paid)
+        if paid < raised:
+            # No block rises without energy: the plane gives way.
+            z0 -= raised - paid
+            begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity)
 
 
 @inlined
@@ -215,15 +223,22 @@ def _rotate(state: Record, c: float, s: float) -> None:
 
 
 @inlined
-def _take(state: Record, block: Block, work: float) -> None:
-    """Take some work from the kinetic energy (J/kg)."""
+def _kinetic(state: Record, block: Block) -> float:
+    """Kinetic energy per unit mass (J/kg)."""
     twice = block.inertia * state.omega * state.omega
     if state.phase == FLIGHT:
         twice += state.vx * state.vx + state.vz * state.vz
     else:
         twice += state.speed * state.speed
-    if twice > 0.0:
-        left = math.sqrt(max(1.0 - 2.0 * work / twice, 0.0))
+    return float(0.5 * twice)
+
+
+@inlined
+def _take(state: Record, block: Block, work: float) -> None:
+    """Take some work from the kinetic energy (J/kg)."""
+    own = _kinetic(state, block)
+    if own > 0.0:
+        left = math.sqrt(max(1.0 - work / own, 0.0))
         state.vx *= left
         state.vz *= left
         state.omega *= left
@@ -316,7 +331,7 @@ def before_ground(
         step = min(step, max(_BEND_PER_STEP / kappa, _SHORTEST_STEP * block.radius))
         # Over the step the block moves as it heads in its middle.
         angle += 0.5 * _bent(_angle_to(state, path, gu, gv) - angle, kappa * step)
-    if abs(angle) > _TURN or state.direction < 0 or (state.speed <= 0.0 and angle != 0.0):
+    if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0:
         state.turn -= angle
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
     state.reach = state.x + step

@@ -291,7 +291,6 @@ def _go_on_from(state: Record, site: Site, path: Path) -> None:
     """Take up sampling where the profile ends."""
     profile = site.profile
     state.ahead_z = profile[last_of(profile)].z
-    state.gap = 0.0
     if state.on_plane:
         # The plane stays one segment.
         state.ahead_z = state.plane_z + state.plane_slope * (state.sampled - state.from_x)
@@ -299,6 +298,8 @@ def _go_on_from(state: Record, site: Site, path: Path) -> None:
     u, v = place(state, state.sampled)
     known = _height(path, u, v)
     state.before_z = state.ahead_z if math.isnan(known) else known
+    # The plane begins at the height of the last profile, within the tolerance of the terrain.
+    state.gap = abs(state.before_z - state.ahead_z)
     _open_cone(state)
 
 

@@ -19,7 +19,7 @@ from sassgis.terrain.prepare import trace_lines
 def test_a_window_holds_the_ways_of_every_round(valley: Valley) -> None:
     config = load_config(
         valley.config,
-        {"effects.lateral_deflection": {"angle_deg": 10.0}, "terrain.path": "fall_line"},
+        {"terrain.path": "fall_line", "effects.lateral_deflection": {"angle_deg": 10.0}},
     )
     terrain = open_terrain(valley.dem, None, config.terrain.vertical_datum)
     whole = read_map_run(config, ["Mitte"])

@@ -1,0 +1,532 @@
+"""Followed paths: what must hold on planes, in gullies, on ridges, at edges, with effects."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.effects_lab import profile
+from helpers.terrains import grid_of, middle, points_at
+from scipy.integrate import solve_ivp
+from scipy.stats import ks_2samp
+
+from sassgis.engine.effects.air_drag import AirDrag
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.trees import Trees
+from sassgis.engine.effects.wind import Wind
+from sassgis.engine.simulate import Simulated, simulate
+from sassgis.engine.simulate_paths import Terrain, follow
+from sassgis.io.read.ground_map import built_in_table
+from sassgis.model.blocks import BlockPopulation
+from sassgis.model.effects import EffectSettings
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.map_run import Forest
+from sassgis.model.profiles import ControlLineCrossings
+from sassgis.model.results import ControlLine, StopReason
+from sassgis.model.settings import EngineSettings
+
+G = 9.81
+FLIGHT, IMPACT, ROLLING, SLIDING, END = range(5)
+TABLE = built_in_table()
+DEBRIS = TABLE.classes[TABLE.index("debris")]
+ROCK = TABLE.classes[TABLE.index("rock")]
+MIXED = BlockPopulation("b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0), drop_m=(1, 2))
+HAZARD = EngineSettings()
+STRAIGHT = EngineSettings(side_tilt_deg=0.0, drift_deg=0.0)
+
+
+def ground(**changes: float) -> GroundClass:
+    return dataclasses.replace(DEBRIS, name="own", **changes)
+
+
+def paths(
+    grid: Grid,
+    x: Any = 0.0,
+    y: Any = 0.0,
+    *,
+    n: int = 500,
+    on: GroundClass = DEBRIS,
+    blocks: BlockPopulation = MIXED,
+    settings: EngineSettings = HAZARD,
+    tolerance: float = 0.25,
+    seed: int = 1,
+    key: int = 7,
+    lines: tuple[tuple[ControlLine, FloatArray], ...] = (),
+    forest: Forest | None = None,
+    **more: Any,
+) -> Simulated:
+    """Paths of ``n`` blocks from each point, in coordinates from the middle of the grid."""
+    x0, y0 = middle(grid)
+    x, y = np.broadcast_arrays(x, y)
+    points = points_at(x + x0, y + y0)
+    traces = [(line, trace + np.array([x0, y0])) for line, trace in lines]
+    terrain = Terrain(grid, np.zeros(grid.shape, np.int32), tolerance, traces, forest)
+    return follow(
+        terrain, points, GroundTable((on,)), blocks, settings, seed=seed, rocks_per_point=n,
+        point_keys=points.key + np.uint64(key), **more,
+    )  # fmt: skip
+
+
+def ends(grid: Grid, out: Simulated) -> tuple[FloatArray, FloatArray]:
+    x0, y0 = middle(grid)
+    return out.x - x0, out.y - y0
+
+
+def bench(angle: float, length: float, *, run_out: float = 0.0, cell: float = 2.0) -> Grid:
+    """A plane that falls to the east from x = -length to 0, and goes on level or at an angle."""
+    n = 2 * round(1.15 * length / cell) + 1
+    drop, after = (math.tan(math.radians(a)) for a in (angle, run_out))
+    return grid_of(
+        lambda x, y: 1000.0 - drop * np.minimum(x, 0.0) - after * np.maximum(x, 0.0) + 0.0 * y,
+        n, n, cell,
+    )  # fmt: skip
+
+
+def along(out: Simulated, grid: Grid, x: float) -> FloatArray:
+    """Where paths cross a meridian first (m from the middle): from the logs, straight between."""
+    at = x / grid.cell_size + 0.5 * grid.shape[1]
+    crossed = []
+    for log in out.event_logs:
+        beyond = np.flatnonzero(log["u"] >= at)
+        if beyond.size and beyond[0] > 0:
+            i, j = beyond[0] - 1, beyond[0]
+            share = (at - log["u"][i]) / (log["u"][j] - log["u"][i])
+            v = log["v"][i] + share * (log["v"][j] - log["v"][i])
+            crossed.append((0.5 * grid.shape[0] - v) * grid.cell_size)
+    return np.array(crossed)
+
+
+def width(values: FloatArray) -> float:
+    low, high = np.percentile(values, [10, 90])
+    return float(high - low)
+
+
+# --- planes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("on", [DEBRIS, ROCK], ids=["debris", "rock"])
+def test_on_a_plane_the_mean_path_is_the_fall_line(on: GroundClass) -> None:
+    grid = bench(35.0, 200.0)
+    out = paths(grid, x=-180.0, n=2000, on=on)
+    _, y = ends(grid, out)
+    assert y.std() > 3.0
+    assert abs(y.mean()) < 3.5 * y.std() / math.sqrt(y.size)
+    # Left and right are mirror images.
+    assert ks_2samp(y, -y).pvalue > 1e-3
+
+
+def test_without_tilt_and_drift_a_block_keeps_to_the_fall_line_and_its_run_out() -> None:
+    """Heights are exact along the fall line: the same blocks stop where they do on it."""
+    grid = bench(35.0, 120.0)
+    out = paths(grid, x=-100.0, n=300, settings=STRAIGHT, tolerance=1e-6)
+    _, y = ends(grid, out)
+    # Up the slope, exactly against the descent, a block does not keep its balance.
+    assert (np.abs(y) < 1e-6).mean() > 0.95 and np.abs(y).max() < 0.1
+    line = straight(35.0, 100.0, 300, DEBRIS, STRAIGHT)
+    # Impact after impact rounding grows: most end at the same place, the others where they may.
+    same = np.abs(out.rocks["runout_m"] - line.rocks["runout_m"]) < 1e-3
+    assert same.mean() > 0.4
+    middles = [np.median(r.rocks["runout_m"]) for r in (out, line)]
+    assert middles[0] == pytest.approx(middles[1], rel=0.003)
+
+
+def straight(
+    angle: float, length: float, n: int, on: GroundClass, settings: EngineSettings = HAZARD
+) -> Simulated:
+    """The same blocks on the profile of the fall line of a bench."""
+    drop = math.tan(math.radians(angle))
+    s = np.array([-20.0, length, length + 400.0])
+    z = 1000.0 - drop * np.minimum(s, length)
+    return simulate(
+        profile((s, z)), GroundTable((on,)), MIXED, settings, seed=1, rocks_per_line=n,
+        line_keys=np.array([7], np.uint64), starts=np.zeros((1, 2)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("on", "angle"), [(DEBRIS, 35.0), (DEBRIS, 38.0), (ROCK, 35.0)])
+def test_run_out_along_the_path_is_that_of_the_line(on: GroundClass, angle: float) -> None:
+    grid = bench(angle, 230.0)
+    n = 3000
+    out = paths(grid, x=-200.0, n=n, on=on).rocks
+    line = straight(angle, 200.0, n, on).rocks
+    assert (out["reason"] != StopReason.LEFT_PROFILE).all()
+    # Some stop where they start, some on the slope: those that come to its foot are compared.
+    for q in (50, 75, 90):
+        far = [np.percentile(r["runout_m"], q) for r in (out, line)]
+        assert far[0] == pytest.approx(far[1], rel=0.02), q
+
+
+@pytest.mark.parametrize("length", [100.0, 200.0, 400.0, 800.0])
+@pytest.mark.parametrize(("on", "angle"), [(DEBRIS, 38.0), (ROCK, 36.0)], ids=["debris", "rock"])
+def test_plan_width_is_10_to_20_percent_of_the_length(
+    on: GroundClass, angle: float, length: float
+) -> None:
+    grid = bench(angle, 840.0, run_out=angle, cell=4.0)
+    out = paths(grid, x=-830.0, n=400, on=on, log_events=4000)
+    y = along(out, grid, length - 830.0)
+    assert y.size > 150
+    # The sampling error of a quantile is some 6 % of the width here.
+    assert 0.09 * length < width(y) < 0.215 * length
+
+
+# --- symmetry ------------------------------------------------------------------------------------
+
+
+def folded(x: FloatArray, y: FloatArray) -> FloatArray:
+    """A slope to the east with a gully askew and a bench."""
+    gully = 4.0 * np.exp(-(((y - 0.3 * x - 10.0) / 12.0) ** 2))
+    return 1000.0 - 0.75 * np.minimum(x, 60.0) - gully - 0.05 * np.maximum(x - 60.0, 0.0)
+
+
+def test_the_mirror_image_of_a_terrain_gives_the_mirror_image() -> None:
+    one = grid_of(folded, 260, 260, 1.0)
+    other = dataclasses.replace(one, values=np.ascontiguousarray(one.values[::-1]))
+    x, y = ends(one, paths(one, x=-80.0, y=3.0, n=1500))
+    x2, y2 = ends(other, paths(other, x=-80.0, y=-3.0, n=1500, seed=2))
+    assert abs(y.mean()) > 5.0 * y.std() / math.sqrt(y.size)
+    assert ks_2samp(x, x2).pvalue > 1e-3
+    assert ks_2samp(y, -y2).pvalue > 1e-3
+
+
+def test_turning_the_terrain_turns_the_map() -> None:
+    angle = math.radians(37.0)
+    c, s = math.cos(angle), math.sin(angle)
+
+    def turned(x: FloatArray, y: FloatArray) -> FloatArray:
+        return folded(c * x + s * y, c * y - s * x)
+
+    one, other = grid_of(folded, 360, 360, 1.0), grid_of(turned, 360, 360, 1.0)
+    x, y = ends(one, paths(one, x=-80.0, y=3.0, n=1500, tolerance=0.1))
+    start = (-80.0 * c - 3.0 * s, -80.0 * s + 3.0 * c)
+    x2, y2 = ends(other, paths(other, *start, n=1500, tolerance=0.1, seed=2))
+    assert ks_2samp(x, c * x2 + s * y2).pvalue > 1e-3
+    assert ks_2samp(y, c * y2 - s * x2).pvalue > 1e-3
+
+
+# --- gullies and ridges --------------------------------------------------------------------------
+
+
+def test_in_a_gully_rocks_stay_and_on_a_ridge_they_part() -> None:
+    def across(k: float) -> FloatArray:
+        grid = grid_of(lambda x, y: 1000.0 - 0.7 * x + k * np.minimum(np.abs(y), 40.0), 200, 100)
+        return ends(grid, paths(grid, x=-180.0, n=600))[1]
+
+    plane, gully, ridge = across(0.0), across(0.4), across(-0.4)
+    assert np.abs(gully).max() < 20.0
+    assert width(gully) < 0.4 * width(plane)
+    assert width(ridge) > 2.0 * width(plane)
+    # They part to both sides, and leave the crest.
+    assert 0.4 < (ridge > 0.0).mean() < 0.6
+    assert (np.abs(ridge) < 5.0).mean() < 0.7 * (np.abs(plane) < 5.0).mean()
+
+
+# --- conservation and independence ---------------------------------------------------------------
+
+
+def test_every_block_ends_somewhere_once() -> None:
+    grid = bench(36.0, 60.0)
+    out = paths(grid, x=[-50.0, -30.0, 40.0], y=[0.0, 5.0, 0.0], n=300)
+    reason = out.rocks["reason"]
+    assert out.rocks.size == 900
+    counts = np.bincount(reason, minlength=len(StopReason))
+    assert counts[StopReason.STEP_LIMIT] == 0 and counts.sum() == 900
+    stopped = np.isin(reason, [StopReason.REST, StopReason.BARRIER])
+    assert out.sums["stops"].sum() == stopped.sum()
+    cells = grid.cell_of(out.x[stopped], out.y[stopped])
+    found, number = np.unique(cells, return_counts=True)
+    at = np.searchsorted(out.cells, found)
+    assert np.array_equal(out.cells[at], found)
+    # A stop on the border of two cells may count in either.
+    assert np.abs(out.sums["stops"][at].astype(int) - number).sum() <= 2
+
+
+def test_blocks_hang_on_nothing_but_their_key() -> None:
+    grid = grid_of(folded, 260, 260, 1.0)
+    x, y = np.linspace(-90.0, -60.0, 7), np.linspace(-8.0, 8.0, 7)
+    x0, y0 = middle(grid)
+    terrain = Terrain(grid, np.zeros(grid.shape, np.int32), 0.25)
+    points = points_at(x + x0, y + y0)
+
+    def run(which: Any, n: int = 20, first: int = 0) -> Simulated:
+        which = np.asarray(which)
+        some = dataclasses.replace(
+            points, x=points.x[which], y=points.y[which], area=points.area[which],
+            key=points.key[which],
+        )  # fmt: skip
+        return follow(
+            terrain, some, GroundTable((DEBRIS,)), MIXED, HAZARD, seed=3, rocks_per_point=n,
+            point_keys=some.key, point_numbers=which.astype(np.int64), spread_m=5.0,
+            first_rock=first,
+        )  # fmt: skip
+
+    whole = run(range(7))
+    backwards = run([6, 5, 4, 3, 2, 1, 0])
+    order = np.argsort(backwards.rocks["line"], kind="stable")
+    assert backwards.rocks[order].tobytes() == whole.rocks.tobytes()
+    assert np.array_equal(backwards.cells, whole.cells)
+    for name, values in whole.sums.items():
+        assert backwards.sums[name].tobytes() == values.tobytes(), name
+    alone = run([4])
+    assert alone.rocks.tobytes() == whole.rocks[80:100].tobytes()
+    later = run([4], n=10, first=10)
+    assert later.rocks.tobytes() == whole.rocks[90:100].tobytes()
+
+
+def test_a_part_of_the_terrain_gives_the_same_bits() -> None:
+    """Counted from another corner, with all that paths looked at inside."""
+    grid = grid_of(folded, 300, 300, 0.5, west=2_612_345.0, north=1_187_654.5)
+    x0, y0 = middle(grid)
+    points = points_at(x0 - 40.03, y0 + 3.07)
+    wall = ControlLine("wall", "net", height_m=2.0, capacity_kj=50.0)
+    trace = np.array([[x0 - 20.1, y0 - 30.3], [x0 - 19.7, y0 + 60.1]])
+
+    def run(grid: Grid) -> Simulated:
+        terrain = Terrain(grid, np.zeros(grid.shape, np.int32), 0.25, [(wall, trace)])
+        return follow(
+            terrain, points, GroundTable((DEBRIS,)), MIXED, HAZARD, seed=3, rocks_per_point=100,
+            point_keys=points.key, spread_m=3.3,
+        )  # fmt: skip
+
+    whole = run(grid)
+    assert whole.looked_at is not None
+    top, bottom, left, right = whole.looked_at
+    rows, cols = slice(top - 4, bottom + 5), slice(left - 4, right + 5)
+    part = Grid(
+        np.ascontiguousarray(grid.values[rows, cols]), grid.west + 0.5 * cols.start,
+        grid.north - 0.5 * rows.start, 0.5,
+    )  # fmt: skip
+    assert part.values.size < 0.8 * grid.values.size
+    own = run(part)
+    assert own.rocks.tobytes() == whole.rocks.tobytes()
+    assert own.passages.tobytes() == whole.passages.tobytes() and own.passages.size
+    assert own.x.tobytes() == whole.x.tobytes() and own.y.tobytes() == whole.y.tobytes()
+
+
+# --- energy, and the turn against an independent integration -------------------------------------
+
+
+@pytest.mark.parametrize("on", [DEBRIS, ROCK], ids=["debris", "rock"])
+def test_no_path_gains_energy(on: GroundClass) -> None:
+    rng = np.random.default_rng(5)
+    bumps = rng.normal(0.0, 0.4, (200, 200))
+    grid = grid_of(lambda x, y: folded(x, y) + bumps, 200, 200, 1.5)
+    out = paths(grid, x=-120.0, y=np.linspace(-30.0, 30.0, 8), n=25, on=on, log_events=6000)
+    for log, rock in zip(out.event_logs, out.rocks, strict=True):
+        a, b, c = (rock[f"{axis}_m"] for axis in "abc")
+        assert c <= b <= a
+        inertia = (a * a + b * b) / 5.0
+        energy = (
+            0.5 * (log["vx_mps"] ** 2 + log["vz_mps"] ** 2 + inertia * log["omega_radps"] ** 2)
+            + G * log["z_m"]
+        )
+        # Heights count from where the block ends.
+        energy -= G * log["z_m"].min()
+        gain = np.diff(energy) / energy[:-1].clip(1.0)
+        assert gain.max() < 1e-6, (np.argmax(gain), gain.max())
+
+
+def test_a_rolling_sphere_turns_as_an_independent_integration_says() -> None:
+    """dφ/ds = g sin β sin(ψ − φ)/v² on a plane, with dv/dt = g (sin β' − μ cos β')."""
+    mu, slope = 0.45, 0.6
+    on = ground(mu_0=mu, k=0.0, d_star_m=0.0, dp_min=0.0, dp_max=0.0, mu_f=5.0)
+    settings = EngineSettings(
+        side_tilt_deg=35.0, drift_deg=0.0, slope_variation="off", rolling="round"
+    )
+    # Small: the centre of a larger one stands the higher, the steeper its heading is. Fast: it
+    # turns little in each step, which is as long as half of the turn at most.
+    sphere = BlockPopulation(
+        "s", (0.1, 0.1), (0.1, 0.1), (0.1, 0.1), drop_m=(3.0, 3.0), speed_mps=(9.0, 9.0)
+    )
+    grid = bench(math.degrees(math.atan(slope)), 200.0, run_out=math.degrees(math.atan(slope)))
+    out = paths(grid, x=-150.0, n=60, on=on, settings=settings, blocks=sphere, log_events=4000)
+    checked = 0
+    for log in out.event_logs:
+        rolls = np.flatnonzero(log["phase"] == ROLLING)
+        assert np.array_equal(rolls, np.arange(rolls[0], rolls[-1] + 1))
+        s = grid.cell_size * np.column_stack([log["u"], log["v"]])[rolls]
+        step = np.diff(s, axis=0)
+        chi = np.arctan2(step[:, 1], step[:, 0])
+        if abs(chi[0]) < 0.25:
+            continue
+        v2 = [log["vx_mps"][i] ** 2 + log["vz_mps"][i] ** 2 for i in rolls[:2]]
+        v0 = math.sqrt(0.5 * (v2[0] + v2[1]))
+
+        def rate(_t: float, y: FloatArray) -> list[float]:
+            phi, speed = y[2:]
+            p = slope * math.cos(phi)
+            flat = 1.0 / math.sqrt(1.0 + p * p)
+            level = speed * flat
+            kappa = G * slope / ((1.0 + slope**2) * level**2)
+            return [
+                level * math.cos(phi), level * math.sin(phi), -kappa * math.sin(phi) * level,
+                G * (p - mu) * flat,
+            ]  # fmt: skip
+
+        # The heading of the first step is that in its middle.
+        begin = 0.5 * (s[0] + s[1])
+        far = np.hypot(*(s - begin).T)
+        last = int(np.searchsorted(far[1:], 60.0))
+        found = solve_ivp(
+            rate, (0.0, 60.0), [*begin, chi[0], v0], rtol=1e-9, atol=1e-9, dense_output=True,
+            events=lambda _t, y, end=s[last, 0]: y[0] - end,
+        ).y_events[0][0]  # fmt: skip
+        # The heading is that of the path within 0.01 rad: half of that over 60 m.
+        assert s[last, 1] - begin[1] == pytest.approx(found[1] - begin[1], rel=0.02, abs=0.3)
+        now = math.hypot(log["vx_mps"][rolls[last]], log["vz_mps"][rolls[last]])
+        assert now == pytest.approx(found[3], rel=0.02)
+        checked += 1
+    assert checked > 10
+
+
+# --- stations, walls, effects --------------------------------------------------------------------
+
+
+def crossing_of(line: ControlLine, x: float) -> ControlLineCrossings:
+    return ControlLineCrossings((line,), np.array([0, 1]), np.array([x]), np.array([0]))
+
+
+def test_a_wall_holds_the_same_share_as_on_a_line() -> None:
+    grid = bench(36.0, 100.0)
+    wall = ControlLine("wall", "wall", height_m=1.5)
+    trace = np.array([[-30.0, -100.0], [-30.0, 100.0]])
+    n = 2500
+    out = paths(grid, x=-90.0, n=n, lines=((wall, trace),))
+    drop = math.tan(math.radians(36.0))
+    s = np.array([-20.0, 90.0, 300.0])
+    line = simulate(
+        profile((s, 1000.0 - drop * np.minimum(s, 90.0))), GroundTable((DEBRIS,)), MIXED, HAZARD,
+        seed=1, rocks_per_line=n, line_keys=np.array([7], np.uint64), starts=np.zeros((1, 2)),
+        control_lines=crossing_of(wall, 60.0),
+    )  # fmt: skip
+    shares = [(r.rocks["reason"] == StopReason.BARRIER).mean() for r in (out, line)]
+    assert 0.1 < shares[1] < 0.95
+    assert shares[0] == pytest.approx(shares[1], abs=4.0 * math.sqrt(0.5 / n))
+    held = out.rocks["reason"] == StopReason.BARRIER
+    x, _ = ends(grid, out)
+    assert np.abs(x[held] + 30.0).max() < 2.0
+    assert np.unique(out.passages[["line", "rock"]]).size == out.passages.size
+
+
+def test_a_block_passes_a_station_once() -> None:
+    grid = bench(36.0, 100.0)
+    # A trace with a corner just where paths cross it, one askew, and one beside all paths.
+    lines = (
+        (ControlLine("bent", "station"), np.array([[-60.0, -90.0], [-50.0, 0.0], [-60.0, 90.0]])),
+        (ControlLine("askew", "station"), np.array([[-50.0, -70.0], [-10.0, 70.0]])),
+        (ControlLine("aside", "station"), np.array([[-50.0, 90.0], [-10.0, 90.0]])),
+    )
+    out = paths(grid, x=-90.0, n=1000, lines=lines)
+    rows = out.passages
+    assert np.unique(rows[["rock", "control_line"]]).size == rows.size
+    count = np.bincount(rows["control_line"], minlength=3)
+    x, y = ends(grid, out)
+    beyond = x > -50.0 - np.abs(y) / 9.0 + 0.1
+    assert count[0] == pytest.approx(beyond.sum(), abs=3)
+    assert 0 < count[1] <= count[0] and count[2] == 0
+
+
+def test_trees_drag_and_fragments_on_paths() -> None:
+    grid = bench(36.0, 120.0)
+    reach = np.percentile(paths(grid, x=-110.0).rocks["runout_m"], 75)
+    stems = np.full(grid.values.size, 0.06)
+    wooded = Forest(stems, np.full(stems.size, 0.3))
+    trees = paths(grid, x=-110.0, effects=EffectSettings(Trees()), forest=wooded)
+    assert np.percentile(trees.rocks["runout_m"], 75) < 0.95 * reach
+    drag = paths(grid, x=-110.0, effects=EffectSettings(AirDrag(drag_coefficient=50.0)))
+    assert np.percentile(drag.rocks["max_speed_mps"], 90) < 20.0
+    broken = paths(grid, x=-110.0, effects=EffectSettings(Fragmentation(energy_jkg=30.0)))
+    whole = broken.rocks["reason"] == StopReason.BROKEN
+    assert whole.any() and broken.pieces.size
+    mass = broken.pieces["mass_kg"][broken.pieces["reason"] != StopReason.BROKEN].sum()
+    assert mass == pytest.approx(broken.rocks["mass_kg"][whole].sum(), rel=1e-6)
+    x, y = ends(grid, broken)
+    own = slice(broken.rocks.size, None)
+    assert x[own].size == broken.pieces.size
+    assert (x[own] > -111.0).all() and np.abs(y[own]).max() < 120.0
+    assert abs(y[own].mean()) < 5.0
+
+
+def test_a_wind_against_them_turns_blocks_back() -> None:
+    grid = bench(36.0, 120.0)
+    out = paths(grid, x=-110.0, effects=EffectSettings(Wind(acceleration_mps2=-5.0)))
+    calm = paths(grid, x=-110.0)
+    assert (out.rocks["reason"] != StopReason.STEP_LIMIT).all()
+    assert np.isfinite(out.x).all()
+    assert np.median(out.rocks["runout_m"]) < np.median(calm.rocks["runout_m"])
+
+
+# --- where the terrain ends or says little -------------------------------------------------------
+
+
+def test_release_at_the_edge_in_a_hole_and_on_level_ground() -> None:
+    grid = bench(36.0, 60.0)
+    west, south, _, _ = grid.bounds
+    x0, y0 = middle(grid)
+    at_edge = paths(grid, x=west - x0 + 0.3, y=south - y0 + 0.3, n=50)
+    assert np.isfinite(at_edge.x).all() and (at_edge.rocks["reason"] != StopReason.STEP_LIMIT).all()
+    holed = grid.values.copy()
+    holed[30:40, 30:40] = np.nan
+    with_hole = dataclasses.replace(grid, values=holed)
+    hx, hy = with_hole.cell_centres(np.array([35 * grid.shape[1] + 35]))
+    with pytest.raises(InputError, match="no height is known"):
+        paths(with_hole, x=hx[0] - x0, y=hy[0] - y0, n=5)
+    above = paths(with_hole, x=hx[0] - x0 - 24.0, y=hy[0] - y0, n=100)
+    into = grid.cell_of(above.x, above.y)
+    left = above.rocks["reason"] == StopReason.LEFT_PROFILE
+    assert left.mean() > 0.3
+    assert np.isfinite(with_hole.values.ravel()[into[~left]]).all()
+    level = grid_of(lambda x, y: 100.0 + 0.0 * x * y, 60, 60)
+    fast = dataclasses.replace(MIXED, speed_mps=(6.0, 8.0))
+    out = paths(level, n=800, blocks=fast)
+    x, y = ends(level, out)
+    assert np.hypot(x.mean(), y.mean()) < 4.0 * np.hypot(x, y).std() / math.sqrt(400.0) + 0.1
+    share = np.histogram(np.arctan2(y, x), bins=8, range=(-math.pi, math.pi))[0] / 800
+    assert share == pytest.approx(np.full(8, 0.125), abs=0.05)
+
+
+def test_cells_of_any_size_give_about_the_same() -> None:
+    far = {}
+    for cell in (0.5, 2.0, 8.0):
+        grid = bench(36.0, 120.0, cell=cell)
+        far[cell] = ends(grid, paths(grid, x=-104.0, n=1200))
+    for cell in (0.5, 8.0):
+        assert np.median(far[cell][0]) == pytest.approx(np.median(far[2.0][0]), abs=6.0)
+        assert width(far[cell][1]) == pytest.approx(width(far[2.0][1]), rel=0.2)
+
+
+@pytest.mark.parametrize("cell", [0.5, 2.0])
+def test_rough_ground_with_steps_and_pits(cell: float) -> None:
+    rng = np.random.default_rng(11)
+    n = 220
+    bumps = rng.normal(0.0, 0.3 * cell, (n, n))
+    bumps[rng.random((n, n)) < 0.02] -= 3.0
+    steps = 8.0 * cell
+
+    def rugged(x: FloatArray, y: FloatArray) -> FloatArray:
+        return 1000.0 - 0.3 * x - 6.0 * np.floor(x / steps) + 0.3 * np.abs(y) + bumps
+
+    grid = grid_of(rugged, n, n, cell)
+    x = np.tile(np.linspace(-0.45, 0.3, 10), 4) * n * cell
+    y = np.repeat([-0.3, -0.1, 0.1, 0.3], 10) * n * cell
+    out = paths(grid, x=x, y=y, n=25, on=ROCK, log_events=1500)
+    assert out.rocks.size == 1000
+    for name in ("runout_m", "runout_z_m", "max_speed_mps", "max_height_m", "max_energy_kj"):
+        assert np.isfinite(out.rocks[name]).all(), name
+    assert (out.rocks["reason"] != StopReason.STEP_LIMIT).all()
+    for log, rock in zip(out.event_logs, out.rocks, strict=True):
+        u, v = log["u"], log["v"]
+        inside = (u > 1) & (v > 1) & (u < n - 1) & (v < n - 1)
+        # Bilinear between centres, by hand.
+        i, j = (np.floor(w[inside] - 0.5).astype(int) for w in (v, u))
+        fv, fu = v[inside] - 0.5 - i, u[inside] - 0.5 - j
+        z = grid.values
+        below = (
+            (z[i, j] * (1 - fu) + z[i, j + 1] * fu) * (1 - fv)
+            + (z[i + 1, j] * (1 - fu) + z[i + 1, j + 1] * fu) * fv
+        )  # fmt: skip
+        assert (log["z_m"][inside] > below - 0.25 - rock["a_m"]).all()
