@@ -42,6 +42,7 @@ name = "Chant Sura"
 dem = "dem.tif"
 crs = "EPSG:2056"
 vertical_datum = "LN02"
+path = "fall_line"
 smoothing_m = 0.5
 segment_tolerance_m = 0.05
 

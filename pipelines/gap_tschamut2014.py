@@ -35,6 +35,7 @@ name = "Tschamut 2014"
 [terrain]
 dem = "dem.tif"
 crs = "local"
+path = "fall_line"
 energy_line_angle_deg = 10.0
 
 [release]

@@ -11,6 +11,7 @@ import click
 
 from sassgis import __version__
 from sassgis.cli.batch_command import batch
+from sassgis.cli.calibrate_command import calibrate
 from sassgis.cli.demo_command import demo
 from sassgis.cli.export_command import export
 from sassgis.cli.gap_check_command import check_diagnosis
@@ -38,7 +39,9 @@ def gap() -> None:
     """Observations in the field, to be compared with the simulation."""
 
 
-for _command in (init, validate, run, zone, batch, sensitivity, profile, export, demo):
+for _command in (
+    init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
+):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, diagnose, validate_observations, check_diagnosis):
     gap.add_command(_command)

@@ -7,17 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.engine.rows import last_of
-from sassgis.engine.state import (
-    BARRIER,
-    CROSSING_DTYPE,
-    Block,
-    Output,
-    Record,
-    Records,
-    Site,
-    end,
-)
+from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.state import BARRIER, CROSSING_DTYPE, Block, Output, Site, end
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel, lean
 

@@ -19,7 +19,7 @@ from sassgis.engine.landing import land
 from sassgis.engine.path import FOLLOWED, Path, note_passages
 from sassgis.engine.profile import segment_at, stretch_from
 from sassgis.engine.rolling import rolling_friction
-from sassgis.engine.rows import last_of
+from sassgis.engine.rows import Record, last_of
 from sassgis.engine.state import (
     END,
     FLIGHT,
@@ -32,7 +32,6 @@ from sassgis.engine.state import (
     Block,
     Output,
     Physics,
-    Record,
     Site,
     Start,
     end,

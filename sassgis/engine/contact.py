@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.engine.rows import last_of
-from sassgis.engine.state import Records
+from sassgis.engine.rows import Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
 from sassgis.model.jit import inlined, lean
 

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from sassgis.engine.ellipse import inertia, mean_radius
-from sassgis.engine.state import Block, Record, Start
+from sassgis.engine.rows import Record
+from sassgis.engine.state import Block, Start
 from sassgis.model import rng
 from sassgis.model.jit import kernel
 

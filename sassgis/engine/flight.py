@@ -9,7 +9,7 @@ from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
 from sassgis.engine.profile import segment_at
 from sassgis.engine.recording import record_flight
-from sassgis.engine.rows import last_of
+from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
@@ -17,8 +17,6 @@ from sassgis.engine.state import (
     Block,
     Output,
     Physics,
-    Record,
-    Records,
     Site,
     end,
     log_event,

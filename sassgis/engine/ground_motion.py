@@ -24,7 +24,7 @@ from sassgis.engine.rolling import (
     rolling_friction,
     rolling_stretch,
 )
-from sassgis.engine.rows import last_of
+from sassgis.engine.rows import Record, last_of
 from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
@@ -34,7 +34,6 @@ from sassgis.engine.state import (
     Block,
     Output,
     Physics,
-    Record,
     Site,
     end,
     end_at_rest,

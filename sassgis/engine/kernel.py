@@ -17,19 +17,8 @@ from sassgis.engine.heading import continue_path, start_path
 from sassgis.engine.path import FOLLOWED, Path, place, room_ahead
 from sassgis.engine.profile import last_cell, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work
-from sassgis.engine.rows import last_of
-from sassgis.engine.state import (
-    BARRIER,
-    REST,
-    Block,
-    EventLog,
-    Output,
-    Physics,
-    Record,
-    Records,
-    Site,
-    Spawned,
-)
+from sassgis.engine.rows import Record, Records, last_of
+from sassgis.engine.state import BARRIER, REST, Block, EventLog, Output, Physics, Site, Spawned
 from sassgis.engine.statistics import (
     CellSums,
     Disks,
@@ -51,6 +40,7 @@ from sassgis.engine.statistics import (
     place_work,
 )
 from sassgis.model import rng
+from sassgis.model.cell_geometry import exact
 from sassgis.model.jit import inlined, kernel
 
 #: What simulate_lines returns: whether all went well; whether there were too few rows for passages
@@ -356,8 +346,8 @@ def draw_place(key: np.uint64, u: float, v: float, spread: float) -> tuple[float
     if spread <= 0.0:
         return u, v
     return (
-        u + spread * (rng.uniform(key, rng.START_U, 0) - 0.5),
-        v + spread * (rng.uniform(key, rng.START_V, 0) - 0.5),
+        u + exact(spread * (rng.uniform(key, rng.START_U, 0) - 0.5)),
+        v + exact(spread * (rng.uniform(key, rng.START_V, 0) - 0.5)),
     )
 
 

@@ -11,6 +11,7 @@ from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import RESTITUTION, impact, normal_force, soft_landing
 from sassgis.engine.profile import along, foot_segment
 from sassgis.engine.rolling import rolling_friction
+from sassgis.engine.rows import Record, Records
 from sassgis.engine.state import (
     BROKEN,
     FLIGHT,
@@ -19,8 +20,6 @@ from sassgis.engine.state import (
     Block,
     Output,
     Physics,
-    Record,
-    Records,
     Site,
     end,
     end_at_rest,

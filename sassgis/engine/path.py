@@ -94,7 +94,7 @@ def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, floa
 
     Central differences over its diameter, or over a cell if that is longer.
     """
-    step = max(radius / path.cell_size, 0.5)
+    step = exact(max(radius / path.cell_size, 0.5))
     n_rows, n_cols = path.heights.shape
     east = _height(path, u + step, v, n_rows, n_cols)
     west = _height(path, u - step, v, n_rows, n_cols)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.recording import STRETCH_DTYPE
-from sassgis.engine.rows import last_of
-from sassgis.engine.state import BARRIER, VERTEX_DTYPE, Records
+from sassgis.engine.rows import Records, last_of
+from sassgis.engine.state import BARRIER, VERTEX_DTYPE
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel, lean
 

@@ -48,7 +48,7 @@ class CellWork(NamedTuple):
 
 
 def empty_work(n_cells: int, chords: bool) -> CellWork:
-    """Room for what a block does in the cells of a chunk, and for its path across each if wanted."""
+    """Room for what a block does in the cells of a chunk; if wanted, for its path across each."""
     return CellWork(
         np.full((n_cells, N_RECORDED), -1.0),
         np.zeros(n_cells, np.int64),
@@ -93,27 +93,41 @@ def _on_map(stretches: NDArray[np.void], i: int, x: float) -> tuple[float, float
 
 @lean
 def _pass(
-    work: CellWork, cell: int, first: bool, u: float, v: float, u_end: float, v_end: float
-) -> None:
-    """Note where a block passes a cell: from where it was first to the farthest place from there.
+    stretches: NDArray[np.void],
+    work: CellWork,
+    i: int,
+    step: int,
+    x_end: float,
+    inside: bool,
+    first: bool,
+    u: float,
+    v: float,
+) -> tuple[float, float]:
+    """Note the path of a block across stretch i from (u, v) on; returns where it leaves.
 
-    Its path within the cell is taken as straight. A block that turns back leaves the farthest.
+    Within a cell the path is taken as straight between the ends that are kept: those farthest from
+    each other, where it turns back.
     """
+    ahead = stretches[i + 1] if step > 0 else stretches[i]
+    u_end, v_end = _on_map(stretches, i, x_end) if inside else (ahead.u, ahead.v)
+    cell = stretches[i].cell
+    if cell < 0:
+        return u_end, v_end
     chord = work.chord[cell]
     if first:
         chord[0] = u
         chord[1] = v
         chord[2] = u_end
         chord[3] = v_end
-        return
-    du = chord[2] - chord[0]
-    dv = chord[3] - chord[1]
-    before = du * du + dv * dv
-    du = u_end - chord[0]
-    dv = v_end - chord[1]
-    if du * du + dv * dv > before:
+        return u_end, v_end
+    length2 = (chord[2] - chord[0]) ** 2 + (chord[3] - chord[1]) ** 2
+    if (u_end - chord[0]) ** 2 + (v_end - chord[1]) ** 2 > length2:
         chord[2] = u_end
         chord[3] = v_end
+    elif (u_end - chord[2]) ** 2 + (v_end - chord[3]) ** 2 > length2:
+        chord[0] = u_end
+        chord[1] = v_end
+    return u_end, v_end
 
 
 @lean
@@ -171,14 +185,10 @@ def record_flight(
     top = 0.0
     step = 1 if vx >= 0.0 else -1
     segment = -1
-    lift = 0.0
-    above = 0.0
-    clear = 0.0
-    apex = 0.0
+    lift = above = clear = apex = 0.0
     before = vz * vz
     chords = work.chord.shape[0] > 0
     u, v = _on_map(stretches, i, x) if chords else (0.0, 0.0)
-    u_end, v_end = u, v
     while True:
         if step > 0:
             border = stretches[i + 1].start
@@ -216,11 +226,8 @@ def record_flight(
                 work, n_touched, cell, 0.5 * speed2 + spin_energy, high, speed2, t + now
             )
         if chords:
-            ahead = stretches[i + 1] if step > 0 else stretches[i]
-            u_end, v_end = _on_map(stretches, i, x_end) if inside else (ahead.u, ahead.v)
-            if cell >= 0:
-                _pass(work, cell, n_touched > n_before, u, v, u_end, v_end)
-            u, v = u_end, v_end
+            first = n_touched > n_before
+            u, v = _pass(stretches, work, i, step, x_end, inside, first, u, v)
         if inside:
             return n_touched, i, top
         before = after
@@ -270,7 +277,6 @@ def record_ground(
     done = 0.0
     chords = work.chord.shape[0] > 0
     u, v = _on_map(stretches, i, x) if chords else (0.0, 0.0)
-    u_end, v_end = u, v
     while True:
         if step > 0:
             border = stretches[i + 1].start
@@ -294,11 +300,8 @@ def record_ground(
                     enters += 2.0 * length * done / both
             n_touched = _raise(work, n_touched, cell, energy, 0.0, max(fast, 0.0), enters)
         if chords:
-            ahead = stretches[i + 1] if step > 0 else stretches[i]
-            u_end, v_end = _on_map(stretches, i, x_end) if inside else (ahead.u, ahead.v)
-            if cell >= 0:
-                _pass(work, cell, n_touched > n_before, u, v, u_end, v_end)
-            u, v = u_end, v_end
+            first = n_touched > n_before
+            u, v = _pass(stretches, work, i, step, x_end, inside, first, u, v)
         if inside:
             return n_touched, i
         done = share

@@ -24,5 +24,5 @@ def record_type(*fields: tuple[str, Any]) -> np.dtype[np.void]:
 
 @inlined
 def last_of(rows: Records) -> int:
-    """Position of the last vertex of a profile, of the end of the last stretch; number of crossings."""
+    """Position of the last vertex, or of the end of the last stretch; number of crossings."""
     return int(rows[0].last)

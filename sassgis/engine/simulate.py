@@ -68,6 +68,9 @@ class Simulated:
     x, y : float64, shape (n_rocks + n_pieces,)
         Where the blocks and the spawned blocks end on the map (m); empty where they were simulated
         on given lines.
+    looked_at : (int, int, int, int) or None
+        First and last row, first and last column of the grid of the cells that followed paths
+        looked at, ahead of the blocks; None on given lines.
     """
 
     cells: IntArray
@@ -81,6 +84,7 @@ class Simulated:
     event_logs: tuple[NDArray[np.void], ...]
     x: FloatArray = field(default_factory=lambda: np.empty(0))
     y: FloatArray = field(default_factory=lambda: np.empty(0))
+    looked_at: tuple[int, int, int, int] | None = None
 
 
 def no_exceedance(n: int, bins: Bins) -> Exceedance:

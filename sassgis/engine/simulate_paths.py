@@ -35,6 +35,7 @@ from sassgis.engine.simulate import (
 )
 from sassgis.engine.statistics import by_name, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
+from sassgis.model.cell_geometry import exact_positions
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
@@ -77,7 +78,7 @@ def follow(
     terrain: Terrain,
     points: ReleasePoints,
     table: GroundTable,
-    blocks: BlockPopulation,
+    blocks: BlockPopulation | Sequence[BlockPopulation],
     settings: EngineSettings,
     *,
     seed: int,
@@ -129,10 +130,11 @@ def follow(
     numbers = np.arange(n, dtype=np.int64) if point_numbers is None else point_numbers
     given = Points(u, v, np.asarray(numbers, np.int64), np.asarray(point_keys, np.uint64))
     lines = [line for line, _ in terrain.control_lines]
+    populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     settings = settings.resolved()
     setup = Setup(
         ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),
-        blocks.limits()[None, :],
+        np.stack([population.limits() for population in populations]),
         physics_of(settings),
         control_line_table(lines),
         np.uint64(seed),
@@ -177,7 +179,10 @@ def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
         raise InputError(
             "a release point lies where no height is known", found=f"({x:.1f}, {y:.1f})"
         )
-    return (points.x - grid.west) / grid.cell_size, (grid.north - points.y) / grid.cell_size
+    return (
+        exact_positions((points.x - grid.west) / grid.cell_size),
+        exact_positions((grid.north - points.y) / grid.cell_size),
+    )
 
 
 def _path(
@@ -201,8 +206,8 @@ def _path(
         side_tilt=math.radians(settings.side_tilt_deg),
         drift=math.radians(settings.drift_deg),
         spread=spread_m / grid.cell_size,
-        line_u=np.ascontiguousarray((xy[:, 0] - grid.west) / grid.cell_size),
-        line_v=np.ascontiguousarray((grid.north - xy[:, 1]) / grid.cell_size),
+        line_u=exact_positions((xy[:, 0] - grid.west) / grid.cell_size),
+        line_v=exact_positions((grid.north - xy[:, 1]) / grid.cell_size),
         line_number=np.concatenate([np.empty(0, np.int64), *number]).astype(np.int64),
         line_kind=table.kind,
         line_height=table.height,
@@ -216,9 +221,9 @@ def _named(
     grid: Grid, register: CellRegister, totals: Totals, rows: Rows, flat: object, log_events: int
 ) -> Simulated:
     """What the blocks left, cells and windows in ascending order."""
-    known = register.counts[CELLS]
+    known = int(register.counts[CELLS])
     sums = by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach)  # type: ignore[arg-type]
-    reached = np.flatnonzero((sums["reach"][:known] > 0) | (sums["stops"][:known] > 0))
+    reached = np.flatnonzero((totals.reach.rocks[:known, 0] > 0) | (totals.sums.stops[:known] > 0))
     order = reached[np.argsort(register.cells[reached])]
     windows = np.argsort(register.windows[: register.counts[WINDOWS]])
     came = totals.windows.reach.rocks[windows, 0] > 0
@@ -239,4 +244,12 @@ def _named(
         else (),
         x=grid.west + ends[:, 0] * grid.cell_size,
         y=grid.north - ends[:, 1] * grid.cell_size,
+        looked_at=_hull(*np.divmod(register.cells[:known], grid.shape[1])),
     )
+
+
+def _hull(rows: IntArray, cols: IntArray) -> tuple[int, int, int, int] | None:
+    """First and last row, first and last column; None of no cell."""
+    if not rows.size:
+        return None
+    return int(rows.min()), int(rows.max()), int(cols.min()), int(cols.max())

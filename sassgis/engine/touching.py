@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sassgis.engine.state import Record
+from sassgis.engine.rows import Record
 from sassgis.model.jit import kernel
 
 _MAX_STEPS = 500

@@ -31,7 +31,8 @@ _LINE_ENDS = (
 _STOPS = (
     (
         StopReason.LEFT_PROFILE,
-        "still moved at the end of their fall line and are lost from the map",
+        "still moved at the end of their fall line or at the edge of the terrain model, and are "
+        "lost from the map",
     ),
     (StopReason.STEP_LIMIT, "were given up at engine.max_events contacts"),
     (

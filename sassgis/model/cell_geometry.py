@@ -22,6 +22,12 @@ def exact(shift: float) -> float:
     return float(np.floor(shift * _STEPS_PER_CELL + 0.5) / _STEPS_PER_CELL)
 
 
+def exact_positions(positions: FloatArray) -> FloatArray:
+    """Positions in cells that lie a whole number of the shortest shifts from the corner."""
+    whole = np.floor(positions)
+    return whole + np.array([exact(p) for p in positions - whole], np.float64)
+
+
 @kernel
 def next_line(position: float, target: float) -> float:
     """First whole number strictly ahead of ``position`` towards ``target``."""

@@ -152,6 +152,9 @@ class MapRun:
         Heights that blocks meet, on the cells of ``grid``; None: those of ``grid``.
     path : {"followed", "fall_line"}
         Whether each block has a path of its own, or keeps to the lines of its release point.
+    rim : (int, int, int, int)
+        Cells at the north, east, south and west edge of the grid that no followed path may look at,
+        as the terrain goes on there.
     """
 
     grid: Grid
@@ -178,6 +181,17 @@ class MapRun:
     block_scale_m: float = 0.0
     ground_heights: Grid | None = None
     path: str = "fall_line"
+    rim: tuple[int, int, int, int] = (0, 0, 0, 0)
+
+    def sides_met(self, looked_at: tuple[int, int, int, int]) -> tuple[bool, bool, bool, bool]:
+        """On which sides (north, east, south, west) paths looked into the rim of the grid.
+
+        ``looked_at`` as of Simulated.
+        """
+        n_rows, n_cols = self.grid.shape
+        north, east, south, west = self.rim
+        top, bottom, left, right = looked_at
+        return (top < north, right >= n_cols - east, bottom >= n_rows - south, left < west)
 
     @property
     def heights(self) -> Grid:
@@ -210,11 +224,16 @@ class MapRun:
         return self.spacing_m if self.followed and polygon and self.placement == "grid" else 0.0
 
     @property
+    def path_words(self) -> str:
+        """In words: along what blocks are simulated."""
+        return "paths that are followed" if self.followed else "fall lines"
+
+    @property
     def lateral_spread(self) -> str:
         """In words: how blocks leave the fall line."""
         if self.followed:
             return (
-                "the path of each block is followed: its heading turns at impacts and as it rolls "
+                "the heading of each block turns at impacts and as it rolls "
                 f"(sideways tilt {self.engine.side_tilt_deg:g}°, drift {self.engine.drift_deg:g}°)"
             )
         lateral = self.effects.get(LateralDeflection)

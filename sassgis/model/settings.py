@@ -441,7 +441,7 @@ class EngineSettings(Section):
         Interval(ge=0, le=45),
         "of followed paths: standard deviation of the sideways tilt of the spot that an impact "
         "meets (degrees)",
-    ] = 15.0
+    ] = 7.0
     drift_deg: Annotated[
         float,
         Interval(ge=0, le=30),

@@ -55,7 +55,7 @@ def line_figure(shown: LinePaths) -> Figure:
     return figures.profile_figure(
         s[:last], z[:last], shown.paths, ground=shown.ground[:last],
         ground_names=shown.ground_names, control_lines=control_lines, stops=shown.stops,
-        title=f"Fall line of the block with the longest run-out: {shown.area}, {shown.scenario}",
+        title=f"Path of the block with the longest run-out: {shown.area}, {shown.scenario}",
     )  # fmt: skip
 
 
@@ -89,7 +89,7 @@ def runout_counts(progress: Progress, bins: int = 40) -> Figure:
     counts = padded.reshape(padded.shape[0], groups, width).sum(axis=2)
     edges = width * np.arange(groups + 1, dtype=float)
     return figures.runout_counts_figure(
-        edges, {r: counts[r] for r in StopReason}, title="Run-out along the fall lines"
+        edges, {r: counts[r] for r in StopReason}, title="Run-out along the paths"
     )
 
 
@@ -259,7 +259,7 @@ def map_report(
             figure = line_figure(furthest)
             pictures.append(
                 ReportFigure(
-                    "A fall line with the paths of its blocks",
+                    "A path of blocks and the terrain under it",
                     "Flattened into one vertical plane. Walls and nets at their true height.",
                     save_figure(folder, "profile_furthest", figure),
                 )
@@ -267,7 +267,7 @@ def map_report(
         pictures.append(
             ReportFigure(
                 "Run-out",
-                "Chainage in plan along the fall line at which blocks stop, by stopping reason.",
+                "Chainage in plan along the path at which blocks stop, by stopping reason.",
                 save_figure(folder, "runout", runout_counts(progress)),
             )
         )
@@ -298,10 +298,12 @@ def map_report(
             ("Release areas", ", ".join(a.name for a in run.areas)),
             ("Release points", len(planned.points)),
             ("Simulated blocks", total),
+            ("Paths", run.path_words),
             ("Lateral spread", run.lateral_spread),
             ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),
             ("Reference width of the reach probability", f"{run.grid.cell_size:.4g} m (one cell)"),
-            ("Smoothing of the terrain for fall lines", f"{run.fall_lines.smoothing_m:g} m"),
+            ("Smoothing of the terrain for the drawn fall lines" if run.followed
+             else "Smoothing of the terrain for fall lines", f"{run.fall_lines.smoothing_m:g} m"),
             ("Terrain that counts as roughness", _block_scale(run)),
             ("Segments within", f"{run.segment_tolerance_m:g} m of the terrain, vertically"),
             *((("A sample at other tolerances", str(facts["tolerance_check"])),)

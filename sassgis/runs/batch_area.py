@@ -39,7 +39,7 @@ from sassgis.runs.batch_state import (
     write_record,
     write_state,
 )
-from sassgis.runs.batch_window import cut_sides, windowed
+from sassgis.runs.batch_window import Sides, Windowed, cut_sides, windowed
 from sassgis.runs.inputs import (
     collected_notices,
     forest_of,
@@ -49,6 +49,7 @@ from sassgis.runs.inputs import (
     yearly_frequencies,
 )
 from sassgis.runs.job import Job, OnProgress
+from sassgis.runs.map import TerrainTooSmall
 from sassgis.runs.zone import most_repetitions, prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 
@@ -249,14 +250,34 @@ def run_area(
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
 ) -> Record:
-    """Zone one area into its folder."""
-    config = replace(
+    """Zone one area into its folder.
+
+    Where followed paths come to the edge of its part of the terrain, it begins anew on a wider one.
+    """
+    margins: Sides = (1, 1, 1, 1)
+    while True:
+        cut = _cut(setting, candidate, margins)
+        try:
+            return _run_cut(setting, candidate, cut, folder, jobs, on_progress, tell)
+        except TerrainTooSmall as small:
+            tell("Paths leave this part of the terrain: once more on a wider one")
+            margins = cut.wider(small.sides)
+
+
+def _own_config(setting: Setting, candidate: Candidate) -> Config:
+    """The configuration for one area."""
+    return replace(
         setting.config,
         release=candidate.release,
         project=replace(
             setting.config.project, name=f"{setting.config.project.name}: {candidate.name}"
         ),
     )
+
+
+def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
+    """The run of an area on its part of the terrain, with ground and forest."""
+    config = _own_config(setting, candidate)
     with collected_notices() as notices:
         feature = area_feature(setting, candidate)
 
@@ -272,12 +293,27 @@ def run_area(
             make,
             most_repetitions(config),
             setting.first_margin_m,
+            margins,
         )
         run = replace(
             cut.run,
             ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline),
             forest=forest_of(config, cut.run.grid, setting.outline),
         )
+    return replace(cut, run=run, notices=tuple(notices))
+
+
+def _run_cut(
+    setting: Setting,
+    candidate: Candidate,
+    cut: Windowed,
+    folder: Path,
+    jobs: int | None,
+    on_progress: OnProgress | None,
+    tell: Callable[[str], None],
+) -> Record:
+    """Zone one area on its part of the terrain."""
+    config, run = _own_config(setting, candidate), cut.run
     frequencies = yearly_frequencies(config, run.areas, setting.names)
     objects = _objects_in(setting, run.grid)
     rules = replace(
@@ -287,7 +323,7 @@ def run_area(
     )
     if not objects:
         rules = replace(rules, vulnerability=None)
-    job = prepared(Job(run, cut.planned, tuple(notices)), rules)
+    job = prepared(Job(run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:
         done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
         write_state(work / SIMULATION_NAME, done.progress, done.run)
@@ -307,7 +343,7 @@ def run_area(
             zones_m2={},
             control_lines=_control_lines_in(setting, run.grid),
             objects=objects,
-            notices=tuple(notices),
+            notices=cut.notices,
         )
 
         def keep(found: Assessment) -> None:

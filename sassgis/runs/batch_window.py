@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sassgis.io.read.tiles import Part, Terrain, hull
+from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.map_run import MapRun
 from sassgis.model.settings import LateralDeflection
@@ -25,6 +26,12 @@ _SPLINE_CELLS = 48
 #: Standard deviations at which the Gaussian of the smoothing ends.
 _GAUSSIAN_ENDS = 4.0
 _POINTS = 256
+#: Share of the length of the fall lines by which a part is wider than they, for followed paths.
+_ASIDE = 0.15
+#: Cells beside one that a path looks at whose heights count there, next to half a block.
+_BESIDE = 3
+
+Sides = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,18 +44,48 @@ class Windowed:
     run : MapRun
         Its grid is that part.
     planned : Plan
+    margins : (int, int, int, int)
+        Cells around the release area, in the north, east, south and west.
+    notices : tuple of str
+        What the readers had to say.
     """
 
     part: Part
     run: MapRun
     planned: Plan
+    margins: Sides
+    notices: tuple[str, ...] = ()
+
+    def wider(self, sides: tuple[bool, bool, bool, bool]) -> Sides:
+        """Margins to try next if paths came to the rim on some sides."""
+        n, e, s, w = (2 * m if met else m for m, met in zip(self.margins, sides, strict=True))
+        return n, e, s, w
 
 
 def edge_cells(smoothing_m: float, ref_width_m: float, cell_size: float) -> int:
     """Cells from a cut edge within which fall lines would feel it, or counts be lost."""
     felt = math.ceil(_GAUSSIAN_ENDS * smoothing_m / cell_size) + _SPLINE_CELLS
-    counted = math.ceil(0.5 * ref_width_m / cell_size) + 1
-    return max(felt, counted)
+    return max(felt, _counted(ref_width_m, cell_size))
+
+
+def rim_cells(run: MapRun, ref_width_m: float) -> int:
+    """Cells from a cut edge within which followed paths would feel it, or counts be lost."""
+    cell = run.grid.cell_size
+    smoothed = math.ceil(_GAUSSIAN_ENDS * SD_PER_DIAMETER * run.block_scale_m / cell)
+    block = math.ceil(max(_largest_radius(b) for b in run.blocks) / cell)
+    return max(smoothed + block + _BESIDE, _counted(ref_width_m, cell))
+
+
+def _largest_radius(blocks: BlockPopulation) -> float:
+    """Of the sphere as large as the largest block (m)."""
+    if blocks.volume_m3 is not None:
+        return math.cbrt(0.75 * blocks.volume_m3[1] / math.pi)
+    return math.cbrt(blocks.axis_1_m[1] * blocks.axis_2_m[1] * blocks.axis_3_m[1])
+
+
+def _counted(ref_width_m: float, cell_size: float) -> int:
+    """Cells around a path in whose windows it counts."""
+    return math.ceil(0.5 * ref_width_m / cell_size) + 1
 
 
 def windowed(
@@ -58,13 +95,18 @@ def windowed(
     make: Callable[[Part], MapRun],
     repetitions: int,
     first_margin_m: float = _FIRST_MARGIN_M,
+    margins: Sides = (1, 1, 1, 1),
 ) -> Windowed:
-    """Find the part of the terrain model that the fall lines of a release area need.
+    """Find the part of the terrain model that a release area needs.
 
     A part is tried, the lines of all repetitions are traced on it, and on each side on which one
     comes near a cut edge (see edge_cells) the margin grows by half. So the lines are those of the
     whole terrain model: to the last bit where corners and sizes of cells are binary numbers (whole
     metres, halves, quarters, ...) and no nodata is near, else but for rounding.
+
+    Where paths are followed they go where they will: the part is wider than the fall lines, and
+    the run has a rim on each cut side that no path may look at (see MapRun.rim). If one does, ask
+    again for wider margins.
 
     Parameters
     ----------
@@ -79,6 +121,8 @@ def windowed(
         Most of them that there may be; where paths are random, each has its own.
     first_margin_m : float
         Margin with which to begin.
+    margins : (int, int, int, int)
+        Cells around the area (north, east, south, west) that there must be at least.
 
     Returns
     -------
@@ -91,23 +135,31 @@ def windowed(
     """
     inner = terrain.part_of(bounds)
     first = math.ceil(min(first_margin_m, 1e9) / terrain.cell_size)
-    margins = [max(first, 1)] * 4
+    north, east, south, west = (max(first, m) for m in margins)
     while True:
-        part = inner.grown(*margins).common(terrain.whole)
+        part = inner.grown(north, east, south, west).common(terrain.whole)
         if part is None:
             raise InputError("lies outside the DEM", found=str(bounds))
         run = make(part)
         planned = plan(run)
         widest = max(run.fall_lines.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
         keep = edge_cells(widest, ref_width_m, terrain.cell_size)
-        reached = terrain.part_of(_extent(run, planned, repetitions)).grown(keep, keep, keep, keep)
-        near = [
-            cut and beyond
-            for cut, beyond in zip(cut_sides(part, terrain), _beyond(reached, part), strict=True)
-        ]
+        extent = _extent(run, planned, repetitions)
+        if run.followed:
+            aside = _ASIDE * math.hypot(extent[2] - extent[0], extent[3] - extent[1])
+            keep += math.ceil((aside + run.spacing_m) / terrain.cell_size)
+        reached = terrain.part_of(extent).grown(keep, keep, keep, keep)
+        cut = cut_sides(part, terrain)
+        near = [c and beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
         if not any(near):
-            return Windowed(part, run, planned)
-        margins = [m + (m + 1) // 2 if grow else m for m, grow in zip(margins, near, strict=True)]
+            if run.followed:
+                rim = rim_cells(run, ref_width_m)
+                run = replace(run, rim=(rim * cut[0], rim * cut[1], rim * cut[2], rim * cut[3]))
+            return Windowed(part, run, planned, (north, east, south, west))
+        north, east, south, west = (
+            m + (m + 1) // 2 if grow else m
+            for m, grow in zip((north, east, south, west), near, strict=True)
+        )
 
 
 def cut_sides(part: Part, terrain: Terrain) -> tuple[bool, bool, bool, bool]:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +19,10 @@ from sassgis.gap.diagnosis import (
     Diagnosis,
     Hypothesis,
 )
+from sassgis.gap.inference.folds import folds_of
 from sassgis.gap.ladder.calibration import (
     best_draws,
     fitted_rows,
-    folds_of,
     gain_of,
     held_out_scores,
     refine,
@@ -59,7 +54,7 @@ from sassgis.gap.which.verdict import (
     probability_of,
     verdict_of,
 )
-from sassgis.io.read.config import load_config, settings_hash
+from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import (
     read_classifier,
     read_thresholds,
@@ -67,9 +62,8 @@ from sassgis.io.read.gap_thresholds import (
 )
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.io.write.gap_files import write_diagnosis_json
-from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.run_config import Config
+from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_outputs import write_outputs
@@ -89,7 +83,6 @@ _BOOTSTRAP = 120
 _ORDER: Mapping[str, int] = {name: i for i, name in enumerate(FAMILIES)}
 
 OnProgress = Callable[[int, int, int], None]
-_Map = Callable[..., Iterator[Tried]]
 
 
 def diagnose(
@@ -158,9 +151,11 @@ def diagnose(
             )
         frozen = thresholds_of(read_thresholds())
         problem = problem_of(case, seed)
-        fingerprint = _fingerprint(settings, Path(observations), f"{seed} {draws} {ground_range:g}")
+        fingerprint = fingerprint_of(
+            settings, Path(observations), f"{seed} {draws} {ground_range:g}"
+        )
         try:
-            with _workers(problem, job_count(settings, jobs)) as run:
+            with campaign_workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Releasing {case.n_rocks} rocks in the base model")
                 base, tried = base_of(problem)
                 tell("Releasing them in every hypothesis")
@@ -174,7 +169,9 @@ def diagnose(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
                 "goes on from there"
             ) from None
-        diagnosis = replace(diagnosis, warnings=(*settings.notes, *diagnosis.warnings))
+        diagnosis = replace(
+            diagnosis, warnings=(*settings.notes, *_motion_warnings(settings), *diagnosis.warnings)
+        )
         tell("Writing the results")
         if report:
             write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
@@ -185,43 +182,36 @@ def diagnose(
     return diagnosis
 
 
+def _motion_warnings(settings: Config) -> tuple[str, ...]:
+    """Where the configured motion is not that with which rocks are replayed or causes learned."""
+    out = []
+    if settings.terrain.path == "followed":
+        out.append(
+            'terrain.path is "followed". The diagnosis replays rocks along fall lines, and model/ '
+            'states terrain.path = "fall_line". Lateral offsets of followed paths are not in the '
+            "base model."
+        )
+    if settings.engine.readings != "1986":
+        out.append(
+            f'engine.readings is "{settings.engine.readings}". The classifier was trained with '
+            '"1986": its confidence is untested here.'
+        )
+    return tuple(out)
+
+
 # ---------------------------------------------------------------------------------------------
 # Campaigns
 
-_CALIBRATION_PROBLEM: CalibrationProblem | None = None
 
-
-def _receive(problem: CalibrationProblem) -> None:
-    global _CALIBRATION_PROBLEM
-    _CALIBRATION_PROBLEM = problem
-
-
-def _try(task: tuple[str, int]) -> Tried:
-    assert _CALIBRATION_PROBLEM is not None
-    return try_task(_CALIBRATION_PROBLEM, task, _ORDER)
-
-
-def _try_refined(task: tuple[str, Mapping[str, float], int]) -> Tried:
-    assert _CALIBRATION_PROBLEM is not None
-    return run_refined(_CALIBRATION_PROBLEM, task)
-
-
-@contextmanager
-def _workers(problem: CalibrationProblem, jobs: int) -> Iterator[_Map]:
-    """A map over tasks that keeps their order, in this process or in several."""
-    if jobs <= 1:
-        _receive(problem)
-        yield map
-        return
-    with ProcessPoolExecutor(jobs, get_context("spawn"), _receive, (problem,)) as pool:
-        yield partial(pool.map, chunksize=4)
+def _try(problem: CalibrationProblem, task: tuple[str, int]) -> Tried:
+    return try_task(problem, task, _ORDER)
 
 
 def _ensemble(
     problem: CalibrationProblem,
     base: list[Tried],
     draws: int,
-    run: _Map,
+    run: CampaignMap,
     work: Path,
     fingerprint: str,
     on_progress: OnProgress | None,
@@ -287,18 +277,6 @@ def _save(file: Path, fingerprint: str, made: Sequence[Tried]) -> None:
     part.replace(file)
 
 
-def _fingerprint(config: Config, observations: Path, options: str) -> str:
-    """Of settings, inputs, observations, program and options."""
-    digest = hashlib.sha256(settings_hash(config).encode())
-    files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
-    for file in files:
-        if file.is_file():
-            digest.update(file.name.encode() + file.read_bytes())
-    digest.update(program_digest().encode())
-    digest.update(options.encode())
-    return digest.hexdigest()
-
-
 # ---------------------------------------------------------------------------------------------
 # Comparing
 
@@ -307,7 +285,7 @@ def _diagnosis(
     base_model: Base,
     ensemble: Ensemble,
     frozen: Thresholds,
-    run: _Map,
+    run: CampaignMap,
     fingerprint: str,
     on_progress: OnProgress | None,
 ) -> tuple[Diagnosis, Ensemble]:
@@ -328,7 +306,7 @@ def _diagnosis(
     counter = _Counter(on_progress, REPETITIONS * REFINED * len(further), case.n_rocks)
 
     def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
-        return list(counter.counted(run(_try_refined, tasks)))
+        return list(counter.counted(run(run_refined, tasks)))
 
     ensemble = refine(problem, ensemble, further, again, repetitions=REPETITIONS, draws=REFINED)
     part = folds_of(case.n_rocks, seed)

@@ -11,6 +11,7 @@ import numpy as np
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, rock_masses_kg
 from sassgis.gap.observations.projection import (
+    PROLONG_M,
     observed_release_points,
     project_observations,
     station_chainages,
@@ -28,9 +29,6 @@ from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.plan import plan
 from sassgis.terrain.prepare import prepare_lines
 from sassgis.terrain.release import point_keys, take
-
-#: Stations are prolonged by this much: a fall line may pass just beside one (m).
-_PROLONG_M = 100.0
 
 
 def read_case(config: Config | str | Path, observations: str | Path) -> Case:
@@ -51,10 +49,14 @@ def read_case(config: Config | str | Path, observations: str | Path) -> Case:
     ConfigError, InputError
         Files that cannot be used, or no rock whose fall line can be traced.
     """
-    config = configured(config, None)
-    run = read_map_run(config)
+    return read_case_and_run(config, observations)[0]
+
+
+def read_case_and_run(config: Config | str | Path, observations: str | Path) -> tuple[Case, MapRun]:
+    """A case, and the run of the configuration; as ``read_case``."""
+    run = read_map_run(configured(config, None))
     read = read_observations(Path(observations), run.grid)
-    return case_of(run, read, Path(observations))
+    return case_of(run, read, Path(observations)), run
 
 
 def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
@@ -69,7 +71,7 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
         )
     traces, line = _fall_lines(run, observations, file)
     prepared = prepare_lines(run, traces)
-    stations = station_chainages(traces, observations.stations, prolong_m=_PROLONG_M)
+    stations = station_chainages(traces, observations.stations, prolong_m=PROLONG_M)
     masses = rock_masses_kg(observations)
     blocks = rock_populations(observations, run.blocks[0], masses)
     radius = np.array([_radius(b) for b in blocks], np.float64)

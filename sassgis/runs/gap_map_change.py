@@ -85,7 +85,7 @@ def map_change(
     Parameters
     ----------
     config_before, config_after : path
-        With the same terrain.
+        With the same terrain. ``terrain.path`` of the second holds for both.
     out : path
         Folder of the result; appears whole or not at all.
     jobs : int, optional
@@ -105,7 +105,9 @@ def map_change(
         A configuration has no release areas, or the two differ in their terrain.
     InputError, OutputError
     """
-    before, after = load_config(config_before), load_config(config_after)
+    after = load_config(config_after)
+    # Paths of another kind would be a change by themselves.
+    before = load_config(config_before, {"terrain.path": after.terrain.path})
     for config in (before, after):
         _check(config)
     tell = say or (lambda _text: None)

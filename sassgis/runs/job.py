@@ -182,6 +182,7 @@ def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
         job.stop_points_max,
         _keeps_rows(config),
         [g.name for g, _ in job.control_lines],
+        [job.grid.west, job.grid.north, *job.grid.shape],
         job.thresholds_kj,
         job.ref_width_m,
         schedule,

@@ -55,6 +55,17 @@ _LOG_EVENTS = 2000
 _PATHS = 100
 
 
+class TerrainTooSmall(Exception):
+    """Raised when a followed path looks into the rim of the grid.
+
+    ``sides``: on which sides (north, east, south, west).
+    """
+
+    def __init__(self, sides: tuple[bool, bool, bool, bool]) -> None:
+        super().__init__(f"paths leave the part of the terrain: {sides}")
+        self.sides = sides
+
+
 @dataclass(frozen=True, slots=True)
 class Chunk:
     """Release points of one area, worked on together in one repetition."""
@@ -107,6 +118,8 @@ def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             bins=bins,
             effects=run.effects,
         )
+        if result.looked_at is not None and any(sides := run.sides_met(result.looked_at)):
+            raise TerrainTooSmall(sides)
         ended = np.concatenate([result.rocks, result.pieces])
         sums[k] = result
         parts.append(
@@ -331,6 +344,11 @@ def simulate_map(
     Returns
     -------
     Progress
+
+    Raises
+    ------
+    TerrainTooSmall
+        A followed path looks into the rim of the grid.
     """
     progress = resume if resume is not None else Progress.fresh(run)
     bins = bins_of(run)

@@ -42,7 +42,7 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
     return (
         replace(
             run, rocks_per_point=each, repetitions=1, stop_points_max=0, ref_width_m=0.0,
-            objects=ObjectCells.none(),
+            objects=ObjectCells.none(), rim=(0, 0, 0, 0),
         ),
         plan_of_points(planned, which),
     )  # fmt: skip

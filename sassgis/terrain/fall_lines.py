@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.model import rng
-from sassgis.model.cell_geometry import exact, height_at
+from sassgis.model.cell_geometry import exact, exact_positions, height_at
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel
 from sassgis.model.profiles import LineEnd, ReleasePoints, TraceSet
@@ -161,8 +161,8 @@ def trace(
         fan = kicks.fan
         n_fans = fan.size // max(len(points), 1)
     cell = grid.cell_size
-    u = _rounded((points.x - grid.west) / cell)
-    v = _rounded((grid.north - points.y) / cell)
+    u = exact_positions((points.x - grid.west) / cell)
+    v = exact_positions((grid.north - points.y) / cell)
     offset, lines, end = _trace_all(
         surface.coefficients,
         surface.valid,
@@ -193,12 +193,6 @@ def trace(
         fan=fan,
         end=end,
     )
-
-
-def _rounded(positions: FloatArray) -> FloatArray:
-    """Positions in cells that lie a whole number of the shortest shifts from the corner."""
-    whole = np.floor(positions)
-    return whole + np.array([exact(p) for p in positions - whole], np.float64)
 
 
 @kernel

@@ -59,7 +59,8 @@ def test_validate_reads_the_terrain_once(
     slope: Slope, call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = slope.config.read_text()
-    slope.config.write_text(re.sub(r"(\[\[blocks\]\]\n)", r"\1onset_frequency = 0.5\n", text))
+    text = re.sub(r"(\[\[blocks\]\]\n)", r"\1onset_frequency = 0.5\n", text)
+    slope.config.write_text(text + "\n[hazard]\nref_width_m = 10.0\n")
     opened = []
 
     def counted(path: object, *args: object, **kwargs: object) -> Grid:

@@ -20,6 +20,7 @@ from sassgis.io.read.gap_thresholds import read_classifier, read_thresholds, thr
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
+from sassgis.runs.campaign_workers import campaign_workers
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.fresh_shrinkage import measured_shrinkage
 from sassgis.runs.gap_case import read_case
@@ -129,7 +130,7 @@ def test_the_time_left_is_measured_when_all_is_compiled(
         steps.append(step)  # type: ignore[arg-type]
 
     families = families_to_try(case)
-    with gap_diagnose._workers(problem, 1) as run_tasks:
+    with campaign_workers(problem, 1) as run_tasks:
         made = gap_diagnose._ensemble(problem, [], 3, run_tasks, tmp_path, "x", on_progress)
     assert tuple(seen_at_first_step) == families
     assert [done for done, _, _ in steps] == list(range(len(families), 3 * len(families) + 1))

@@ -39,8 +39,9 @@ def test_the_diameter_of_a_class_of_the_package_is_a_placeholder() -> None:
 
 
 def test_lines_without_a_width_are_told() -> None:
-    assert len(spread_warnings(1)) == 1
-    assert not spread_warnings(2)
+    assert len(spread_warnings(1, "fall_line")) == 1
+    assert not spread_warnings(2, "fall_line")
+    assert not spread_warnings(1, "followed")
 
 
 def test_sources_that_never_release_are_named() -> None:

@@ -36,6 +36,7 @@ name = "Test slope"
 
 [terrain]
 dem = "files/dem.tif"
+path = "fall_line"
 smoothing_m = 2.0
 
 [release]

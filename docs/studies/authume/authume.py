@@ -159,6 +159,7 @@ name = "Authume quarry, P1"
 [terrain]
 dem = {json.dumps(str(dem))}
 crs = "local"
+path = "fall_line"
 
 [release]
 file = "release.gpkg"

@@ -10,7 +10,8 @@ import numpy as np
 from annotated_types import Interval
 
 from sassgis.engine.effects.spawning import spawn
-from sassgis.engine.state import Block, Record, Spawned
+from sassgis.engine.rows import Record
+from sassgis.engine.state import Block, Spawned
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
 from sassgis.model.jit import kernel, lean

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.state import Records, record_type
+from sassgis.engine.rows import Records, record_type
 from sassgis.model.errors import ConfigError
 from sassgis.model.ground import PARAMETERS, GroundTable
 

@@ -27,15 +27,8 @@ from sassgis.engine.effects.ground_switch import ground_rows
 from sassgis.engine.effects.registry import in_motion
 from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.impact import COULOMB, SCALE
-from sassgis.engine.state import (
-    STATE_FIELDS,
-    Block,
-    Record,
-    Records,
-    Site,
-    Spawned,
-    record_type,
-)
+from sassgis.engine.rows import Record, Records, record_type
+from sassgis.engine.state import STATE_FIELDS, Block, Site, Spawned
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 from sassgis.model.jit import inlined

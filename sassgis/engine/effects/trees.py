@@ -10,7 +10,8 @@ import numpy as np
 from annotated_types import Interval
 
 from sassgis.engine.profile import segment_at, to_cell_border
-from sassgis.engine.state import Block, Record, Site
+from sassgis.engine.rows import Record
+from sassgis.engine.state import Block, Site
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from sassgis.engine.state import Record
+from sassgis.engine.rows import Record
 from sassgis.model.effects import EffectSection
 from sassgis.model.jit import kernel
 

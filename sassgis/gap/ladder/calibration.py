@@ -16,20 +16,10 @@ from sassgis.model.grid import FloatArray, IntArray
 
 #: Draws that stand together for a calibrated hypothesis.
 TOP = 4
-#: Parts into which the rocks are split for cross-validation.
-FOLDS = 5
 #: Numbers of campaigns of refinement begin here, beyond those of the first draws.
 _REFINED = 3000
 
 Run = Callable[[Sequence[tuple[str, Mapping[str, float], int]]], Sequence[Tried]]
-
-
-def folds_of(n_rocks: int, seed: int) -> IntArray:
-    """Part of each rock for cross-validation, shape (n_rocks,)."""
-    order = np.random.default_rng([seed, 21]).permutation(n_rocks)
-    part = np.empty(n_rocks, np.int64)
-    part[order] = np.arange(n_rocks) % min(FOLDS, n_rocks)
-    return part
 
 
 def best_draws(ensemble: Ensemble, effect: str, rocks: IntArray | None = None) -> IntArray:

@@ -22,6 +22,8 @@ from sassgis.terrain.release import point_keys
 
 #: Points nearer to an end of the line than this (m) may lie beyond it.
 _END_M = 1e-6
+#: Stations are prolonged by this much: a fall line may pass just beside one (m).
+PROLONG_M = 100.0
 POINT_TABLES = ("rocks", "passages", "impacts", "deposits", "trajectories")
 
 
@@ -316,7 +318,7 @@ def station_chainages(
     for j, vertices in enumerate(stations.vertices):
         if vertices.shape[0] < 2:
             continue
-        control_line = _prolonged(vertices, prolong_m)
+        control_line = prolonged(vertices, prolong_m)
         line, chainage = crossings(traces, control_line)
         np.add.at(counts[:, j], line, 1)
         # Crossings of a line come by rising chainage: written backwards, the first one stays.
@@ -336,7 +338,8 @@ def station_chainages(
     return StationChainages(s, along, counts, np.argsort(middle, kind="stable"))
 
 
-def _prolonged(vertices: FloatArray, by_m: float) -> FloatArray:
+def prolonged(vertices: FloatArray, by_m: float) -> FloatArray:
+    """A line prolonged straight on at both ends."""
     if by_m <= 0.0:
         return vertices
     steps = np.diff(vertices, axis=0)

@@ -108,6 +108,25 @@ def campaigns(
     ]
 
 
+def passages_followed(
+    case: Case, rock_lines: RockLines, result: Simulated, *, count: int, rng: np.random.Generator
+) -> list[PassageRows]:
+    """Passages of whole campaigns of blocks whose paths were followed, with errors of measurement.
+
+    Lines of ``result`` are the rocks, control lines the stations of the case. Where on a station
+    a block passed is not kept.
+    """
+    n = case.n_rocks
+    rows = result.passages
+    # The ground at a station is that of the rock's fall line there.
+    rows["chainage_m"] = case.station_s[rows["line"], rows["control_line"]]
+    known = np.isfinite(rows["chainage_m"])
+    plain = HypothesisModel(case.table, case.effects)
+    seen = replace(result, passages=rows[known])
+    passages = _Paths(case, rock_lines, plain, seen, count, rng).passages()
+    return [_of_campaign(passages, k, n) for k in range(count)]
+
+
 def _wood(rock_lines: RockLines, model: HypothesisModel) -> Forest | None:
     if model.effects.get(Trees) is None:
         return None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,10 +87,7 @@ def impact_residuals(
     rock = case.observations.rock_of("impacts")
     s = case.projected["impacts"].s
     whole = (rock >= 0) & ~case.observations.is_piece("impacts") & np.isfinite(s)
-    states = impacts.vt_in_mps + impacts.vn_in_mps + impacts.vt_out_mps + impacts.vn_out_mps
-    has_axes = np.asarray(np.isfinite(axes_m).all(axis=(1, 2)), np.bool_)
-    use = whole & np.isfinite(states) & (impacts.vn_in_mps < 0.0)
-    use[use] &= has_axes[rock[use]] & (case.line[rock[use]] >= 0)
+    use = usable_impacts(case, axes_m)
     turned = whole & np.isfinite(impacts.turn_deg)
     turned[turned] &= case.line[rock[turned]] >= 0
     found: list[Residual] = []
@@ -101,15 +99,56 @@ def impact_residuals(
     return found
 
 
-def _rebounds(
-    case: Case,
-    table: GroundTable,
-    axes_m: FloatArray,
-    edges: FloatArray,
-    rows: IntArray,
-    m: int,
-    rng: np.random.Generator,
-) -> list[Residual]:
+@dataclass(frozen=True, slots=True)
+class ImpactsInFlight:
+    """Observed impacts after flights, made ready for one step of the model.
+
+    Attributes
+    ----------
+    impacts : Impacts
+    rock : int64, shape (n,)
+    s : float64, shape (n,)
+        Chainage (m).
+    kind : int64, shape (n,)
+        Class of the ground.
+    dip : float64, shape (n,)
+        Of the ground along the travel (rad).
+    axes : float64, shape (n, m, 3)
+        Semi-axes for each draw (m).
+    radius, inertia : float64, shape (n,)
+        Of the sphere of equal volume (m); per unit mass (m²), means over the draws.
+    spin : float64, shape (n,)
+        Before; that of rolling where none was measured (rad/s).
+    has_spin : bool, shape (n,)
+    """
+
+    impacts: Impacts
+    rock: IntArray
+    s: FloatArray
+    kind: IntArray
+    dip: FloatArray
+    axes: FloatArray
+    radius: FloatArray
+    inertia: FloatArray
+    spin: FloatArray
+    has_spin: NDArray[np.bool_]
+
+
+def impacts_in_flight(
+    case: Case, axes_m: FloatArray, rows: IntArray, m: int
+) -> ImpactsInFlight | None:
+    """Impacts after flights among some rows of the table; None if there are none.
+
+    Parameters
+    ----------
+    case : Case
+    axes_m : float64, shape (n_rocks, k, 3)
+        Semi-axes of each rock, longest first (m).
+    rows : int64
+        Of whole rocks with velocities before and after.
+    m : int
+        Draws of each impact.
+    """
     impacts = case.observations.impacts.take(rows)
     rock = case.observations.rock_of("impacts")[rows]
     s = case.projected["impacts"].s[rows]
@@ -120,16 +159,27 @@ def _rebounds(
     flown = fall > np.maximum(_FALL_M, 2.0 * (longer - shorter))
     flown &= _from_flight(impacts, rock, s, dip, case.engine.gravity_mps2)
     if not flown.any():
-        return []
+        return None
     impacts, rock, s, kind, dip = (impacts.take(flown), *(v[flown] for v in (rock, s, kind, dip)))
-    settings = case.engine.resolved()
-    law = table.with_rolling_threshold(settings.rolling_threshold).rows()[kind]
-    n = rock.size
-    axes = axes_m[rock][:, np.arange(m) % axes_m.shape[1]]
+    axes = np.ascontiguousarray(axes_m[rock][:, np.arange(m) % axes_m.shape[1]])
     radius = np.cbrt(axes.prod(axis=2)).mean(axis=1)
     inertia = 0.2 * (axes[:, :, 0] ** 2 + axes[:, :, 1] ** 2).mean(axis=1)
     has_spin = np.isfinite(impacts.omega_in_radps)
     spin = np.where(has_spin, impacts.omega_in_radps, impacts.vt_in_mps / radius)
+    return ImpactsInFlight(impacts, rock, s, kind, dip, axes, radius, inertia, spin, has_spin)
+
+
+def rebound_draws(
+    case: Case, table: GroundTable, observed: ImpactsInFlight, rng: np.random.Generator
+) -> FloatArray:
+    """v_t, v_n, ω after each impact in the model, shape (n, m, 3), with errors of measurement.
+
+    NaN where the model would not have the rock rebound but roll.
+    """
+    impacts, dip, axes = observed.impacts, observed.dip, observed.axes
+    settings = case.engine.resolved()
+    law = table.with_rolling_threshold(settings.rolling_threshold).rows()[observed.kind]
+    n, m = axes.shape[:2]
     meta = case.observations.metadata
     speed_error = meta.speed_error_rel if math.isfinite(meta.speed_error_rel) else 0.0
     spin_error = meta.rotation_error_rel if math.isfinite(meta.rotation_error_rel) else 0.0
@@ -140,22 +190,49 @@ def _rebounds(
     varies = np.full(n, float(settings.slope_variation == "per_impact"))
     states = np.column_stack(
         [
-            dip, impacts.vt_in_mps, impacts.vn_in_mps, spin, law["eta_max"], law["mu_f"], varies,
-            law["restitution"], law["restitution_speed_mps"], law["rolling_threshold"],
+            dip, impacts.vt_in_mps, impacts.vn_in_mps, observed.spin, law["eta_max"], law["mu_f"],
+            varies, law["restitution"], law["restitution_speed_mps"], law["rolling_threshold"],
             law["mu_0"], law["k"], law["d_star_m"],
         ]
     )  # fmt: skip
     out = np.empty((n, m, 3))
     impact_draws(
-        states,
-        np.ascontiguousarray(axes),
-        drawn,
-        settings.gravity_mps2,
-        RULES[settings.eta_max_rule or ""],
-        out,
+        states, axes, drawn, settings.gravity_mps2, RULES[settings.eta_max_rule or ""], out
     )
     out[..., :2] *= _factors(rng, speed_error, (n, m))[..., None]
     out[..., 2] *= _factors(rng, spin_error, (n, m))
+    return out
+
+
+def usable_impacts(case: Case, axes_m: FloatArray) -> NDArray[np.bool_]:
+    """Impacts of whole rocks of known size with velocities before and after, row by row."""
+    impacts = case.observations.impacts
+    rock = case.observations.rock_of("impacts")
+    states = impacts.vt_in_mps + impacts.vn_in_mps + impacts.vt_out_mps + impacts.vn_out_mps
+    use = (rock >= 0) & ~case.observations.is_piece("impacts")
+    use &= np.isfinite(case.projected["impacts"].s)
+    use &= np.isfinite(states) & (impacts.vn_in_mps < 0.0)
+    has_axes = np.asarray(np.isfinite(axes_m).all(axis=(1, 2)), np.bool_)
+    use[use] &= has_axes[rock[use]] & (case.line[rock[use]] >= 0)
+    return use
+
+
+def _rebounds(
+    case: Case,
+    table: GroundTable,
+    axes_m: FloatArray,
+    edges: FloatArray,
+    rows: IntArray,
+    m: int,
+    rng: np.random.Generator,
+) -> list[Residual]:
+    observed = impacts_in_flight(case, axes_m, rows, m)
+    if observed is None:
+        return []
+    out = rebound_draws(case, table, observed, rng)
+    impacts, rock, s, kind = observed.impacts, observed.rock, observed.s, observed.kind
+    radius, inertia, spin = observed.radius, observed.inertia, observed.spin
+    has_spin = observed.has_spin
     rebound = out[..., 1] > _REBOUND_MPS
     out = np.where(rebound[..., None], out, np.nan)
     vt, vn, omega = (

@@ -171,7 +171,7 @@ def zone_layouts(
     barriers = any(g.kind != "station" for g, _ in run.control_lines)
     on_top = ("vector_barriers",) if barriers else ()
     facts = (
-        ("Model", "SASS (Bozzolo and Pamini, 1986): blocks simulated along fall lines"
+        ("Model", f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {run.path_words}"
          + (f"; with {', '.join(run.effects.names).replace('_', ' ')}"
             if run.effects.names else "")),
         ("Terrain", f"{terrain_file}, cells of {grid.cell_size:.4g} m; heights "

@@ -233,7 +233,7 @@ def check_inputs(config: Config) -> InputReport:
             *config.notes,
             *warnings,
             *ground_warnings([table.classes[i] for i in sorted(shares)], built_in_table().classes),
-            *(spread_warnings(lines) if areas else ()),
+            *(spread_warnings(lines, config.terrain.path) if areas else ()),
         ),
         terrain=grid,
     )

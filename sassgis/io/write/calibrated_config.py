@@ -6,7 +6,7 @@ import csv
 import io
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,11 +68,8 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
         If the disk is full or not writable.
     """
     calibrated = diagnosis.effect
-    document = tomllib.loads(config_file.read_bytes().decode("utf-8-sig"))
-    # Symbolic links are followed: the way up from the new place counts real folders.
-    base, place = Path(os.path.realpath(config_file)).parent, Path(os.path.realpath(path)).parent
-    _move_paths(document, base, place)
-    document.setdefault("ground", {})["classes"] = CLASSES_NAME
+    document = document_with_classes(config_file, path)
+    document["terrain"]["path"] = "fall_line"
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     effects = document.setdefault("effects", {})
@@ -103,8 +100,12 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     if bundled:
         # One or the other: both would spread the rocks twice.
         del document["spread"]
-    _write_text(path.parent / CLASSES_NAME, _classes_csv(calibrated.table, case.table, diagnosis))
-    _write_text(
+    provenance = f"Calibrated to observations of {diagnosis.rocks} rocks (sassgis gap diagnose)"
+    write_text(
+        path.parent / CLASSES_NAME,
+        classes_csv(calibrated.table, case.table, lambda _own: provenance),
+    )
+    write_text(
         path,
         _comments(diagnosis, config_file, stand is not None, bundled) + tomli_w.dumps(document),
     )
@@ -114,7 +115,18 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     return path
 
 
-def _write_text(path: Path, text: str) -> None:
+def document_with_classes(config_file: Path, path: Path) -> dict[str, Any]:
+    """A configuration as it is written to ``path``, with the table of classes beside that."""
+    document = tomllib.loads(config_file.read_bytes().decode("utf-8-sig"))
+    # Symbolic links are followed: the way up from the new place counts real folders.
+    base, place = Path(os.path.realpath(config_file)).parent, Path(os.path.realpath(path)).parent
+    _move_paths(document, base, place)
+    document.setdefault("ground", {})["classes"] = CLASSES_NAME
+    return document
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file; OutputError where the disk refuses."""
     with writing(path):
         path.write_text(text, encoding="utf-8", newline="\n")
 
@@ -125,7 +137,8 @@ def _comments(diagnosis: Diagnosis, config_file: Path, stand: bool, bundled: boo
     lines = [
         f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_file.name} and "
         f"observations of {diagnosis.rocks} rocks.",
-        "Ground classes are calibrated to these observations (" + CLASSES_NAME + ").",
+        "Ground classes are calibrated to these observations (" + CLASSES_NAME + "), "
+        'on fall lines (terrain.path = "fall_line").',
     ]
     if not named:
         lines.append(
@@ -191,24 +204,29 @@ def _move_paths(document: dict[str, Any], base: Path, place: Path) -> None:
         document["hazard"]["preset"] = moved(preset)
 
 
-_CLASS_COLUMNS = ("name", *PARAMETERS)
+def classes_csv(
+    table: GroundTable, configured: GroundTable, provenance: Callable[[GroundClass], str]
+) -> str:
+    """A table of ground classes; those that were changed get their provenance and what was before.
 
-
-def _classes_csv(table: GroundTable, configured: GroundTable, diagnosis: Diagnosis) -> str:
+    Parameters
+    ----------
+    table, configured : GroundTable
+        After and before.
+    provenance : callable
+        Gives a sentence for a class that was changed.
+    """
     before = {c.name: c for c in configured.classes}
     out = io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
-    rows.writerow((*_CLASS_COLUMNS, "source", "verified"))
+    rows.writerow(("name", *PARAMETERS, "source", "verified"))
     for own in table.classes:
-        numbers = [f"{getattr(own, c):.6g}" for c in _CLASS_COLUMNS[1:]]
+        numbers = [f"{getattr(own, c):.6g}" for c in PARAMETERS]
         changed = _changes(before.get(own.name), own)
         source, verified = own.source, own.verified
         if changed:
             verified = False
-            source = (
-                f"Calibrated to observations of {diagnosis.rocks} rocks (sassgis gap diagnose); "
-                f"before: {changed}."
-            )
+            source = f"{provenance(own)}; before: {changed}."
         rows.writerow((own.name, *numbers, source, "true" if verified else "false"))
     return out.getvalue()
 
@@ -216,7 +234,7 @@ def _classes_csv(table: GroundTable, configured: GroundTable, diagnosis: Diagnos
 def _changes(old: GroundClass | None, new: GroundClass) -> str:
     if old is None:
         return ""
-    pairs = [(c, getattr(old, c), getattr(new, c)) for c in _CLASS_COLUMNS[1:]]
+    pairs = [(c, getattr(old, c), getattr(new, c)) for c in PARAMETERS]
     return ", ".join(f"{c} {a:g}" for c, a, b in pairs if a != b)
 
 

@@ -26,13 +26,14 @@ CONFIG_NAME = "config.toml"
 OBSERVATIONS_NAME = "observations"
 
 # A made slope falls less steeply in its run-out than the usual limit of a fall line. Its blocks
-# move as the paper says: the classifiers were learned with that.
+# move as the paper says, on their fall lines: the classifiers were learned with that.
 _CONFIG = """[project]
 name = {title}
 
 [terrain]
 dem = "dem.tif"
-{datum}energy_line_angle_deg = 10.0
+{datum}path = "fall_line"
+energy_line_angle_deg = 10.0
 
 [release]
 file = "release.gpkg"

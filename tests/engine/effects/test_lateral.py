@@ -132,7 +132,7 @@ def job(make_valley):
     return replace(
         run, grid=grid, ground=np.ascontiguousarray(run.ground[window]), control_lines=(),
         areas=run.areas[:1], spacing_m=15.0, rocks_per_point=8,
-        effects=EffectSettings(LateralDeflection(angle_deg=15.0)),
+        effects=EffectSettings(LateralDeflection(angle_deg=15.0)), path="fall_line",
     )  # fmt: skip
 
 

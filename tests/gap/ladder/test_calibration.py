@@ -7,7 +7,8 @@ import pytest
 from helpers.simulated_slope import ORDER, observed
 
 from sassgis.gap.inference import distances as scores
-from sassgis.gap.ladder.calibration import distances, folds_of, refine, run_refined, shrinkage_of
+from sassgis.gap.inference.folds import folds_of
+from sassgis.gap.ladder.calibration import distances, refine, run_refined, shrinkage_of
 from sassgis.gap.which.ensemble import (
     CalibrationProblem,
     Ensemble,

@@ -46,8 +46,9 @@ def federal_layers(
         grid,
         ZoneSettings(min_area_m2=0.0, tolerance_m=0.0),
     )
+    along = "paths that are followed" if config.terrain.path == "followed" else "fall lines"
     method = (
-        "SASS (Bozzolo and Pamini, 1986): blocks simulated along fall lines; "
+        f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {along}; "
         f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."
     )
     sources = [

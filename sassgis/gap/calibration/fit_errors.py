@@ -1,0 +1,147 @@
+"""Errors of a calibrated model: on the rocks it was fitted to, and on rocks left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.gap.calibration.site import Site
+from sassgis.gap.inference.distances import energy_scores
+from sassgis.gap.inference.intervals import Interval, bootstrap_interval
+from sassgis.model.grid import FloatArray, IntArray
+
+#: Shares of the rocks whose quantiles are compared.
+SHARES = (0.1, 0.5, 0.9)
+_DRAWS = 999
+
+
+@dataclass(frozen=True, slots=True)
+class QuantityErrors:
+    """Observed and simulated rocks in one quantity.
+
+    Attributes
+    ----------
+    name : str
+        "run-out", "lateral offset", or a quantity at a station.
+    unit : str
+    rocks : int
+    observed : tuple of float
+        Quantiles at SHARES.
+    quantiles : mapping
+        Simulated "before", "after" and "left out": quantiles at SHARES.
+    crps : mapping
+        Continuous ranked probability score, mean over the rocks (unit).
+    median_error : mapping of str to Interval
+        Simulated over observed median, less 1 (of the lateral offset: of its 10 to 90 % width);
+        intervals by drawing the observed rocks anew.
+    gain : Interval
+        CRPS before less that of rocks left out.
+    """
+
+    name: str
+    unit: str
+    rocks: int
+    observed: tuple[float, ...]
+    quantiles: Mapping[str, tuple[float, ...]]
+    crps: Mapping[str, float]
+    median_error: Mapping[str, Interval]
+    gain: Interval
+
+
+_NAMES = {
+    "runout": ("run-out", "m"),
+    "aside": ("lateral offset", "m"),
+    "speed": ("speed", "m/s"),
+    "rotation": ("rotation", "1/s"),
+    "height": ("passing height", "m"),
+    "blocks": ("stopped blocks", ""),
+    "along": ("speed along the ground after impacts over the speed before", ""),
+    "normal": ("speed off the ground after impacts over the speed before", ""),
+    "turning": ("surface speed after impacts over the speed before", ""),
+    "energy": ("energy after impacts over that before", ""),
+}
+
+
+def quantity_errors(
+    site: Site, models: Mapping[str, Mapping[str, FloatArray]], seed: int
+) -> tuple[QuantityErrors, ...]:
+    """Errors in every scored quantity.
+
+    Parameters
+    ----------
+    site : Site
+    models : mapping of str to mapping of quantity to float64, shape (count, n_rocks)
+        Replicas "before", "after", "left out".
+    seed : int
+    """
+    found = []
+    for name in site.quantities:
+        place, _, what = name.partition(":")
+        title, unit = _NAMES[what]
+        if place not in ("stop", "impact"):
+            station = site.case.station_names[int(place[1:])]
+            title = f"{title} at {station}"
+        # Speeds are scored by their logarithm.
+        natural = np.exp if what == "speed" else np.asarray
+        seen = natural(site.quantities[name])
+        made = {k: natural(v[name]) for k, v in models.items()}
+        rng = np.random.default_rng([seed, 61])
+        found.append(_errors(title, unit, what == "aside", seen, made, rng))
+    return tuple(found)
+
+
+def _errors(
+    title: str,
+    unit: str,
+    width: bool,
+    seen: FloatArray,
+    made: Mapping[str, FloatArray],
+    rng: np.random.Generator,
+) -> QuantityErrors:
+    rocks = np.flatnonzero(np.isfinite(seen))
+    own = seen[rocks]
+    scores = {k: _crps(own, v[:, rocks]) for k, v in made.items()}
+    finite = {k: v[:, rocks][np.isfinite(v[:, rocks])] for k, v in made.items()}
+
+    def centre(values: FloatArray) -> float:
+        if not values.size:
+            return float("nan")
+        low, middle, high = np.quantile(values, SHARES)
+        return float(high - low if width else middle)
+
+    def error(simulated: float) -> Interval:
+        return bootstrap_interval(
+            lambda i: simulated / max(centre(own[i]), 1e-9) - 1.0,
+            np.arange(own.size), draws=_DRAWS, rng=rng, method="percentile",
+        )  # fmt: skip
+
+    gain = scores["before"] - scores["left out"]
+    known = np.flatnonzero(np.isfinite(gain))
+
+    def mean(i: IntArray) -> float:
+        return float(gain[known[i]].mean())
+
+    return QuantityErrors(
+        title, unit, rocks.size, _quantiles(own),
+        {k: _quantiles(v) for k, v in finite.items()},
+        {k: float(np.nanmean(v)) for k, v in scores.items()},
+        {k: error(centre(v)) for k, v in finite.items()},
+        bootstrap_interval(
+            mean, np.arange(known.size), draws=_DRAWS, rng=rng, method="percentile"
+        )
+        if known.size > 1
+        else Interval(float("nan"), float("nan"), float("nan")),
+    )  # fmt: skip
+
+
+def _quantiles(values: FloatArray) -> tuple[float, ...]:
+    if not values.size:
+        return (float("nan"),) * len(SHARES)
+    return tuple(np.quantile(values, SHARES).tolist())
+
+
+def _crps(seen: FloatArray, made: FloatArray) -> FloatArray:
+    """Score of each rock; NaN where fewer than two of its replicas have the quantity."""
+    return energy_scores(made.T[:, :, None], seen[:, None], scale=np.ones(1))

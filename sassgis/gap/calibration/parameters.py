@@ -1,0 +1,179 @@
+"""Parameters of ground classes that can be calibrated, their ranges, and tables made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import truncnorm
+
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray
+from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
+from sassgis.model.settings import EngineSettings
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRange:
+    """Where a parameter may lie.
+
+    Attributes
+    ----------
+    low, high : float
+    log : bool
+        Whether it is searched on a logarithmic scale.
+    seen_in : str
+        What observations say about it.
+    """
+
+    low: float
+    high: float
+    log: bool
+    seen_in: str
+
+
+#: Ranges wide enough for any ground that rocks have been observed on. They are limits of the
+#: search, not values of any ground: a result at a limit is reported.
+RANGES: Mapping[str, ParameterRange] = {
+    "restitution": ParameterRange(0.0, 0.9, False, "impacts, passing heights; less run-out"),
+    "eta_max": ParameterRange(0.1, 1.0, False, "impacts, speeds, run-out"),
+    "mu_f": ParameterRange(0.2, 1.2, False, "impacts, speeds, run-out"),
+    "mu_0": ParameterRange(0.05, 0.9, False, "run-out"),
+    "rolling_threshold": ParameterRange(0.02, 2.0, True, "run-out, passing heights"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ClassParameter:
+    """One parameter of one ground class, mapped to a share from 0 to 1 of its range.
+
+    Attributes
+    ----------
+    class_name, name : str
+    limits : ParameterRange
+    configured : float
+        Value before the calibration.
+    """
+
+    class_name: str
+    name: str
+    limits: ParameterRange
+    configured: float
+
+    @property
+    def label(self) -> str:
+        """Class and parameter in one word."""
+        return f"{self.class_name}.{self.name}"
+
+    def value(self, share: FloatArray | float) -> FloatArray:
+        """Values at shares of the range."""
+        own = self.limits
+        low, high = (np.log(own.low), np.log(own.high)) if own.log else (own.low, own.high)
+        at = low + (high - low) * np.asarray(share, np.float64)
+        return np.exp(at) if own.log else at
+
+    @property
+    def start(self) -> float:
+        """Share of the range at which the configured value lies; the nearer limit if outside."""
+        own = self.limits
+        value = min(max(self.configured, own.low), own.high)
+        if own.log:
+            return float(np.log(value / own.low) / np.log(own.high / own.low))
+        return (value - own.low) / (own.high - own.low)
+
+
+def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings]) -> tuple[str, ...]:
+    """Names of the parameters to calibrate: all that the engine reads, or those asked for.
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be calibrated.
+    """
+    read = {name for engine in engines for name in _read_by(engine)}
+    known = tuple(name for name in RANGES if name in read)
+    if names is None:
+        return known
+    asked = tuple(dict.fromkeys(names))
+    for name in asked:
+        if name not in known:
+            raise InputError(
+                "is not a parameter that can be calibrated with these settings of the engine",
+                field="parameters",
+                found=repr(name),
+                expected="some of " + ", ".join(known),
+            )
+    return asked
+
+
+def _read_by(engine: EngineSettings) -> Iterator[str]:
+    """Parameters of ground classes that the engine reads in these settings."""
+    settings = engine.resolved()
+    for name in PARAMETERS:
+        if name == "restitution" and settings.eta_max_rule != "restitution":
+            continue
+        if name == "rolling_threshold" and settings.rolling_threshold is not None:
+            continue
+        yield name
+
+
+def parameters_of(
+    table: GroundTable, class_names: Sequence[str], names: Sequence[str]
+) -> tuple[ClassParameter, ...]:
+    """The parameters of some classes, class by class."""
+    return tuple(
+        ClassParameter(own, name, RANGES[name], float(getattr(_class(table, own), name)))
+        for own in class_names
+        for name in names
+    )
+
+
+def _class(table: GroundTable, name: str) -> GroundClass:
+    return table.classes[table.index(name)]
+
+
+def table_with(
+    table: GroundTable, parameters: Sequence[ClassParameter], shares: FloatArray
+) -> GroundTable:
+    """A table with the calibrated parameters at shares of their ranges.
+
+    Classes that the table does not have are passed over: they are of another site.
+    """
+    changes: dict[str, dict[str, float]] = {}
+    for parameter, share in zip(parameters, shares.tolist(), strict=True):
+        own = changes.setdefault(parameter.class_name, {})
+        own[parameter.name] = float(parameter.value(share))
+    return GroundTable(
+        tuple(
+            replace(c, **changes[c.name]) if c.name in changes else c  # type: ignore[arg-type]
+            for c in table.classes
+        )
+    )
+
+
+#: Standard deviation of the prior about the configured value, as a share of the range.
+PRIOR_SD = 0.5
+
+
+def log_prior(starts: FloatArray, shares: FloatArray) -> FloatArray:
+    """Logarithm of the prior at shares of the ranges, shape (n,); minus infinity outside.
+
+    Normal about the configured values with half the range as standard deviation, so that what the
+    observations say nothing about stays near what was configured.
+
+    Parameters
+    ----------
+    starts : float64, shape (d,)
+    shares : float64, shape (n, d)
+    """
+    inside: NDArray[np.bool_] = np.all((shares >= 0.0) & (shares <= 1.0), axis=1)
+    return np.where(inside, -0.5 * (((shares - starts) / PRIOR_SD) ** 2).sum(axis=1), -np.inf)
+
+
+def prior_of_one(start: float, level: float = 0.95) -> tuple[float, float, float]:
+    """Interval and standard deviation of the prior of one parameter, as shares of its range."""
+    own = truncnorm(-start / PRIOR_SD, (1.0 - start) / PRIOR_SD, start, PRIOR_SD)
+    low, high = own.interval(level)
+    return float(low), float(high), float(own.std())

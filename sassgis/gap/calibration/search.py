@@ -1,0 +1,317 @@
+"""Search of the parameters: designs, the posterior of a score, minima of resampled rocks.
+
+The score of a proper scoring rule takes the place of a likelihood, which a simulation of rocks does
+not have: the posterior is proportional to prior × exp(−w × sum of the scores) (Bissiri, Holmes and
+Walker 2016, J. R. Stat. Soc. B 78, 1103-1130). Its sharpness w is chosen so that the mean excess of
+the score over its minimum is that which drawing the rocks anew makes (compare Syring and Martin
+2019, Biometrika 106, 479-486). It is sampled by emcee (Foreman-Mackey et al. 2013, PASP 125, 306)
+from emulators of the scores.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import emcee
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import norm, qmc
+from scipy.stats import t as student
+
+from sassgis.gap.calibration.emulator import Emulator, WeightedSum, fit
+from sassgis.gap.calibration.parameters import PRIOR_SD, log_prior
+from sassgis.model.grid import FloatArray, IntArray
+
+BoolArray = NDArray[np.bool_]
+
+#: Samples of rocks drawn anew.
+_BOOTSTRAP = 60
+#: Steps of each walker, of which the first half is thrown away, and of the rest every so many kept.
+_STEPS, _THIN = 800, 10
+_STEPS_OF_DESIGN = 300
+#: Sharpness of the two posteriors, wider than the one looked for, that new draws come from, over
+#: that of a single identified parameter.
+_WIDER = (0.5, 0.1)
+
+
+def first_design(d: int, draws: int, seed: int) -> FloatArray:
+    """Shares of the ranges, spread evenly (scrambled Sobol sequence), shape (draws, d)."""
+    size = int(np.ceil(np.log2(max(draws, 2))))
+    made: FloatArray = qmc.Sobol(d, rng=np.random.default_rng([seed, 3])).random_base2(size)
+    return made[:draws]
+
+
+@dataclass(frozen=True, slots=True)
+class SiteScores:
+    """Scores of the rocks of one site at all draws.
+
+    Attributes
+    ----------
+    columns : int64
+        Parameters that act at the site.
+    scores : float64, shape (n_draws, n_rocks)
+    """
+
+    columns: IntArray
+    scores: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Emulated scores of all sites.
+
+    Attributes
+    ----------
+    columns : tuple of int64
+    emulators : tuple of Emulator
+    starts : float64, shape (d,)
+        Configured values, as shares of the ranges.
+    """
+
+    columns: tuple[IntArray, ...]
+    emulators: tuple[Emulator, ...]
+    starts: FloatArray
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Rocks of each site."""
+        return tuple(e.centre.size for e in self.emulators)
+
+    @property
+    def informative(self) -> int:
+        """Rocks whose score depends on the parameters."""
+        return sum(int(np.any(e.weights != 0.0, axis=0).sum()) for e in self.emulators)
+
+    def weighted(
+        self, rock_weights: Sequence[FloatArray], rng: np.random.Generator | None = None
+    ) -> Total:
+        """The weighted sum over all rocks; with ``rng`` as other campaigns might have given it."""
+        pairs = zip(self.emulators, rock_weights, strict=True)
+        return Total(self.columns, tuple(e.weighted(w, rng) for e, w in pairs))
+
+    @property
+    def total(self) -> Total:
+        """The sum over all rocks."""
+        return self.weighted([np.ones(n) for n in self.sizes])
+
+
+@dataclass(frozen=True, slots=True)
+class Total:
+    """A weighted sum over the rocks of all sites."""
+
+    columns: tuple[IntArray, ...]
+    sums: tuple[WeightedSum, ...]
+
+    def value(self, shares: FloatArray) -> FloatArray:
+        """Sum at some points, shape (m,)."""
+        value = np.zeros(len(shares))
+        for columns, own in zip(self.columns, self.sums, strict=True):
+            value += own.value(shares[:, columns])
+        return value
+
+    def minimum(
+        self,
+        beginnings: FloatArray,
+        starts: FloatArray | None = None,
+        sharpness: float = 1.0,
+        kept: BoolArray | None = None,
+    ) -> tuple[FloatArray, float]:
+        """Lowest point reached from some beginnings, and the sum there.
+
+        With ``starts`` the prior about them is weighed against ``sharpness`` times the sum, and
+        parameters that are ``kept`` stay there.
+        """
+        bounds = [(0.0, 1.0)] * beginnings.shape[1]
+        if starts is not None and kept is not None:
+            beginnings = np.where(kept, starts, beginnings)
+            bounds = [(u, u) if k else (0.0, 1.0) for u, k in zip(starts, kept, strict=True)]
+
+        def both(u: FloatArray) -> tuple[float, FloatArray]:
+            slope = np.zeros(u.size)
+            for columns, own in zip(self.columns, self.sums, strict=True):
+                slope[columns] += own.gradient(u[columns])
+            value = float(self.value(u[None])[0])
+            if starts is not None:
+                pull = (u - starts) / PRIOR_SD**2 / sharpness
+                value += 0.5 * float((u - starts) @ pull)
+                slope = slope + pull
+            return value, slope
+
+        found = [minimize(both, u, jac=True, method="L-BFGS-B", bounds=bounds) for u in beginnings]
+        best = min(found, key=lambda f: float(f.fun))
+        return best.x, float(self.value(best.x[None])[0])
+
+
+def surface_of(
+    points: FloatArray, sites: Sequence[SiteScores], starts: FloatArray, first: int
+) -> Surface:
+    """Emulate the scores of all sites; ``first`` draws are those of the first design."""
+    return Surface(
+        tuple(s.columns for s in sites),
+        tuple(fit(points[:, s.columns], s.scores, first) for s in sites),
+        starts,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Samples of the parameters that the scores leave.
+
+    Attributes
+    ----------
+    samples : float64, shape (n, d)
+    best : float64, shape (d,)
+        Highest density.
+    sharpness : float
+    excess : float
+        By how much the sum of the scores exceeds its minimum at the minimum of other rocks, mean
+        over samples of rocks.
+    """
+
+    samples: FloatArray
+    best: FloatArray
+    sharpness: float
+    excess: float
+
+
+def posterior_of(surface: Surface, points: FloatArray, seed: int) -> Posterior:
+    """Sample the posterior, with the sharpness that drawing the rocks anew asks for."""
+    rng = np.random.default_rng([seed, 7])
+    total = surface.total
+    order = np.argsort(total.value(points), kind="stable")
+    bottom, least = total.minimum(points[order[:4]])
+    excess = bootstrap_excess(surface, bottom, rng)
+    wanted = float(np.mean(excess)) * small_sample_factor(surface.informative)
+    sharpness = 1.0 / max(wanted, 1e-9)
+    samples = points
+    for _ in range(3):
+        samples = _sample(surface, sharpness, np.vstack([bottom, points[order]]), rng)
+        over = total.value(samples) - least
+        found = _sharpness(over, sharpness, wanted)
+        done = abs(np.log(found / sharpness)) < 0.15
+        sharpness = found
+        if done:
+            break
+    density = log_prior(surface.starts, samples) - sharpness * total.value(samples)
+    beginnings = samples[np.argsort(-density, kind="stable")[:4]]
+    best, _ = total.minimum(
+        np.vstack([bottom, surface.starts, beginnings]), surface.starts, sharpness
+    )
+    return Posterior(samples, best, sharpness, wanted)
+
+
+def small_sample_factor(n: int) -> float:
+    """By how much few rocks drawn anew scatter too little, as a ratio of variances.
+
+    Rocks that are drawn anew scatter by (n − 1)/n of the variance of a mean, and an interval from n
+    of them needs Student's instead of the normal quantile.
+    """
+    wider = student.ppf(0.975, n - 1) / norm.ppf(0.975)
+    return float(wider**2 * n / (n - 1))
+
+
+def _sharpness(over: FloatArray, sampled_at: float, wanted: float) -> float:
+    """Sharpness at which the mean excess is the one wanted, by weights of the samples."""
+
+    def mean(factor: float) -> float:
+        weight = np.exp(-(factor - 1.0) * sampled_at * (over - over.min()))
+        return float((weight * over).sum() / weight.sum())
+
+    low, high = 0.2, 5.0
+    if mean(high) > wanted:
+        return high * sampled_at
+    if mean(low) < wanted:
+        return low * sampled_at
+    for _ in range(40):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if mean(middle) > wanted else (low, middle)
+    return float(np.sqrt(low * high)) * sampled_at
+
+
+def bootstrap_excess(
+    surface: Surface, bottom: FloatArray, rng: np.random.Generator, draws: int = _BOOTSTRAP
+) -> FloatArray:
+    """How much worse than the best for rocks drawn anew the best for all rocks is, for each draw.
+
+    Rocks are drawn anew within their sites, and so is the noise of the simulated campaigns.
+    """
+    found = np.empty(draws)
+    for k in range(draws):
+        weights = [rng.multinomial(n, np.full(n, 1.0 / n)).astype(float) for n in surface.sizes]
+        own = surface.weighted(weights, rng)
+        _, least = own.minimum(np.vstack([bottom, rng.random((1, bottom.size))]))
+        found[k] = float(own.value(bottom[None])[0]) - least
+    return np.maximum(found, 0.0)
+
+
+def _sample(
+    surface: Surface,
+    sharpness: float,
+    beginnings: FloatArray,
+    rng: np.random.Generator,
+    steps: int = _STEPS,
+) -> FloatArray:
+    d = beginnings.shape[1]
+    walkers = max(32, 4 * d)
+    total = surface.total
+
+    def log_density(shares: FloatArray) -> FloatArray:
+        prior = log_prior(surface.starts, shares)
+        return prior - sharpness * total.value(np.clip(shares, 0.0, 1.0))
+
+    place = beginnings[np.arange(walkers) % min(len(beginnings), walkers)]
+    place = np.clip(place + 0.02 * rng.standard_normal(place.shape), 0.001, 0.999)
+    sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True)
+    sampler.random_state = np.random.RandomState(int(rng.integers(2**31))).get_state()
+    sampler.run_mcmc(place, steps)
+    kept: FloatArray = sampler.get_chain(discard=steps // 2, thin=_THIN, flat=True)
+    return kept
+
+
+def next_design(surface: Surface, points: FloatArray, draws: int, seed: int) -> FloatArray:
+    """New draws where the best parameters may lie, from a wider posterior, shape (draws, d)."""
+    rng = np.random.default_rng([seed, 5, len(points)])
+    total = surface.total
+    order = np.argsort(total.value(points), kind="stable")
+    bottom, _ = total.minimum(points[order[:4]])
+    wanted = float(np.mean(bootstrap_excess(surface, bottom, rng, 20)))
+    beginnings = np.vstack([bottom, points[order]])
+    chosen = [bottom[None]]
+    for sharpness, part in zip(_WIDER, np.array_split(np.arange(draws - 1), 2), strict=True):
+        samples = _sample(surface, sharpness / max(wanted, 1e-9), beginnings, rng, _STEPS_OF_DESIGN)
+        chosen.append(samples[rng.choice(len(samples), part.size, replace=False)])
+    return np.vstack(chosen)
+
+
+def keeping_configured(surface: Surface, posterior: Posterior, identified: BoolArray) -> Posterior:
+    """The best parameters with those at their configured values that need not leave them.
+
+    One after the other, the parameters that are not identified are put back to what was configured.
+    That stays if the others can make up for it: if the score is then no worse than that of the
+    better half of the posterior.
+    """
+    total = surface.total
+    enough = float(np.median(total.value(posterior.samples)))
+    kept = np.zeros(identified.size, np.bool_)
+    spread = posterior.samples.std(axis=0)
+    best = posterior.best
+    for k in np.flatnonzero(~identified)[np.argsort(-spread[~identified], kind="stable")]:
+        tried = kept.copy()
+        tried[k] = True
+        beginnings = np.vstack([best, posterior.samples[:: len(posterior.samples) // 3][:3]])
+        found, score = total.minimum(beginnings, surface.starts, posterior.sharpness, tried)
+        if score <= enough:
+            kept, best = tried, found
+    return replace(posterior, best=best)
+
+
+def minimum_without(
+    surface: Surface, posterior: Posterior, weights: Sequence[FloatArray]
+) -> FloatArray:
+    """Best parameters for weighted rocks: a weight of 0 leaves a rock out."""
+    own = surface.weighted(weights)
+    beginnings = np.vstack([posterior.best, posterior.samples[:: len(posterior.samples) // 3][:3]])
+    found, _ = own.minimum(beginnings, surface.starts, posterior.sharpness)
+    return found

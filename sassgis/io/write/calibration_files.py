@@ -1,0 +1,181 @@
+"""Files of a calibration: its numbers, the table of classes, configurations to run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+import sassgis
+from sassgis.gap.calibration.calibration import Calibration, SiteResult
+from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
+from sassgis.gap.inference.intervals import Interval
+from sassgis.io.read.config import load_config
+from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.staging import writing
+from sassgis.io.write.calibrated_config import (
+    CLASSES_NAME,
+    classes_csv,
+    document_with_classes,
+    write_text,
+)
+from sassgis.io.write.manifest import plain
+from sassgis.model.ground import GroundClass, GroundTable
+
+
+def write_calibration_json(path: Path, calibration: Calibration) -> Path:
+    """Write ``calibration.json``: all numbers of a calibration.
+
+    Raises
+    ------
+    OutputError
+        If the disk is full or not writable.
+    """
+    content = {
+        "program": f"sassgis {sassgis.__version__}",
+        "seed": calibration.seed,
+        "draws": calibration.draws,
+        "parameters": [
+            {
+                "class": f.parameter.class_name,
+                "parameter": f.parameter.name,
+                "configured": f.parameter.configured,
+                "value": f.value,
+                "ci95": [f.low, f.high],
+                "range": [f.parameter.limits.low, f.parameter.limits.high],
+                "identified": f.identified,
+                "width_over_prior": f.narrowed,
+                "at_limit": f.limit or None,
+            }
+            for f in calibration.fitted
+        ],
+        "identified_combinations": calibration.combinations,
+        "trade_offs": [
+            {"one": t.one, "other": t.other, "correlation": t.correlation}
+            for t in calibration.trade_offs
+        ],
+        "as_good": calibration.as_good,
+        "classes_not_told_apart": calibration.alike,
+        "sites_contradict": calibration.contradict,
+        "sites": [_site(site) for site in calibration.sites],
+    }
+    text = json.dumps(plain(_finite(content)), indent=2, ensure_ascii=False, allow_nan=False)
+    write_text(path, text + "\n")
+    return path
+
+
+def _site(site: SiteResult) -> dict[str, Any]:
+    return {
+        "name": site.name,
+        "rocks": site.rocks,
+        "tables": site.tables,
+        "score": site.fit.score,
+        "own_score": site.fit.own_score,
+        "own_parameters": site.own,
+        "errors": [_errors(e) for e in site.errors],
+    }
+
+
+def _errors(e: QuantityErrors) -> dict[str, Any]:
+    return {
+        "quantity": e.name,
+        "unit": e.unit,
+        "rocks": e.rocks,
+        "shares": SHARES,
+        "observed": e.observed,
+        "simulated": e.quantiles,
+        "crps": e.crps,
+        "median_error": {k: _interval(v) for k, v in e.median_error.items()},
+        "crps_gain_left_out": _interval(e.gain),
+    }
+
+
+def _interval(interval: Interval) -> dict[str, float]:
+    return {"value": interval.value, "low": interval.low, "high": interval.high}
+
+
+def _finite(value: Any) -> Any:
+    """The same to six digits, with None for what is no number."""
+    if isinstance(value, Mapping):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.6g}") if np.isfinite(value) else None
+    return value
+
+
+def write_classes(path: Path, calibration: Calibration, configured: GroundTable) -> Path:
+    """Write the table of ground classes with the provenance of each calibrated one.
+
+    Raises
+    ------
+    OutputError
+        If the disk is full or not writable.
+    """
+
+    def provenance(own: GroundClass) -> str:
+        return class_provenance(calibration, own.name)
+
+    write_text(path, classes_csv(calibration.table(configured), configured, provenance))
+    return path
+
+
+def class_provenance(calibration: Calibration, name: str) -> str:
+    """Where the values of a calibrated class come from, in a sentence."""
+    own = [f for f in calibration.fitted if f.parameter.class_name == name]
+    told = [f"{f.parameter.name} {f.low:.2g} to {f.high:.2g}" for f in own if f.identified]
+    kept = [f.parameter.name for f in own if not f.identified]
+    sites = ", ".join(f"{s.name} ({s.rocks} rocks)" for s in calibration.sites)
+    parts = [f"Calibrated by sassgis {sassgis.__version__} on {sites}"]
+    if told:
+        parts.append("95 % intervals: " + ", ".join(told))
+    if kept:
+        parts.append("not identified by itself: " + ", ".join(kept))
+    alike = [b if a == name else a for a, b in calibration.alike if name in (a, b)]
+    if alike:
+        parts.append("not told apart from " + ", ".join(alike))
+    limits = [f.parameter.name for f in own if f.limit]
+    if limits:
+        parts.append("at the limit of its range: " + ", ".join(limits))
+    for site in calibration.sites:
+        for e in site.errors:
+            if e.name == "run-out":
+                parts.append(
+                    f"on rocks of {site.name} left out: median run-out "
+                    f"{100 * e.median_error['left out'].value:+.0f} %, "
+                    f"CRPS {e.crps['left out']:.3g} m"
+                )
+    if calibration.contradict:
+        parts.append("the sites contradict each other: fits none of them well")
+    return "; ".join(parts)
+
+
+def write_calibrated_config(path: Path, config_file: Path, calibration: Calibration) -> Path:
+    """Write a configuration with the table of classes that lies beside it.
+
+    Raises
+    ------
+    ConfigError, InputError
+        If the result could not be used in a run.
+    OutputError
+        If the disk is full or not writable.
+    """
+    document = document_with_classes(config_file, path)
+    lines = [
+        f"Made by sassgis {sassgis.__version__} (calibrate) from {config_file.name} and "
+        f"observations of {calibration.rocks} rocks.",
+        f"Ground classes are calibrated; {CLASSES_NAME} says where each value comes from.",
+        "Calibrated for these sites and rocks of these sizes; elsewhere it is untested.",
+        "Comments of the original file are not copied.",
+    ]
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(document))
+    # What cannot be run again is reported now, not in the next run.
+    read_ground_table(load_config(path).ground.classes)
+    return path

@@ -1,0 +1,259 @@
+"""The report of a calibration: what was fitted, how well, and what the observations do not say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+import sassgis
+from sassgis.gap.calibration.calibration import Calibration, SiteResult
+from sassgis.gap.calibration.identifiability import Fitted
+from sassgis.gap.inference.intervals import Interval
+from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
+from sassgis.report.gap_answer import interval_text
+from sassgis.report.map_report import save_figure
+from sassgis.report.page import (
+    Cell,
+    ReportAnswer,
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    sensible,
+)
+
+#: Below this number of rocks the report warns of it.
+_FEW_ROCKS = 20
+#: Panels of one site.
+_PANELS = 6
+
+
+def verdict(calibration: Calibration) -> str:
+    """The result in a sentence or two."""
+    told = [f for f in calibration.fitted if f.identified]
+    text = (
+        f"{calibration.rocks} rocks identify {len(told)} of {len(calibration.fitted)} parameters "
+        f"by themselves, and {calibration.combinations} combinations of them."
+    )
+    for site in calibration.sites:
+        if site.errors:
+            e = site.errors[_headline(site)]
+            text += (
+                f" {site.name}: CRPS of the {e.name} {_number(e.crps['before'])} {e.unit} before, "
+                f"{_number(e.crps['after'])} after, {_number(e.crps['left out'])} on rocks left "
+                "out."
+            )
+    return text
+
+
+def _headline(site: SiteResult) -> int:
+    names = [e.name for e in site.errors]
+    return names.index("run-out") if "run-out" in names else 0
+
+
+def calibration_warnings(calibration: Calibration) -> list[str]:
+    """What a reader must know before the classes are used."""
+    out = []
+    if calibration.contradict:
+        worse = ", ".join(
+            f"{100.0 * (s.fit.score / s.fit.own_score - 1.0):.0f} % at {s.name}"
+            for s in calibration.sites
+        )
+        out.append(
+            f"The sites contradict each other: common parameters score {worse} worse than each "
+            "site's own, more than chance explains. Calibrate them apart, or give their ground "
+            "classes of different names."
+        )
+    unknown = [f.parameter.label for f in calibration.fitted if not f.identified]
+    if unknown:
+        out.append(
+            "The observations do not identify "
+            + ", ".join(unknown)
+            + " by themselves: of all values that fit as well, those nearest to the configured "
+            "ones are given."
+        )
+    out += [
+        f"The observations do not tell {one} and {other} apart." for one, other in calibration.alike
+    ]
+    limits = [f"{f.parameter.label} ({f.limit})" for f in calibration.fitted if f.limit]
+    if limits:
+        out.append(
+            "Values at a limit of the range fit best: "
+            + ", ".join(limits)
+            + ". The model may lack something that acts there."
+        )
+    if calibration.rocks < _FEW_ROCKS:
+        out.append(f"Only {calibration.rocks} rocks were observed: intervals are wide.")
+    for site in calibration.sites:
+        e = site.errors[_headline(site)]
+        if e.gain.high < 0.0:
+            out.append(
+                f"On rocks of {site.name} left out the calibrated classes predict the {e.name} "
+                "worse than the configured ones: do not use them."
+            )
+    return out
+
+
+def calibration_report(
+    calibration: Calibration,
+    folder: Path,
+    *,
+    configurations: Sequence[str],
+    warnings: Sequence[str],
+) -> ReportContext:
+    """Draw the figures into ``folder`` and put the report together."""
+    sites = ", ".join(f"{s.name} ({s.rocks} rocks)" for s in calibration.sites)
+    return ReportContext(
+        title="Calibrated ground classes",
+        subtitle=sites,
+        verdict=verdict(calibration),
+        answer=(_meaning(),),
+        warnings=tuple(warnings),
+        what_was_run=(
+            ("Sites", sites),
+            ("Configurations", ", ".join(configurations)),
+            *((f"Observations of {s.name}", _rows(s)) for s in calibration.sites),
+            ("Parameter sets tried", calibration.draws),
+        ),
+        key_results=_parameter_table(calibration.fitted),
+        figures=tuple(_figures(calibration, folder)),
+        tables=(
+            *(_error_table(site) for site in calibration.sites),
+            _trade_off_table(calibration),
+            _as_good_table(calibration),
+            *((_site_table(calibration),) if len(calibration.sites) > 1 else ()),
+        ),
+        provenance=(("Program", f"sassgis {sassgis.__version__}"), ("Seed", calibration.seed)),
+    )
+
+
+def _rows(site: SiteResult) -> str:
+    return ", ".join(f"{n} {name}" for name, n in site.tables.items())
+
+
+def _meaning() -> ReportAnswer:
+    return ReportAnswer(
+        "How to read this",
+        (
+            "The observed rocks were released again with many sets of parameters. A set counts by "
+            "its energy score: how near the simulated rocks come to each observed one, less their "
+            "own scatter.",
+            "Rocks left out: the rocks were split into five parts; each part was predicted with "
+            "parameters chosen on the other four.",
+        ),
+    )
+
+
+def _figures(calibration: Calibration, folder: Path) -> list[ReportFigure]:
+    png = save_figure(folder, "parameters", parameters_figure(calibration.fitted))
+    found = [
+        ReportFigure(
+            "Parameters",
+            "Line: range of the search. Bar: 95 % interval; dot: calibrated; upright stroke: "
+            "configured. Grey: not identified.",
+            png,
+        )
+    ]
+    for k, site in enumerate(calibration.sites, start=1):
+        panels = []
+        for name, e in list(zip(site.observed, site.errors, strict=True))[::-1][:_PANELS]:
+            natural = np.exp if name.endswith(":speed") else np.asarray
+            made = {m: natural(v[name]) for m, v in site.replicas.items()}
+            label = f"{e.name} ({e.unit})" if e.unit else e.name
+            panels.append((label, natural(site.observed[name]), made))
+        png = save_figure(folder, f"rocks_{k}", quantity_curves_figure(panels))
+        found.append(
+            ReportFigure(
+                f"Observed and simulated rocks: {site.name}",
+                "Share of the rocks below a value. Before: as configured. Left out: each rock "
+                "predicted with parameters chosen without it.",
+                png,
+            )
+        )
+    return found
+
+
+def _parameter_table(fitted: Sequence[Fitted]) -> ReportTable:
+    return ReportTable(
+        "Calibrated parameters",
+        (
+            ("class", ""), ("parameter", ""), ("configured", ""), ("calibrated", ""),
+            ("95 % interval", ""), ("range", ""), ("identified", ""), ("at a limit", ""),
+        ),
+        tuple(
+            (
+                f.parameter.class_name, f.parameter.name, f.parameter.configured, f.value,
+                interval_text((f.low, f.high), 2),
+                interval_text((f.parameter.limits.low, f.parameter.limits.high), 2),
+                "yes" if f.identified else "no", f.limit or "–",
+            )
+            for f in fitted
+        ),
+        "Identified: the interval is clearly narrower than without observations. Of all values "
+        "that fit as well, the one nearest to the configured value is given.",
+    )  # fmt: skip
+
+
+def _error_table(site: SiteResult) -> ReportTable:
+    rows: list[tuple[Cell, ...]] = []
+    for e in site.errors:
+        rows.append((e.name, e.unit, "observed", *e.observed, None, "–"))
+        for model in ("before", "after", "left out"):
+            error = e.median_error[model]
+            rows.append(
+                (e.name, e.unit, model, *e.quantiles[model], e.crps[model], _percent(error))
+            )
+    return ReportTable(
+        f"Errors at {site.name}",
+        (
+            ("quantity", ""), ("unit", ""), ("rocks", ""), ("10 %", ""), ("50 %", ""), ("90 %", ""),
+            ("CRPS", ""), ("error of the median", "95 % interval"),
+        ),
+        tuple(rows),
+        "Error of the median: simulated over observed, less 1; of the lateral offset: of the "
+        "distance between the 10 % and the 90 % quantile. Intervals: observed rocks drawn anew.",
+    )  # fmt: skip
+
+
+def _percent(error: Interval) -> str:
+    value, low, high = (100.0 * v for v in (error.value, error.low, error.high))
+    return f"{value:+.0f} % ({low:+.0f} to {high:+.0f})"
+
+
+def _trade_off_table(calibration: Calibration) -> ReportTable:
+    return ReportTable(
+        "Parameters that make up for each other",
+        (("one", ""), ("other", ""), ("correlation", "")),
+        tuple((t.one, t.other, f"{t.correlation:+.2f}") for t in calibration.trade_offs),
+        "Above 0: more of both fits as well; below 0: more of one and less of the other.",
+    )
+
+
+def _as_good_table(calibration: Calibration) -> ReportTable:
+    labels = [f.parameter.label for f in calibration.fitted]
+    return ReportTable(
+        "Other combinations that fit as well",
+        tuple((label, "") for label in labels),
+        tuple(tuple(float(f"{one[label]:.3g}") for label in labels) for one in calibration.as_good),
+        "As far apart as possible among those whose score chance does not separate from the best.",
+    )
+
+
+def _site_table(calibration: Calibration) -> ReportTable:
+    labels = [f.parameter.label for f in calibration.fitted]
+    return ReportTable(
+        "Common parameters and those that fit each site best",
+        (("site", ""), ("score, common", ""), ("score, own", ""),
+         *((label, "") for label in labels)),
+        tuple(
+            (s.name, s.fit.score, s.fit.own_score,
+             *(float(f"{s.own[label]:.3g}") for label in labels))
+            for s in calibration.sites
+        ),
+        "Score: energy score, mean over the rocks; less is better.",
+    )  # fmt: skip
+
+
+def _number(value: float) -> str:
+    return sensible(value, 2)

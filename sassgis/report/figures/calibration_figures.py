@@ -1,0 +1,105 @@
+"""Figures of a calibration: parameters with their intervals, observed and simulated rocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sassgis.gap.calibration.identifiability import Fitted
+from sassgis.model.grid import FloatArray
+from sassgis.report.figures.style import (
+    BLUE,
+    GREY,
+    INK,
+    LIGHT,
+    ORANGE,
+    SMALL,
+    VERMILION,
+    WIDTH_IN,
+    new_figure,
+    nothing_to_show,
+    percent_formatter,
+    styled,
+)
+
+#: Colours and dashes of the models, in the order in which they are drawn.
+_MODELS = {"before": (ORANGE, (0, (1.5, 1.2))), "left out": (VERMILION, "--"), "after": (BLUE, "-")}
+
+
+@styled
+def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
+    """Each parameter on its range: configured, calibrated, 95 % interval."""
+    figure = new_figure(WIDTH_IN, 0.55 + 0.24 * len(fitted))
+    ax = figure.subplots()
+    for k, f in enumerate(fitted):
+        ends = _shares(f, np.array([f.low, f.high]))
+        colour = BLUE if f.identified else GREY
+        ax.plot([0.0, 1.0], [k, k], color=LIGHT, lw=1.0, zorder=1)
+        ax.plot(ends, [k, k], color=colour, lw=3.5, solid_capstyle="butt", zorder=2)
+        ax.plot(f.share, k, "o", color=colour, ms=5, zorder=4)
+        ax.plot(f.parameter.start, k, "|", color=INK, ms=10, mew=1.4, zorder=3)
+        own = f.parameter.limits
+        for at, value in ((-0.01, own.low), (1.01, own.high)):
+            side = "right" if at < 0.0 else "left"
+            ax.text(at, k, f"{value:g}", ha=side, va="center", size=SMALL, color=GREY)
+    ax.set_yticks(range(len(fitted)), [f.parameter.label for f in fitted])
+    ax.invert_yaxis()
+    ax.set_xlim(-0.06, 1.06)
+    ax.set_xticks([])
+    ax.grid(False)
+    ax.spines[["left", "bottom"]].set_visible(False)
+    ax.tick_params(length=0)
+    return figure
+
+
+def _shares(f: Fitted, values: FloatArray) -> FloatArray:
+    own = f.parameter.limits
+    if own.log:
+        return np.log(values / own.low) / math.log(own.high / own.low)
+    return (values - own.low) / (own.high - own.low)
+
+
+@styled
+def quantity_curves_figure(
+    panels: Sequence[tuple[str, FloatArray, Mapping[str, FloatArray]]],
+) -> Figure:
+    """Shares of rocks below a value: observed, before, after, rocks left out.
+
+    Parameters
+    ----------
+    panels : sequence of (label, observed, simulated by model)
+    """
+    columns = min(len(panels), 2) or 1
+    rows = max(math.ceil(len(panels) / columns), 1)
+    figure = new_figure(WIDTH_IN, 2.4 * rows)
+    axes = np.atleast_1d(figure.subplots(rows, columns, squeeze=False).ravel())
+    for ax, (label, seen, made) in zip(axes, panels, strict=False):
+        _curves(ax, label, seen, made)
+    for ax in axes[len(panels) :]:
+        ax.set_axis_off()
+    if len(panels):
+        axes[0].legend(loc="lower right")
+    return figure
+
+
+def _curves(ax: Axes, label: str, seen: FloatArray, made: Mapping[str, FloatArray]) -> None:
+    ax.set_xlabel(label)
+    known = np.sort(seen[np.isfinite(seen)])
+    if not known.size:
+        nothing_to_show(ax)
+        return
+    for name, (colour, dash) in _MODELS.items():
+        values = np.sort(made[name][np.isfinite(made[name])])
+        share = (np.arange(values.size) + 0.5) / max(values.size, 1)
+        ax.plot(values, 100.0 * share, color=colour, ls=dash, lw=1.3, label=name)
+    share = np.arange(1, known.size + 1) / known.size
+    ax.step(known, 100.0 * share, where="post", color=INK, lw=1.4, label="observed")
+    everything = np.concatenate([known, *(v[np.isfinite(v)] for v in made.values())])
+    low, high = np.quantile(everything, [0.002, 0.998])
+    ax.set_xlim(min(low, known[0]), max(high, known[-1]))
+    ax.set_ylim(0.0, 100.0)
+    ax.yaxis.set_major_formatter(percent_formatter())

@@ -1,0 +1,185 @@
+"""The command as a user runs it: files in, files out, going on, bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from sassgis.cli.entry import cli
+from sassgis.gap.check.worlds import WorldSpec, make_world, observe, setup
+from sassgis.io.read.config import load_config
+from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
+from sassgis.model.errors import InputError, Interrupted
+from sassgis.runs import calibrate as calibrate_module
+from sassgis.runs.calibrate import calibrate
+
+DRAWS = 16
+CLASSES, NAMES = ("talus",), ("eta_max", "mu_0")
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("calibrate") / "case"
+    world = make_world(WorldSpec("cliff_talus_meadow", (), 24, "everything"), 31)
+    seen, known = observe(world, "everything", 24, 1), setup(world)
+    write_case(
+        folder, title="synthetic", dem=known.dem, class_names=known.class_names,
+        class_codes=known.class_codes, releases=known.releases, blocks=known.blocks,
+        tables=seen.tables, metadata=seen.metadata,
+    )  # fmt: skip
+    return folder
+
+
+def run(case: Path, out: Path, **options: object) -> object:
+    return calibrate(
+        [(case / CONFIG_NAME, case / OBSERVATIONS_NAME)],
+        out,
+        classes=CLASSES,
+        parameters=NAMES,
+        draws=DRAWS,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+@pytest.fixture(scope="module")
+def done(case: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("calibrated") / "out"
+    run(case, out)
+    return out
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*.*"))}
+
+
+def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, done: Path) -> None:
+    for name in ("report.html", "figures/parameters.png", "figures/rocks_1.png", "manifest.json"):
+        assert (done / name).is_file(), name
+    config = load_config(done / "config.toml")
+    table = read_ground_table(config.ground.classes)
+    own = table.classes[table.index("talus")]
+    found = json.loads((done / "calibration.json").read_text())
+    for f in found["parameters"]:
+        assert getattr(own, f["parameter"]) == pytest.approx(f["value"], rel=1e-4)
+    assert "Calibrated by sassgis" in own.source and "24 rocks" in own.source
+    assert not own.verified
+    before = read_ground_table(load_config(case / CONFIG_NAME).ground.classes)
+    assert table.classes[table.index("rock")] == before.classes[before.index("rock")]
+    errors = found["sites"][0]["errors"]
+    assert {"run-out", "lateral offset"} <= {e["quantity"] for e in errors}
+    assert set(errors[0]["crps"]) == {"before", "after", "left out"}
+
+
+def test_an_interruption_and_processes_change_nothing(
+    case: Path, done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(made: int, total: int, rocks: int) -> None:
+        if made >= 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted):
+        run(case, tmp_path / "out", on_progress=stop)
+    assert not (tmp_path / "out").exists()
+    made: list[int] = []
+    whole = calibrate_module.score_draw
+    monkeypatch.setattr(
+        calibrate_module, "score_draw", lambda task, one: made.append(one[0]) or whole(task, one)
+    )
+    run(case, tmp_path / "out")
+    # What was made before is not made again.
+    assert min(made) == 21
+    monkeypatch.undo()
+    assert contents(tmp_path / "out") == contents(done)
+
+
+@pytest.mark.battery
+def test_processes_change_nothing(case: Path, done: Path, tmp_path: Path) -> None:
+    run(case, tmp_path / "two", jobs=2)
+    assert contents(tmp_path / "two") == contents(done)
+
+
+def changed(case: Path, folder: Path, **tables: object) -> Path:
+    """A copy of the case with tables changed by functions of their rows; None: left out."""
+    shutil.copytree(case, folder)
+    for name, change in tables.items():
+        file = folder / OBSERVATIONS_NAME / f"{name}.csv"
+        if change is None:
+            file.unlink()
+            continue
+        with file.open() as text:
+            rows = list(csv.DictReader(text))
+        for row in rows:
+            change(row)  # type: ignore[operator]
+        with file.open("w", newline="") as text:
+            writer = csv.DictWriter(text, rows[0].keys())
+            writer.writeheader()
+            writer.writerows(rows)
+    return folder
+
+
+def test_observations_off_the_terrain(case: Path, tmp_path: Path) -> None:
+    def away(row: dict[str, str]) -> None:
+        row["x"] = str(float(row["x"]) + 1e5)
+
+    off = changed(
+        case, tmp_path / "off", deposits=away, passages=away, impacts=away, rocks=away,
+        trajectories=None, stations=None,
+    )  # fmt: skip
+    with pytest.raises(InputError) as error:
+        run(off, tmp_path / "out")
+    assert "\n" not in str(error.value)
+
+
+def test_nothing_to_calibrate_on(case: Path, tmp_path: Path) -> None:
+    bare = changed(case, tmp_path / "bare", deposits=None, passages=None, impacts=None)
+    with pytest.raises(InputError, match="nothing to calibrate on"):
+        run(bare, tmp_path / "out")
+
+
+def test_unknown_class_and_parameter(case: Path, tmp_path: Path) -> None:
+    sites = [(case / CONFIG_NAME, case / OBSERVATIONS_NAME)]
+    with pytest.raises(InputError, match=r"not a known ground class.*'mud'"):
+        calibrate(sites, tmp_path / "out", classes=["mud"])
+    with pytest.raises(InputError, match=r"met by none of the rocks.*'asphalt'"):
+        calibrate(sites, tmp_path / "out", classes=["asphalt"])
+    with pytest.raises(InputError, match=r"can be calibrated.*'dp_min'"):
+        calibrate(sites, tmp_path / "out", parameters=["dp_min"])
+
+
+def test_a_class_that_differs_between_the_sites(case: Path, tmp_path: Path) -> None:
+    other = changed(case, tmp_path / "other")
+    table = (Path(calibrate_module.__file__).parents[1] / "data" / "ground_classes.csv").read_text()
+    (other / "own.csv").write_text(table.replace("talus,0.50", "talus,0.40"))
+    config = other / CONFIG_NAME
+    config.write_text(config.read_text().replace("[ground]", '[ground]\nclasses = "own.csv"'))
+    with pytest.raises(InputError, match="'talus' differs between the sites"):
+        calibrate(
+            [(c / CONFIG_NAME, c / OBSERVATIONS_NAME) for c in (case, other)], tmp_path / "out"
+        )
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[list[tuple[Path, Path]]]]:
+    seen: list[list[tuple[Path, Path]]] = []
+
+    def take(sites: list[tuple[Path, Path]], *_: object, **__: object) -> None:
+        seen.append(sites)
+        raise InputError("enough")
+
+    monkeypatch.setattr(calibrate_module, "calibrate", take)
+    return seen  # type: ignore[return-value]
+
+
+def test_the_command_takes_pairs(asked: list[list[tuple[Path, Path]]]) -> None:
+    arguments = ["calibrate", "a.toml", "--observations", "a", "b.toml", "b", "-o", "out"]
+    CliRunner().invoke(cli, arguments)
+    assert asked == [[(Path("a.toml"), Path("a")), (Path("b.toml"), Path("b"))]]
+    failed = CliRunner().invoke(cli, [*arguments[:5], "-o", "out"])
+    assert failed.exit_code == 2 and "b.toml" in failed.output
