@@ -227,9 +227,13 @@ def simulated(
     )
 
 
-def table_of(site: Site, changes: Mapping[str, Mapping[str, float]] | None = None) -> GroundTable:
+def table_of(
+    site: Site,
+    changes: Mapping[str, Mapping[str, float]] | None = None,
+    readings: str = "hazard",
+) -> GroundTable:
     """The built-in classes of a site, some with other parameters."""
-    built_in = built_in_table()
+    built_in = built_in_table(readings)
     return GroundTable(
         tuple(
             replace(built_in.classes[built_in.index(name)], **(changes or {}).get(name, {}))
