@@ -108,7 +108,7 @@ def table_slope(name: str, config_name: str) -> Slope:
     config = load_config(sample_folder() / name / config_name)
     settings = config.profile
     assert settings is not None and settings.file is not None
-    table = read_ground_table(config.ground.classes)
+    table = read_ground_table(config.ground.classes, config.engine.readings)
     given = read_profile(settings.file, table, config.ground.default)
     cell = STRIP_CELL_M
     centres = np.arange(given.s[0] + 0.5 * cell, given.s[-1], cell)

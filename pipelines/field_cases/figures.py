@@ -150,3 +150,30 @@ def scars_figure(
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=columns)
     figure.suptitle("Chant Sura: scars of the block of 780 kg", x=0.01, ha="left", weight="bold")
     return figure
+
+
+@styled
+def field_figure(sites: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]]) -> Figure:
+    """Shares of rocks that stop within a distance: observed, before and now; and their offsets.
+
+    Parameters
+    ----------
+    sites : mapping of name to (observed, before, now)
+        Each float64, shape (n, 2): run-out and lateral offset (m).
+    """
+    figure = new_figure(WIDTH_IN, 2.6 * len(sites))
+    for axes, (name, samples) in zip(
+        figure.subplots(len(sites), 2, squeeze=False), sites.items(), strict=True
+    ):
+        marks = ((INK, "observed"), (GREY, "readings and classes of 1986"), (BLUE, "built-in"))
+        for rows, (colour, label) in zip(samples, marks, strict=True):
+            for ax, values in zip(axes, rows.T, strict=True):
+                share = (np.arange(values.size) + 0.5) / values.size
+                ax.step(np.sort(values), 100.0 * share, color=colour, lw=1.4, label=label)
+        axes[0].set_title(name, loc="left")
+        axes[0].set_xlabel("run-out in plan (m)")
+        axes[1].set_xlabel("lateral offset (m)")
+        axes[0].set_ylabel("rocks (%)")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure

@@ -106,7 +106,7 @@ def read_setting(
     with collected_notices() as notices:
         terrain = open_terrain(config.dem_path, config.terrain.crs, config.terrain.vertical_datum)
         outline = terrain.outline()
-        table = read_ground_table(config.ground.classes)
+        table = read_ground_table(config.ground.classes, config.engine.readings)
         control_lines = tuple(read_control_lines(config, outline))
         empty = map_run_of(config, outline, _no_ground(outline), table, (), control_lines, None)
         # The table of frequencies is read by area, with the names of all.

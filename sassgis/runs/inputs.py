@@ -95,7 +95,7 @@ def read_map_run(
     if grid is None:
         grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
     chosen = read_release(config.release, grid, config.block_names, areas)
-    table = read_ground_table(config.ground.classes)
+    table = read_ground_table(config.ground.classes, config.engine.readings)
     ground = ground_raster(config.ground, grid, table)
     control_lines = read_control_lines(config, grid)
     run = map_run_of(config, grid, ground, table, chosen, control_lines, forest_of(config, grid))

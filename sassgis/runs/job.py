@@ -149,7 +149,7 @@ def simulate_config(
     warnings = (
         *job.notices,
         *(() if tolerance is None else tolerance.warnings()),
-        *simulation_warnings(run, progress, built_in_table().classes),
+        *simulation_warnings(run, progress, built_in_table(config.engine.readings).classes),
     )
     return Simulation(config, run, planned, progress, checkpoint, warnings, seconds, tolerance)
 

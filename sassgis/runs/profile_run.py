@@ -47,7 +47,7 @@ def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
             field="profile.file",
             expected="a CSV file; or give --csv, or --point to cut a profile from the terrain",
         )
-    table = read_ground_table(config.ground.classes)
+    table = read_ground_table(config.ground.classes, config.engine.readings)
     default = table.names[default_class(config.ground, table)]
     flat = read_profile(file, table, default)
     check_on_profile(config, flat)

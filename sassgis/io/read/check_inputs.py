@@ -193,7 +193,7 @@ def check_inputs(config: Config) -> InputReport:
     profile: ProfileSummary | None = None
     areas: tuple[AreaSummary, ...] = ()
     with _heard() as records:
-        table = read_ground_table(config.ground.classes)
+        table = read_ground_table(config.ground.classes, config.engine.readings)
         if config.terrain.dem is None:
             control_lines = tuple(control_line for control_line, _ in profile_control_lines(config))
             profile, shares = _profile(config, table)
@@ -232,7 +232,7 @@ def check_inputs(config: Config) -> InputReport:
         warnings=(
             *config.notes,
             *warnings,
-            *ground_warnings([table.classes[i] for i in sorted(shares)], built_in_table().classes),
+            *ground_warnings([table.classes[i] for i in sorted(shares)], built_in_table(config.engine.readings).classes),
             *(spread_warnings(lines, config.terrain.path) if areas else ()),
         ),
         terrain=grid,

@@ -41,14 +41,24 @@ _NO_CODE = np.iinfo(np.int32).min
 # Tables
 
 
-def built_in_table() -> GroundTable:
-    """The ground classes that come with sassgis; ``source`` says what was read and what chosen."""
-    path = resources.files("sassgis") / "data" / "ground_classes.csv"
+#: The built-in classes by named set of readings. Values calibrated with one set of readings would
+#: be wrong with another; those for "1986" are the estimates that its studies were made with.
+_BUILT_IN = {"hazard": "ground_classes.csv", "1986": "ground_classes_1986.csv"}
+
+
+def built_in_table(readings: str = "hazard") -> GroundTable:
+    """The ground classes that come with sassgis; ``source`` says what was read and what chosen.
+
+    ``readings`` is the named set of readings of the engine.
+    """
+    path = resources.files("sassgis") / "data" / _BUILT_IN[readings]
     with resources.as_file(path) as file:
         return GroundTable(tuple(_read_classes(file)))
 
 
-def read_ground_table(path: str | PathLike[str] | None = None) -> GroundTable:
+def read_ground_table(
+    path: str | PathLike[str] | None = None, readings: str = "hazard"
+) -> GroundTable:
     """Read the ground classes of a run.
 
     Parameters
@@ -58,6 +68,8 @@ def read_ground_table(path: str | PathLike[str] | None = None) -> GroundTable:
         dp_max, mu_f, mu_0, k, d_star_m, restitution, restitution_speed_mps, rolling_threshold and,
         if wanted, source and verified. A class of a built-in
         name replaces that one; others are added.
+    readings
+        Named set of readings of the engine, which has built-in classes of its own.
 
     Returns
     -------
@@ -68,7 +80,7 @@ def read_ground_table(path: str | PathLike[str] | None = None) -> GroundTable:
     InputError
         With the row, if a column is missing or unknown or a value cannot be used.
     """
-    table = built_in_table()
+    table = built_in_table(readings)
     if path is None:
         return table
     classes = {c.name: c for c in table.classes}

@@ -111,7 +111,7 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     )
     # What cannot be run again is reported now, not in the next run.
     config = load_config(path)
-    read_ground_table(config.ground.classes)
+    read_ground_table(config.ground.classes, config.engine.readings)
     return path
 
 

@@ -177,5 +177,6 @@ def write_calibrated_config(path: Path, config_file: Path, calibration: Calibrat
         path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(document))
     # What cannot be run again is reported now, not in the next run.
-    read_ground_table(load_config(path).ground.classes)
+    written = load_config(path)
+    read_ground_table(written.ground.classes, written.engine.readings)
     return path

@@ -52,7 +52,7 @@ _PHASES: dict[str, str] = {
 
 def nominal_law() -> FloatArray:
     """Parameters of the classes as the package states them, in the order of CLASSES."""
-    text = resources.files("sassgis").joinpath("data/ground_classes.csv").read_text("utf-8")
+    text = resources.files("sassgis").joinpath("data/ground_classes_1986.csv").read_text("utf-8")
     rows = {row["name"]: row for row in csv.DictReader(text.splitlines())}
     names = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
     return np.array([[float(rows[name][key]) for key in names] for name in CLASSES])
