@@ -502,7 +502,6 @@ name = "Sample valley"
 dem = "dem.tif"
 vertical_datum = "LN02"
 smoothing_m = 5.0
-segment_tolerance_m = 0.25
 
 [release]
 file = "release.gpkg"
