@@ -21,7 +21,16 @@ from field_cases import tables
 from field_cases.contact_scores import contacts, grazing
 from field_cases.figures import field_figure
 from field_cases.scores import SOFT, design, misfit, part, quantiles, score, tried
-from field_cases.sites import Simulated, Site, authume, halves, run_out, simulated, table_of, tschamut
+from field_cases.sites import (
+    Simulated,
+    Site,
+    authume,
+    halves,
+    run_out,
+    simulated,
+    table_of,
+    tschamut,
+)
 from field_cases.study import write_json
 
 import sassgis
@@ -38,7 +47,8 @@ SHOWN = 6
 
 
 def held_out(
-    sites: Mapping[str, Site], sets: Sequence[Mapping[str, float]],
+    sites: Mapping[str, Site],
+    sets: Sequence[Mapping[str, float]],
     made: Mapping[str, Sequence[Simulated]],
 ) -> dict[str, Any]:
     """Calibrated on halves of one site or of both, scored on the other halves and sites."""

@@ -25,8 +25,13 @@ FAST_MPS = 3.0
 
 
 def after_impact(
-    ground: GroundClass, axes: tuple[float, float, float], dip: float, vt: float, vn: float,
-    omega: float, rng: np.random.Generator,
+    ground: GroundClass,
+    axes: tuple[float, float, float],
+    dip: float,
+    vt: float,
+    vn: float,
+    omega: float,
+    rng: np.random.Generator,
 ) -> FloatArray:
     """v_t, v_n and spin after an impact, in random orientations; shape (DRAWS, 3).
 
@@ -63,7 +68,9 @@ def contacts(folder: Path, ground: GroundClass, seed: int = 1986) -> dict[str, A
     for i, row in enumerate(fast.to_dict("records")):
         a, b, c = (float(v) for v in axes.loc[row["rock_id"]])
         inert = inertia(a, b)
-        vt, vn, omega = (row[f"{q}_in_{u}"] for q, u in (("vt", "mps"), ("vn", "mps"), ("omega", "radps")))
+        vt, vn, omega = (
+            row[f"{q}_in_{u}"] for q, u in (("vt", "mps"), ("vn", "mps"), ("omega", "radps"))
+        )
         before = vt**2 + vn**2 + inert * omega**2
         out = after_impact(
             ground, (a, b, c), math.radians(row["slope_deg"]), vt, vn, omega,
@@ -72,7 +79,9 @@ def contacts(folder: Path, ground: GroundClass, seed: int = 1986) -> dict[str, A
         own = np.array([[row["vt_out_mps"], row["vn_out_mps"], row["omega_out_radps"]]])
         for rows, found in ((out, made), (own, seen)):
             energy = rows[:, 0] ** 2 + rows[:, 1] ** 2 + inert * rows[:, 2] ** 2
-            found.append(np.median(np.c_[rows[:, 1] / -vn, rows[:, 0] / vt, energy / before], axis=0))
+            found.append(
+                np.median(np.c_[rows[:, 1] / -vn, rows[:, 0] / vt, energy / before], axis=0)
+            )
     names = ("r_n", "r_t", "energy_kept")
     return {
         "contacts": len(fast),
@@ -99,7 +108,13 @@ def grazing(folder: Path, ground: GroundClass, seed: int = 1986) -> dict[str, An
         if vn >= 0.0:
             continue
         out = after_impact(
-            ground, axes, dip, vt, vn, float(table["wres_radps"][i]), np.random.default_rng([seed, i])
+            ground,
+            axes,
+            dip,
+            vt,
+            vn,
+            float(table["wres_radps"][i]),
+            np.random.default_rng([seed, i]),
         )
         after = out[:, 0] * math.cos(dip) + out[:, 1] * math.sin(dip)
         made.append(float(np.median(after)) / level[i])

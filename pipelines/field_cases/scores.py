@@ -56,7 +56,9 @@ def score(site: Site, made: Simulated, seed: int = 1986) -> dict[str, Any]:
     errors = []
     for _ in range(BOOTSTRAPS):
         own = seen[draw.integers(0, len(seen), len(seen))]
-        errors.append([*(got / quantiles(own[:, 0]) - 1.0), width(pool[:, 1]) / width(own[:, 1]) - 1.0])
+        errors.append(
+            [*(got / quantiles(own[:, 0]) - 1.0), width(pool[:, 1]) / width(own[:, 1]) - 1.0]
+        )
     low, high = np.quantile(errors, [0.025, 0.975], axis=0)
     return {
         "rocks": len(site),

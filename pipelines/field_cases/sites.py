@@ -96,7 +96,9 @@ def halves(site: Site, seed: int = 2014) -> tuple[list[int], list[int]]:
     return sorted(fit), sorted(set(range(len(site))) - set(fit))
 
 
-def _block(name: str, half: Sequence[float], mass_kg: float, drop: tuple[float, float]) -> BlockPopulation:
+def _block(
+    name: str, half: Sequence[float], mass_kg: float, drop: tuple[float, float]
+) -> BlockPopulation:
     """A block of known semi-axes (m) and mass."""
     a, b, c = (float(h) for h in half)
     density = mass_kg / (4.0 / 3.0 * np.pi * a * b * c)
@@ -222,9 +224,7 @@ def simulated(
         )  # fmt: skip
         stops[own] = np.stack([result.x, result.y], axis=1).reshape(len(own), count, 2)
         reason[own] = result.rocks["reason"].reshape(len(own), count)
-    return Simulated(
-        stops, reason == StopReason.LEFT_PROFILE, reason != StopReason.NEVER_STARTED
-    )
+    return Simulated(stops, reason == StopReason.LEFT_PROFILE, reason != StopReason.NEVER_STARTED)
 
 
 def table_of(

@@ -72,7 +72,9 @@ def write_mosaic(
             warnings = (
                 *notices,
                 *more,
-                *simulation_warnings(job.run, progress, built_in_table(config.engine.readings).classes),
+                *simulation_warnings(
+                    job.run, progress, built_in_table(config.engine.readings).classes
+                ),
             )
             seconds = time.perf_counter() - began
             checkpoint = Checkpoint(work, fingerprint)

@@ -232,7 +232,10 @@ def check_inputs(config: Config) -> InputReport:
         warnings=(
             *config.notes,
             *warnings,
-            *ground_warnings([table.classes[i] for i in sorted(shares)], built_in_table(config.engine.readings).classes),
+            *ground_warnings(
+                [table.classes[i] for i in sorted(shares)],
+                built_in_table(config.engine.readings).classes,
+            ),
             *(spread_warnings(lines, config.terrain.path) if areas else ()),
         ),
         terrain=grid,
