@@ -1,4 +1,4 @@
-"""Sites with observed stops: terrain, ground by description, blocks, and what is simulated there."""
+"""Sites with observed stops: terrain, ground by description, blocks, simulated stops."""
 
 from __future__ import annotations
 
