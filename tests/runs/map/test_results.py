@@ -77,7 +77,7 @@ def test_quantiles_rise_to_the_largest(small, stem: str) -> None:
     for low, high in itertools.pairwise(bands):
         assert np.array_equal(np.isfinite(low), known)
         assert (low[known] <= high[known] * (1 + 1e-6)).all()
-    assert bands[-1][known].max() > bands[0][known].max() > 0.0
+    assert (bands[-1] > bands[0])[known].any() and bands[0][known].max() > 0.0
 
 
 def test_times_of_arrival_rise_from_the_smallest(small) -> None:
