@@ -27,7 +27,7 @@ def on_waves(job: MapRun, height_m: float) -> MapRun:
     grid = replace(job.grid, values=z)
     return replace(
         job, grid=grid, ground_heights=None, control_lines=(), engine=engine,
-        segment_tolerance_m=0.25,
+        segment_tolerance_m=0.25, path="fall_line",
     )  # fmt: skip
 
 

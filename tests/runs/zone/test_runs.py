@@ -142,11 +142,12 @@ def test_barriers_are_compared_with_the_same_rocks(tmp_path: Path) -> None:
     assert with_them.without.run.repetitions == with_them.done.run.repetitions == 2
     assert same_curves(before.curves, without.curves)
     assert not same_curves(with_them.curves, without.curves)
-    # Above the first barrier nothing changes, below it never more comes than without.
+    # Above the first barrier nothing changes, below the wall less comes. Blocks that break the net
+    # go on slower and on other paths: single cells may see more of them.
     column = np.arange(with_them.done.run.grid.values.size) % with_them.done.run.grid.shape[1]
     held, free = on_map(with_them), on_map(without)
     assert np.array_equal(held[column < 29], free[column < 29])
-    assert np.all(held <= free) and held[column > 51].sum() < 0.8 * free[column > 51].sum()
+    assert held[column > 51].sum() < 0.8 * free[column > 51].sum()
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -195,7 +196,7 @@ def test_interrupted_and_resumed_is_uninterrupted(
     [
         {"hazard.uncertain_share_max": None},
         {"hazard.repetitions_max": 1},
-        {"hazard.uncertain_share_max": 0.9999},
+        {"hazard.uncertain_share_max": 0.9999, "hazard.confidence": 0.5},
     ],
     ids=["no repetitions", "one repetition", "sooner enough"],
 )

@@ -97,10 +97,14 @@ def test_the_spread_is_as_predicted(runs: Repeated, column: int) -> None:
     spread = rate.std(axis=0, ddof=1)[enough]
     told = np.sqrt(variance.mean(axis=0))[enough]
     ratio = spread / told
+    # Errors of the two scenarios of random points are added, as if both reached the same cells: up
+    # to √2 too large where paths part.
+    least = 0.5**0.5 if runs.random else 1.0
     # A standard deviation of 100 values is itself known to 7 %, so that 20 % are 2.8 times that.
-    assert np.mean(np.abs(ratio - 1.0) < 0.2) > 0.95, np.percentile(ratio, [1, 5, 50, 95, 99])
-    assert np.abs(ratio - 1.0).max() < 0.45
-    assert abs(np.sqrt(np.mean(ratio**2)) - 1.0) < 0.08
+    usual = (ratio > 0.8 * least) & (ratio < 1.2)
+    assert np.mean(usual) > 0.95, np.percentile(ratio, [1, 5, 50, 95, 99])
+    assert 0.55 * least < ratio.min() and ratio.max() < 1.45
+    assert 0.92 * least < np.sqrt(np.mean(ratio**2)) < 1.08
 
 
 def test_the_error_of_a_single_run_is_good_enough(runs: Repeated) -> None:
@@ -129,7 +133,8 @@ def test_rates_do_not_lean(runs: Repeated) -> None:
 
 def test_errors_of_risk_are_no_smaller_than_the_spread(runs: Repeated) -> None:
     """They are upper bounds; for a single object they are not far above."""
-    for quantity, most in (("hits", 1.25), ("loss", 1.6), ("deaths", 1.6)):
+    hits = 1.25 * 2.0**0.5 if runs.random else 1.25
+    for quantity, most in (("hits", hits), ("loss", 1.6), ("deaths", 1.6)):
         values = np.array([t.of_object(quantity) for t in runs.risk])
         told = np.sqrt(np.mean([t.standard_error(quantity) ** 2 for t in runs.risk], axis=0))
         ratio = told / values.std(axis=0, ddof=1)
