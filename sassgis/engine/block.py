@@ -14,6 +14,7 @@ from sassgis.engine.heading import (
     before_flight,
     before_ground,
     place_spawned,
+    wedged,
 )
 from sassgis.engine.landing import land
 from sassgis.engine.path import FOLLOWED, Path, note_passages
@@ -35,6 +36,7 @@ from sassgis.engine.state import (
     Site,
     Start,
     end,
+    end_at_rest,
     log_event,
 )
 from sassgis.model.jit import inlined, lean
@@ -90,6 +92,8 @@ def simulate_block(
             level = state.speed * site.profile[state.segment].tx
             ground_motion(state, block, site, output, physics, effects)
             after_ground(state, path, physics, gu, gv, x, level, abs(state.vx))
+            if wedged(state):
+                end_at_rest(state, block)
         else:
             ground_motion(state, block, site, output, physics, effects)
         if followed and last_of(site.crossings) > 0:
@@ -134,6 +138,8 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     state.top_height = 0.0
     state.top_energy = 0.0
     state.reach = np.inf
+    state.stuck_x = np.inf
+    state.stuck = 0
     state.stretch = stretch_from(site.stretches, stretch, x)
     for i in range(last_of(site.crossings)):
         site.crossings[i].seen = False

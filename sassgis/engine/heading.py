@@ -51,6 +51,9 @@ _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
 # Impacts that turn the heading less than this do not (rad).
 _NO_TURN = 1e-9
+# A block that comes less than this far (m) in each of so many stretches on the ground is wedged.
+_NO_WAY_M = 1e-6
+_STUCK = 100
 
 
 @inlined
@@ -389,6 +392,17 @@ def after_ground(
         kappa = _bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
         angle = _angle_to(state, path, gu, gv) - state.turn
         state.turn += _bent(angle, kappa * (state.x - x))
+
+
+@inlined
+def wedged(state: Record) -> bool:
+    """Whether a block has not come on for so many stretches: between walls it turns on the spot."""
+    if abs(state.x - state.stuck_x) > _NO_WAY_M:
+        state.stuck_x = state.x
+        state.stuck = 0
+        return False
+    state.stuck += 1
+    return bool(state.stuck > _STUCK and state.phase != END)
 
 
 @inlined

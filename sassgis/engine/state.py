@@ -110,6 +110,8 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("low", _F),  # limits of the slope of the last segment
     ("high", _F),
     ("drift", _F),  # angle by which it drifts aside of the descent (rad)
+    ("stuck_x", _F),  # chainage at which its last stretches on the ground ended (m)
+    ("stuck", _I),  # how many of them ended there
     ("turn", _F),  # turn of the heading that is still to come, to the right on the map (rad)
 )
 
