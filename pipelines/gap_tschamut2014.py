@@ -37,18 +37,14 @@ dem = "dem.tif"
 crs = "local"
 path = "fall_line"
 energy_line_angle_deg = 10.0
-
 [release]
 file = "release.gpkg"
 name_field = "name"
 rocks_per_point = 50
-
 [ground]
 default = "soft_meadow"
-
 [engine]
 readings = "1986"
-
 [[blocks]]
 name = "Tschamut"
 axis_1_m = [0.185, 0.25]

@@ -81,8 +81,11 @@ def test_blocks_sweep_a_strip_of_the_reference_width(slopes) -> None:
 
 @pytest.mark.parametrize("energy_kj", THRESHOLDS_KJ)
 def test_frequencies_are_those_of_fine_cells(slopes, energy_kj: float) -> None:
-    # Few blocks have 300 kJ, and on cells of 10 m theirs is that of 10 m of their path.
-    within = {0.0: 0.04, 30.0: 0.06, 300.0: 0.3}[energy_kj]
+    # Few blocks have 300 kJ, other ones on each size of cells, as heights differ by centimetres; on
+    # cells of 10 m their energy is that of 10 m of their path.
+    rows = [kept_stops(z.done.run, z.done.progress).rocks for z in slopes.values()]
+    fewest = min(int((own["max_energy_kj"] >= energy_kj).sum()) for own in rows)
+    within = max({0.0: 0.04, 30.0: 0.06, 300.0: 0.3}[energy_kj], 3.0 * (1.5 / fewest) ** 0.5)
     fine = np.mean([per_width(slopes[1.0, seed], energy_kj) for seed in (1, 2)])
     for (cell, _), zone in slopes.items():
         assert per_width(zone, energy_kj) == pytest.approx(fine, rel=within), cell
