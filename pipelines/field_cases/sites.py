@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from field_cases.tables import field_file
-from sassgis.engine.simulate_paths import Terrain, follow
+from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.tiles import read_terrain
 from sassgis.model import rng
@@ -208,7 +208,7 @@ def simulated(
     site: Site, table: GroundTable, settings: EngineSettings, count: int, seed: int = 1986
 ) -> Simulated:
     """Simulate each rock of a site ``count`` times; the draws depend on the seed only."""
-    terrain = Terrain(site.heights, site.ground, TOLERANCE_M)
+    terrain = PathTerrain(site.heights, site.ground, TOLERANCE_M)
     stops = np.empty((len(site), count, 2))
     reason = np.empty((len(site), count), np.uint8)
     groups: dict[BlockPopulation, list[int]] = {}

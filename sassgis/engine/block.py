@@ -139,6 +139,7 @@ def _clear(state: Record, site: Site, x: float, stretch: int) -> None:
     state.top_energy = 0.0
     state.reach = np.inf
     state.stuck_x = np.inf
+    state.about = 1.0
     state.stuck = 0
     state.stretch = stretch_from(site.stretches, stretch, x)
     for i in range(last_of(site.crossings)):

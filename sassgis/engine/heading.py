@@ -213,6 +213,7 @@ def _mirror(state: Record) -> None:
     state.theta = math.pi - state.theta
     state.omega = -state.omega
     state.vx = -state.vx
+    state.about = -state.about
     state.nx = -state.nx
     state.direction = 1
 

@@ -51,7 +51,7 @@ _ROOM = 8192
 
 
 @dataclass(frozen=True, slots=True)
-class Terrain:
+class PathTerrain:
     """What paths are followed on.
 
     Attributes
@@ -75,7 +75,7 @@ class Terrain:
 
 
 def follow(
-    terrain: Terrain,
+    terrain: PathTerrain,
     points: ReleasePoints,
     table: GroundTable,
     blocks: BlockPopulation | Sequence[BlockPopulation],
@@ -99,7 +99,7 @@ def follow(
 
     Parameters
     ----------
-    terrain : Terrain
+    terrain : PathTerrain
     points : ReleasePoints
     table, blocks, settings, seed, objects, window, first_rock, bins, log_events, effects
         As for sassgis.engine.simulate.simulate.
@@ -186,7 +186,7 @@ def _places(grid: Grid, points: ReleasePoints) -> tuple[FloatArray, FloatArray]:
 
 
 def _path(
-    terrain: Terrain, settings: EngineSettings, register: CellRegister, spread_m: float
+    terrain: PathTerrain, settings: EngineSettings, register: CellRegister, spread_m: float
 ) -> Path:
     """The terrain as the kernel takes it."""
     grid, forest = terrain.grid, terrain.forest

@@ -109,6 +109,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("gap", _F),  # between plane and terrain at the last sample (m)
     ("low", _F),  # limits of the slope of the last segment
     ("high", _F),
+    ("about", _F),  # 1, or -1 where it has turned about an odd number of times
     ("drift", _F),  # angle by which it drifts aside of the descent (rad)
     ("stuck_x", _F),  # chainage at which its last stretches on the ground ended (m)
     ("stuck", _I),  # how many of them ended there

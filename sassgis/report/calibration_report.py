@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.gap.calibration.calibration import Calibration, SiteResult
+from sassgis.gap.calibration.fitting import SiteCalibration, SiteResult
 from sassgis.gap.calibration.identifiability import Fitted
 from sassgis.gap.inference.intervals import Interval
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
@@ -29,7 +29,7 @@ _FEW_ROCKS = 20
 _PANELS = 6
 
 
-def verdict(calibration: Calibration) -> str:
+def verdict(calibration: SiteCalibration) -> str:
     """The result in a sentence or two."""
     told = [f for f in calibration.fitted if f.identified]
     text = (
@@ -52,7 +52,7 @@ def _headline(site: SiteResult) -> int:
     return names.index("run-out") if "run-out" in names else 0
 
 
-def calibration_warnings(calibration: Calibration) -> list[str]:
+def calibration_warnings(calibration: SiteCalibration) -> list[str]:
     """What a reader must know before the classes are used."""
     out = []
     if calibration.contradict:
@@ -96,7 +96,7 @@ def calibration_warnings(calibration: Calibration) -> list[str]:
 
 
 def calibration_report(
-    calibration: Calibration,
+    calibration: SiteCalibration,
     folder: Path,
     *,
     configurations: Sequence[str],
@@ -145,7 +145,7 @@ def _meaning() -> ReportAnswer:
     )
 
 
-def _figures(calibration: Calibration, folder: Path) -> list[ReportFigure]:
+def _figures(calibration: SiteCalibration, folder: Path) -> list[ReportFigure]:
     png = save_figure(folder, "parameters", parameters_figure(calibration.fitted))
     found = [
         ReportFigure(
@@ -221,7 +221,7 @@ def _percent(error: Interval) -> str:
     return f"{value:+.0f} % ({low:+.0f} to {high:+.0f})"
 
 
-def _trade_off_table(calibration: Calibration) -> ReportTable:
+def _trade_off_table(calibration: SiteCalibration) -> ReportTable:
     return ReportTable(
         "Parameters that make up for each other",
         (("one", ""), ("other", ""), ("correlation", "")),
@@ -230,7 +230,7 @@ def _trade_off_table(calibration: Calibration) -> ReportTable:
     )
 
 
-def _as_good_table(calibration: Calibration) -> ReportTable:
+def _as_good_table(calibration: SiteCalibration) -> ReportTable:
     labels = [f.parameter.label for f in calibration.fitted]
     return ReportTable(
         "Other combinations that fit as well",
@@ -240,7 +240,7 @@ def _as_good_table(calibration: Calibration) -> ReportTable:
     )
 
 
-def _site_table(calibration: Calibration) -> ReportTable:
+def _site_table(calibration: SiteCalibration) -> ReportTable:
     labels = [f.parameter.label for f in calibration.fitted]
     return ReportTable(
         "Common parameters and those that fit each site best",

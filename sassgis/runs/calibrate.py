@@ -8,11 +8,11 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from sassgis.gap.calibration.calibration import (
+from sassgis.gap.calibration.fitting import (
     REPETITIONS,
-    Calibration,
     CalibrationTask,
     NumberedDraw,
+    SiteCalibration,
     calibration_task,
     draws_of,
     final_replicas,
@@ -21,9 +21,9 @@ from sassgis.gap.calibration.calibration import (
     score_draw,
     search,
 )
+from sassgis.gap.calibration.observed_release import terrain_of
 from sassgis.gap.calibration.parameters import fitted_names
-from sassgis.gap.calibration.release import terrain_of
-from sassgis.gap.calibration.site import Site, site_of
+from sassgis.gap.calibration.site import CalibrationSite, site_of
 from sassgis.io.read.config import load_config
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.model.errors import InputError, Interrupted
@@ -54,7 +54,7 @@ def calibrate(
     overwrite: bool = False,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
-) -> Calibration:
+) -> SiteCalibration:
     """Fit the parameters of ground classes that observed rocks can identify.
 
     Parameters
@@ -80,7 +80,7 @@ def calibrate(
 
     Returns
     -------
-    Calibration
+    SiteCalibration
 
     Raises
     ------
@@ -163,9 +163,9 @@ class _Counted:
             self._on_progress(self._done, self._total, rocks)
 
 
-def _sites(configs: Sequence[Config], files: Sequence[Path]) -> list[Site]:
+def _sites(configs: Sequence[Config], files: Sequence[Path]) -> list[CalibrationSite]:
     """The sites with names that differ; a class must be the same at all of them."""
-    ready: list[Site] = []
+    ready: list[CalibrationSite] = []
     for config, file in zip(configs, files, strict=True):
         name, number = config.project.name, 2
         while name in [s.name for s in ready]:
@@ -189,7 +189,7 @@ def _sites(configs: Sequence[Config], files: Sequence[Path]) -> list[Site]:
     return ready
 
 
-def _chosen(sites: Sequence[Site], asked: Sequence[str] | None) -> list[str]:
+def _chosen(sites: Sequence[CalibrationSite], asked: Sequence[str] | None) -> list[str]:
     """Classes to calibrate: those that the rocks meet, or those asked for."""
     met = list(dict.fromkeys(name for site in sites for name in site.classes))
     if asked is None:

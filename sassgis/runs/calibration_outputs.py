@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sassgis.gap.calibration.calibration import Calibration
+from sassgis.gap.calibration.fitting import SiteCalibration
 from sassgis.gap.observations.case import Case
 from sassgis.io.read.config import resolved
 from sassgis.io.write.calibrated_config import CLASSES_NAME
@@ -26,7 +26,7 @@ def write_calibration(
     work: Path,
     configs: Sequence[Config],
     cases: Sequence[Case],
-    calibration: Calibration,
+    calibration: SiteCalibration,
 ) -> None:
     """Write a calibration into a folder.
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
-from sassgis.engine.simulate_paths import Terrain, follow
+from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import (
@@ -79,9 +79,11 @@ def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
     return (_followed if run.followed else _on_lines)(run, planned, chunk, bins)
 
 
-def _terrain(run: MapRun) -> Terrain:
+def _terrain(run: MapRun) -> PathTerrain:
     """What paths are followed on."""
-    return Terrain(run.heights, run.ground, run.segment_tolerance_m, run.control_lines, run.forest)
+    return PathTerrain(
+        run.heights, run.ground, run.segment_tolerance_m, run.control_lines, run.forest
+    )
 
 
 def _path_keys(keys: NDArray[np.uint64], scenario: str) -> NDArray[np.uint64]:

@@ -9,7 +9,7 @@ import pytest
 
 from sassgis.engine.heading import _bending, _bent
 from sassgis.engine.simulate import Simulated
-from sassgis.engine.simulate_paths import Terrain, follow
+from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundClass, GroundTable
@@ -36,7 +36,7 @@ def plane(east: float, south: float, rocks: int = 4, **engine: float) -> Simulat
         middle, middle.copy(), np.zeros(1, np.int64), np.array([7], np.uint64), ("a",)
     )
     return follow(
-        Terrain(grid, np.zeros(grid.shape, np.int32), 0.25), points, TABLE, BLOCKS,
+        PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25), points, TABLE, BLOCKS,
         EngineSettings(**engine), seed=3, rocks_per_point=rocks, point_keys=points.key,
         log_events=400,
     )  # fmt: skip

@@ -18,7 +18,7 @@ from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
 from sassgis.engine.simulate import Simulated, simulate
-from sassgis.engine.simulate_paths import Terrain, follow
+from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
@@ -65,7 +65,7 @@ def paths(
     x, y = np.broadcast_arrays(x, y)
     points = points_at(x + x0, y + y0)
     traces = [(line, trace + np.array([x0, y0])) for line, trace in lines]
-    terrain = Terrain(grid, np.zeros(grid.shape, np.int32), tolerance, traces, forest)
+    terrain = PathTerrain(grid, np.zeros(grid.shape, np.int32), tolerance, traces, forest)
     return follow(
         terrain, points, GroundTable((on,)), blocks, settings, seed=seed, rocks_per_point=n,
         point_keys=points.key + np.uint64(key), **more,
@@ -249,7 +249,7 @@ def test_blocks_hang_on_nothing_but_their_key() -> None:
     grid = grid_of(folded, 260, 260, 1.0)
     x, y = np.linspace(-90.0, -60.0, 7), np.linspace(-8.0, 8.0, 7)
     x0, y0 = middle(grid)
-    terrain = Terrain(grid, np.zeros(grid.shape, np.int32), 0.25)
+    terrain = PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25)
     points = points_at(x + x0, y + y0)
 
     def run(which: Any, n: int = 20, first: int = 0) -> Simulated:
@@ -286,7 +286,7 @@ def test_a_part_of_the_terrain_gives_the_same_bits() -> None:
     trace = np.array([[x0 - 20.1, y0 - 30.3], [x0 - 19.7, y0 + 60.1]])
 
     def run(grid: Grid) -> Simulated:
-        terrain = Terrain(grid, np.zeros(grid.shape, np.int32), 0.25, [(wall, trace)])
+        terrain = PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25, [(wall, trace)])
         return follow(
             terrain, points, GroundTable((DEBRIS,)), MIXED, HAZARD, seed=3, rocks_per_point=100,
             point_keys=points.key, spread_m=3.3,

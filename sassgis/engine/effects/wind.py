@@ -69,11 +69,11 @@ def longest_step(push: Push, state: Record) -> float:
 @kernel
 def push_before(push: Push, state: Record, limit: float) -> None:
     """Push a block before a step of flight of ``limit`` (s)."""
-    state.vx += push.acceleration * state.push_before * limit
+    state.vx += state.about * push.acceleration * state.push_before * limit
 
 
 @kernel
 def push_after(push: Push, state: Record, limit: float, until: float, goes_on: bool) -> None:
     """Push it after the step, which has taken ``until`` (s): the speed gained is exact."""
-    state.vx += push.acceleration * (until - state.push_before * limit)
+    state.vx += state.about * push.acceleration * (until - state.push_before * limit)
     state.push_before = 0.5 if goes_on else 0.0

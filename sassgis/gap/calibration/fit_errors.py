@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.calibration.site import Site
+from sassgis.gap.calibration.site import CalibrationSite
 from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.inference.intervals import Interval, bootstrap_interval
 from sassgis.model.grid import FloatArray, IntArray
@@ -65,13 +65,13 @@ _NAMES = {
 
 
 def quantity_errors(
-    site: Site, models: Mapping[str, Mapping[str, FloatArray]], seed: int
+    site: CalibrationSite, models: Mapping[str, Mapping[str, FloatArray]], seed: int
 ) -> tuple[QuantityErrors, ...]:
     """Errors in every scored quantity.
 
     Parameters
     ----------
-    site : Site
+    site : CalibrationSite
     models : mapping of str to mapping of quantity to float64, shape (count, n_rocks)
         Replicas "before", "after", "left out".
     seed : int

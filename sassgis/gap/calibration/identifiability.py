@@ -9,7 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.gap.calibration.parameters import ClassParameter, prior_of_one
-from sassgis.gap.calibration.search import Posterior, Surface, bootstrap_excess, minimum_without
+from sassgis.gap.calibration.search import (
+    Posterior,
+    ScoreSurface,
+    bootstrap_excess,
+    minimum_without,
+)
 from sassgis.model.grid import FloatArray
 
 #: A parameter is identified if its interval is narrower than this share of that of the prior.
@@ -120,7 +125,7 @@ def trade_offs(parameters: Sequence[ClassParameter], posterior: Posterior) -> tu
     return tuple(sorted(found, key=lambda t: -abs(t.correlation)))
 
 
-def as_good(surface: Surface, posterior: Posterior) -> FloatArray:
+def as_good(surface: ScoreSurface, posterior: Posterior) -> FloatArray:
     """Combinations that fit as well as the best, as far apart as possible, shape (n, d)."""
     excess = surface.total.value(posterior.samples)
     good = posterior.samples[excess <= np.quantile(excess, 0.5)]
@@ -180,7 +185,7 @@ class SiteFit:
 
 
 def site_fits(
-    names: Sequence[str], surface: Surface, posterior: Posterior, seed: int
+    names: Sequence[str], surface: ScoreSurface, posterior: Posterior, seed: int
 ) -> tuple[tuple[SiteFit, ...], bool]:
     """Common and own parameters of each site, and whether the sites contradict each other.
 
@@ -196,7 +201,7 @@ def site_fits(
         common, least = (float(total.value(u[None])[0]) for u in (posterior.best, own))
         found.append(SiteFit(name, common / n, least / n, own))
         if len(names) > 1:
-            alone = Surface((surface.columns[k],), (surface.emulators[k],), surface.starts)
+            alone = ScoreSurface((surface.columns[k],), (surface.emulators[k],), surface.starts)
             chance = chance + bootstrap_excess(alone, own, np.random.default_rng([seed, 9, k]))
         worse += common - least
         total_score += least

@@ -16,7 +16,7 @@ from sassgis.model.settings import EngineSettings
 
 
 @dataclass(frozen=True, slots=True)
-class ParameterRange:
+class CalibrationRange:
     """Where a parameter may lie.
 
     Attributes
@@ -36,12 +36,12 @@ class ParameterRange:
 
 #: Ranges wide enough for any ground that rocks have been observed on. They are limits of the
 #: search, not values of any ground: a result at a limit is reported.
-RANGES: Mapping[str, ParameterRange] = {
-    "restitution": ParameterRange(0.0, 0.9, False, "impacts, passing heights; less run-out"),
-    "eta_max": ParameterRange(0.1, 1.0, False, "impacts, speeds, run-out"),
-    "mu_f": ParameterRange(0.2, 1.2, False, "impacts, speeds, run-out"),
-    "mu_0": ParameterRange(0.05, 0.9, False, "run-out"),
-    "rolling_threshold": ParameterRange(0.02, 2.0, True, "run-out, passing heights"),
+RANGES: Mapping[str, CalibrationRange] = {
+    "restitution": CalibrationRange(0.0, 0.9, False, "impacts, passing heights; less run-out"),
+    "eta_max": CalibrationRange(0.1, 1.0, False, "impacts, speeds, run-out"),
+    "mu_f": CalibrationRange(0.2, 1.2, False, "impacts, speeds, run-out"),
+    "mu_0": CalibrationRange(0.05, 0.9, False, "run-out"),
+    "rolling_threshold": CalibrationRange(0.02, 2.0, True, "run-out, passing heights"),
 }
 
 
@@ -52,14 +52,14 @@ class ClassParameter:
     Attributes
     ----------
     class_name, name : str
-    limits : ParameterRange
+    limits : CalibrationRange
     configured : float
         Value before the calibration.
     """
 
     class_name: str
     name: str
-    limits: ParameterRange
+    limits: CalibrationRange
     configured: float
 
     @property

@@ -59,7 +59,7 @@ class SiteScores:
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
+class ScoreSurface:
     """Emulated scores of all sites.
 
     Attributes
@@ -146,9 +146,9 @@ class Total:
 
 def surface_of(
     points: FloatArray, sites: Sequence[SiteScores], starts: FloatArray, first: int
-) -> Surface:
+) -> ScoreSurface:
     """Emulate the scores of all sites; ``first`` draws are those of the first design."""
-    return Surface(
+    return ScoreSurface(
         tuple(s.columns for s in sites),
         tuple(fit(points[:, s.columns], s.scores, first) for s in sites),
         starts,
@@ -176,7 +176,7 @@ class Posterior:
     excess: float
 
 
-def posterior_of(surface: Surface, points: FloatArray, seed: int) -> Posterior:
+def posterior_of(surface: ScoreSurface, points: FloatArray, seed: int) -> Posterior:
     """Sample the posterior, with the sharpness that drawing the rocks anew asks for."""
     rng = np.random.default_rng([seed, 7])
     total = surface.total
@@ -231,7 +231,7 @@ def _sharpness(over: FloatArray, sampled_at: float, wanted: float) -> float:
 
 
 def bootstrap_excess(
-    surface: Surface, bottom: FloatArray, rng: np.random.Generator, draws: int = _BOOTSTRAP
+    surface: ScoreSurface, bottom: FloatArray, rng: np.random.Generator, draws: int = _BOOTSTRAP
 ) -> FloatArray:
     """How much worse than the best for rocks drawn anew the best for all rocks is, for each draw.
 
@@ -247,7 +247,7 @@ def bootstrap_excess(
 
 
 def _sample(
-    surface: Surface,
+    surface: ScoreSurface,
     sharpness: float,
     beginnings: FloatArray,
     rng: np.random.Generator,
@@ -270,7 +270,7 @@ def _sample(
     return kept
 
 
-def next_design(surface: Surface, points: FloatArray, draws: int, seed: int) -> FloatArray:
+def next_design(surface: ScoreSurface, points: FloatArray, draws: int, seed: int) -> FloatArray:
     """New draws where the best parameters may lie, from a wider posterior, shape (draws, d)."""
     rng = np.random.default_rng([seed, 5, len(points)])
     total = surface.total
@@ -285,7 +285,9 @@ def next_design(surface: Surface, points: FloatArray, draws: int, seed: int) -> 
     return np.vstack(chosen)
 
 
-def keeping_configured(surface: Surface, posterior: Posterior, identified: BoolArray) -> Posterior:
+def keeping_configured(
+    surface: ScoreSurface, posterior: Posterior, identified: BoolArray
+) -> Posterior:
     """The best parameters with those at their configured values that need not leave them.
 
     One after the other, the parameters that are not identified are put back to what was configured.
@@ -308,7 +310,7 @@ def keeping_configured(surface: Surface, posterior: Posterior, identified: BoolA
 
 
 def minimum_without(
-    surface: Surface, posterior: Posterior, weights: Sequence[FloatArray]
+    surface: ScoreSurface, posterior: Posterior, weights: Sequence[FloatArray]
 ) -> FloatArray:
     """Best parameters for weighted rocks: a weight of 0 leaves a rock out."""
     own = surface.weighted(weights)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sassgis.engine.simulate_paths import Terrain
+from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.gap.calibration.impact_scores import (
     impact_quantities,
     impact_scores,
@@ -15,7 +15,7 @@ from sassgis.gap.calibration.impact_scores import (
     observed_outcomes,
     simulated_outcomes,
 )
-from sassgis.gap.calibration.release import Released, observed, released
+from sassgis.gap.calibration.observed_release import Released, observed, released
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.residuals.one_step import ImpactsInFlight
@@ -60,7 +60,7 @@ class Axes:
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class CalibrationSite:
     """A site made ready for many campaigns.
 
     Attributes
@@ -68,7 +68,7 @@ class Site:
     name : str
     case : Case
     rock_lines : RockLines
-    terrain : Terrain or None
+    terrain : PathTerrain or None
         What paths are followed on; None: rocks keep to their fall lines.
     axes : Axes
     scale : Scale
@@ -87,7 +87,7 @@ class Site:
     name: str
     case: Case
     rock_lines: RockLines
-    terrain: Terrain | None
+    terrain: PathTerrain | None
     axes: Axes
     scale: Scale
     quantities: Mapping[str, FloatArray]
@@ -102,7 +102,9 @@ class Site:
         return self.case.n_rocks
 
 
-def site_of(name: str, case: Case, terrain: Terrain | None = None, file: str = "") -> Site:
+def site_of(
+    name: str, case: Case, terrain: PathTerrain | None = None, file: str = ""
+) -> CalibrationSite:
     """Prepare a case; with a terrain paths are followed, ``file`` is for messages.
 
     Raises
@@ -130,7 +132,7 @@ def site_of(name: str, case: Case, terrain: Terrain | None = None, file: str = "
         outcomes = observed_outcomes(impacts)
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         scored |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
-    return Site(
+    return CalibrationSite(
         name, case, rock_lines_of(case), terrain, axes, scale, scored, scale.rows(quantities),
         impacts, outcomes, _classes(case, axes, seen, impacts),
     )  # fmt: skip
@@ -183,7 +185,7 @@ def _classes(
 
 
 def replicas(
-    site: Site, table: GroundTable, *, count: int, seed: int, number: int
+    site: CalibrationSite, table: GroundTable, *, count: int, seed: int, number: int
 ) -> dict[str, FloatArray]:
     """Compared quantities of ``count`` campaigns, each of shape (count or draws, n_rocks)."""
     made = _released(site, table, count, seed, number)
@@ -195,7 +197,7 @@ def replicas(
 
 
 def _released(
-    site: Site, table: GroundTable, count: int, seed: int, number: int
+    site: CalibrationSite, table: GroundTable, count: int, seed: int, number: int
 ) -> dict[str, FloatArray]:
     if not site.scale.names:
         return {}
@@ -207,7 +209,7 @@ def _released(
 
 
 def scores(
-    site: Site, table: GroundTable, *, seed: int, number: int, count: int = COUNT
+    site: CalibrationSite, table: GroundTable, *, seed: int, number: int, count: int = COUNT
 ) -> FloatArray:
     """Energy score of each observed rock with a class table, shape (n_rocks,).
 

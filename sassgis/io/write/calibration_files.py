@@ -11,8 +11,8 @@ import numpy as np
 import tomli_w
 
 import sassgis
-from sassgis.gap.calibration.calibration import Calibration, SiteResult
 from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
+from sassgis.gap.calibration.fitting import SiteCalibration, SiteResult
 from sassgis.gap.inference.intervals import Interval
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
@@ -27,7 +27,7 @@ from sassgis.io.write.manifest import plain
 from sassgis.model.ground import GroundClass, GroundTable
 
 
-def write_calibration_json(path: Path, calibration: Calibration) -> Path:
+def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
     """Write ``calibration.json``: all numbers of a calibration.
 
     Raises
@@ -109,7 +109,7 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def write_classes(path: Path, calibration: Calibration, configured: GroundTable) -> Path:
+def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTable) -> Path:
     """Write the table of ground classes with the provenance of each calibrated one.
 
     Raises
@@ -125,7 +125,7 @@ def write_classes(path: Path, calibration: Calibration, configured: GroundTable)
     return path
 
 
-def class_provenance(calibration: Calibration, name: str) -> str:
+def class_provenance(calibration: SiteCalibration, name: str) -> str:
     """Where the values of a calibrated class come from, in a sentence."""
     own = [f for f in calibration.fitted if f.parameter.class_name == name]
     told = [f"{f.parameter.name} {f.low:.2g} to {f.high:.2g}" for f in own if f.identified]
@@ -155,7 +155,7 @@ def class_provenance(calibration: Calibration, name: str) -> str:
     return "; ".join(parts)
 
 
-def write_calibrated_config(path: Path, config_file: Path, calibration: Calibration) -> Path:
+def write_calibrated_config(path: Path, config_file: Path, calibration: SiteCalibration) -> Path:
     """Write a configuration with the table of classes that lies beside it.
 
     Raises

@@ -11,15 +11,15 @@ import pytest
 from helpers.simulated_slope import TABLE, observed
 from threadpoolctl import threadpool_limits
 
-from sassgis.gap.calibration.calibration import (
-    Calibration,
+from sassgis.gap.calibration.fitting import (
+    SiteCalibration,
     calibration_task,
     final_replicas,
     result_of,
     score_draw,
     search,
 )
-from sassgis.gap.calibration.site import Site, replicas, site_of
+from sassgis.gap.calibration.site import CalibrationSite, replicas, site_of
 from sassgis.gap.inference.distances import energy_scores
 from sassgis.model.errors import InputError
 from sassgis.model.ground import GroundTable
@@ -44,21 +44,23 @@ def table_of(**values: float) -> GroundTable:
     )
 
 
-def site(n: int, seed: int, table: GroundTable, name: str = "one", **more: object) -> Site:
+def site(
+    n: int, seed: int, table: GroundTable, name: str = "one", **more: object
+) -> CalibrationSite:
     tables = more.pop("tables", ("passages", "deposits"))
     return site_of(name, observed(n, seed, table=table, tables=tables))  # type: ignore[arg-type]
 
 
 def calibrated(
-    sites: list[Site], classes: tuple[str, ...], names: tuple[str, ...], draws: int = 64
-) -> Calibration:
+    sites: list[CalibrationSite], classes: tuple[str, ...], names: tuple[str, ...], draws: int = 64
+) -> SiteCalibration:
     task = calibration_task(sites, classes, names, seed=1)
     found = search(task, lambda new: [score_draw(task, one) for one in new], draws)
     return result_of(task, found, lambda finals: [final_replicas(task, f) for f in finals])
 
 
 @cache
-def recovered() -> Calibration:
+def recovered() -> SiteCalibration:
     return calibrated([site(40, 11, table_of(**TRUTH))], ("debris",), ("eta_max", "mu_0"), 48)
 
 

@@ -50,7 +50,7 @@ def test_only_what_the_paper_covers_is_verified():
             assert "Table 1" in c.source
             assert "our choice within the ranges" in c.source
         else:
-            assert c.source.startswith("Unverified")
+            assert c.source.startswith(("Unverified", "Calibrated on observed stops"))
 
 
 def test_default_class_of_the_configuration_is_built_in():

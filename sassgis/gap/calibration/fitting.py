@@ -22,8 +22,8 @@ from sassgis.gap.calibration.identifiability import (
 from sassgis.gap.calibration.parameters import ClassParameter, parameters_of, table_with
 from sassgis.gap.calibration.search import (
     Posterior,
+    ScoreSurface,
     SiteScores,
-    Surface,
     first_design,
     keeping_configured,
     minimum_without,
@@ -31,7 +31,7 @@ from sassgis.gap.calibration.search import (
     posterior_of,
     surface_of,
 )
-from sassgis.gap.calibration.site import COUNT, Site, replicas, scores
+from sassgis.gap.calibration.site import COUNT, CalibrationSite, replicas, scores
 from sassgis.gap.inference.folds import folds_of
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
@@ -50,12 +50,12 @@ class CalibrationTask:
 
     Attributes
     ----------
-    sites : tuple of Site
+    sites : tuple of CalibrationSite
     parameters : tuple of ClassParameter
     seed : int
     """
 
-    sites: tuple[Site, ...]
+    sites: tuple[CalibrationSite, ...]
     parameters: tuple[ClassParameter, ...]
     seed: int
 
@@ -85,7 +85,7 @@ RunDraws = Callable[[Sequence[NumberedDraw]], Sequence[FloatArray]]
 
 
 def calibration_task(
-    sites: Sequence[Site], class_names: Sequence[str], names: Sequence[str], seed: int
+    sites: Sequence[CalibrationSite], class_names: Sequence[str], names: Sequence[str], seed: int
 ) -> CalibrationTask:
     """The parameters of some classes at some sites."""
     parameters: list[ClassParameter] = []
@@ -120,7 +120,7 @@ class Search:
     """What was tried, and what follows from it."""
 
     points: FloatArray
-    surface: Surface
+    surface: ScoreSurface
     posterior: Posterior
 
 
@@ -144,14 +144,16 @@ def _scored(run: RunDraws, points: FloatArray, before: int) -> FloatArray:
     return np.stack(run([(1 + before + k, share) for k, share in enumerate(points)]))
 
 
-def _surface(task: CalibrationTask, points: FloatArray, scored: FloatArray, first: int) -> Surface:
+def _surface(
+    task: CalibrationTask, points: FloatArray, scored: FloatArray, first: int
+) -> ScoreSurface:
     borders = np.cumsum([site.n_rocks for site in task.sites])[:-1]
     parts = np.split(scored, borders, axis=1)
     sites = [SiteScores(_columns(task, s), own) for s, own in zip(task.sites, parts, strict=True)]
     return surface_of(points, sites, task.starts, first)
 
 
-def _columns(task: CalibrationTask, site: Site) -> IntArray:
+def _columns(task: CalibrationTask, site: CalibrationSite) -> IntArray:
     """Parameters that act at a site: those of the classes that its rocks meet."""
     return np.flatnonzero([p.class_name in site.classes for p in task.parameters])
 
@@ -234,7 +236,7 @@ class SiteResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class SiteCalibration:
     """What a calibration found.
 
     Attributes
@@ -279,7 +281,7 @@ class Calibration:
         )
 
 
-def result_of(task: CalibrationTask, found: Search, run: RunFinals) -> Calibration:
+def result_of(task: CalibrationTask, found: Search, run: RunFinals) -> SiteCalibration:
     """What the search says, and how well it fits rocks left out."""
     posterior, surface = found.posterior, found.surface
     parameters = task.parameters
@@ -305,7 +307,7 @@ def result_of(task: CalibrationTask, found: Search, run: RunFinals) -> Calibrati
                 site.quantities,
             )
         )
-    return Calibration(
+    return SiteCalibration(
         fitted_parameters(parameters, posterior),
         identified_combinations(parameters, posterior),
         trade_offs(parameters, posterior),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.engine.simulate_paths import Terrain, follow
+from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.gap.observations.campaign import (
     Campaign,
     PassageRows,
@@ -58,7 +58,7 @@ def observed(case: Case) -> Released:
 def released(
     case: Case,
     rock_lines: RockLines,
-    terrain: Terrain | None,
+    terrain: PathTerrain | None,
     table: GroundTable,
     *,
     count: int,
@@ -71,7 +71,7 @@ def released(
 
     Parameters
     ----------
-    terrain : Terrain or None
+    terrain : PathTerrain or None
         What paths are followed on, with the stations of the case; None: rocks keep to their fall
         lines.
     """
@@ -80,7 +80,7 @@ def released(
     return _on_lines(case, rock_lines, table, count, seed, number)
 
 
-def terrain_of(case: Case, run: MapRun) -> Terrain | None:
+def terrain_of(case: Case, run: MapRun) -> PathTerrain | None:
     """What the paths of the rocks of a case are followed on; None if they keep to fall lines."""
     if not run.followed:
         return None
@@ -89,13 +89,13 @@ def terrain_of(case: Case, run: MapRun) -> Terrain | None:
         (ControlLine(name, "station"), prolonged(stations.vertices[row], PROLONG_M))
         for name, row in zip(case.station_names, case.station_order.tolist(), strict=True)
     ]
-    return Terrain(run.heights, run.ground, run.segment_tolerance_m, lines, run.forest)
+    return PathTerrain(run.heights, run.ground, run.segment_tolerance_m, lines, run.forest)
 
 
 def _followed(
     case: Case,
     rock_lines: RockLines,
-    terrain: Terrain,
+    terrain: PathTerrain,
     table: GroundTable,
     count: int,
     seed: int,
