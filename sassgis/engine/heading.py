@@ -338,6 +338,10 @@ def before_ground(
     if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0:
         state.turn -= angle
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
+    if state.speed <= 0.0 and site.profile[state.segment].tz > 0.0:
+        # In a dip the ground under it rises that way: it would start backwards.
+        state.direction = -1
+        turn_heading(state, block, site, path, physics.gravity, 0.0, gu, gv)
     state.reach = state.x + step
     needed = state.reach + 2.0 * block.a
     if state.open and state.sampled < needed:
