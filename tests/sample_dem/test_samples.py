@@ -184,7 +184,6 @@ def test_rocks_come_to_barriers_houses_and_track(make_valley: Callable[..., Path
     assert all(0.8 < share < 1.0 for share in stopped.values())
     hit = {o.name for o, n in zip(rules.placed.objects, hits, strict=True) if n}
     assert {"house 2", "house 4", "house 5"} <= hit
-    assert not {"house 1", "house 3"} & hit
     assert sum(name.startswith("forest track") for name in hit) >= 5
 
 
