@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from field_cases.contacts import plate_axes
 from field_cases.figures import scars_figure
-from field_cases.impact_law import State, left_out_scores, numbers_of, summary
+from field_cases.impact_law import State, left_out_scores, summary
 from sassgis.engine.effects import soft_ground
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import inertia
@@ -37,17 +37,17 @@ def scar_study(folder: Path, out: Path, seed: int) -> dict[str, Any]:
     six = pd.read_csv(folder / "scarring_esurf2019" / "chant_sura_esurf_2019_impacts.csv")
     four = pd.read_csv(folder / "scarring_lu2019" / "lu2019_table2_impacts.csv")
     form = SoftGround(form="scar")
-    numbers = numbers_of(form)
+    numbers = soft_ground.prepare(form)
     mass = six["mass_kg"].to_numpy()
     normal = six["incoming_normal_speed_mps"].to_numpy()
     kept = six["published_energy_transition_ratio"].to_numpy()
     run = [str(s).split(".")[0] for s in six["scar_id"]]
-    predicted = np.array(
-        [soft_ground.scar_depth(numbers, m, v) for m, v in zip(mass, normal, strict=True)]
-    )
-    depth = {name: six[column].to_numpy() for name, column in DEPTHS.items()}
     a, b, c = plate_axes(float(mass[0]))
     radius = (a * b * c) ** (1.0 / 3.0)
+    predicted = np.array(
+        [soft_ground.scar_depth(numbers, m, radius, v) for m, v in zip(mass, normal, strict=True)]
+    )
+    depth = {name: six[column].to_numpy() for name, column in DEPTHS.items()}
     shares = {
         name: np.array([1.0 - _left_at(form, d, m, radius) for d, m in zip(v, mass, strict=True)])
         for name, v in depth.items()
@@ -116,9 +116,9 @@ def _chord(depth: FloatArray, radius: float) -> FloatArray:
 
 def _left_at(form: SoftGround, depth: float, mass: float, radius: float) -> float:
     """Share of the energy left by the form with C = 1 for a scar of a given depth."""
-    # The form derives the depth from the speed: a factor that gives this depth at 1 m/s.
-    factor = depth / (mass**0.25 * form.modulus_mpa**-0.4)
-    one = numbers_of(form)._replace(depth=factor, drag=1.0)
+    # The form derives the depth from the speed: a scale that gives this depth at 1 m/s.
+    one = soft_ground.prepare(form)._replace(depth=1.0, drag=1.0)
+    one = one._replace(depth=depth / soft_ground.scar_depth(one, mass, radius, 1.0))
     return float(soft_ground.scar_energy_left(one, mass, radius, 1.0))
 
 

@@ -34,6 +34,9 @@ FIXED, FOLLOWED = 0, 1
 _ROOM = 512
 # Ground behind a block, in its longest semi-axes.
 _BEHIND = 4.0
+# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block, at
+# the limit of the tolerance, would begin anew without end.
+_LEAST_PLANE = 0.05
 # Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
 _ROUNDING = 1e-9
 
@@ -273,7 +276,8 @@ def look_ahead(
         after_z = height_at(path.heights, u, v, cell // n_cols, cell % n_cols)
         ground = path.ground[cell // n_cols, cell % n_cols]
         if state.on_plane:
-            _along_plane(state, site, path, cell, after, after_z, ground, limit)
+            least = state.x + _LEAST_PLANE * block.b
+            _along_plane(state, site, path, cell, after, after_z, ground, limit, least)
         if not state.on_plane and after - state.sampled > SHORTEST_STRETCH:
             _along_cone(state, site, path, cell, after, after_z, ground, limit)
         if aloft:
@@ -321,6 +325,7 @@ def _along_plane(
     after_z: float,
     ground: int,
     limit: float,
+    least: float,
 ) -> None:
     """Go on to the next sample on the plane, or end it where the terrain has left it.
 
@@ -334,13 +339,15 @@ def _along_plane(
         Ground class of the cell.
     limit : float
         Largest gap (m).
+    least : float
+        Chainage up to which the plane goes on whatever the gap (m).
     """
     profile = site.profile
     on_plane = state.plane_z + state.plane_slope * (after - state.from_x)
     gap = abs(after_z - on_plane)
     same = ground == profile[0].ground
     x = state.sampled
-    if same and gap <= limit:
+    if same and (gap <= limit or after <= least):
         _add_stretch(state, site, path, cell, 0, after)
         state.sampled = after
         state.ahead_z = on_plane
@@ -352,7 +359,7 @@ def _along_plane(
     if same and gap > state.gap:
         share = min(max((limit - state.gap) / (gap - state.gap), 0.0), 1.0)
         x_end = x + share * (after - x)
-    x_end = max(x_end, state.x + SHORTEST_STRETCH)
+    x_end = max(x_end, state.x + SHORTEST_STRETCH, least if same else 0.0)
     if x_end > x:
         _add_stretch(state, site, path, cell, 0, x_end)
         state.ahead_z += state.plane_slope * (x_end - x)

@@ -17,7 +17,9 @@ TO_ROLLING = 7
 
 _WIDEST = 1.5
 _SCANS = 24
-_BISECTIONS = 40
+# The angle at which a block lifts off is found to this (rad), in so many steps at most.
+_ANGLE = 1e-10
+_MOST_STEPS = 60
 
 
 @kernel
@@ -95,23 +97,39 @@ def lift_off_angle(
     float
         The largest angle before the upright at which the normal force ends, 0 if only there.
     """
-    widest = min(_WIDEST, first / block.roll_radius)
-    if _force_before_upright(block, v, pull, first, gravity, cos_slope, down, widest) <= 0.0:
-        return widest
-    high = widest
+    high = min(_WIDEST, first / block.roll_radius)
+    at_high = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, high)
+    if at_high <= 0.0:
+        return high
     low = 0.0
-    for i in range(1, _SCANS):
-        angle = widest * (1.0 - i / _SCANS)
-        if _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle) <= 0.0:
-            low = angle
+    at_low = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, low)
+    if at_low > 0.0:
+        # It barely reaches the speed: the force may have ended and come back.
+        for i in range(1, _SCANS):
+            angle = high * (1.0 - i / _SCANS)
+            found = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
+            if found <= 0.0:
+                low, at_low = angle, found
+                break
+        if at_low > 0.0:
+            return 0.0
+    # False position after Dowell and Jarratt (1971, "Illinois"), which keeps the bracket.
+    side = 0
+    for _ in range(_MOST_STEPS):
+        if high - low < _ANGLE:
             break
-        high = angle
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        if _force_before_upright(block, v, pull, first, gravity, cos_slope, down, middle) <= 0.0:
-            low = middle
+        angle = low + (high - low) * at_low / (at_low - at_high)
+        # Where the ends differ much in size the step must not stall at one of them.
+        angle = min(max(angle, low + 0.25 * _ANGLE), high - 0.25 * _ANGLE)
+        found = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
+        if found <= 0.0:
+            if side < 0:
+                at_high *= 0.5
+            low, at_low, side = angle, found, -1
         else:
-            high = middle
+            if side > 0:
+                at_low *= 0.5
+            high, at_high, side = angle, found, 1
     return low
 
 

@@ -447,7 +447,7 @@ class EngineSettings(Section):
         Interval(ge=0, le=30),
         "of followed paths: standard deviation of the angle by which a block drifts aside of the "
         "descent, drawn once for each (degrees)",
-    ] = 3.0
+    ] = 4.0
 
     def resolved(self) -> EngineSettings:
         """The same settings with every key of the named set filled in.
