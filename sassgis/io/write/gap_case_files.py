@@ -25,8 +25,7 @@ __all__ = ["CONFIG_NAME", "OBSERVATIONS_NAME", "folder_digest", "write_case", "w
 CONFIG_NAME = "config.toml"
 OBSERVATIONS_NAME = "observations"
 
-# A made slope falls less steeply in its run-out than the usual limit of a fall line. Its blocks
-# move as the paper says, on their fall lines: the classifiers were learned with that.
+# A made slope falls less steeply in its run-out than the usual limit of a fall line.
 _CONFIG = """[project]
 name = {title}
 
@@ -46,9 +45,6 @@ raster_classes = {{ {classes} }}
 [[blocks]]
 name = "blocks"
 {blocks}
-
-[engine]
-readings = "1986"
 
 [run]
 seed = 1

@@ -11,8 +11,6 @@ import math
 from sassgis.model.jit import kernel
 
 GRAVITY = 9.81
-# Landing gentler than this share of the radius (as a height of fall) goes over into rolling.
-SOFT_LANDING = 0.1
 
 
 @kernel
@@ -62,6 +60,37 @@ def rebound(
 
 
 @kernel
-def rolling_friction(mu_0: float, k: float, d_star: float, radius: float) -> float:
-    """μ_r = μ_0 + k d*/d with d = 2 R (equation 2)."""
-    return mu_0 + k * d_star / (2.0 * radius)
+def thrown_off(a: float, b: float, theta: float, spin: float, slope: float) -> bool:
+    """Whether an ellipse that turns about its point of contact leaves the ground.
+
+    The normal force from its equation of motion is below zero, and its flank recedes from the
+    ground faster than it falls.
+    """
+    x, y = lever(a, b, theta)
+    bend = ((a * a - b * b) * math.cos(2.0 * theta) - x * x) / y
+    inertia = (a * a + b * b) / 5.0
+    pull, weight = GRAVITY * math.sin(slope), GRAVITY * math.cos(slope)
+    turning = y * pull + x * weight + spin * spin * x * (y + bend)
+    turning /= inertia + x * x + y * y
+    force = weight + bend * spin * spin - x * turning
+    return force < 0.0 and weight + bend * spin * spin < 0.0
+
+
+@kernel
+def rolling_radius(a: float, b: float) -> float:
+    """Radius of the circle as which an ellipse rolls (m): its perimeter over 2π.
+
+    The arc length by the trapezoidal rule, which converges geometrically on a closed curve.
+    """
+    n = 16
+    total = 0.0
+    for k in range(n):
+        t = 0.5 * math.pi * (k + 0.5) / n
+        total += math.sqrt((a * math.sin(t)) ** 2 + (b * math.cos(t)) ** 2)
+    return total / n
+
+
+@kernel
+def rolling_friction(mu_0: float, k: float, d_star: float, size: float) -> float:
+    """μ_r = μ_0 + k d*/d with d = 2 ∛(abc) (equation 2)."""
+    return mu_0 + k * d_star / (2.0 * size)

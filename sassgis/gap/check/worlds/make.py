@@ -24,6 +24,11 @@ from sassgis.gap.check.worlds.world import (
 from sassgis.model.grid import FloatArray
 
 N_STATIONS = 4
+#: Columns of a law of the ground, by their names in the table of classes.
+LAW_KEYS = (
+    "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m",
+    "restitution", "restitution_speed_mps", "rolling_threshold",
+)  # fmt: skip
 
 
 _N_RELEASES = 12
@@ -52,10 +57,9 @@ _PHASES: dict[str, str] = {
 
 def nominal_law() -> FloatArray:
     """Parameters of the classes as the package states them, in the order of CLASSES."""
-    text = resources.files("sassgis").joinpath("data/ground_classes_1986.csv").read_text("utf-8")
+    text = resources.files("sassgis").joinpath("data/ground_classes.csv").read_text("utf-8")
     rows = {row["name"]: row for row in csv.DictReader(text.splitlines())}
-    names = ("eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m")
-    return np.array([[float(rows[name][key]) for key in names] for name in CLASSES])
+    return np.array([[float(rows[name][key]) for key in LAW_KEYS] for name in CLASSES])
 
 
 def make_world(spec: WorldSpec, seed: int) -> World:
@@ -85,11 +89,12 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     rng = np.random.default_rng([seed, 202])
     law = nominal_law()
     n = len(law)
-    law[:, 0] = np.clip(law[:, 0] + rng.uniform(-0.06, 0.06, n), 0.2, 0.85)
+    law[:, 0] = np.clip(law[:, 0] + rng.uniform(-0.06, 0.06, n), 0.2, 0.95)
     law[:, 1] = np.clip(law[:, 1] + rng.uniform(-0.05, 0.05, n), 0.0, 0.5)
     law[:, 2] = np.clip(law[:, 2] + rng.uniform(-0.08, 0.08, n), law[:, 1] + 0.05, 0.8)
     law[:, 3] += rng.uniform(-0.08, 0.08, n)
     law[:, 4] += rng.uniform(-0.06, 0.06, n)
+    law[:, 7] = np.clip(law[:, 7] + rng.uniform(-0.08, 0.08, n), 0.0, 0.9)
     low, high = relief.release_s
     s = rng.uniform(low, high, _N_RELEASES)
     width = rng.uniform(10.0, 25.0)

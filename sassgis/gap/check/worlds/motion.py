@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from sassgis.gap.check.worlds import contact_laws as laws
 from sassgis.gap.check.worlds import random_draws as draws
 from sassgis.gap.check.worlds.forces import (
     Forces,
@@ -27,11 +28,12 @@ from sassgis.gap.check.worlds.forces import (
 )
 from sassgis.gap.check.worlds.law import (
     GRAVITY,
-    SOFT_LANDING,
     kinetic,
     lever,
     rebound,
     rolling_friction,
+    rolling_radius,
+    thrown_off,
 )
 from sassgis.gap.check.worlds.motion_records import (
     write_deposit,
@@ -84,8 +86,6 @@ _LONGEST_S = 240.0
 _SLOW = 0.05
 _TRACK_EVERY_S = 0.1
 _HALF = 0.5
-# Contact points that approach the ground more gently than this do not hit it (m/s).
-_TOUCH = 0.02
 # A rolling rock leaves where its free path is above the ground after this time (s).
 _LOOK_AHEAD = 0.06
 
@@ -245,30 +245,41 @@ def _fly(
     over = st[Z] - height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
     if over > 4.0 * st[A] + 1.0:
         return
-    gap, slope, px, py = _gap(f, st)
-    if gap >= 0.0 or _approach(st, slope) > -_TOUCH:
-        if gap < 0.0:
-            st[Z] -= gap / math.cos(slope)
+    if not _hits(f, st):
         return
     low = 0.0
     high = dt
-    for _ in range(16):
+    st[:] = start
+    # Where it touches already at the start of the step, contacts follow each other step by step.
+    turns = 0 if _hits(f, st) else 16
+    for _ in range(turns):
         half = 0.5 * (low + high)
         st[:] = start
         flight_step(forces, st, half)
-        gap, slope, px, py = _gap(f, st)
-        if gap < 0.0:
+        if _hits(f, st):
             high = half
         else:
             low = half
     st[:] = start
-    flight_step(forces, st, low)
-    gap, slope, px, py = _gap(f, st)
-    if _approach(st, slope) > -_TOUCH:
-        st[:] = start
-        flight_step(forces, st, dt)
-        return
+    flight_step(forces, st, high)
+    _, slope, px, py = _gap(f, st)
     _contact(f, forces, st, key, rock, campaign, slope, px, py, stack, stack_keys, counts, tables)
+
+
+@kernel
+def _hits(f: Field, st: FloatArray) -> bool:
+    """Whether a rock touches ground that its centre approaches.
+
+    A tip that turns into the ground while the centre leaves does not count, and one that is in it
+    only while it goes deeper, or is deep already.
+    """
+    gap, slope, _, _ = _gap(f, st)
+    if gap >= 0.0:
+        return False
+    along = math.sqrt(st[VX] ** 2 + st[VY] ** 2)
+    if along * math.sin(slope) + st[VZ] * math.cos(slope) >= 0.0:
+        return False
+    return _approach(st, slope) <= 0.0 or gap < -1e-3 * st[B]
 
 
 @kernel
@@ -308,36 +319,42 @@ def _contact(
     vn_in = along * math.sin(slope) + st[VZ] * math.cos(slope)
     spin_in = st[SPIN]
     before = kinetic(inertia, vt_in, vn_in, spin_in)
+    size = (a * b * st[C]) ** (1.0 / 3.0)
+    soft = 2.0 * weight_on(slope) * law[laws.SOFT] * size
+    if vn_in * vn_in < soft:
+        # As soft as it is on the mean slope: the bumps that vary it are part of rolling.
+        x, y = lever(a, b, st[PHI] + slope)
+        vt, vn, spin, _ = rebound(x, y, inertia, vt_in, vn_in, spin_in, 1.0)
+        taken = laws.rolling_charge(a, b, st[C], law) * abs(vn - vn_in) * abs(vt_in)
+        held = math.sqrt(
+            min(1.0, max(before - taken, 0.0) / max(kinetic(inertia, vt, vn, spin), 1e-12))
+        )
+        _land(f, st, slope, held * vt, held * vn, held * spin)
+        return
     st[COUNT] += 1.0
     n = int(st[COUNT])
     met = slope
     if slope > 0.0:
-        u = law[1] + (law[2] - law[1]) * draws.uniform(key, draws.SLOPE, n)
+        low, high = law[laws.DP_MIN], law[laws.DP_MAX]
+        u = low + (high - low) * draws.uniform(key, draws.SLOPE, n)
         met = math.atan(math.tan(slope) * (1.0 - u))
     cross = 0.0
     if active(forces.bumps, s):
         tilt, cross = cap_tilts(forces.bumps, key, n, radius)
         met -= tilt
-    x, y = lever(a, b, st[PHI] + met)
     vt = along * math.cos(met) - st[VZ] * math.sin(met)
     vn = along * math.sin(met) + st[VZ] * math.cos(met)
-    if vn + spin_in * x > -_TOUCH:
-        met = slope
-        vt, vn = vt_in, vn_in
-        x, y = lever(a, b, st[PHI] + met)
-    if vn * vn < 2.0 * weight_on(met) * SOFT_LANDING * radius:
-        # As soft as it is on the ground that is met.
-        _land(f, st, slope, vt_in, inertia)
-        return
-    eta_max = law[0]
+    shrunk = 1.0
     if forces.wet.q > 0.0:
-        eta_max *= 1.0 - forces.wet.q * (0.3 + 0.7 * campaign)
+        shrunk = 1.0 - forces.wet.q * (0.3 + 0.7 * campaign)
     if active(forces.ice, s) and on_ice(forces.ice, px, py):
         # Ice holds nothing along the ground; it returns a little of the normal speed.
         vn = 0.2 * abs(vn)
         spin = spin_in
     else:
-        vt, vn, spin, _ = rebound(x, y, inertia, vt, vn, spin_in, eta_max)
+        vt, vn, spin = laws.contact(
+            f.contact, a, b, st[C], st[PHI] + met, vt, vn, spin_in, law, shrunk
+        )
         if active(forces.soft, s):
             vt, vn, spin = indent(
                 forces.soft, mass_of(st), radius, inertia, vn_in, spin_in, vt, vn, spin
@@ -389,9 +406,7 @@ def _contact(
     st[VY] = v_along * st[HY]
     st[VZ] = -vt_out * math.sin(slope) + vn_out * math.cos(slope)
     face_velocity(st)
-    if vn_in < 0.0:
-        # A tip that strikes while the centre already leaves is no impact to an observer.
-        write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
+    write_impact(f, st, rock, px, py, row, old_hx, old_hy, tables)
     if active(forces.breaking, s):
         volume = mass_of(st) / st[DENSITY]
         if volume > 0.01 and draws.uniform(key, draws.BREAK, n) < break_chance(
@@ -402,30 +417,44 @@ def _contact(
                 return
     if active(forces.loose, s) and st[KIND] == ROCK:
         loosen(f, forces, st, key, n, abs(vt_out - vt_in), px, py, stack, stack_keys, counts)
-    if vn_out <= 0.0:
-        # P is behind the centre: the rock flies where the ground cannot push it, else it rolls.
-        theta = st[PHI] + slope
-        x, y = lever(a, b, theta)
-        bend = ((a * a - b * b) * math.cos(2.0 * theta) - x * x) / y
-        if weight_on(slope) + bend * st[SPIN] ** 2 > 0.0:
-            _land(f, st, slope, vt_out, inertia)
+    theta = st[PHI] + slope
+    x, _ = lever(a, b, theta)
+    lifted = vn_out + x * st[SPIN]
+    flies = vn_out > 0.0 or (lifted > 0.0 and lifted * lifted >= soft)
+    # Where P is behind the centre a rock flies only if the ground cannot push it.
+    if not (flies or thrown_off(a, b, theta, st[SPIN], slope)):
+        _land(f, st, slope, vt_out, vn_out, spin)
 
 
 @kernel
-def _land(f: Field, st: FloatArray, slope: float, vt: float, inertia: float) -> None:
-    """Go over into rolling; the angular momentum about the contact is kept, energy never made."""
-    radius = math.sqrt(st[A] * st[B])
-    spin = (inertia * st[SPIN] + radius * vt) / (inertia + radius * radius)
-    if spin < 0.0:
+def _land(f: Field, st: FloatArray, slope: float, vt: float, vn: float, spin: float) -> None:
+    """Go over into rolling with all of the energy, less what lifts the centre to the mean radius.
+
+    What cannot be lifted that far slides as it lies.
+    """
+    a, b = st[A], st[B]
+    inertia = (a * a + b * b) / 5.0
+    radius = rolling_radius(a, b)
+    forward = vt if vt != 0.0 else spin
+    ground = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+    rise = ground + radius / math.cos(slope) - st[Z]
+    left = kinetic(inertia, vt, vn, spin) - GRAVITY * rise
+    if left > 0.0:
+        v = math.sqrt(2.0 * left / (1.0 + inertia / (radius * radius)))
+        st[MODE] = ROLL
+        st[SPIN] = v / radius
+    else:
+        v = abs(vt)
+        st[MODE] = SLIDE
+        st[SPIN] = 0.0
+    if forward < 0.0:
+        turning = st[SPIN]
         _turn_back(st)
-        spin = -spin
+        st[SPIN] = turning
         slope = -slope
-    v = spin * radius
-    st[SPIN] = spin
     st[VX] = v * math.cos(slope) * st[HX]
     st[VY] = v * math.cos(slope) * st[HY]
     st[VZ] = -v * math.sin(slope)
-    st[MODE] = ROLL
 
 
 @kernel
@@ -444,7 +473,7 @@ def _aim(f: Field, st: FloatArray, slope: float, vt: float, vn: float) -> None:
     if vn > 0.0:
         flight = 2.0 * vn / weight_on(slope)
         plan = (vt * flight + 0.5 * GRAVITY * math.sin(slope) * flight**2) * math.cos(slope)
-        reach = min(max(plan, 1.0), 50.0)
+        reach = min(max(plan, 1.0), 150.0)
     dx, dy = descent(f.gx, f.gy, f.west, f.north, f.cell, st[X], st[Y], st[HX], st[HY])
     if dx * st[HX] + dy * st[HY] >= 0.0:
         dx, dy = fall_line_chord(
@@ -467,7 +496,8 @@ def _set_heading(st: FloatArray, dx: float, dy: float) -> None:
 def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) -> None:
     """One step along the ground, rolling or sliding; may leave the ground or come to rest."""
     a, b = st[A], st[B]
-    radius = math.sqrt(a * b)
+    radius = rolling_radius(a, b)
+    size = (a * b * st[C]) ** (1.0 / 3.0)
     law = law_at(f, st[X], st[Y])
     s = chainage_of(f, st)
     st[ASIDE] *= 1.0 - min(1.0, dt / 0.6)
@@ -481,17 +511,24 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
     _, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
     slope = math.atan(-(gx * st[HX] + gy * st[HY]))
     inertia = (a * a + b * b) / 5.0
-    tipping = weight_on(slope) * (a - b)
+    turning_over = weight_on(slope) * (a - radius)
     energy = 0.5 * v * v * (1.0 + inertia / (radius * radius))
-    if st[MODE] == ROLL and energy < tipping and math.tan(slope) < law[3]:
+    held = math.tan(slope) < rolling_friction(law[laws.MU_0], law[laws.K], law[laws.D_STAR], size)
+    if st[MODE] == ROLL and energy < turning_over and held:
+        # Too slow to turn over its longer axis.
         st[MODE] = SLIDE
-    elif st[MODE] == SLIDE and math.tan(slope) > law[3]:
-        st[MODE] = ROLL
-        # Spin comes out of the speed: angular momentum about the contact is kept.
-        v /= 1.0 + inertia / (radius * radius)
-    friction = law[3]
+    elif st[MODE] == SLIDE and law[laws.MU_F] * 2.0 * a * b > a * a - b * b:
+        # Friction tips it over; it rolls with its angular momentum about the ground kept.
+        slow = v / (1.0 + inertia / (radius * radius))
+        lies = lever(a, b, st[PHI] + slope)[1]
+        left = 0.5 * v * slow - weight_on(slope) * (radius - lies)
+        needed = weight_on(slope) * (a - radius) if held else 0.0
+        if left > needed:
+            v = math.sqrt(2.0 * left / (1.0 + inertia / (radius * radius)))
+            st[MODE] = ROLL
+    friction = law[laws.MU_F]
     if st[MODE] == ROLL:
-        friction = rolling_friction(law[4], law[5], law[6], radius)
+        friction = rolling_friction(law[laws.MU_0], law[laws.K], law[laws.D_STAR], size)
         if active(forces.plates, s):
             flat = 1.0 - st[C] / b
             if v < 5.0 * forces.plates.q * flat:
@@ -521,6 +558,8 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
         st[SPIN] = 0.0
         st[MODE] = STOPPED
         return
+    if st[MODE] == ROLL and a > b and _leaves_upright(f, st, v, slope, dt):
+        return
     cos = math.cos(slope)
     sin = math.sin(slope)
     here = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
@@ -539,21 +578,60 @@ def _roll(f: Field, forces: Forces, st: FloatArray, campaign: float, dt: float) 
         st[SPIN] = 0.0
     zg, gx, gy = surface_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
     next_slope = math.atan(-(gx * st[HX] + gy * st[HY]))
-    st[Z] = zg + lever(a, b, st[PHI] + next_slope)[1] / math.cos(next_slope)
+    # A rock that slides lies as it is turned, one that rolls is the circle of its mean radius.
+    rest = radius if st[MODE] == ROLL else lever(a, b, st[PHI] + next_slope)[1]
+    st[Z] = zg + rest / math.cos(next_slope)
     if free > ahead:
         st[MODE] = FLY
         return
     bend = slope - next_slope
     if bend > 0.0:
+        # A hollow is met as the circle as which the rock rolls.
         hit = v * math.sin(bend)
-        if hit * hit > 2.0 * weight_on(next_slope) * SOFT_LANDING * radius:
-            # Too sharp a hollow to roll through: it is met as an impact.
-            st[MODE] = FLY
-            return
-        v *= math.cos(bend)
+        if st[MODE] == ROLL:
+            vt, vn, spin = laws.contact(
+                f.contact, a, b, st[C], 0.0, v * math.cos(bend), -hit, st[SPIN], law, 1.0, True
+            )
+            if vn * vn > 2.0 * weight_on(next_slope) * law[laws.SOFT] * size:
+                st[VX] = (vt * math.cos(next_slope) + vn * math.sin(next_slope)) * st[HX]
+                st[VY] = (vt * math.cos(next_slope) + vn * math.sin(next_slope)) * st[HY]
+                st[VZ] = vn * math.cos(next_slope) - vt * math.sin(next_slope)
+                st[SPIN] = spin
+                st[MODE] = FLY
+                return
+        v = max(v * math.cos(bend) - friction * hit, 0.0)
     st[VX] = v * math.cos(next_slope) * st[HX]
     st[VY] = v * math.cos(next_slope) * st[HY]
     st[VZ] = -v * math.sin(next_slope)
+
+
+@kernel
+def _leaves_upright(f: Field, st: FloatArray, v: float, slope: float, dt: float) -> bool:
+    """Let a rolling ellipse fly where the normal force on it ends, before it stands upright.
+
+    Its energy is that of steady rolling, less what lifts its centre above the mean radius.
+    """
+    a, b = st[A], st[B]
+    radius = rolling_radius(a, b)
+    inertia = (a * a + b * b) / 5.0
+    theta = st[PHI] + slope
+    x, y = lever(a, b, theta)
+    energy = 0.5 * v * v * (1.0 + inertia / (radius * radius)) - weight_on(slope) * (y - radius)
+    if x > 0.0 or energy <= 0.0:
+        # It sinks: past the upright, the ground does not throw it off.
+        return False
+    spin = math.sqrt(2.0 * energy / (inertia + x * x + y * y))
+    if not thrown_off(a, b, theta, spin, slope):
+        return False
+    vt, vn = y * spin, -x * spin
+    zg = height_at(f.z, f.west, f.north, f.cell, st[X], st[Y])
+    st[Z] = zg + y / math.cos(slope)
+    st[VX] = (vt * math.cos(slope) + vn * math.sin(slope)) * st[HX]
+    st[VY] = (vt * math.cos(slope) + vn * math.sin(slope)) * st[HY]
+    st[VZ] = vn * math.cos(slope) - vt * math.sin(slope)
+    st[SPIN] = spin
+    st[MODE] = FLY
+    return True
 
 
 @kernel

@@ -68,6 +68,7 @@ class Field(NamedTuple):
     cell: float
     ground: IntArray
     law: FloatArray
+    contact: int
     x0: float
     y0: float
     ux: float

@@ -68,13 +68,13 @@ def observe(world: World, kind: Kind, n_rocks: int, seed: int) -> ObservedTables
     if n_rocks < 1:
         raise InputError("no rocks", field="n_rocks", found=n_rocks, expected="at least 1")
     run = distort(world, simulate(world, draw_rocks(world, n_rocks, 1000 + seed)))
-    return _write_down(world, run, kind, np.random.default_rng([world.seed, 808, seed]))
+    return write_down(world, run, kind, np.random.default_rng([world.seed, 808, seed]))
 
 
 def fresh_rocks(world: World, n: int, seed: int = 0) -> ObservedTables:
     """Rocks that no ``observe`` has seen, by the same instruments, everything observed."""
     run = distort(world, simulate(world, draw_rocks(world, n, 500_000_000 + seed)))
-    return _write_down(world, run, "everything", np.random.default_rng([world.seed, 909, seed]))
+    return write_down(world, run, "everything", np.random.default_rng([world.seed, 909, seed]))
 
 
 def distort(world: World, run: Run) -> Run:
@@ -142,7 +142,8 @@ def _names(table: FloatArray) -> NDArray[Any]:
     )
 
 
-def _write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> ObservedTables:
+def write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> ObservedTables:
+    """What observers note of a run, with their errors."""
     tables: dict[str, Table] = {
         "rocks": _rocks(run.rocks, rng),
         "stations": _stations(world),

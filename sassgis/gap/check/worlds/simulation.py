@@ -12,7 +12,7 @@ from sassgis.gap.check.worlds import motion, motion_state
 from sassgis.gap.check.worlds.forces import Forces, Local, SteadyWind
 from sassgis.gap.check.worlds.motion_state import Field, Tables
 from sassgis.gap.check.worlds.slopes import guide
-from sassgis.gap.check.worlds.world import Run, World, WorldRocks
+from sassgis.gap.check.worlds.world import LAWS, Run, World, WorldRocks
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
 STEP_S = 0.002
@@ -60,10 +60,13 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     hx, hy = -_sample(world.true_grid, gx, x, y), -_sample(world.true_grid, gy, x, y)
     length = np.hypot(hx, hy)
     dip = np.arctan(length)
+    phi = math.pi * u[:, 6]
+    # Dropped from above where it would lie as it is turned.
+    rest = np.hypot(axes[:, 0] * np.sin(phi + dip), axes[:, 1] * np.cos(phi + dip))
     state = np.zeros((n, motion_state.N_STATE))
     state[:, motion_state.X], state[:, motion_state.Y] = x, y
     state[:, motion_state.Z] = (
-        heights_of(world.true_grid, x, y) + axes[:, 0] / np.cos(dip) + between(blocks.drop_m, 5)
+        heights_of(world.true_grid, x, y) + rest / np.cos(dip) + between(blocks.drop_m, 5)
     )
     # Written down is where the centre was when it was released: as high above the stated place.
     stated[:, 2] += state[:, motion_state.Z] - heights_of(world.true_grid, x, y)
@@ -71,7 +74,7 @@ def draw_rocks(world: World, n: int, stream: int) -> WorldRocks:
     state[:, motion_state.VX] = speed * np.cos(dip) * state[:, motion_state.HX]
     state[:, motion_state.VY] = speed * np.cos(dip) * state[:, motion_state.HY]
     state[:, motion_state.VZ] = -speed * np.sin(dip)
-    state[:, motion_state.PHI] = math.pi * u[:, 6]
+    state[:, motion_state.PHI] = phi
     state[:, motion_state.A : motion_state.C + 1] = axes
     state[:, motion_state.DENSITY] = between(blocks.density_kgm3, 3)
     state[:, motion_state.HAND] = np.where(u[:, 7] < 0.5, -1.0, 1.0)
@@ -177,6 +180,7 @@ def _field(world: World) -> Field:
         float(grid.cell_size),
         world.relief.ground,
         world.law,
+        LAWS.index(world.spec.law),
         frame.x0,
         frame.y0,
         frame.ux,

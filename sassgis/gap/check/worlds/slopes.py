@@ -19,9 +19,7 @@ GUIDE_SD_M = 5.0
 _FLAT = math.tan(math.radians(8.0))
 
 # Each slope from top to foot: (length in plan, dip in degrees, ground) with ranges to draw from.
-# All have a cliff near the top. On long smooth slopes that are steeper than rolling friction rocks
-# would roll for ever, and where they leave the ground depends on how it is made into a polyline:
-# two modelling assumptions about the same base law then differ by more than any effect.
+# All end in a meadow that is long enough for the rocks to stop on it.
 _Stretch = tuple[tuple[float, float], tuple[float, float], str]
 _SLOPES: dict[str, tuple[_Stretch, ...]] = {
     "cliff_talus_meadow": (
@@ -29,7 +27,7 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((9.0, 15.0), (56.0, 64.0), "rock"),
         ((35.0, 60.0), (36.0, 39.0), "debris"),
         ((50.0, 80.0), (31.0, 35.0), "talus"),
-        ((90.0, 130.0), (9.0, 15.0), "soft_meadow"),
+        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "stepped_benches": (
         ((12.0, 18.0), (38.0, 44.0), "rock"),
@@ -38,28 +36,28 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((8.0, 12.0), (50.0, 58.0), "rock"),
         ((12.0, 20.0), (24.0, 30.0), "debris"),
         ((60.0, 85.0), (35.0, 38.0), "debris"),
-        ((90.0, 130.0), (10.0, 16.0), "soft_meadow"),
+        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "gully": (
         ((12.0, 18.0), (40.0, 45.0), "rock"),
         ((9.0, 15.0), (54.0, 61.0), "rock"),
         ((55.0, 85.0), (35.0, 38.0), "debris"),
         ((40.0, 60.0), (28.0, 32.0), "talus"),
-        ((80.0, 110.0), (9.0, 14.0), "soft_meadow"),
+        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "talus_fan": (
         ((12.0, 18.0), (40.0, 45.0), "rock"),
         ((9.0, 15.0), (54.0, 61.0), "rock"),
         ((60.0, 90.0), (37.0, 40.0), "talus"),
         ((50.0, 70.0), (32.0, 35.0), "talus"),
-        ((80.0, 120.0), (10.0, 15.0), "soft_meadow"),
+        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
     "forested_slope": (
         ((12.0, 18.0), (40.0, 45.0), "rock"),
         ((8.0, 14.0), (52.0, 60.0), "rock"),
         ((80.0, 120.0), (30.0, 32.5), "forest_soil"),
         ((35.0, 55.0), (25.0, 28.0), "forest_soil"),
-        ((80.0, 120.0), (9.0, 14.0), "soft_meadow"),
+        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
 }
 SLOPE_TYPES = tuple(_SLOPES)

@@ -29,6 +29,8 @@ Family = Literal[
 Unknown = Literal["wind", "snow", "ice", "wetting", "terrace", "magnus", "collisions"]
 Strength = Literal["weak", "medium", "strong"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
+#: Laws of the contact, as ``contact_laws`` numbers them.
+LAWS: tuple[str, ...] = ("own", "elastic", "lumped", "penalty")
 UNKNOWNS: tuple[Unknown, ...] = get_args(Unknown)
 STRENGTHS: tuple[Strength, ...] = get_args(Strength)
 
@@ -97,12 +99,15 @@ class WorldSpec:
         Rocks observed.
     kind : {"stations", "stops", "both", "everything"}
         What is observed.
+    law : str
+        One of LAWS: what a contact does.
     """
 
     slope: str
     effects: tuple[EffectSpec, ...] = ()
     n_rocks: int = 100
     kind: str = "both"
+    law: str = "own"
 
     @property
     def verdict(self) -> str:
@@ -176,8 +181,9 @@ class World:
         The slope as it is surveyed: the grid that the diagnosing side is given.
     true_grid : Grid
         The slope on which the rocks move; differs from the survey only where a terrace is missing.
-    law : float64, shape (n_classes, 7)
-        True parameters by class of ground: eta_max, dp_min, dp_max, mu_f, mu_0, k, d_star_m.
+    law : float64, shape (n_classes, 10)
+        True parameters by class of ground: eta_max, dp_min, dp_max, mu_f, mu_0, k, d_star_m,
+        restitution, restitution_speed_mps, rolling_threshold.
     stations_s : float64, shape (4,)
         Stations (m down the slope).
     releases : float64, shape (n_releases, 3)

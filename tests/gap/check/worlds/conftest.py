@@ -10,6 +10,7 @@ import pytest
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.gap.check.worlds import motion as m
 from sassgis.gap.check.worlds import motion_state as ms
+from sassgis.gap.check.worlds.contact_laws import OWN
 from sassgis.gap.check.worlds.forces import Forces
 from sassgis.gap.check.worlds.make import base_world, place_effect
 from sassgis.gap.check.worlds.motion_state import Field, Tables
@@ -33,9 +34,13 @@ def with_magnitude(null_world: World) -> Callable[[str, float], World]:
 
 
 class Plane:
-    """One plane slope that falls to the east, with one kind of ground."""
+    """One plane slope that falls to the east, with one kind of ground.
+
+    ``law`` without rebound of the contact, unless all ten numbers are given.
+    """
 
     def __init__(self, slope: float, law: list[float]) -> None:
+        law = [*law, 0.0, 9.144, 0.1][:10] if len(law) == 7 else law
         n_rows, n_cols = 40, 200
         x = 2.0 * (np.arange(n_cols) + 0.5)
         self.slope = slope
@@ -48,7 +53,8 @@ class Plane:
             north=80.0,
             cell=2.0,
             ground=np.zeros(z.shape, np.int64),
-            law=np.array([law]),
+            law=np.array([law], float),
+            contact=OWN,
             x0=0.0,
             y0=40.0,
             ux=1.0,

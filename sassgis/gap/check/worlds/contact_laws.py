@@ -1,0 +1,182 @@
+"""What a contact does to a rock, under several laws of nature.
+
+Axes at the contact point P: x down-slope, y outward normal, clockwise spin positive; (x, y) is the
+centre seen from P. Impulses and energies are per unit mass. Every law but the first is one that
+the model of the diagnosing side does not have.
+"""
+
+from __future__ import annotations
+
+import math
+
+from sassgis.gap.check.worlds.law import GRAVITY, kinetic, lever, rolling_friction, rolling_radius
+from sassgis.model.grid import FloatArray
+from sassgis.model.jit import kernel
+
+#: own: that of the model. elastic: a constant coefficient of restitution and Coulomb friction,
+#: and nothing else is lost. lumped: the speeds of the centre times R_n and R_t, and a spin that
+#: follows (Pfeiffer and Bowen 1989). penalty: a damped spring with friction, in small time steps.
+OWN, ELASTIC, LUMPED, PENALTY = range(4)
+#: Columns of a law of the ground.
+ETA_MAX, DP_MIN, DP_MAX, MU_F, MU_0, K, D_STAR, E, E_SPEED, SOFT = range(10)
+_INCREMENTS = 300
+_MOST = 60_000
+_STIFF_S = 0.01
+_STEPS = 150
+
+
+@kernel
+def contact(
+    kind: int,
+    a: float,
+    b: float,
+    c: float,
+    theta: float,
+    vx: float,
+    vy: float,
+    spin: float,
+    law: FloatArray,
+    shrunk: float = 1.0,
+    bare: bool = False,
+) -> tuple[float, float, float]:
+    """Velocity and spin after a contact with ground that is met.
+
+    Parameters
+    ----------
+    kind : int
+        OWN, ELASTIC, LUMPED or PENALTY.
+    a, b, c : float
+        Semi-axes (m); the first two lie in the plane of motion.
+    theta : float
+        Angle of the major axis, counter-clockwise from the tangent (rad).
+    vx, vy, spin : float
+        Before (m/s, rad/s).
+    law : float64, shape (10,)
+        Of the ground.
+    shrunk : float
+        Factor on the share of the energy that is kept, where an effect takes some.
+    bare : bool
+        Whether the rock is met as the circle as which it rolls.
+    """
+    eta_max = law[ETA_MAX] * shrunk
+    inertia = (a * a + b * b) / 5.0
+    x, y = lever(a, b, theta)
+    if bare:
+        x, y = 0.0, rolling_radius(a, b)
+    if kind == LUMPED:
+        normal = law[E] / (1.0 + (vy / law[E_SPEED]) ** 2)
+        along = vx * eta_max
+        return along, -normal * vy, along / rolling_radius(a, b)
+    if kind == PENALTY and not bare:
+        return _spring(a, b, theta, inertia, vx, vy, spin, law[MU_F], law[E])
+    if vy + x * spin >= 0.0:
+        # The flank recedes: it is met with its round core.
+        x = 0.0
+    approach = vy + x * spin
+    e = law[E]
+    if kind == OWN:
+        e /= 1.0 + (approach / law[E_SPEED]) ** 2
+    wx, wy, after = compressed(x, y, inertia, vx, vy, spin, law[MU_F], e)
+    if kind == OWN:
+        before = kinetic(inertia, vx, vy, spin)
+        taken = rolling_charge(a, b, c, law) * abs(wy - vy) * abs(vx)
+        most = max(eta_max * before, (before - taken) * shrunk)
+        kept = kinetic(inertia, wx, wy, after)
+        if kept > most:
+            scale = math.sqrt(most / kept)
+            wx, wy, after = wx * scale, wy * scale, after * scale
+    return wx, wy, after
+
+
+@kernel
+def rolling_charge(a: float, b: float, c: float, law: FloatArray) -> float:
+    """Energy that rolling takes, over the normal force and the path: μ_r (1 + I/r²)."""
+    mu = rolling_friction(law[MU_0], law[K], law[D_STAR], (a * b * c) ** (1.0 / 3.0))
+    return mu * (1.0 + (a * a + b * b) / 5.0 / rolling_radius(a, b) ** 2)
+
+
+@kernel
+def compressed(
+    x: float, y: float, inertia: float, vx: float, vy: float, spin: float, mu: float, e: float
+) -> tuple[float, float, float]:
+    """Impact with dry friction in small steps of the normal impulse (Darboux and Keller).
+
+    P slips and friction opposes it, or sticks. The normal force does work against the approach;
+    e² of it is given back (Stronge 1990).
+    """
+    yy = 1.0 + x * x / inertia
+    xx = 1.0 + y * y / inertia
+    xy = -x * y / inertia
+    slip = vx - y * spin
+    approach = vy + x * spin
+    step = -approach / (yy * _INCREMENTS)
+    work = 0.0
+    jx = 0.0
+    jy = 0.0
+    turned = False
+    back = 0.0
+    for _ in range(_MOST):
+        if approach >= -1e-12 and not turned:
+            turned = True
+            back = -e * e * work
+            work = 0.0
+        if turned and work >= back:
+            break
+        stuck = abs(slip) < 1e-12
+        if stuck:
+            ratio = min(max(-xy / xx, -mu), mu)
+        else:
+            ratio = -math.copysign(mu, slip)
+        dp = step
+        rate = xx * ratio + xy
+        normal = yy + ratio * xy
+        if not turned and approach + normal * dp > 0.0:
+            dp = -approach / normal
+        if not stuck and slip * rate < 0.0 and abs(rate) * dp >= abs(slip):
+            dp = abs(slip / rate)
+            slip = 0.0
+        elif not stuck or abs(-xy / xx) > mu:
+            slip += rate * dp
+        gain = normal * dp
+        work += (approach + 0.5 * gain) * dp
+        approach += gain
+        jx += ratio * dp
+        jy += dp
+    return vx + jx, vy + jy, spin + (x * jy - y * jx) / inertia
+
+
+@kernel
+def _spring(
+    a: float,
+    b: float,
+    theta: float,
+    inertia: float,
+    vx: float,
+    vy: float,
+    spin: float,
+    mu: float,
+    e: float,
+) -> tuple[float, float, float]:
+    """Contact with a damped spring under the ellipse, which turns meanwhile."""
+    natural = math.pi / _STIFF_S
+    damping = -math.log(max(e, 0.01)) / math.hypot(math.pi, math.log(max(e, 0.01)))
+    dt = _STIFF_S / _STEPS
+    _, y = lever(a, b, theta)
+    height = y
+    for _ in range(20 * _STEPS):
+        x, y = lever(a, b, theta)
+        depth = y - height
+        speed = vy + x * spin
+        if depth < 0.0 and speed > 0.0:
+            break
+        push = 0.0
+        if depth >= 0.0:
+            push = max(natural * natural * depth - 2.0 * damping * natural * speed, 0.0)
+        slip = vx - y * spin
+        rub = -mu * push * math.tanh(slip / 0.02)
+        vx += rub * dt
+        vy += (push - GRAVITY) * dt
+        spin += (x * push - y * rub) / inertia * dt
+        height += vy * dt
+        theta -= spin * dt
+    return vx, vy, spin

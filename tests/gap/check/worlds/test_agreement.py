@@ -1,0 +1,64 @@
+"""The synthetic sites against the engine: same slope, same rocks, same law and parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sassgis.gap.check.worlds import WorldSpec, setup
+from sassgis.gap.check.worlds.make import LAW_KEYS, base_world
+from sassgis.gap.check.worlds.observe import write_down
+from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
+from sassgis.io.write.gap_case_files import write_case
+from sassgis.model.ground import GroundTable
+from sassgis.runs.gap_case import read_case
+
+#: Sampling errors of the difference of two means are near 0.1 standard deviations.
+ROCKS, REPLICATES, NEAR_SD = 120, 4, 0.35
+
+
+@pytest.fixture(scope="module", params=["cliff_talus_meadow", "forested_slope"])
+def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Case:
+    """A site without an effect, in the engine with its true parameters."""
+    world = base_world(WorldSpec(request.param), 1)
+    known = setup(world)
+    seen = write_down(
+        world, simulate(world, draw_rocks(world, ROCKS, 77)), "both", np.random.default_rng(1)
+    )
+    config = write_case(
+        Path(tmp_path_factory.mktemp("agreement")) / "case",
+        title="agreement",
+        dem=known.dem,
+        class_names=known.class_names,
+        class_codes=known.class_codes,
+        releases=known.releases,
+        blocks=known.blocks,
+        tables=seen.tables,
+        metadata=seen.metadata,
+    )
+    case = read_case(config, config.parent / "observations")
+    law = {
+        name: dict(zip(LAW_KEYS, row.tolist(), strict=True))
+        for name, row in zip(known.class_names, world.law, strict=True)
+    }
+    classes = tuple(replace(c, **law.get(c.name, {})) for c in case.table.classes)
+    return replace(case, table=GroundTable(classes))
+
+
+def test_engine_and_sites_agree_at_every_station(site: Case) -> None:
+    run = free_run(site, RunModel.of(site, site.table, None, None, 5), REPLICATES)
+    seen = observed_at_stations(site)
+    for name in ("speed_mps", "rotation_hz", "height_m"):
+        for k, station in enumerate(site.station_names):
+            one = getattr(seen, name)[:, k]
+            other = getattr(run.at, name)[:, :, k].ravel()
+            one, other = one[np.isfinite(one)], other[np.isfinite(other)]
+            scale = np.sqrt(0.5 * (one.var() + other.var()))
+            assert abs(one.mean() - other.mean()) < NEAR_SD * scale, (name, station)
+    arrived = np.nanmean(seen.arrived, axis=0), np.nanmean(run.at.arrived, axis=(0, 1))
+    assert arrived[0] == pytest.approx(arrived[1], abs=0.15)
