@@ -12,11 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from annotated_types import Interval
-
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.io.read.config import LISTS, declared_sections
-from sassgis.model.declared import Declared, limits_text
+from sassgis.model.declared import Declared, interval, limits_text
 
 PAGE = Path(__file__).parent / "configuration.md"
 EFFECTS_PAGE = Path(__file__).parent / "effects.md"
@@ -102,11 +100,8 @@ def shown(value: Any) -> str:
 
 def limits(annotation: Any) -> str:
     """Limits of a number in words; nothing if it has none."""
-    parts = [a for a in get_args(annotation) if not isinstance(a, str)]
-    own = next((a for a in parts if isinstance(a, Interval)), None)
-    if own is not None:
-        return limits_text(own)
-    return next((text for text in map(limits, parts) if text), "")
+    own = interval(annotation)
+    return "" if own is None else limits_text(own)
 
 
 def row(own: Declared) -> str:

@@ -19,6 +19,7 @@ from sassgis.cli.gap_diagnose_command import diagnose
 from sassgis.cli.gap_template_command import template
 from sassgis.cli.gap_validate_command import validate_observations
 from sassgis.cli.init_command import init
+from sassgis.cli.new_command import new
 from sassgis.cli.profile_command import profile
 from sassgis.cli.run_command import run
 from sassgis.cli.sensitivity_command import sensitivity
@@ -40,7 +41,7 @@ def gap() -> None:
 
 
 for _command in (
-    init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
+    new, init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
 ):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, diagnose, validate_observations, check_diagnosis):

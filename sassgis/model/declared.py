@@ -227,6 +227,14 @@ def _within(limits: Interval, number: Any) -> bool:
     )
 
 
+def interval(kind: Any) -> Interval | None:
+    """The limits of a number, as its annotation declares them; None if it has none."""
+    if isinstance(kind, Interval):
+        return kind
+    parts = (part for part in get_args(kind) if not isinstance(part, str))
+    return next((found for found in map(interval, parts) if found is not None), None)
+
+
 def limits_text(limits: Interval) -> str:
     """Limits in words, as in ``above 0 and at most 10``."""
     text = f"above {limits.gt:g}" if limits.gt is not None else f"{limits.ge:g} or more"
