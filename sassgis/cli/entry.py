@@ -12,6 +12,7 @@ import click
 from sassgis import __version__
 from sassgis.cli.batch_command import batch
 from sassgis.cli.calibrate_command import calibrate
+from sassgis.cli.cliffs_command import cliffs
 from sassgis.cli.demo_command import demo
 from sassgis.cli.export_command import export
 from sassgis.cli.gap_check_command import check_diagnosis
@@ -41,7 +42,7 @@ def gap() -> None:
 
 
 for _command in (
-    new, init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
+    new, cliffs, init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
 ):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, diagnose, validate_observations, check_diagnosis):

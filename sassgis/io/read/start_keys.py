@@ -10,7 +10,7 @@ from typing import Any
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
-from sassgis.io.site_layers import SiteLayer, site_layers
+from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.model.errors import InputError
 
 #: Keys with their values by section; sections with double brackets are not told apart, as there is
@@ -88,7 +88,7 @@ def _keys_of(own: SiteLayer, file: Path, place: str) -> dict[str, object]:
         if column not in table.columns:
             continue
         filled = _names(table[column]) if column == "name" else bool(_texts(table[column]))
-        if filled or own.fields[column].needed and column != "name":
+        if filled or (own.fields[column].needed and column != "name"):
             keys[key] = column
     return keys
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +11,9 @@ import pandas as pd
 import pyproj
 
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.tiles import open_terrain
-from sassgis.io.site_layers import SiteLayer, site_layers
-from sassgis.io.staging import writing
+from sassgis.io.staging import staged_file
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.terrain_layer import terrain_layer
@@ -31,7 +29,9 @@ _GROUPS = (
 )
 
 
-def site_template(path: Path, *, crs: str | None = None, dem: Path | None = None) -> Path:
+def site_template(
+    path: Path, *, crs: str | None = None, dem: Path | None = None, overwrite: bool = False
+) -> Path:
     """Write an empty GeoPackage of a site and, beside it, a QGIS project to draw in.
 
     Parameters
@@ -43,6 +43,8 @@ def site_template(path: Path, *, crs: str | None = None, dem: Path | None = None
     dem : Path, optional
         Terrain model that lies under the drawing. A folder of tiles gives system and extent only,
         as QGIS opens single files.
+    overwrite : bool
+        Whether files that are there, with what was drawn in them, may be replaced.
 
     Returns
     -------
@@ -59,9 +61,6 @@ def site_template(path: Path, *, crs: str | None = None, dem: Path | None = None
     project = path.with_suffix(".qgz")
     if path.suffix.lower() != ".gpkg":
         raise OutputError(f"{path}: cannot see what to write; expected a name ending in .gpkg")
-    for file in (path, project):
-        if file.exists():
-            raise OutputError(f"{file}: exists already; choose another name")
     ground: tuple[LayerEntry, ...] = ()
     if dem is None:
         if crs is None:
@@ -88,24 +87,16 @@ def site_template(path: Path, *, crs: str | None = None, dem: Path | None = None
         ),
         *([LayerGroup("Terrain", ground)] if ground else []),
     ]
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
-    try:
-        write_geopackage(work / path.name, list(layers.values()))
+    with staged_file(project, overwrite) as drawing, staged_file(path, overwrite) as data:
+        write_geopackage(data, list(layers.values()))
         write_project(
-            work / project.name,
+            drawing,
             title=path.stem,
             crs=wkt,
             groups=groups,
             extent=extent,
             abstract="Site to be drawn for a rockfall simulation with sassgis.",
         )
-        with writing(path):
-            for file in (path, project):
-                os.replace(work / file.name, file)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
     return project
 
 

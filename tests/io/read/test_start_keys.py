@@ -36,7 +36,7 @@ def test_names_are_taken_where_they_are_names(tmp_path: Path, names, field) -> N
 def test_of_several_layers_one_must_be_known(tmp_path: Path) -> None:
     boxes(tmp_path, "x", name=["a"])
     file = boxes(tmp_path, "y", name=["a"])
-    with pytest.raises(InputError, match="several layers.*x, y"):
+    with pytest.raises(InputError, match=r"several layers.*x, y"):
         start_keys(tmp_path, None, file)
     boxes(tmp_path, "release", name=["a"])
     assert dict(start_keys(tmp_path, None, file))["release"]["layer"] == "release"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pyogrio
 import pytest
 
-from sassgis.io.site_layers import site_layers
+from sassgis.io.read.site_layers import site_layers
 from sassgis.io.write.site_template import site_template
 from sassgis.model.errors import InputError, OutputError
 
