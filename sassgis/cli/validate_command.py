@@ -21,7 +21,8 @@ def validate(config: Path) -> None:
     report = check_inputs(settings)
     for line in report.lines():
         click.echo(line)
-    if any(o.frequency is not None for o in settings.onsets.values()) or settings.objects:
+    stated = any(o.frequency is not None for o in settings.onsets.values())
+    if stated or settings.hazard.frequencies is not None or settings.objects:
         from sassgis.runs.inputs import check_rules
 
         for line in check_rules(settings, report.terrain):
