@@ -13,6 +13,8 @@ from sassgis import __version__
 from sassgis.cli.batch_command import batch
 from sassgis.cli.calibrate_command import calibrate
 from sassgis.cli.cliffs_command import cliffs
+from sassgis.cli.dem_check_command import check as check_terrain
+from sassgis.cli.dem_fetch_command import fetch
 from sassgis.cli.demo_command import demo
 from sassgis.cli.export_command import export
 from sassgis.cli.gap_check_command import check_diagnosis
@@ -41,12 +43,19 @@ def gap() -> None:
     """Observations in the field, to be compared with the simulation."""
 
 
+@cli.group()
+def dem() -> None:
+    """Terrain models: get them, check them."""
+
+
 for _command in (
     new, cliffs, init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
 ):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, diagnose, validate_observations, check_diagnosis):
     gap.add_command(_command)
+for _command in (fetch, check_terrain):
+    dem.add_command(_command)
 
 
 def main(arguments: list[str] | None = None) -> None:
