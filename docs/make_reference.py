@@ -24,8 +24,8 @@ _HEAD = """\
 
 # Configuration
 
-One TOML file describes a run. `sassgis init` writes one with every key, `sassgis validate` reads it
-and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
+One TOML file describes a run. `sassgis init` writes one with the keys that every site must decide, `sassgis init --all` one
+with every key ([starting.md](starting.md)); `sassgis validate` reads it and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
 (`mps`), rad/s (`radps`), kg/m³ (`kgm3`), kJ (`kj`), degrees (`deg`). A *range* is `[low, high]`; a
 single number means two equal limits. Unknown keys are errors.
 
@@ -49,7 +49,8 @@ _INTRO = {
     "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
     "exactly one of `line`, `file`, `chainage_m`.",
     "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "
-    "unique.",
+    "unique. Kind and height are needed; both, and the capacity, are one for all features, or an "
+    "attribute of each (`..._field`).",
     "engine": "Modelling assumptions where the paper leaves a question open: "
     "[model.md](model.md#modelling-assumptions).",
     "profile": "A run along one profile (`sassgis profile`).",

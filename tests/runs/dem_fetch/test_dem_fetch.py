@@ -100,7 +100,7 @@ def test_without_a_folder_the_tiles_are_listed_only(fetch, server: StacServer) -
 
 def test_tiles_become_one_terrain(fetch, server: StacServer, tmp_path: Path) -> None:
     folder = tmp_path / "terrain"
-    code, out, err = fetch("-o", folder)
+    code, _, err = fetch("-o", folder)
     assert code == 0, err
     assert sorted(p.name for p in folder.iterdir()) == sorted(
         [*(name(*place) for place in WANTED), "terrain.vrt", "sources.json"]
@@ -155,7 +155,7 @@ def test_after_too_many_breaks_the_same_command_goes_on(
     assert code == 2 and err.count("\n") == 1
     assert tile in err and "connection broke" in err and "the same command goes on" in err
     assert (folder / f"{tile}.part").exists() and not (folder / "terrain.vrt").exists()
-    code, out, err = fetch("-o", folder)
+    code, _, err = fetch("-o", folder)
     assert code == 0, err
     assert (folder / tile).read_bytes() == server.files[tile]
     assert not list(folder.glob("*.part"))
