@@ -24,8 +24,9 @@ _HEAD = """\
 
 # Configuration
 
-One TOML file describes a run. `sassgis init` writes one with the keys that every site must decide, `sassgis init --all` one
-with every key ([starting.md](starting.md)); `sassgis validate` reads it and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
+One TOML file describes a run. `sassgis init` writes one with the keys that every site must decide,
+`sassgis init --all` one with every key ([starting.md](starting.md)); `sassgis validate` reads it
+and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
 (`mps`), rad/s (`radps`), kg/m³ (`kgm3`), kJ (`kj`), degrees (`deg`). A *range* is `[low, high]`; a
 single number means two equal limits. Unknown keys are errors.
 
