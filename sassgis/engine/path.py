@@ -37,6 +37,8 @@ _ROOM = 512
 _BEHIND = 4.0
 _KEPT_BEHIND = 2.0
 _MOST_BEHIND = 40
+# Ground behind that rises from the plane by this share of the shorter semi-axis is a wall.
+_LEAST_WALL = 0.5
 # A plane goes on for this share of the shorter semi-axis at least: one that ended under the block, at
 # the limit of the tolerance, would begin anew without end.
 _LEAST_PLANE = 0.05
@@ -166,10 +168,12 @@ def begin_profile(
 
 @lean
 def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, rise: float) -> int:
-    """Keep the ground behind a block for the next profile where it rises from the plane.
+    """Keep the ground behind a block for the next profile where it is a wall.
 
     A block between two walls would fall out of its pit if the plane of one went on through the
-    other. Where the ground falls away behind, the plane goes on instead.
+    other. Where the ground behind rises little above the plane, or falls away from it, the plane
+    goes on instead: the foot of a block on a slope is behind its centre, and it moves on along the
+    plane without meeting each small vertex again.
 
     Parameters
     ----------
@@ -202,9 +206,16 @@ def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, ri
             kept += 1
         first = at - kept + 1
         outer = profile[first - 1]
-    if kept == 0:
-        return 0
+    here = profile[at]
+    slope = here.tz / here.tx
     outer_slope = outer.tz / outer.tx
+    far = _KEPT_BEHIND * block.a
+    end_x = state.x + far if back else state.x - far
+    wall = outer.z - here.z + outer_slope * (end_x - outer.x) - slope * (end_x - here.x)
+    for j in range(first, first + kept):
+        wall = max(wall, profile[j].z - here.z - slope * (profile[j].x - here.x))
+    if kept == 0 or wall < _LEAST_WALL * block.b:
+        return 0
     outer_ground = outer.ground
     if back:
         outer_slope = -outer_slope
@@ -238,7 +249,7 @@ def sample_behind(
     step = 0.5 * path.cell_size
     count = min(int(_KEPT_BEHIND * block.a / step) + 2, _MOST_BEHIND)
     profile = site.profile
-    above = False
+    wall = 0.0
     for i in range(count):
         # From the farthest on; the plane begins half a step behind the block.
         x = state.x - (count - i - 0.5) * step
@@ -246,7 +257,7 @@ def sample_behind(
         u, v = place(state, x)
         known = on_plane if i == count - 1 else _height(path, u, v)
         known = on_plane if math.isnan(known) else max(known, on_plane)
-        above = above or known > on_plane
+        wall = max(wall, known - on_plane)
         if i == 0:
             profile[0].x = x - _BEHIND * block.a
             profile[0].z = known
@@ -254,7 +265,7 @@ def sample_behind(
             profile[0].last = 0
         _add_vertex(site, x, known)
         profile[i + 1].ground = ground
-    return count if above else 0
+    return count if wall >= _LEAST_WALL * block.b else 0
 
 
 @inlined
