@@ -67,8 +67,8 @@ _FAR_TURN = 0.2
 # A block that comes less than this far (m) in each of so many stretches on the ground is wedged.
 _NO_WAY_M = 1e-6
 _STUCK = 100
-# A block that comes to the edge of the known terrain lies so far before it (m): on the edge it would
-# lie in the cell beyond.
+# A block that comes to the edge of the known terrain lies so far before it (m): on the edge it
+# would lie in the cell beyond.
 _EDGE_M = 0.01
 
 
@@ -437,7 +437,7 @@ def after_ground(
 
 @inlined
 def stays_on_known(state: Record, site: Site) -> None:
-    """End a block that has come over the edge of the known terrain; at its end it lies before it."""
+    """End a block that has come over the edge of the known terrain; it lies before the edge."""
     if state.open:
         return
     edge = site.profile[last_of(site.profile)].x

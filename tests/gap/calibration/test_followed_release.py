@@ -21,7 +21,7 @@ COUNT = 60
 @pytest.fixture(scope="module")
 def case() -> Case:
     """On a slope that is the same all across, blocks without tilt and drift keep to fall lines."""
-    engine = EngineSettings(readings="1986", side_tilt_deg=0.0, drift_deg=0.0)
+    engine = EngineSettings(side_tilt_deg=0.0, drift_deg=0.0)
     return replace(observed(12, 3, tables=("passages", "deposits")), engine=engine)
 
 
@@ -41,14 +41,16 @@ def both(case: Case) -> tuple[list[Released], list[Released]]:
 
 
 def test_stops_are_those_of_fall_lines(case: Case, both) -> None:
-    lines, paths = both
     from_x = case.observations.rocks.x
-    for one in paths:
+    for one in both[1]:
         assert np.abs(one.x - from_x).max() < 5.0 * ERRORS["position_error_m"]
-    # Blocks of one place differ in size and speed: each is compared with itself.
+    # Blocks of one place differ in size and speed: each is compared with itself. One that is
+    # nearly round rolls, and each vertex costs it: those of the two flattenings differ.
+    long = case.observations.rocks.semi_axis_a_m > 1.05 * case.observations.rocks.semi_axis_b_m
+    assert long.sum() > 8
     y = [np.array([one.y for one in made]) for made in both]
     scatter = np.sqrt(y[0].var(axis=0) / COUNT + y[1].var(axis=0) / COUNT)
-    assert (np.abs(y[0].mean(axis=0) - y[1].mean(axis=0)) < 4.0 * scatter).all()
+    assert (np.abs(y[0].mean(axis=0) - y[1].mean(axis=0)) < 4.0 * scatter)[long].all()
     assert y[1].std(axis=0).min() > 0.0
 
 
