@@ -21,13 +21,11 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "eta_max": (0.4, 1.0),
     "restitution": (0.0, 0.6),
     "restitution_speed_mps": (2.0, 10.0),
-    "mu_0": (0.22, 0.5),
+    "mu_0": (0.22, 0.6),
     "mu_f": (0.4, 0.9),
     "rolling_threshold": (0.1, 2.0),
     "dp_max": (0.1, 0.6),
 }
-#: The class that is calibrated.
-SOFT = "soft_meadow"
 BOOTSTRAPS = 1000
 
 
@@ -87,8 +85,8 @@ def design(n: int, seed: int = 10) -> list[dict[str, float]]:
 def tried(
     site: Site, sets: Sequence[Mapping[str, float]], settings: EngineSettings, count: int
 ) -> list[Simulated]:
-    """The rocks of a site with each parameter set, with the same random numbers."""
-    return [simulated(site, table_of(site, {SOFT: s}), settings, count) for s in sets]
+    """The rocks of a site with each set of parameters of its slope, by the same random draws."""
+    return [simulated(site, table_of(site, {site.classes[0]: s}), settings, count) for s in sets]
 
 
 def misfit(site: Site, made: Simulated, rocks: Sequence[int]) -> float:
