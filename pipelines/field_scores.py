@@ -11,17 +11,15 @@ and scored on the other halves and at the other site. Adds single contacts at Ch
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from field_cases import tables
 from field_cases.contact_scores import contacts, grazing
 from field_cases.figures import field_figure
 from field_cases.held_out import by_group, held_out, ranges, with_class_of
-from field_cases.scores import design, score, tried
+from field_cases.scores import design, score, tried, widths
 from field_cases.sites import (
     TOLERANCE_M,
     Simulated,
@@ -38,23 +36,6 @@ import sassgis
 from sassgis.model.errors import SassgisError
 from sassgis.model.settings import EngineSettings
 from sassgis.report.figures import save
-
-#: Sideways tilts and drifts (degrees) whose widths are compared.
-TILTS = (4.0, 7.0, 10.0, 15.0)
-DRIFTS = (2.0, 4.0, 6.0)
-
-
-def widths(sites: Mapping[str, Site], count: int) -> list[dict[str, Any]]:
-    """Run-out and width against what turns the heading."""
-    rows = []
-    for tilt, drift in itertools.product(TILTS, DRIFTS):
-        settings = EngineSettings(side_tilt_deg=tilt, drift_deg=drift)
-        row: dict[str, Any] = {"side_tilt_deg": tilt, "drift_deg": drift}
-        for name, site in sites.items():
-            found = score(site, simulated(site, table_of(site), settings, count))
-            row[name] = {"error": found["error"], "width_error": found["width_error"]}
-        rows.append(row)
-    return rows
 
 
 def published(data: Path) -> list[dict[str, str]]:

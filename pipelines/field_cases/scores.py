@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,6 +28,9 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "dp_max": (0.1, 0.6),
 }
 BOOTSTRAPS = 1000
+#: Sideways tilts and drifts (degrees) whose widths are compared.
+TILTS = (4.0, 7.0, 10.0, 15.0)
+DRIFTS = (2.0, 4.0, 6.0)
 
 
 def quantiles(values: FloatArray) -> FloatArray:
@@ -102,3 +106,16 @@ def part(made: Simulated, rocks: Sequence[int]) -> Simulated:
     """The simulations of some of the rocks."""
     own = list(rocks)
     return Simulated(made.stops[own], made.left[own], made.started[own])
+
+
+def widths(sites: Mapping[str, Site], count: int) -> list[dict[str, Any]]:
+    """Run-out and width against what turns the heading."""
+    rows = []
+    for tilt, drift in itertools.product(TILTS, DRIFTS):
+        settings = EngineSettings(side_tilt_deg=tilt, drift_deg=drift)
+        row: dict[str, Any] = {"side_tilt_deg": tilt, "drift_deg": drift}
+        for name, site in sites.items():
+            found = score(site, simulated(site, table_of(site), settings, count))
+            row[name] = {"error": found["error"], "width_error": found["width_error"]}
+        rows.append(row)
+    return rows
