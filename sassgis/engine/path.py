@@ -34,8 +34,8 @@ FIXED, FOLLOWED = 0, 1
 _ROOM = 512
 # Ground behind a block, in its longest semi-axes.
 _BEHIND = 4.0
-# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block, at
-# the limit of the tolerance, would begin anew without end.
+# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block,
+# at the limit of the tolerance, would begin anew without end.
 _LEAST_PLANE = 0.05
 # Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
 _ROUNDING = 1e-9
