@@ -39,8 +39,8 @@ _KEPT_BEHIND = 2.0
 _MOST_BEHIND = 40
 # Ground behind that rises from the plane by this share of the shorter semi-axis is a wall.
 _LEAST_WALL = 0.5
-# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block, at
-# the limit of the tolerance, would begin anew without end.
+# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block,
+# at the limit of the tolerance, would begin anew without end.
 _LEAST_PLANE = 0.05
 # Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
 _ROUNDING = 1e-9
