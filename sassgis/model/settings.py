@@ -15,7 +15,6 @@ from sassgis.model.declared import (
     Codes,
     Example,
     Name,
-    Pattern,
     PresetName,
     Renamed,
     Section,
@@ -27,6 +26,12 @@ from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.results import ControlLine
+
+#: The cantons, and Liechtenstein, as the federal model 166.1 names them.
+Canton = Literal[
+    "AG", "AI", "AR", "BE", "BL", "BS", "FL", "FR", "GE", "GL", "GR", "JU", "LU", "NE", "NW", "OW",
+    "SG", "SH", "SO", "SZ", "TG", "TI", "UR", "VD", "VS", "ZG", "ZH",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -684,8 +689,7 @@ class HazardSettings(Section):
         "for the energy and height that a barrier at each station must take",
     ] = (30.0, 100.0, 300.0)
     canton: Annotated[
-        str | None,
-        Pattern(r"^[A-Z]{2}$"),
+        Canton | None,
         "code of the canton that is responsible for the data, as TI (federal model)",
         Example("TI"),
     ] = None
