@@ -17,6 +17,7 @@ import click
     "--resolution", type=click.Choice(["0.5", "2"]), default="2", show_default=True,
     help="Size of the cells (m).",
 )  # fmt: skip
+@click.option("--layer", help="Layer of the polygons, where the file has several.")
 @click.option("--most", type=click.IntRange(1), default=100, show_default=True, help="Tiles.")
 @click.option("--server", help="Address of another STAC interface.")
 @click.option("--collection", help="Another collection of it.")
@@ -28,6 +29,7 @@ def fetch(
     polygon: Path,
     out: Path | None,
     resolution: str,
+    layer: str | None,
     most: int,
     server: str | None,
     collection: str | None,
@@ -38,8 +40,8 @@ def fetch(
     from sassgis.runs.dem_fetch import fetch_terrain, offered_tiles
 
     offers = offered_tiles(
-        polygon, float(resolution), server=server or SERVER, collection=collection or COLLECTION,
-        timeout_s=timeout,
+        polygon, float(resolution), layer=layer, server=server or SERVER,
+        collection=collection or COLLECTION, timeout_s=timeout,
     )  # fmt: skip
     if out is None:
         for offer in offers:

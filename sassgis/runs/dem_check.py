@@ -185,7 +185,7 @@ def _units(dem: RawDem) -> DemFinding:
         return DemFinding(
             "units", "look", f"{found}, converted from {dem.unit}", "compare with a map", numbers
         )
-    advice = "" if dem.vertical_datum else "state it as terrain.vertical_datum"
+    advice = "" if dem.vertical_datum else "state the height system as terrain.vertical_datum"
     return DemFinding("units", "good", found, advice, numbers)
 
 

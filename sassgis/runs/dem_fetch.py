@@ -20,6 +20,7 @@ def offered_tiles(
     polygon: Path,
     resolution_m: float = 2.0,
     *,
+    layer: str | None = None,
     server: str = SERVER,
     collection: str = COLLECTION,
     timeout_s: float = 30.0,
@@ -31,7 +32,7 @@ def offered_tiles(
     InputError
         If the file cannot be used, or the server does not answer or offers nothing.
     """
-    area = read_search_area(polygon)
+    area = read_search_area(polygon, layer)
     return find_tiles(area, resolution_m, server=server, collection=collection, timeout_s=timeout_s)
 
 

@@ -93,12 +93,11 @@ def _stated(own: Declared, *, needed: bool = False, high: float | None = None) -
     limits = interval(own.kind) or Interval()
     low = limits.gt if limits.ge is None else limits.ge
     top = limits.le if high is None else high
-    text = own.description.split(";")[0]
     name = own.name.rsplit("_", 1)[0] if own.name in _UNITS else own.name
     return FieldInfo(
         name.replace("_", " "),
         _UNITS.get(own.name, ""),
-        text,
+        own.description,
         low=None if low is None else float(str(low)),
         high=None if top is None else float(str(top)),
         needed=needed,

@@ -55,15 +55,15 @@ class TileOffer:
     checksum: str
 
 
-def read_search_area(file: Path) -> Any:
-    """The polygons of a file as one geometry in longitude and latitude (WGS 84).
+def read_search_area(file: Path, layer: str | None = None) -> Any:
+    """The polygons of a file, or of a layer of it, as one geometry in WGS 84 (degrees).
 
     Raises
     ------
     InputError
         If the file cannot be used, or holds no polygon or no coordinate system.
     """
-    frame: gpd.GeoDataFrame = open_layer(file, None, "polygon", {})
+    frame: gpd.GeoDataFrame = open_layer(file, layer, "polygon", {})
     if frame.crs is None:
         raise InputError(
             "has no coordinate system", file=file, expected="one, so that it can be found on Earth"

@@ -68,7 +68,7 @@ def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[StacServer]:
 
 @pytest.fixture
 def polygon(tmp_path: Path) -> Path:
-    """Over three tiles in the west, drawn in another system; the rectangle around meets one more."""
+    """Over three tiles, drawn in another system; the rectangle around it meets one more."""
     shape = shapely.box(EAST + 50.0, NORTH - 350.0, EAST + 390.0, NORTH - 50.0)
     shape -= shapely.box(EAST + 180.0, NORTH - 220.0, EAST + 400.0, NORTH)
     frame = gpd.GeoDataFrame(geometry=[shape], crs="EPSG:2056").to_crs("EPSG:21781")
@@ -79,7 +79,7 @@ def polygon(tmp_path: Path) -> Path:
 @pytest.fixture
 def fetch(server: StacServer, polygon: Path, call):
     def run(*more: object) -> tuple[int, str, str]:
-        return call("dem", "fetch", polygon, "--server", server.api, "--timeout", "2", *more)
+        return call("dem", "fetch", polygon, "--server", server.api, "--timeout", "10", *more)
 
     return run
 
