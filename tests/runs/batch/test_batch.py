@@ -90,7 +90,7 @@ def test_the_mosaic_is_one_run_of_all_areas_to_the_last_bit(done: Stopped, joint
     assert_same_result(done.folder / "mosaic", joint)
 
 
-@pytest.mark.parametrize("path", ["followed", "fall_line"])
+@pytest.mark.parametrize("path", ["followed", pytest.param("fall_line", marks=pytest.mark.battery)])
 def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: str) -> None:
     """Random paths, repetitions, fragments, and a forest that one area never meets."""
     inputs = tmp_path / "inputs"
@@ -126,6 +126,7 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: 
     assert all("trees file" in str(t["inputs"]) for t in told)
 
 
+@pytest.mark.battery
 def test_a_part_that_paths_leave_is_made_wider(
     valley: Valley, done: Stopped, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,8 @@ from helpers.zone_slope import NORTH, WEST, Zoned, two_areas, zoned
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.progress import kept_stops
 
+pytestmark = pytest.mark.battery
+
 CELLS = (1.0, 2.0, 5.0, 10.0)
 WIDTH_M = 10.0
 THRESHOLDS_KJ = (0.0, 30.0, 300.0)
