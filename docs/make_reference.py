@@ -12,11 +12,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from annotated_types import Interval
-
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.io.read.config import LISTS, declared_sections
-from sassgis.model.declared import Declared, limits_text
+from sassgis.model.declared import Declared, interval, limits_text
 
 PAGE = Path(__file__).parent / "configuration.md"
 EFFECTS_PAGE = Path(__file__).parent / "effects.md"
@@ -26,7 +24,8 @@ _HEAD = """\
 
 # Configuration
 
-One TOML file describes a run. `sassgis init` writes one with every key, `sassgis validate` reads it
+One TOML file describes a run. `sassgis init` writes one with the keys that every site must decide,
+`sassgis init --all` one with every key ([starting.md](starting.md)); `sassgis validate` reads it
 and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
 (`mps`), rad/s (`radps`), kg/m³ (`kgm3`), kJ (`kj`), degrees (`deg`). A *range* is `[low, high]`; a
 single number means two equal limits. Unknown keys are errors.
@@ -51,7 +50,8 @@ _INTRO = {
     "stations": "Control lines where passing blocks are recorded; a section for each. Placed by "
     "exactly one of `line`, `file`, `chainage_m`.",
     "barriers": "Walls and nets, placed like stations. Names of stations and barriers must be "
-    "unique.",
+    "unique. Kind and height are needed; both, and the capacity, are one for all features, or an "
+    "attribute of each (`..._field`).",
     "engine": "Modelling assumptions where the paper leaves a question open: "
     "[model.md](model.md#modelling-assumptions).",
     "profile": "A run along one profile (`sassgis profile`).",
@@ -102,11 +102,8 @@ def shown(value: Any) -> str:
 
 def limits(annotation: Any) -> str:
     """Limits of a number in words; nothing if it has none."""
-    parts = [a for a in get_args(annotation) if not isinstance(a, str)]
-    own = next((a for a in parts if isinstance(a, Interval)), None)
-    if own is not None:
-        return limits_text(own)
-    return next((text for text in map(limits, parts) if text), "")
+    own = interval(annotation)
+    return "" if own is None else limits_text(own)
 
 
 def row(own: Declared) -> str:

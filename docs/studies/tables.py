@@ -1,14 +1,16 @@
 """Put the tables of the studies into their pages.
 
 ``python docs/studies/tables.py`` rewrites what stands between ``<!-- table: NAME -->`` and
-``<!-- end -->`` in the pages of this folder from the committed CSV files.
+``<!-- end -->`` in the pages of this folder from the committed CSV and JSON files.
 """
 
 from __future__ import annotations
 
 import csv
+import json
 import re
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).parent
 
@@ -131,6 +133,152 @@ def convergence(kind: str) -> str:
     return markdown([*head, "D, other draws", "p"], body)
 
 
+def field() -> dict[str, Any]:
+    """Results of the pipeline field_scores.py."""
+    found: dict[str, Any] = json.loads((HERE / "field" / "results.json").read_text("utf-8"))
+    return found
+
+
+def percent(share: float) -> str:
+    """A relative error, whole."""
+    return f"{100.0 * share:+.0f} %".replace("+0 %", "0 %").replace("-0 %", "0 %").replace("-", "−")
+
+
+def error_95(share: float, limits: list[float]) -> str:
+    """A relative error with its interval."""
+    low, high = (percent(v).removesuffix(" %") for v in limits)
+    return f"{percent(share)} ({low} to {high})"
+
+
+def metres(values: list[float]) -> str:
+    """Quantiles in whole metres."""
+    return " / ".join(f"{v:.0f}" for v in values)
+
+
+def field_untuned() -> str:
+    """Stops with classes chosen by the description alone, and two other choices."""
+    found = field()
+    slope = {name: classes[0] for name, classes in found["classes"].items()}
+    other = dict(zip(slope, reversed(slope.values()), strict=True))
+    body = []
+    for key, label in (
+        ("built_in", "`{own}`"),
+        ("class_of_the_other_site", "`{other}`, not fitted here"),
+        ("readings_and_classes_1986", "readings and classes of 1986"),
+    ):
+        for name, one in found[key].items():
+            limits = one["error_95"]
+            body.append(
+                [
+                    f"{name}, {label.format(own=slope[name], other=other[name])}",
+                    str(one["rocks"]),
+                    metres(one["observed_m"]),
+                    metres(one["simulated_m"]),
+                    error_95(one["error"][1], limits[1]),
+                    error_95(one["error"][2], limits[2]),
+                    error_95(one["width_error"], one["width_error_95"]),
+                    f"{one['crps_m']:.1f} m",
+                    f"{100.0 * one['left_the_terrain']:.0f} %",
+                ]
+            )
+    head = ["site, class of the slope", "rocks", "observed 10 / 50 / 90 % (m)", "simulated"]
+    head += ["median", "90 %", "width", "CRPS", "left the terrain"]
+    return markdown(head, body)
+
+
+def field_left_out() -> str:
+    """Errors on rocks left out, over random halves, and at the other site."""
+    body = []
+    for name, one in field()["held_out"].items():
+        labels = {
+            "left_out": f"the other half ({one['rocks_left_out']} rocks)",
+            "halves_observed": "*observed halves against each other*",
+        }
+        for key, row in one.items():
+            if not isinstance(row, dict):
+                continue
+            cells = []
+            for measure in ("median", "q90", "width"):
+                low, middle, high = (percent(v) for v in row[measure]["quantiles"])
+                spread = f"({low.removesuffix(' %')} to {high.removesuffix(' %')})"
+                cells.append(f"{middle} {spread}, rms {100.0 * row[measure]['rms']:.0f} %")
+            scored = labels.get(key, key.removeprefix("at ") + ", all rocks")
+            body.append([f"{name}, {one['halves']} halves", scored, *cells])
+    return markdown(["fitted on", "scored on", "median", "90 %", "width"], body)
+
+
+def field_groups() -> str:
+    """Run-out by groups of rocks."""
+    return markdown(
+        ["group", "rocks", "observed 10 / 50 / 90 % (m)", "simulated"],
+        [
+            [name, str(one["rocks"]), metres(one["observed_m"]), metres(one["simulated_m"])]
+            for name, one in field()["by_group"].items()
+        ],
+    )
+
+
+def field_published() -> str:
+    """What others published for the same stops."""
+    found = field()
+    body = [
+        [one["site"], one["source"].split(" ")[0], one["value"].replace("-", "−")]
+        for one in found["published"]
+    ]
+    for name, one in found["built_in"].items():
+        gap = f"{one['mean_gap_m']:+.1f}".replace("-", "−")
+        body.append([name, "sassgis, built-in classes", gap])
+    return markdown(["site", "program", "mean signed error of the run-out (m)"], body)
+
+
+def field_ranges() -> str:
+    """Between which values of single parameters the stops are met about as well."""
+    body = [
+        [
+            f"`{name}`",
+            f"`{parameter}`",
+            f"{one['value']:g}",
+            f"{one['low']:.2g} to {one['high']:.2g}",
+            "{:g} to {:g}".format(*one["tried"]),
+        ]
+        for name, parameters in field()["ranges"].items()
+        for parameter, one in parameters.items()
+    ]
+    return markdown(["class", "parameter", "value", "about as good", "tried"], body)
+
+
+def field_widths() -> str:
+    """Errors against what turns the heading."""
+    rows = field()["widths"]
+    names = [key for key in rows[0] if isinstance(rows[0][key], dict)]
+    body = [
+        [
+            f"{row['side_tilt_deg']:g}°",
+            f"{row['drift_deg']:g}°",
+            *(f"{percent(row[n]['width_error'])}, {percent(row[n]['error'][1])}" for n in names),
+        ]
+        for row in rows
+    ]
+    return markdown(["side tilt", "drift", *(f"{n}: width, median" for n in names)], body)
+
+
+def field_contacts() -> str:
+    """Single contacts at Chant Sura."""
+    found = field()
+    one, jump = found["contacts"], found["grazing"]
+    names = {"r_n": "R_n", "r_t": "R_t", "energy_kept": "energy kept"}
+    body = [
+        [f"{word}, median of {one['contacts']} contacts",
+         *(f"{one[side][key]:.2f}" for side in ("observed_median", "simulated_median"))]
+        for key, word in names.items()
+    ]  # fmt: skip
+    body += [
+        ["horizontal speed after / before, grazing impact", f"{seen:.2f}", f"{made:.2f}"]
+        for seen, made in zip(jump["observed"], jump["simulated_median"], strict=True)
+    ]
+    return markdown(["", "observed", "simulated"], body)
+
+
 TABLES = {
     "discretisation valley": lambda: discretisation("valley"),
     "discretisation bedrina": lambda: discretisation("bedrina"),
@@ -139,6 +287,13 @@ TABLES = {
     "discretisation splitting": splitting,
     "convergence tolerance": lambda: convergence("tolerance"),
     "convergence assumption": lambda: convergence("assumption"),
+    "field untuned": field_untuned,
+    "field left out": field_left_out,
+    "field groups": field_groups,
+    "field published": field_published,
+    "field ranges": field_ranges,
+    "field widths": field_widths,
+    "field contacts": field_contacts,
 }
 
 

@@ -79,8 +79,8 @@ class Law:
 
 
 def ground_class(name: str = GROUND) -> GroundClass:
-    """A class of the built-in table."""
-    table = built_in_table()
+    """A class as the readings of 1986 have it, with which the campaign is diagnosed."""
+    table = built_in_table("1986")
     return table.classes[table.index(name)]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -21,14 +22,15 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "eta_max": (0.4, 1.0),
     "restitution": (0.0, 0.6),
     "restitution_speed_mps": (2.0, 10.0),
-    "mu_0": (0.22, 0.5),
+    "mu_0": (0.22, 0.6),
     "mu_f": (0.4, 0.9),
     "rolling_threshold": (0.1, 2.0),
     "dp_max": (0.1, 0.6),
 }
-#: The class that is calibrated.
-SOFT = "soft_meadow"
 BOOTSTRAPS = 1000
+#: Sideways tilts and drifts (degrees) whose widths are compared.
+TILTS = (4.0, 7.0, 10.0, 15.0)
+DRIFTS = (2.0, 4.0, 6.0)
 
 
 def quantiles(values: FloatArray) -> FloatArray:
@@ -87,8 +89,8 @@ def design(n: int, seed: int = 10) -> list[dict[str, float]]:
 def tried(
     site: Site, sets: Sequence[Mapping[str, float]], settings: EngineSettings, count: int
 ) -> list[Simulated]:
-    """The rocks of a site with each parameter set, with the same random numbers."""
-    return [simulated(site, table_of(site, {SOFT: s}), settings, count) for s in sets]
+    """The rocks of a site with each set of parameters of its slope, by the same random draws."""
+    return [simulated(site, table_of(site, {site.classes[0]: s}), settings, count) for s in sets]
 
 
 def misfit(site: Site, made: Simulated, rocks: Sequence[int]) -> float:
@@ -104,3 +106,16 @@ def part(made: Simulated, rocks: Sequence[int]) -> Simulated:
     """The simulations of some of the rocks."""
     own = list(rocks)
     return Simulated(made.stops[own], made.left[own], made.started[own])
+
+
+def widths(sites: Mapping[str, Site], count: int) -> list[dict[str, Any]]:
+    """Run-out and width against what turns the heading."""
+    rows = []
+    for tilt, drift in itertools.product(TILTS, DRIFTS):
+        settings = EngineSettings(side_tilt_deg=tilt, drift_deg=drift)
+        row: dict[str, Any] = {"side_tilt_deg": tilt, "drift_deg": drift}
+        for name, site in sites.items():
+            found = score(site, simulated(site, table_of(site), settings, count))
+            row[name] = {"error": found["error"], "width_error": found["width_error"]}
+        rows.append(row)
+    return rows

@@ -21,20 +21,20 @@ from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.results import StopReason
-from sassgis.model.settings import EngineSettings
+from sassgis.model.settings import EngineSettings, TerrainSettings
 from sassgis.terrain.block_scale import block_scale_grid
 
 FloatArray = NDArray[np.float64]
 
-#: Largest vertical gap between terrain and segments (m): the default of ``[terrain]``.
-TOLERANCE_M = 0.25
+#: Largest vertical gap between terrain and segments (m): the default of a run.
+TOLERANCE_M = TerrainSettings().segment_tolerance_m
 #: Tschamut: the terrain is known this far beyond the tracks (m), further out it is a plane.
 BEYOND_M = 10.0
 TSCHAMUT_BLOCKS = {1: "St. Leonard", 2: "heaviest", 4: "plate"}
 #: Tschamut: release places, by the least x of each (m).
 PLACES_M = (0.0, 17.5, 25.0, 32.0, 45.0)
 #: Authume: the substratum zones, read as ground classes by their description alone.
-AUTHUME_ZONES = {1: "soft_meadow", 2: "rock", 3: "debris"}
+AUTHUME_ZONES = {1: "overgrown_slope", 2: "rock", 3: "debris"}
 #: Authume: rocks beyond this plan distance have left the slope above the faces (m).
 EDGE_M = 30.0
 DENSITY_KGM3 = 2600.0
@@ -52,6 +52,7 @@ class Site:
     ground : int32, shape of the grid
         Number of the class in ``classes``.
     classes : tuple of str
+        The first one is that of the slope below the release, which is calibrated.
     release : float64, shape (n, 2)
         Plan position of each rock (m); of the middle of the square where single ones are unknown.
     square_m : float

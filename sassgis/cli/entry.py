@@ -12,6 +12,9 @@ import click
 from sassgis import __version__
 from sassgis.cli.batch_command import batch
 from sassgis.cli.calibrate_command import calibrate
+from sassgis.cli.cliffs_command import cliffs
+from sassgis.cli.dem_check_command import check as check_terrain
+from sassgis.cli.dem_fetch_command import fetch
 from sassgis.cli.demo_command import demo
 from sassgis.cli.export_command import export
 from sassgis.cli.gap_check_command import check_diagnosis
@@ -19,6 +22,7 @@ from sassgis.cli.gap_diagnose_command import diagnose
 from sassgis.cli.gap_template_command import template
 from sassgis.cli.gap_validate_command import validate_observations
 from sassgis.cli.init_command import init
+from sassgis.cli.new_command import new
 from sassgis.cli.profile_command import profile
 from sassgis.cli.run_command import run
 from sassgis.cli.sensitivity_command import sensitivity
@@ -39,12 +43,19 @@ def gap() -> None:
     """Observations in the field, to be compared with the simulation."""
 
 
+@cli.group()
+def dem() -> None:
+    """Terrain models: get them, check them."""
+
+
 for _command in (
-    init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
+    new, cliffs, init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
 ):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, diagnose, validate_observations, check_diagnosis):
     gap.add_command(_command)
+for _command in (fetch, check_terrain):
+    dem.add_command(_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

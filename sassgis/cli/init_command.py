@@ -9,16 +9,28 @@ import click
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path), default="sassgis.toml")
+@click.option("--dem", type=click.Path(path_type=Path), help="Terrain model: raster or folder.")
+@click.option(
+    "--release",
+    type=click.Path(path_type=Path),
+    help="Release areas; or a GeoPackage of `sassgis new`, whose drawn layers are all used.",
+)
+@click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default.")
 @click.option("--overwrite", is_flag=True, help="Replace a file that is there.")
-def init(file: Path, overwrite: bool) -> None:
-    """Write a commented configuration to FILE (default: sassgis.toml)."""
-    from sassgis.io.write.config_template import config_template
+def init(file: Path, dem: Path | None, release: Path | None, every: bool, overwrite: bool) -> None:
+    """Write a configuration to FILE (default: sassgis.toml): the lines that every site decides."""
+    from sassgis.io.read.start_keys import start_keys
+    from sassgis.io.write.config_template import config_template, short_template
     from sassgis.model.errors import OutputError
 
     if file.exists() and not overwrite:
         raise OutputError(f"{file}: exists; choose another name, or --overwrite")
+    given = start_keys(file.parent, dem, release)
+    text = config_template(given) if every else short_template(given)
     try:
-        file.write_text(config_template(), encoding="utf-8")
+        file.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputError(f"{file}: cannot be written: {error.strerror}") from error
-    click.echo(f"Wrote {file}. Fill in the paths, then: sassgis validate {file}")
+    names = [name for name, path in (("terrain.dem", dem), ("release.file", release)) if not path]
+    todo = f"Fill in {' and '.join(names)}, then: " if names else "Now: "
+    click.echo(f"Wrote {file}. {todo}sassgis validate {file}")

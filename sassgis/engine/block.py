@@ -14,6 +14,7 @@ from sassgis.engine.heading import (
     before_flight,
     before_ground,
     place_spawned,
+    stays_on_known,
     wedged,
 )
 from sassgis.engine.landing import land
@@ -84,20 +85,25 @@ def simulate_block(
             spawned = output.spawned.filled[0]
             land(state, block, site, output, physics, effects)
             if followed:
+                stays_on_known(state, site)
                 place_spawned(state, output.spawned, spawned)
                 after_impact(state, block, site, path, physics, into, state.impacts > impacts)
         elif followed:
             gu, gv = before_ground(state, block, site, path, physics)
-            x = state.x
-            level = state.speed * site.profile[state.segment].tx
-            ground_motion(state, block, site, output, physics, effects)
-            after_ground(state, path, physics, gu, gv, x, level, abs(state.vx))
+            if state.phase != FLIGHT:
+                x = state.x
+                level = state.speed * site.profile[state.segment].tx
+                ground_motion(state, block, site, output, physics, effects)
+                stays_on_known(state, site)
+                after_ground(state, path, physics, gu, gv, x, level, abs(state.vx))
             if wedged(state):
                 end_at_rest(state, block)
         else:
             ground_motion(state, block, site, output, physics, effects)
         if followed and last_of(site.crossings) > 0:
             note_passages(site, path)
+    if followed:
+        stays_on_known(state, site)
     if state.reason == REST and not state.moved:
         state.reason = NEVER_STARTED
     state.vx = 0.0

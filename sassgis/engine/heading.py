@@ -27,18 +27,29 @@ import math
 import numpy as np
 
 from sassgis.engine.contact import resting_height
-from sassgis.engine.path import Path, begin_profile, gradient, known_to, look_ahead, place
+from sassgis.engine.path import (
+    Path,
+    begin_profile,
+    gradient,
+    keep_behind,
+    known_to,
+    look_ahead,
+    place,
+    sample_behind,
+)
 from sassgis.engine.profile import segment_at
-from sassgis.engine.rows import Record
+from sassgis.engine.rows import Record, last_of
 from sassgis.engine.state import (
     END,
     FLIGHT,
     IMPACT,
+    LEFT_PROFILE,
     ROLLING,
     Block,
     Physics,
     Site,
     Spawned,
+    end,
 )
 from sassgis.model import rng
 from sassgis.model.cell_geometry import exact, height_at
@@ -51,9 +62,14 @@ _BEND_PER_STEP = 0.5
 _SHORTEST_STEP = 0.1
 # Impacts that turn the heading less than this do not (rad).
 _NO_TURN = 1e-9
+# What lay behind a block before it has turned by more than this does not lie there after it (rad).
+_FAR_TURN = 0.2
 # A block that comes less than this far (m) in each of so many stretches on the ground is wedged.
 _NO_WAY_M = 1e-6
 _STUCK = 100
+# A block that comes to the edge of the known terrain lies so far before it (m): on the edge it
+# would lie in the cell beyond.
+_EDGE_M = 0.01
 
 
 @inlined
@@ -98,7 +114,7 @@ def start_path(state: Record, block: Block, site: Site, path: Path, u: float, v:
         hu = math.cos(angle)
         hv = math.sin(angle)
     head(state, path, u, v, hu, hv)
-    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0)
+    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0, 0)
     return True
 
 
@@ -120,7 +136,7 @@ def continue_path(state: Record, block: Block, site: Site, path: Path, spawned: 
     if ground < 0:
         return False
     head(state, path, spawned.u, spawned.v, hu, hv)
-    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0)
+    begin_profile(state, block, site, path, z, gu * hu + gv * hv, ground, 1.0, 0)
     return True
 
 
@@ -159,14 +175,19 @@ def turn_heading(
     gu, gv : float
         Slope of the terrain at the scale of the block along u and v (m per m).
     """
-    here = site.profile[segment_at(site.profile, state.x, state.segment)]
+    at = state.segment
+    if state.phase == FLIGHT:
+        at = segment_at(site.profile, state.x, at)
+    # On the ground it stands on its segment, also where its centre is not above that yet.
+    here = site.profile[at]
     slope = here.tz / here.tx
     z0 = here.z + (state.x - here.x) * slope
     ground = here.ground
     rests = _rests_at(state, block, site)
     hu = state.du * path.cell_size
     hv = state.dv * path.cell_size
-    if state.vx < 0.0 if state.phase == FLIGHT else state.direction < 0:
+    back = state.vx < 0.0 if state.phase == FLIGHT else state.direction < 0
+    if back:
         slope = -slope
         hu = -hu
         hv = -hv
@@ -186,16 +207,31 @@ def turn_heading(
     state.theta += tilt
     _rotate(state, math.cos(tilt), math.sin(tilt))
     head(state, path, u, v, to_u, to_v)
-    begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity)
+    if abs(angle) > _FAR_TURN:
+        behind = sample_behind(state, block, site, path, z0, math.tan(after), ground)
+    else:
+        # The ground behind the block turns with the plane.
+        behind = keep_behind(state, block, site, at, back, math.tan(after) - slope)
+    if state.skip_to >= 0:
+        left = state.skip_to - at
+        state.skip_to = max(behind - left if back else behind + left, -1)
+    begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity, behind)
     raised = _rests_at(state, block, site) - rests
     if abs(raised) < block.a:
         paid = min(raised, _kinetic(state, block) / gravity)
         state.z += paid
         _take(state, block, gravity * paid)
         if paid < raised:
-            # No block rises without energy: the plane gives way.
+            # No block rises without energy: the ground gives way.
             z0 -= raised - paid
-            begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity)
+            for i in range(behind + 1):
+                site.profile[i].z -= raised - paid
+            begin_profile(state, block, site, path, z0, math.tan(after), ground, gravity, behind)
+    elif raised < 0.0 and state.phase != FLIGHT:
+        # It lay on walls that are not in its way any more: it falls.
+        state.vx = state.speed * math.cos(after)
+        state.vz = state.speed * math.sin(after)
+        state.phase = FLIGHT
 
 
 @inlined
@@ -316,7 +352,8 @@ def before_ground(
 ) -> tuple[float, float]:
     """Turn the heading as far as is due, and look how far the ground may be followed.
 
-    Returns the slope of the terrain along u and v at the scale of the block (m per m).
+    Returns the slope of the terrain along u and v at the scale of the block (m per m). Where a
+    block has turned to, the ground may be far below it: then it is in flight.
     """
     u, v = place(state, state.x)
     gu, gv, _ = gradient(path, u, v, block.radius)
@@ -338,6 +375,8 @@ def before_ground(
     if abs(angle) > _TURN or state.direction < 0 or state.speed <= 0.0:
         state.turn -= angle
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
+        if state.phase == FLIGHT:
+            return gu, gv
     if state.speed <= 0.0 and site.profile[state.segment].tz > 0.0:
         # In a dip the ground under it rises that way: it would start backwards.
         state.direction = -1
@@ -397,6 +436,18 @@ def after_ground(
         kappa = _bending(physics.gravity, steep2, 0.5 * (level * level + level_after * level_after))
         angle = _angle_to(state, path, gu, gv) - state.turn
         state.turn += _bent(angle, kappa * (state.x - x))
+
+
+@inlined
+def stays_on_known(state: Record, site: Site) -> None:
+    """End a block that has come over the edge of the known terrain; it lies before the edge."""
+    if state.open:
+        return
+    edge = site.profile[last_of(site.profile)].x
+    if state.x > edge and state.phase != END:
+        end(state, LEFT_PROFILE)
+    if state.phase == END:
+        state.x = min(state.x, max(edge - _EDGE_M, state.from_x))
 
 
 @inlined

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.cell_register import CellRegister, empty_register, registered
+from sassgis.engine.contact import is_convex
 from sassgis.engine.flight import MARGIN_M
 from sassgis.engine.recording import STRETCH_DTYPE
 from sassgis.engine.rows import Record, Records, last_of
@@ -32,10 +33,15 @@ FIXED, FOLLOWED = 0, 1
 
 # Vertices, stretches and crossings of the ground just ahead for which there is room.
 _ROOM = 512
-# Ground behind a block, in its longest semi-axes.
+# Ground behind a block, in its longest semi-axes; of the profile before so much is kept.
 _BEHIND = 4.0
-# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block, at
-# the limit of the tolerance, would begin anew without end.
+_KEPT_BEHIND = 2.0
+_MOST_BEHIND = 40
+# Ground behind that rises from the plane by this share of the shorter semi-axis is a wall.
+_LEAST_WALL = 0.5
+# A plane goes on for this share of the shorter semi-axis at least, and to the foot of the block:
+# one that ended under the block, at the limit of the tolerance or of a class, would begin anew
+# without end.
 _LEAST_PLANE = 0.05
 # Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
 _ROUNDING = 1e-9
@@ -119,7 +125,7 @@ def _height(path: Path, u: float, v: float) -> float:
 @inlined
 def begin_profile(
     state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int,
-    gravity: float,
+    gravity: float, behind: int,
 ) -> None:  # fmt: skip
     """Begin the profile at the present chainage, on a plane through height z (m) there.
 
@@ -129,27 +135,153 @@ def begin_profile(
         Rise of the plane per metre ahead.
     ground : int
         Class of the ground that the block stands on, or that it has come to.
+    behind : int
+        How many vertices keep_behind has kept; 0: the plane goes on behind the block.
     """
     state.sampled = state.x
     state.open = True
-    state.segment = 0
-    state.stretch = 0
+    state.segment = behind
+    state.stretch = behind
     state.on_plane = True
+    state.plane_at = behind
     state.plane_z = z
     state.plane_slope = slope
     state.line_u = _line_ahead(state.from_u, state.du)
     state.line_v = _line_ahead(state.from_v, state.dv)
-    behind = _BEHIND * block.a
     first = site.profile[0]
-    first.x = state.x - behind
-    first.z = z - slope * behind
-    first.ground = ground
-    first.last = 0
-    site.stretches[0].last = 0
-    site.stretches[0].start = first.x
-    site.stretches[0].u, site.stretches[0].v = place(state, first.x)
+    if behind == 0:
+        first.x = state.x - _BEHIND * block.a
+        first.z = z + slope * (first.x - state.x)
+        first.ground = ground
+        first.last = 0
+    start = site.stretches[0]
+    start.last = 0
+    start.start = first.x
+    start.u, start.v = place(state, first.x)
+    if behind > 0:
+        u, v = place(state, state.x)
+        cell = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
+        for i in range(behind):
+            _add_stretch(state, site, path, cell, i, site.profile[i + 1].x)
     site.crossings[0].last = 0
     look_ahead(state, block, site, path, known_to(state, block), gravity)
+
+
+@lean
+def keep_behind(state: Record, block: Block, site: Site, at: int, back: bool, rise: float) -> int:
+    """Keep the ground behind a block for the next profile where it is a wall.
+
+    A block between two walls would fall out of its pit if the plane of one went on through the
+    other. Where the ground behind rises little above the plane, or falls away from it, the plane
+    goes on instead: the foot of a block on a slope is behind its centre, and it moves on along the
+    plane without meeting each small vertex again.
+
+    Parameters
+    ----------
+    at : int
+        Segment under the block, whose plane goes on.
+    back : bool
+        Whether the block turns about: behind it lies what was ahead.
+    rise : float
+        By how much the slope of the plane grows (m per m); what is behind turns with it.
+
+    Returns
+    -------
+    int
+        How many vertices are kept, the last of them where the plane begins.
+    """
+    profile = site.profile
+    n = last_of(profile)
+    kept = 0
+    if back:
+        if at + 1 >= n or is_convex(profile, at + 1):
+            return 0
+        while at + 1 + kept < n and profile[at + 1 + kept].x < state.x + _KEPT_BEHIND * block.a:
+            kept += 1
+        first = at + 1
+        outer = profile[at + kept]
+    else:
+        if at == 0 or is_convex(profile, at):
+            return 0
+        while at - kept > 0 and profile[at - kept].x > state.x - _KEPT_BEHIND * block.a:
+            kept += 1
+        first = at - kept + 1
+        outer = profile[first - 1]
+    here = profile[at]
+    slope = here.tz / here.tx
+    outer_slope = outer.tz / outer.tx
+    far = _KEPT_BEHIND * block.a
+    end_x = state.x + far if back else state.x - far
+    wall = outer.z - here.z + outer_slope * (end_x - outer.x) - slope * (end_x - here.x)
+    for j in range(first, first + kept):
+        wall = max(wall, profile[j].z - here.z - slope * (profile[j].x - here.x))
+    if kept == 0 or wall < _LEAST_WALL * block.b:
+        return 0
+    outer_ground = outer.ground
+    if back:
+        outer_slope = -outer_slope
+        _mirror_vertices(profile, first, kept, state.x)
+    start = profile[0]
+    start_x = state.x - _BEHIND * block.a
+    start_z = profile[first].z + outer_slope * (start_x - profile[first].x)
+    # The rows before ``first`` are free, and row i is read before it is written.
+    for i in range(1, kept + 1):
+        x = profile[first + i - 1].x
+        z = profile[first + i - 1].z + rise * (x - state.x)
+        ground = profile[first + i - 1].ground
+        if i == 1:
+            start.x = start_x
+            start.z = start_z + rise * (start_x - state.x)
+            start.ground = outer_ground
+            start.last = 0
+        _add_vertex(site, x, z)
+        profile[i].ground = ground
+    return kept
+
+
+@lean
+def sample_behind(
+    state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int
+) -> int:
+    """Sample the ground behind a block that has turned far; how many vertices that makes.
+
+    Where it lies below the plane through height z (m) the plane goes on instead, as in keep_behind.
+    """
+    step = 0.5 * path.cell_size
+    count = min(int(_KEPT_BEHIND * block.a / step) + 2, _MOST_BEHIND)
+    profile = site.profile
+    wall = 0.0
+    for i in range(count):
+        # From the farthest on; the plane begins half a step behind the block.
+        x = state.x - (count - i - 0.5) * step
+        on_plane = z + slope * (x - state.x)
+        u, v = place(state, x)
+        known = on_plane if i == count - 1 else _height(path, u, v)
+        known = on_plane if math.isnan(known) else max(known, on_plane)
+        wall = max(wall, known - on_plane)
+        if i == 0:
+            profile[0].x = x - _BEHIND * block.a
+            profile[0].z = known
+            profile[0].ground = ground
+            profile[0].last = 0
+        _add_vertex(site, x, known)
+        profile[i + 1].ground = ground
+    return count if wall >= _LEAST_WALL * block.b else 0
+
+
+@inlined
+def _mirror_vertices(profile: Records, first: int, count: int, x: float) -> None:
+    """Turn some vertices about a chainage (m), and the segments between them and before them."""
+    for j in range(first + count - 1, first - 1, -1):
+        profile[j].ground = profile[j - 1].ground
+    for i in range(count):
+        profile[first + i].x = 2.0 * x - profile[first + i].x
+    for i in range(count // 2):
+        here = profile[first + i]
+        there = profile[first + count - 1 - i]
+        here.x, there.x = there.x, here.x
+        here.z, there.z = there.z, here.z
+        here.ground, there.ground = there.ground, here.ground
 
 
 @inlined
@@ -276,7 +408,8 @@ def look_ahead(
         after_z = height_at(path.heights, u, v, cell // n_cols, cell % n_cols)
         ground = path.ground[cell // n_cols, cell % n_cols]
         if state.on_plane:
-            least = state.x + _LEAST_PLANE * block.b
+            foot = block.roll_radius * state.plane_slope / math.sqrt(1.0 + state.plane_slope**2)
+            least = state.x + max(_LEAST_PLANE * block.b, foot)
             _along_plane(state, site, path, cell, after, after_z, ground, limit, least)
         if not state.on_plane and after - state.sampled > SHORTEST_STRETCH:
             _along_cone(state, site, path, cell, after, after_z, ground, limit)
@@ -298,7 +431,7 @@ def _go_on_from(state: Record, site: Site, path: Path) -> None:
     if state.on_plane:
         # The plane stays one segment.
         state.ahead_z = state.plane_z + state.plane_slope * (state.sampled - state.from_x)
-        profile[0].last = 0
+        profile[0].last = state.plane_at
     u, v = place(state, state.sampled)
     known = _height(path, u, v)
     state.before_z = state.ahead_z if math.isnan(known) else known
@@ -340,15 +473,15 @@ def _along_plane(
     limit : float
         Largest gap (m).
     least : float
-        Chainage up to which the plane goes on whatever the gap (m).
+        Chainage up to which the plane goes on whatever the gap and the class (m).
     """
     profile = site.profile
     on_plane = state.plane_z + state.plane_slope * (after - state.from_x)
     gap = abs(after_z - on_plane)
-    same = ground == profile[0].ground
+    same = ground == profile[state.plane_at].ground
     x = state.sampled
-    if same and (gap <= limit or after <= least):
-        _add_stretch(state, site, path, cell, 0, after)
+    if after <= least or (same and gap <= limit):
+        _add_stretch(state, site, path, cell, state.plane_at, after)
         state.sampled = after
         state.ahead_z = on_plane
         state.before_z = after_z
@@ -359,9 +492,9 @@ def _along_plane(
     if same and gap > state.gap:
         share = min(max((limit - state.gap) / (gap - state.gap), 0.0), 1.0)
         x_end = x + share * (after - x)
-    x_end = max(x_end, state.x + SHORTEST_STRETCH, least if same else 0.0)
+    x_end = max(x_end, least)
     if x_end > x:
-        _add_stretch(state, site, path, cell, 0, x_end)
+        _add_stretch(state, site, path, cell, state.plane_at, x_end)
         state.ahead_z += state.plane_slope * (x_end - x)
         state.before_z += (after_z - state.before_z) * (x_end - x) / (after - x)
         state.sampled = x_end
@@ -409,13 +542,13 @@ def _along_cone(
 def _end_profile(state: Record, site: Site, path: Path) -> None:
     """End the last segment at the last sample."""
     profile = site.profile
-    if last_of(profile) == 0 and state.sampled <= state.x:
+    if last_of(profile) == state.plane_at and state.sampled <= state.x:
         # The block stands at the edge of what is known.
         state.sampled = state.x + SHORTEST_STRETCH
         state.ahead_z = state.plane_z + state.plane_slope * SHORTEST_STRETCH
         u, v = place(state, state.x)
         edge = cell_index(u, v, path.heights.shape[0], path.heights.shape[1])
-        _add_stretch(state, site, path, edge, 0, state.sampled)
+        _add_stretch(state, site, path, edge, state.plane_at, state.sampled)
     if state.sampled > profile[last_of(profile)].x:
         _add_vertex(site, state.sampled, state.ahead_z)
 
@@ -431,6 +564,7 @@ def _forget_behind(state: Record, block: Block, site: Site) -> None:
     for i in range(first, n + 1):
         profile[i - first] = profile[i]
     profile[0].last = n - first
+    state.plane_at = max(state.plane_at - first, 0)
     state.segment = max(state.segment - first, 0)
     if state.skip_to >= 0:
         state.skip_to = max(state.skip_to - first, -1)

@@ -101,6 +101,7 @@ STATE_FIELDS: tuple[tuple[str, Any], ...] = (
     ("line_u", _F),  # next lines of half cells ahead of it
     ("line_v", _F),
     ("on_plane", np.bool_),  # whether the plane goes on on which the profile began
+    ("plane_at", _I),  # segment of the profile that it is
     ("plane_z", _F),  # its height where the heading holds from (m)
     ("plane_slope", _F),
     ("ahead_z", _F),  # height of the profile where it is sampled to (m)

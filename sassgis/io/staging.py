@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 import sqlite3
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
@@ -213,6 +214,40 @@ def staged_output(target: Path, overwrite: bool) -> Iterator[Path]:
             # The result is whole: better left where it is than computed again.
             line = str(output_error(error, shown)) if isinstance(error, OSError) else str(error)
             raise OutputError(f"{line}; the finished result is in {work}") from error
+
+
+@contextmanager
+def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
+    """Give the place of a file that becomes ``target`` if the block ends well, and nothing if not.
+
+    Parameters
+    ----------
+    target : Path
+        Missing parents are made.
+    overwrite : bool
+        Whether a file that is there already may be replaced.
+
+    Yields
+    ------
+    Path
+        Of the same name, in a folder beside the target that is deleted after.
+
+    Raises
+    ------
+    OutputError
+        If the target exists and must not be replaced, or the disk is full or not writable.
+    """
+    if target.exists() and not overwrite:
+        raise OutputError(f"{target}: exists already; choose another name, or --overwrite")
+    with writing(target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{target.stem}-", dir=target.parent))
+    try:
+        yield work / target.name
+        with writing(target):
+            os.replace(work / target.name, target)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
 
 
 def _check_target(target: Path, shown: Path, overwrite: bool) -> None:

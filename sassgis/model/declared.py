@@ -42,13 +42,6 @@ class PlainName:
 
 
 @dataclass(frozen=True, slots=True)
-class Pattern:
-    """Marks a text that follows a regular expression."""
-
-    regex: str
-
-
-@dataclass(frozen=True, slots=True)
 class PresetName:
     """Marks the name of a built-in preset, or a TOML file."""
 
@@ -210,8 +203,6 @@ def _against(note: Any, value: Any) -> Fault | None:
         return Fault("cannot be used", value, f"a {what}")
     if isinstance(note, MaxLen) and len(value) > note.max_length:
         return Fault("cannot be used", value, f"at most {note.max_length} characters")
-    if isinstance(note, Pattern) and not re.match(note.regex, value):
-        return Fault("cannot be used", value, f"String should match pattern '{note.regex}'")
     if isinstance(note, PlainName) and (not value or re.search(r"[,;\r\n\t]", value)):
         expected = "a text without comma, semicolon or line break"
         return Fault("cannot be used as a name", value, expected)
@@ -225,6 +216,14 @@ def _within(limits: Interval, number: Any) -> bool:
         or (limits.le is not None and number > limits.le)
         or (limits.lt is not None and number >= limits.lt)
     )
+
+
+def interval(kind: Any) -> Interval | None:
+    """The limits of a number, as its annotation declares them; None if it has none."""
+    if isinstance(kind, Interval):
+        return kind
+    parts = (part for part in get_args(kind) if not isinstance(part, str))
+    return next((found for found in map(interval, parts) if found is not None), None)
 
 
 def limits_text(limits: Interval) -> str:

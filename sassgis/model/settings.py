@@ -15,17 +15,23 @@ from sassgis.model.declared import (
     Codes,
     Example,
     Name,
-    Pattern,
     PresetName,
     Renamed,
     Section,
     Span,
     Text,
+    declared,
 )
 from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.results import ControlLine
+
+#: The cantons, and Liechtenstein, as the federal model 166.1 names them.
+Canton = Literal[
+    "AG", "AI", "AR", "BE", "BL", "BS", "FL", "FR", "GE", "GL", "GR", "JU", "LU", "NE", "NW", "OW",
+    "SG", "SH", "SO", "SZ", "TG", "TI", "UR", "VD", "VS", "ZG", "ZH",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,20 +332,28 @@ class StationSettings(Section):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BarrierSettings(StationSettings):
-    """A wall or a net; placed as a station is."""
+    """A wall or a net; placed as a station is.
 
-    kind: Annotated[Literal["wall", "net"], "wall or net", Example("net")]
+    Kind, height and capacity are one for all features, or attributes of each (``<key>_field``).
+    """
+
+    kind: Annotated[Literal["wall", "net"] | None, "wall or net", Example("net")] = None
+    kind_field: Annotated[Text | None, "attribute with kind", Example("kind")] = None
     height_m: Annotated[
-        float,
+        float | None,
         Interval(gt=0, le=100),
         "height of the top above the ground, vertical (m)",
         Example(4.0),
-    ]
+    ] = None
+    height_m_field: Annotated[Text | None, "attribute with height_m", Example("height_m")] = None
     capacity_kj: Annotated[
         float | None,
         Interval(gt=0),
         "energy that it takes (kJ); without it every block that meets it is stopped",
         Example(2000.0),
+    ] = None
+    capacity_kj_field: Annotated[
+        Text | None, "attribute with capacity_kj", Example("capacity_kj")
     ] = None
     restarts_from_rest: Annotated[
         bool,
@@ -347,8 +361,33 @@ class BarrierSettings(StationSettings):
         Renamed("lets_go"),
     ] = False
 
+    def _fits_together(self) -> None:
+        StationSettings._fits_together(self)
+        for key in ("kind", "height_m", "capacity_kj"):
+            attribute = getattr(self, f"{key}_field")
+            if attribute is not None and self.file is None:
+                raise ConfigError(
+                    "has no file to go with", field=f"{key}_field", expected="file as well"
+                )
+            if key != "capacity_kj" and attribute is None and getattr(self, key) is None:
+                raise ConfigError(
+                    "missing key",
+                    field=key,
+                    expected=declared(BarrierSettings)[key].description,
+                )
+
+    @property
+    def fields(self) -> dict[str, str]:
+        """Attributes of single features, by key."""
+        stated = {key: getattr(self, f"{key}_field") for key in ("kind", "height_m", "capacity_kj")}
+        return {key: field for key, field in stated.items() if field is not None}
+
     def control_line(self, name: str) -> ControlLine:
-        """Return this barrier under the name of one of its features."""
+        """Return this barrier under the name of one of its features.
+
+        Kind and height must be stated: those of single features are put in by ``replace`` first.
+        """
+        assert self.kind is not None and self.height_m is not None
         capacity = math.inf if self.capacity_kj is None else self.capacity_kj
         return ControlLine(name, self.kind, self.height_m, capacity, self.restarts_from_rest)
 
@@ -650,8 +689,7 @@ class HazardSettings(Section):
         "for the energy and height that a barrier at each station must take",
     ] = (30.0, 100.0, 300.0)
     canton: Annotated[
-        str | None,
-        Pattern(r"^[A-Z]{2}$"),
+        Canton | None,
         "code of the canton that is responsible for the data, as TI (federal model)",
         Example("TI"),
     ] = None

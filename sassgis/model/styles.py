@@ -36,11 +36,24 @@ class FieldInfo:
     unit : str
         Empty for none.
     description : str
+    choices : tuple of str
+        The texts that may stand in it; empty for any.
+    low, high : float or None
+        Limits of a number, both included.
+    needed : bool
+        Whether a feature must have a value.
+    unique : bool
+        Whether no two features may have the same.
     """
 
     alias: str
     unit: str = ""
     description: str = ""
+    choices: tuple[str, ...] = ()
+    low: float | None = None
+    high: float | None = None
+    needed: bool = False
+    unique: bool = False
 
     @property
     def label(self) -> str:

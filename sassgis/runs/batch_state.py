@@ -114,7 +114,7 @@ def read_state(path: Path) -> dict[str, NDArray[Any]]:
         If the file is damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return {k: stored[k] for k in stored.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile):
         raise InputError(

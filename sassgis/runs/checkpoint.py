@@ -53,7 +53,8 @@ class Checkpoint:
         if not file.is_file():
             return None
         try:
-            with np.load(file, allow_pickle=False) as stored:
+            # Of a damaged file numpy leaves open what it has opened itself.
+            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
                 state = {k: stored[k] for k in stored.files}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile):
             return None

@@ -29,7 +29,7 @@ class DrawStore:
         self._made: dict[int, tuple[FloatArray, FloatArray]] = {}
         self._saved = time.monotonic()
         try:
-            with np.load(file, allow_pickle=False) as known:
+            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as known:
                 if str(known["fingerprint"]) == fingerprint:
                     rows = zip(known["numbers"], known["shares"], known["scores"], strict=True)
                     self._made = {int(n): (u, s) for n, u, s in rows}

@@ -20,9 +20,11 @@ from sassgis.io.read.frequencies import read_frequencies
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.objects import joined_objects, read_objects, read_vulnerability
 from sassgis.io.read.presets import read_preset
+from sassgis.io.read.readiness import readiness
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines, read_release, release_names
 from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.hazard import HazardPreset
@@ -205,14 +207,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
     preset = named_preset(config)
     frequencies = yearly_frequencies(config, run.areas)
     with collected_notices() as notices:
-        parts = [
-            read_objects(
-                o.file, run.grid, kind=o.kind, name=o.name, layer=o.layer, name_field=o.name_field,
-                fields=o.fields, defaults=o.defaults, segment_m=o.segment_m, radius_m=o.radius_m,
-            )
-            for o in config.objects
-        ]  # fmt: skip
-        placed = joined_objects(parts, config.file)
+        placed = placed_objects(config, run.grid)
         vulnerability = None
         if len(placed):
             if config.risk.vulnerability is None:
@@ -238,6 +233,23 @@ def read_rules(config: Config, run: MapRun) -> Rules:
     return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
 
 
+def placed_objects(config: Config, grid: Grid) -> PlacedObjects:
+    """The exposed objects of all layers.
+
+    Raises
+    ------
+    ConfigError, InputError
+    """
+    parts = [
+        read_objects(
+            o.file, grid, kind=o.kind, name=o.name, layer=o.layer, name_field=o.name_field,
+            fields=o.fields, defaults=o.defaults, segment_m=o.segment_m, radius_m=o.radius_m,
+        )
+        for o in config.objects
+    ]  # fmt: skip
+    return joined_objects(parts, config.file)
+
+
 def named_preset(config: Config) -> HazardPreset:
     """The preset that the configuration names.
 
@@ -261,11 +273,12 @@ def named_preset(config: Config) -> HazardPreset:
 
 
 def check_rules(config: Config, grid: Grid | None = None) -> list[str]:
-    """Read what zoning needs, and say what it holds.
+    """Read what there is for a zoning, and say what it holds.
 
     Parameters
     ----------
     config : Config
+        Where it is not complete for a zoning, preset and objects are read if it names any.
     grid : Grid, optional
         The DEM, if it has been read already.
 
@@ -274,6 +287,15 @@ def check_rules(config: Config, grid: Grid | None = None) -> list[str]:
     ConfigError, InputError
         As for a zoning.
     """
+    ready = {own.task: not own.missing for own in readiness(config)}
+    if not ready["zone"]:
+        preset = named_preset(config)
+        lines = [f"zoning: preset {preset.name} ({preset.title})"]
+        if config.objects and grid is not None:
+            with collected_notices() as notices:
+                lines.append(f"  exposed objects: {len(placed_objects(config, grid))}")
+            lines += [f"  note: {text}" for text in notices]
+        return lines
     run = read_map_run(config, grid=grid)
     rules = read_rules(config, run)
     annual = sum(rules.frequencies.values())

@@ -217,7 +217,7 @@ class _Lab:
 
 def _restored(file: Path) -> VariantFinding | None:
     try:
-        with np.load(file, allow_pickle=False) as stored:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return VariantFinding.from_arrays({k: stored[k] for k in stored.files})
     except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
         return None

@@ -476,10 +476,8 @@ def test_release_at_the_edge_in_a_hole_and_on_level_ground() -> None:
     with pytest.raises(InputError, match="no height is known"):
         paths(with_hole, x=hx[0] - x0, y=hy[0] - y0, n=5)
     above = paths(with_hole, x=hx[0] - x0 - 24.0, y=hy[0] - y0, n=100)
-    into = grid.cell_of(above.x, above.y)
-    left = above.rocks["reason"] == StopReason.LEFT_PROFILE
-    assert left.mean() > 0.3
-    assert np.isfinite(with_hole.values.ravel()[into[~left]]).all()
+    assert (above.rocks["reason"] == StopReason.LEFT_PROFILE).mean() > 0.3
+    assert np.isfinite(with_hole.values.ravel()[grid.cell_of(above.x, above.y)]).all()
     level = grid_of(lambda x, y: 100.0 + 0.0 * x * y, 60, 60)
     fast = dataclasses.replace(MIXED, speed_mps=(6.0, 8.0))
     out = paths(level, n=800, blocks=fast)
@@ -487,6 +485,35 @@ def test_release_at_the_edge_in_a_hole_and_on_level_ground() -> None:
     assert np.hypot(x.mean(), y.mean()) < 4.0 * np.hypot(x, y).std() / math.sqrt(400.0) + 0.1
     share = np.histogram(np.arctan2(y, x), bins=8, range=(-math.pi, math.pi))[0] / 800
     assert share == pytest.approx(np.full(8, 0.125), abs=0.05)
+
+
+@pytest.mark.parametrize("angle", [36.0, 55.0])
+def test_blocks_that_leave_the_terrain_end_at_its_edge_on_known_ground(angle: float) -> None:
+    """Around holes of any shape, on steep ground, where the centre is ahead of the foot."""
+    drop, turn = math.tan(math.radians(angle)), math.radians(25.0)
+    grid = grid_of(
+        lambda x, y: 1000.0
+        - drop * (x * math.cos(turn) + y * math.sin(turn))
+        + 3.0 * np.sin(x / 7.0) * np.cos(y / 5.0),
+        120, 120,
+    )  # fmt: skip
+    values = grid.values.copy()
+    values[40:60, 60:70] = np.nan
+    values[np.random.default_rng(3).random(values.shape) < 0.003] = np.nan
+    values[60, 20] = grid.values[60, 20]
+    holed = dataclasses.replace(grid, values=values)
+    out = paths(holed, x=-79.0, y=-1.0, n=1000)
+    reason = out.rocks["reason"]
+    left = reason == StopReason.LEFT_PROFILE
+    assert (left.sum() > 30) and (reason != StopReason.STEP_LIMIT).all()
+    cells = grid.cell_of(out.x, out.y)
+    assert (cells >= 0).all() and np.isfinite(values.ravel()[cells]).all()
+    # A step of 2 cm to one side comes to where nothing is known.
+    beyond = np.zeros(reason.size, bool)
+    for step_x, step_y in ((0.02, 0.0), (-0.02, 0.0), (0.0, 0.02), (0.0, -0.02)):
+        at = grid.cell_of(out.x + step_x, out.y + step_y)
+        beyond |= (at < 0) | np.isnan(values.ravel()[np.maximum(at, 0)])
+    assert beyond[left].all()
 
 
 def test_cells_of_any_size_give_about_the_same() -> None:
@@ -531,5 +558,6 @@ def test_rough_ground_with_steps_and_pits(cell: float) -> None:
             + (z[i + 1, j] * (1 - fu) + z[i + 1, j + 1] * fu) * fv
         )  # fmt: skip
         sunk += bool((log["z_m"][inside] <= below - 0.25 - rock["a_m"]).any())
-    # In a pit narrower than itself a block may roll back over ground that was not sampled.
-    assert sunk <= 20
+    # Of 5,000 blocks on cells of 0.5 m, with pits narrower than they and walls of 80°, two settled
+    # on a wall a cell aside. Without the ground behind them it were 6 of 1,000 and more.
+    assert sunk <= 2

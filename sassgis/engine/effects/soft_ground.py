@@ -30,6 +30,7 @@ class SoftGround(EffectSection):
     ] = "velocity_scaled"
     classes: Annotated[tuple[str, ...], "ground classes that are soft; empty: all"] = (
         "soft_meadow",
+        "overgrown_slope",
         "forest_soil",
     )
     reference_speed_mps: Annotated[

@@ -247,17 +247,52 @@ def vector_style_elements(
     elements.append(text_element("blendMode", "0"))
     elements.append(text_element("featureBlendMode", "0"))
     elements.append(text_element("layerOpacity", "1"))
-    configuration = ET.Element("fieldConfiguration")
-    aliases = ET.Element("aliases")
-    for index, column in enumerate(columns):
-        entry = ET.SubElement(configuration, "field", name=column)
-        widget = ET.SubElement(
-            entry, "editWidget", type="Hidden" if column == "fid" else "TextEdit"
-        )
-        ET.SubElement(ET.SubElement(widget, "config"), "Option", type="Map")
-        label = fields[column].label if column in fields else ""
-        ET.SubElement(aliases, "alias", field=column, index=str(index), name=label)
-    elements += [configuration, aliases]
+    elements += _form(columns, fields)
     if style.label_column:
         elements.append(text_element("previewExpression", f'"{style.label_column}"'))
     return elements
+
+
+def _form(columns: Sequence[str], fields: Mapping[str, FieldInfo]) -> list[ET.Element]:
+    """How attributes are entered: a list of choices, a number within limits, or text."""
+    configuration = ET.Element("fieldConfiguration")
+    aliases = ET.Element("aliases")
+    constraints = ET.Element("constraints")
+    for index, column in enumerate(columns):
+        info = fields.get(column)
+        entry = ET.SubElement(configuration, "field", name=column)
+        kind = "Hidden" if column == "fid" else _widget(info)
+        config = ET.SubElement(ET.SubElement(entry, "editWidget", type=kind), "config")
+        entries = ET.SubElement(config, "Option", type="Map")
+        if info is not None and kind == "ValueMap":
+            listed = ET.SubElement(entries, "Option", name="map", type="List")
+            for choice in info.choices:
+                one = ET.SubElement(listed, "Option", type="Map")
+                ET.SubElement(one, "Option", name=choice, type="QString", value=choice)
+        elif info is not None and kind == "Range":
+            for name, value in (("Min", info.low), ("Max", info.high)):
+                ET.SubElement(entries, "Option", name=name, type="double", value=f"{value:g}")
+            ET.SubElement(entries, "Option", name="AllowNull", type="bool", value="true")
+            ET.SubElement(entries, "Option", name="Style", type="QString", value="SpinBox")
+        label = "" if info is None else info.label
+        ET.SubElement(aliases, "alias", field=column, index=str(index), name=label)
+        if info is not None and (info.needed or info.unique):
+            ET.SubElement(
+                constraints,
+                "constraint",
+                field=column,
+                # QGIS counts 1 for "not empty" and 2 for "unique"; strength 1 refuses to save.
+                constraints=str((1 if info.needed else 0) + (2 if info.unique else 0)),
+                notnull_strength="1" if info.needed else "0",
+                unique_strength="1" if info.unique else "0",
+                exp_strength="0",
+            )
+    return [configuration, aliases, *([constraints] if len(constraints) else [])]
+
+
+def _widget(info: FieldInfo | None) -> str:
+    if info is not None and info.choices:
+        return "ValueMap"
+    # QGIS would fill an end that is not stated with the limits of the number's type.
+    limited = info is not None and info.low is not None and info.high is not None
+    return "Range" if limited else "TextEdit"

@@ -28,7 +28,7 @@ from sassgis.model.grid import FloatArray, Grid
 log = logging.getLogger(__name__)
 
 #: Metres in the height units that rasters state; US survey foot as defined in 1893.
-_METRES = {
+METRES = {
     **dict.fromkeys(("", "m", "metre", "metres", "meter", "meters"), 1.0),
     **dict.fromkeys(("ft", "foot", "feet", "international foot", "international feet"), 0.3048),
     **dict.fromkeys(
@@ -36,9 +36,9 @@ _METRES = {
     ),
 }
 #: Heights that occur on land, with room: the Dead Sea shore lies at -430 m, Everest at 8849 m.
-_LOWEST_M, _HIGHEST_M = -500.0, 9000.0
+LOWEST_M, HIGHEST_M = -500.0, 9000.0
 #: Where all other heights lie above this, heights of exactly 0 are suspect.
-_ZERO_GAP_M = 50.0
+ZERO_GAP_M = 50.0
 #: Shift (in cells) over the whole raster below which cells count as square.
 _SQUARE_TOLERANCE = 0.01
 
@@ -163,7 +163,7 @@ def read_dem(
 
 
 def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | None) -> DemFile:
-    band = _height_band(dataset, file)
+    band = height_band(dataset, file)
     if min(dataset.shape) < 3:
         raise InputError(
             "is too small for slopes",
@@ -210,7 +210,7 @@ def _reason(error: Exception, file: Path) -> str:
     return (text.splitlines() or [type(error).__name__])[0][:160]
 
 
-def _height_band(dataset: Any, file: Path) -> int:
+def height_band(dataset: Any, file: Path) -> int:
     """Number of the one band with heights; a transparency band beside it does no harm."""
     bands = [i for i, kind in enumerate(dataset.colorinterp, start=1) if kind != ColorInterp.alpha]
     if dataset.count == 0:
@@ -271,7 +271,7 @@ def _outer_bounds(transform: Affine, shape: tuple[int, int]) -> tuple[float, flo
 def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> float:
     """Metres per unit of the band: what the band states counts before the height system."""
     stated = (dataset.units[band - 1] or "").strip().lower()
-    if stated not in _METRES:
+    if stated not in METRES:
         raise InputError(
             "heights are in an unknown unit",
             file=file,
@@ -279,7 +279,7 @@ def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> f
             found=repr(dataset.units[band - 1]),
             expected="metres or feet",
         )
-    unit = _METRES[stated] if stated else vertical_unit
+    unit = METRES[stated] if stated else vertical_unit
     if unit != 1.0:
         log.info("%s: heights are converted to metres (1 unit = %.6f m)", file, unit)
     return unit
@@ -311,7 +311,7 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
     values *= scale * unit
     values += offset * unit
     known = np.isfinite(values)
-    absurd = known & ((values < _LOWEST_M) | (values > _HIGHEST_M))
+    absurd = known & ((values < LOWEST_M) | (values > HIGHEST_M))
     if absurd.any():
         row, col = np.unravel_index(int(np.argmax(absurd)), values.shape)
         stored = float(raw.data[row, col])
@@ -321,7 +321,7 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
             field=f"band {band}",
             found=f"{int(absurd.sum())} cells, the first {stored:g} at "
             f"row {row + first[0] + 1}, column {col + first[1] + 1}",
-            expected=f"heights from {_LOWEST_M:g} to {_HIGHEST_M:g} m; "
+            expected=f"heights from {LOWEST_M:g} to {HIGHEST_M:g} m; "
             f"declare nodata with gdal_edit.py -a_nodata {stored:g}",
         )
     _warn_of_zeros(values, file, band)
@@ -334,7 +334,7 @@ def _warn_of_zeros(values: FloatArray, file: Path, band: int) -> None:
     if not zero.any():
         return
     others = values[np.isfinite(values) & ~zero]
-    if others.size and others.min() > _ZERO_GAP_M:
+    if others.size and others.min() > ZERO_GAP_M:
         log.warning(
             "%s: band %d: %d cells hold exactly 0 while all others lie above %.0f m; "
             "probably nodata that is not declared",

@@ -209,6 +209,19 @@ def open_terrain(
         )
     if len(files) == 1:
         return open_terrain(files[0], crs, vertical_datum)
+    return open_tiles(files, given, crs, vertical_datum)
+
+
+def open_tiles(
+    files: Sequence[Path],
+    given: Path,
+    crs: str | None = None,
+    vertical_datum: str | None = None,
+) -> Terrain:
+    """Open tiles as one terrain model; ``given`` names them in the log.
+
+    Parameters and errors are those of open_terrain.
+    """
     return _laid_out([describe_dem(f, crs, vertical_datum) for f in files], given)
 
 

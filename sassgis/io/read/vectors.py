@@ -6,12 +6,14 @@ import logging
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
 
+from sassgis.io.read.csv_table import number
 from sassgis.io.read.vector_features import (
     Feature,
     cells_under,
@@ -23,6 +25,7 @@ from sassgis.io.read.vector_features import (
     steepest_slope_deg,
     without_shapes,
 )
+from sassgis.model.declared import declared, fault
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.release_areas import ReleaseArea
@@ -378,7 +381,10 @@ def _control_lines_of(
         grid,
         key,
         layer=item.layer,
-        fields={"name_field": item.name_field},
+        fields={
+            "name_field": item.name_field,
+            **{f"{k}_field": v for k, v in _barrier_fields(item).items()},
+        },
         label=item.name_field,
         kinds=("line",),
     )
@@ -401,8 +407,42 @@ def _control_lines_of(
                 expected="one line without gaps; make each part a feature of its own",
             )
         check_on_map(feature, grid, item.file, key, label)
-        control_lines.append((_control_line(item, name), _vertices(line)))
+        own = _with_attributes(item, feature, label, item.file)
+        control_lines.append((_control_line(own, name), _vertices(line)))
     return control_lines
+
+
+def _barrier_fields(item: StationSettings) -> dict[str, str]:
+    return item.fields if isinstance(item, BarrierSettings) else {}
+
+
+def _with_attributes(
+    item: StationSettings, feature: Feature, label: str, file: Path
+) -> StationSettings:
+    """A barrier with what the attributes of one feature say; empty ones leave it as it is."""
+    if not isinstance(item, BarrierSettings):
+        return item
+    stated: dict[str, Any] = {}
+    for key, column in item.fields.items():
+        text = feature.text(column)
+        if text is None:
+            if key != "capacity_kj" and getattr(item, key) is None:
+                raise InputError(
+                    f"{label} has no value", file=file, field=column, expected=f"its {key}"
+                )
+            continue
+        value = text if key == "kind" else number(feature.attributes[column], label, column, file)
+        wrong = fault(declared(BarrierSettings)[key].kind, value)
+        if wrong is not None:
+            raise InputError(
+                f"{label}: {wrong.problem}",
+                file=file,
+                field=column,
+                found=repr(value),
+                expected=wrong.expected,
+            )
+        stated[key] = value
+    return replace(item, **stated)
 
 
 def _control_line(item: StationSettings, name: str) -> ControlLine:

@@ -1,10 +1,11 @@
-"""The commented configuration that ``sassgis init`` writes, made from the declared settings."""
+"""The configurations that ``sassgis init`` writes, made from the declared settings."""
 
 from __future__ import annotations
 
 import json
+import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from sassgis.engine.effects.registry import EFFECTS
@@ -19,25 +20,106 @@ _HEAD = """\
 # A line that starts with "# key =" shows an optional key: with its default, or with an example if
 # it has none. Unknown keys are errors, so that a misspelt one cannot go unnoticed.
 """
+_SHORT_HEAD = """\
+# Configuration of a sassgis run: the lines that every site must decide. All keys with their meaning
+# and default: `sassgis init --all`, or docs/configuration.md. Paths are relative to this file.
+# The block is an example. Lines that start with "# key =" are needed for zones and have no default.
+"""
+#: What every site must decide, and the value that stands there if no file says it. None: that of
+#: the template. What has no sensible value for all sites stands as a comment.
+_SHORT: Mapping[str, Mapping[str, object]] = {
+    "terrain": {"dem": None},
+    "release": {"file": None, "spacing_m": None, "rocks_per_point": None},
+    "ground": {"default": None},
+    "blocks": {"name": None, "volume_m3": (0.5, 2.0), "onset_frequency": None},
+    "hazard": {"preset": None, "ref_width_m": None},
+}
+#: Column of the meanings, where a line is not longer.
+_WIDTH = 32
+_HIDDEN = ("onset_frequency", "ref_width_m")
 #: Sections that are left out of a run unless they are asked for.
 _OPTIONAL = ("stations", "barriers", "profile", "objects")
 #: Sections whose defaults are seldom changed, and stand as comments.
 _QUIET = ("engine", "blocks")
 
 
-def config_template() -> str:
-    """A commented configuration with every key; it loads once its paths are filled in."""
+#: Keys with their values, by section; a section with double brackets may come several times.
+Given = Iterable[tuple[str, Mapping[str, object]]]
+
+
+def short_template(given: Given = ()) -> str:
+    """The few lines that every site must decide.
+
+    Parameters
+    ----------
+    given : iterable of (section, keys)
+        What is known already: these keys come with these values, and sections that are not among
+        the few are added.
+    """
+    keys = declared_sections()
+    sections: list[tuple[str, dict[str, str]]] = []
+    by_name = {name: dict(values) for name, values in given if name in _SHORT}
+    for name, short in _SHORT.items():
+        own = by_name.get(name, {})
+        shown = {
+            **{k: _value(keys[name][k]) if v is None else v for k, v in short.items()},
+            **own,
+        }
+        hidden = {k for k in _HIDDEN if k not in own}
+        sections.append(
+            (name, {f"{'# ' if k in hidden else ''}{k}": toml_value(v) for k, v in shown.items()})
+        )
+    for name, values in given:
+        if name not in _SHORT:
+            sections.append((name, {k: toml_value(v) for k, v in values.items()}))
+    parts = [_SHORT_HEAD]
+    lengths = [len(f"{key} = {text}") for _, lines in sections for key, text in lines.items()]
+    width = min(max(lengths), _WIDTH)
+    for name, lines in sections:
+        parts.append("\n".join([_bracketed(name), *_short_lines(name, lines, width)]) + "\n")
+    return "\n".join(parts)
+
+
+def _short_lines(section: str, lines: Mapping[str, str], width: int) -> Iterable[str]:
+    keys = declared_sections()[section]
+    for key, text in lines.items():
+        meaning = re.split(r"[;:] ", keys[key.removeprefix("# ")].description)[0]
+        yield f"{f'{key} = {text}':<{width}}  # {meaning}"
+
+
+def _bracketed(section: str) -> str:
+    return f"[[{section}]]" if section in LISTS else f"[{section}]"
+
+
+def config_template(given: Given = ()) -> str:
+    """A commented configuration with every key; it loads once its paths are filled in.
+
+    Parameters
+    ----------
+    given : iterable of (section, keys)
+        What is known already; it stands in place of defaults and examples.
+    """
+    known = {name: dict(values) for name, values in given}
     parts = [_HEAD]
     for name, keys in declared_sections().items():
-        optional = name in _OPTIONAL or "." in name
-        hidden = "# " if optional else ""
-        head = f"{hidden}[[{name}]]" if name in LISTS else f"{hidden}[{name}]"
+        own_values = known.get(name, {})
+        optional = name not in known and (name in _OPTIONAL or "." in name)
+        head = f"{'# ' if optional else ''}{_bracketed(name)}"
         lines = [*_wrapped(_summary(name), "# "), head]
         for own in keys.values():
-            shown = _is_shown(own, quiet=optional or name in _QUIET)
-            lines.append(f"{'' if shown else '# '}{own.name} = {toml_value(_value(own))}")
+            quiet = optional or name in _QUIET or name in _OPTIONAL or "." in name
+            shown = own.name in own_values or (
+                _is_shown(own, quiet=quiet) and not (name in known and name in _OPTIONAL)
+            )
+            value = own_values.get(own.name, _value(own))
+            lines.append(f"{'' if shown else '# '}{own.name} = {toml_value(value)}")
             lines += _wrapped(_text(own), "#     ")
         parts.append("\n".join(lines) + "\n")
+    # A second layer of a kind, as roads beside buildings.
+    more = [(n, v) for n, v in given if v != known.get(n)]
+    for name, values in more:
+        rows = [f"{key} = {toml_value(value)}" for key, value in values.items()]
+        parts.append("\n".join([_bracketed(name), *rows]) + "\n")
     return "\n".join(parts)
 
 

@@ -18,6 +18,7 @@ from sassgis.io.qgis.vector_style import vector_style_elements
 from sassgis.io.staging import writing
 from sassgis.io.vector_layer import KEY_COLUMN, VectorLayer
 from sassgis.model.errors import OutputError
+from sassgis.model.styles import FieldInfo
 
 GEOMETRY_COLUMN = "geom"
 METADATA_TABLE = "run_metadata"
@@ -199,6 +200,29 @@ def _write_columns(database: sqlite3.Connection, layers: Sequence[VectorLayer]) 
             for column, info in layer.fields.items()
         ],
     )
+    for layer in layers:
+        for column, info in layer.fields.items():
+            _write_domain(database, layer.name, column, info)
+
+
+def _write_domain(database: sqlite3.Connection, table: str, column: str, info: FieldInfo) -> None:
+    """What may stand in a column, as a constraint of the schema extension (GDAL: field domain)."""
+    name = f"{table}_{column}".lower()
+    rows: list[tuple[str | float | None, ...]] = []
+    if info.choices:
+        rows = [(name, "enum", c, None, None, None, None, None) for c in info.choices]
+    elif info.low is not None or info.high is not None:
+        ends = [(None, None) if end is None else (end, 1) for end in (info.low, info.high)]
+        rows = [(name, "range", None, *ends[0], *ends[1], info.description)]
+    if rows:
+        database.executemany(
+            "INSERT INTO gpkg_data_column_constraints VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows
+        )
+        database.execute(
+            "UPDATE gpkg_data_columns SET constraint_name = ? "
+            "WHERE table_name = ? AND column_name = ?",
+            (name, table, column),
+        )
 
 
 def register_columns(

@@ -160,6 +160,7 @@ def test_every_key_is_described(section):
 WRONG = [
     ('dem = "dem.tif"', 'demm = "dem.tif"', ["terrain.demm", "unknown key", "'dem'"]),
     ("[terrain]", "[terain]", ["terain", "unknown key", "'terrain'"]),
+    ("[release]", '[hazard]\ncanton = "XX"\n[release]', ["hazard.canton", "'XX'", "'TI'"]),
     ("[terrain]", "[terrain]\nrocks = 3", ["terrain.rocks", "this key in [profile]"]),
     ("[terrain]", "[terrain]\nxyz = 3", ["terrain.xyz", "unknown key", "one of", "smoothing_m"]),
     ('dem = "dem.tif"', "", ["terrain.dem", "missing key"]),

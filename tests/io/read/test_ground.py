@@ -53,6 +53,10 @@ def test_only_what_the_paper_covers_is_verified():
             assert c.source.startswith(("Unverified", "Calibrated on observed stops"))
 
 
+def test_both_sets_of_readings_have_the_same_classes():
+    assert set(built_in_table("1986").names) == set(built_in_table().names)
+
+
 def test_default_class_of_the_configuration_is_built_in():
     assert settings().default in built_in_table().names
 

@@ -17,6 +17,7 @@ from helpers.cut_valley import GOOD, Stopped, Valley, write_vrt
 from sassgis.cli import main
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import ConfigError, InputError, OutputError
+from sassgis.runs import batch_window
 from sassgis.runs.batch import batch
 from sassgis.runs.batch_areas import find_areas
 from sassgis.runs.zone import zone
@@ -89,7 +90,7 @@ def test_the_mosaic_is_one_run_of_all_areas_to_the_last_bit(done: Stopped, joint
     assert_same_result(done.folder / "mosaic", joint)
 
 
-@pytest.mark.parametrize("path", ["followed", "fall_line"])
+@pytest.mark.parametrize("path", ["followed", pytest.param("fall_line", marks=pytest.mark.battery)])
 def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: str) -> None:
     """Random paths, repetitions, fragments, and a forest that one area never meets."""
     inputs = tmp_path / "inputs"
@@ -112,7 +113,7 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: 
     batch(inputs / "two.gpkg", tmp_path / "out", config=config, dem=inputs / "tiles")
     together = load_config(config, {"release.file": str(inputs / "two.gpkg")})
     whole = zone(together, tmp_path / "joint")
-    assert whole.run.progress.pieces > 100
+    assert whole.run.progress.pieces > 30
     own = json.loads((tmp_path / "out" / "areas" / "mitte" / "area.json").read_text())
     assert own["repetitions"] == 2
     # Parts for followed paths are wider than the fall lines.
@@ -123,6 +124,34 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: 
     ]
     assert told[0]["counts"]["fragments"] == told[1]["counts"]["fragments"]
     assert all("trees file" in str(t["inputs"]) for t in told)
+
+
+@pytest.mark.battery
+def test_a_part_that_paths_leave_is_made_wider(
+    valley: Valley, done: Stopped, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a rim so wide that paths meet it, an area begins anew and ends as it did without."""
+    rim_cells = batch_window.rim_cells
+    monkeypatch.setattr(batch_window, "rim_cells", lambda run, width: rim_cells(run, width) + 200)
+    areas = gpd.read_file(valley.releases)
+    areas[areas["name"] == "Nord"].to_file(tmp_path / "one.gpkg", driver="GPKG")
+    said: list[str] = []
+    batch(
+        tmp_path / "one.gpkg", tmp_path / "out", config=valley.config, dem=valley.tiles, jobs=1,
+        say=said.append,
+    )  # fmt: skip
+    assert any("once more on a wider one" in text for text in said)
+    wide, narrow = (f / "areas" / "nord" for f in (tmp_path / "out", done.folder))
+    cells = [json.loads((f / "area.json").read_text()) for f in (wide, narrow)]
+    assert cells[0]["n_rows"] * cells[0]["n_cols"] > cells[1]["n_rows"] * cells[1]["n_cols"]
+    for name in ("energy", "stops", "passing_height"):
+        file = wide / "maps" / f"{name}.tif"
+        with rasterio.open(file) as raster:
+            bands = [raster.tags(i)["NAME"] for i in raster.indexes]
+        for band in bands:
+            own = on_grid(file, band, file)
+            assert own.any()
+            assert np.array_equal(own, on_grid(narrow / "maps" / file.name, band, file)), name
 
 
 def assert_same_result(mosaic: Path, joint: Path) -> None:

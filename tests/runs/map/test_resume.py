@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -107,7 +109,11 @@ def test_a_damaged_state_is_ignored(small, interrupted: Path, harm: str) -> None
         (folder / "rows_000000.npz").unlink()
     config = load_config(small.config, TABLES)
     fingerprint = job_module.state_fingerprint(config, small.result.run)
-    assert Checkpoint(folder.parent, fingerprint).restore(small.result.run) is None
+    with warnings.catch_warnings():
+        # What it opens it closes.
+        warnings.simplefilter("error", ResourceWarning)
+        assert Checkpoint(folder.parent, fingerprint).restore(small.result.run) is None
+        gc.collect()
 
 
 def test_results_that_cannot_be_written_leave_the_state(

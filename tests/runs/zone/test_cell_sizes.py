@@ -13,9 +13,14 @@ from helpers.zone_slope import NORTH, WEST, Zoned, two_areas, zoned
 from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.progress import kept_stops
 
+pytestmark = pytest.mark.battery
+
 CELLS = (1.0, 2.0, 5.0, 10.0)
 WIDTH_M = 10.0
 THRESHOLDS_KJ = (0.0, 30.0, 300.0)
+# What the terrain between the centres of coarser cells changes: on cells of 10 m the mean path of
+# the blocks is 2.5 % shorter than on cells of 1 m (90.0 and 92.4 m, each known to 0.25 m).
+TERRAIN = 0.03
 
 
 def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -27,7 +32,7 @@ def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def on_cells(folder: Path, cell: float, seed: int) -> Zoned:
-    """The slope on some cells, zoned: 550 lines with 10 blocks each of both scenarios."""
+    """The slope on some cells, zoned: 216 points with 10 blocks each of both scenarios."""
     folder.mkdir()
     case = two_areas(folder, hazard={"ref_width_m": WIDTH_M}, run={"seed": seed})
     x, y = (np.arange(0.5 * cell, size, cell) for size in (240.0, 200.0))
@@ -37,8 +42,8 @@ def on_cells(folder: Path, cell: float, seed: int) -> Zoned:
     release = shapely.box(WEST + 20.0, NORTH - 100.0, WEST + 40.0, NORTH - 50.0)
     case.write_layer("release.gpkg", [release], {"name": ["north"]})
     case.sections["release"] |= {"spacing_m": 2.0, "rocks_per_point": 10}
-    # The paths of all cells are the same lines: what differs is the counting.
-    case.sections["terrain"] |= {"smoothing_m": 5.0, "path": "fall_line"}
+    # Of blocks of 3 m³ enough have 300 kJ.
+    case.blocks[1] |= {"axis_1_m": [0.9, 1.3], "axis_2_m": 0.9, "axis_3_m": 0.7}
     case.write()
     return zoned(case.config, folder / "work")
 
@@ -81,11 +86,15 @@ def test_blocks_sweep_a_strip_of_the_reference_width(slopes) -> None:
 
 @pytest.mark.parametrize("energy_kj", THRESHOLDS_KJ)
 def test_frequencies_are_those_of_fine_cells(slopes, energy_kj: float) -> None:
-    # Few blocks have 300 kJ, other ones on each size of cells, as heights differ by centimetres; on
-    # cells of 10 m their energy is that of 10 m of their path.
+    """Within three times the sampling error of the blocks that have the energy somewhere.
+
+    What one of n blocks sweeps scatters as much as its mean, at most: the sum is known to
+    (2/n)^½, and the fine cells have twice as many.
+    """
     rows = [kept_stops(z.done.run, z.done.progress).rocks for z in slopes.values()]
     fewest = min(int((own["max_energy_kj"] >= energy_kj).sum()) for own in rows)
-    within = max({0.0: 0.04, 30.0: 0.06, 300.0: 0.3}[energy_kj], 3.0 * (1.5 / fewest) ** 0.5)
+    assert fewest > 500
+    within = TERRAIN + 3.0 * (1.5 * 2.0 / fewest) ** 0.5
     fine = np.mean([per_width(slopes[1.0, seed], energy_kj) for seed in (1, 2)])
     for (cell, _), zone in slopes.items():
         assert per_width(zone, energy_kj) == pytest.approx(fine, rel=within), cell
@@ -93,15 +102,30 @@ def test_frequencies_are_those_of_fine_cells(slopes, energy_kj: float) -> None:
 
 @pytest.mark.parametrize("least", [1, 2, 3])
 def test_areas_of_levels_are_those_of_fine_cells(slopes, least: int) -> None:
-    """Counting cells by their centres, an edge of length P is known to P · cell / 12^½ at most."""
-    fine = np.mean([levels_from(slopes[1.0, seed], least) for seed in (1, 2)])
+    """Within three times the sampling error, known from the seeds, and that of counting cells.
+
+    An edge of length P runs through P/cell cells, and each counts by its centre: known to
+    (P/cell/12)^½ cells.
+    """
+    areas = {key: levels_from(zone, least) for key, zone in slopes.items()}
+    fine = 0.5 * (areas[1.0, 1] + areas[1.0, 2])
     assert fine > 4000.0
-    for (cell, _), zone in slopes.items():
-        assert levels_from(zone, least) == pytest.approx(fine, rel=0.08), cell
+    seeds = np.mean([0.5 * (areas[cell, 1] - areas[cell, 2]) ** 2 for cell in CELLS]) ** 0.5
+    # That of a strip whose width is a third of its length.
+    edge = 2.0 * (fine * 3.0) ** 0.5 * (1.0 + 1.0 / 3.0)
+    for (cell, _), found in areas.items():
+        counted = cell**2 * (edge / cell / 12.0) ** 0.5
+        within = TERRAIN * fine + 3.0 * np.hypot(1.5**0.5 * seeds, counted)
+        assert within < 0.15 * fine
+        assert found == pytest.approx(fine, abs=within), cell
 
 
 def test_zones_grow_by_what_their_cells_stand_out_and_no_more(slopes) -> None:
-    """A zone holds whole cells: on coarse ones it is larger by a strip of about a cell."""
+    """A zone holds whole cells: on coarse ones it is larger by a strip of about a cell.
+
+    It is smaller by a fifth at most: single cells that few blocks reach make a fringe, whose gaps
+    are closed, and the fringe of fine cells is the wider one.
+    """
 
     def area(zone: Zoned, least: int) -> float:
         levels = zone.found.hazard.levels
@@ -115,4 +139,4 @@ def test_zones_grow_by_what_their_cells_stand_out_and_no_more(slopes) -> None:
         fine = slopes[1.0, seed]
         for least in (1, 2, 3):
             extra = area(zone, least) - area(fine, least)
-            assert -0.05 * area(fine, least) < extra < cell * edge(zone, least), (cell, least)
+            assert -0.2 * area(fine, least) < extra < cell * edge(zone, least), (cell, least)

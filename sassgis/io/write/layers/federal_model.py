@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import pyproj
 
 from sassgis.model.crs import same_crs
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.settings import Canton
 
 MODEL_TITLE = "Swiss federal minimal geodata model 166.1, Hazard Mapping, version 1.3"
 MODEL_NAME, MODEL_VERSION = "Hazard_Mapping_LV95_V1_3", "2021-03-01"
@@ -53,10 +54,7 @@ STATES = (
 )  # fmt: skip
 SIMPLE_STATES = ("not_assessed", "assessment_not_necessary", "assessed")
 #: The cantons, and Liechtenstein.
-CANTONS = (
-    "AG", "AI", "AR", "BE", "BL", "BS", "FL", "FR", "GE", "GL", "GR", "JU", "LU", "NE", "NW", "OW",
-    "SG", "SH", "SO", "SZ", "TG", "TI", "UR", "VD", "VS", "ZG", "ZH",
-)  # fmt: skip
+CANTONS: tuple[str, ...] = get_args(Canton)
 
 ROCKFALL = "rockfall"
 ROCK_FALL_SUBPROCESS = "r_rock_fall"

@@ -1,0 +1,174 @@
+"""A terrain model as it is, with its faults, where ``read_dem`` would refuse it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+
+from sassgis.io.read.dem import (
+    HIGHEST_M,
+    LOWEST_M,
+    METRES,
+    ZERO_GAP_M,
+    describe_dem,
+    height_band,
+    open_raster,
+)
+from sassgis.io.read.tiles import read_terrain
+from sassgis.model.errors import InputError
+from sassgis.model.grid import FloatArray
+
+#: Length of a degree of latitude (m), for the size of cells that are in degrees.
+_DEGREE_M = 111_195.0
+
+
+@dataclass(frozen=True)
+class RawDem:
+    """Heights with what is wrong around them.
+
+    Attributes
+    ----------
+    file : Path
+    values : float64, shape (n_rows, n_cols)
+        Heights (m); NaN where nothing can be known.
+    dx_m, dy_m : float
+        Size of the cells (m), roughly where they are in degrees.
+    corner : (x, y)
+        Outer corner in the north-west, in the coordinates of the file.
+    cell : (float, float)
+        Size of the cells in the coordinates of the file.
+    square : bool
+        Whether cells are square with north up.
+    crs, vertical_datum : str
+        Well-known text, and name of the height system; empty where they are not stated.
+    unit : str
+        Unit of the heights as the file states it.
+    system_fault : InputError or None
+        Why its coordinate system would be refused.
+    unit_fault : str
+        Why the unit of the heights would be refused; empty if it would not.
+    nodata : float or None
+        As the file declares it; None for a folder of tiles.
+    not_heights : int
+        Cells with numbers that are no heights: infinite, beyond what occurs on Earth, or exactly 0
+        where all others are far above. They are NaN in ``values``.
+    """
+
+    file: Path
+    values: FloatArray
+    dx_m: float
+    dy_m: float
+    corner: tuple[float, float]
+    cell: tuple[float, float]
+    square: bool
+    crs: str
+    vertical_datum: str
+    unit: str
+    system_fault: InputError | None
+    unit_fault: str
+    nodata: float | None
+    not_heights: int
+
+    def place(self, row: int, col: int) -> tuple[float, float]:
+        """X and y of the centre of a cell."""
+        return (
+            self.corner[0] + (col + 0.5) * self.cell[0],
+            self.corner[1] - (row + 0.5) * self.cell[1],
+        )
+
+
+def read_raw_dem(path: Path, crs: str | None = None) -> RawDem:
+    """Read a terrain model with its faults; a folder of tiles must be one that can be used.
+
+    Parameters
+    ----------
+    path : Path
+    crs : str, optional
+        Where the file states none.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read at all: no raster, several bands, no numbers.
+    """
+    if path.is_dir():
+        grid = read_terrain(path, crs)
+        size = grid.cell_size
+        return RawDem(
+            path, grid.values, size, size, (grid.west, grid.north), (size, size), True, grid.crs,
+            grid.vertical_datum, "m", None, "", None, 0,
+        )  # fmt: skip
+    system_fault, wkt, datum = None, "", ""
+    with open_raster(path, "DEM") as dataset:
+        band = height_band(dataset, path)
+        try:
+            described = describe_dem(path, crs)
+            wkt, datum, factor = described.crs, described.vertical_datum, described.vertical_unit
+            square = described.is_plain
+        except InputError as error:
+            if min(dataset.shape) < 3:
+                raise
+            system_fault, factor, square = error, 1.0, True
+        unit = (dataset.units[band - 1] or "").strip()
+        unit_fault = "" if unit.lower() in METRES else f"unknown unit {unit!r}"
+        if unit and not unit_fault:
+            factor = METRES[unit.lower()]
+        values, not_heights = _heights(dataset, band, factor)
+        dx, dy, width, height = _cell_sizes(dataset, wkt)
+        west, north = dataset.transform.c, dataset.transform.f
+        nodata = dataset.nodata
+    if not np.isfinite(values).any():
+        raise InputError("holds no height at all", file=path, field=f"band {band}")
+    return RawDem(
+        path, values, dx, dy, (west, north), (width, height), square, wkt, datum, unit,
+        system_fault, unit_fault, nodata, not_heights,
+    )  # fmt: skip
+
+
+def _heights(dataset: Any, band: int, factor: float) -> tuple[FloatArray, int]:
+    """Heights (m), and how many cells hold none that can be meant."""
+    try:
+        raw = dataset.read(band, masked=True)
+    except Exception as error:
+        raise InputError(
+            "cannot be read to the end",
+            file=dataset.name,
+            field=f"band {band}",
+            found=str(error)[:160],
+            expected="an undamaged file",
+        ) from None
+    values = np.array(raw.data, dtype=np.float64)
+    values[np.ma.getmaskarray(raw)] = np.nan
+    infinite = np.isinf(values)
+    values[infinite] = np.nan
+    values = (values * dataset.scales[band - 1] + dataset.offsets[band - 1]) * factor
+    strange = (values < LOWEST_M) | (values > HIGHEST_M)
+    values[strange] = np.nan
+    zero = values == 0.0
+    others = values[np.isfinite(values) & ~zero]
+    if others.size and others.min() > ZERO_GAP_M:
+        strange |= zero
+        values[zero] = np.nan
+    return values, int((strange | infinite).sum())
+
+
+def _cell_sizes(dataset: Any, wkt: str) -> tuple[float, float, float, float]:
+    """Width and height of a cell in metres, and in the coordinates of the file."""
+    t = dataset.transform
+    width, height = math.hypot(t.a, t.d), math.hypot(t.b, t.e)
+    system = None
+    if wkt or dataset.crs:
+        system = pyproj.CRS.from_user_input(wkt or dataset.crs)
+    if system is not None and system.is_geographic:
+        south = t.f + t.e * dataset.height
+        middle = math.radians(max(-89.0, min(89.0, 0.5 * (t.f + south))))
+        return width * _DEGREE_M * math.cos(middle), height * _DEGREE_M, width, height
+    factor = 1.0
+    if system is not None and system.axis_info:
+        factor = float(system.axis_info[0].unit_conversion_factor)
+    return width * factor, height * factor, width, height

@@ -1,0 +1,195 @@
+"""The layers in which a site is drawn, and the keys of the configuration that read them.
+
+``sassgis new`` writes them empty; ``sassgis init`` finds them again and writes the keys.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from annotated_types import Interval
+
+from sassgis.io.read.ground_map import built_in_table
+from sassgis.model.declared import Declared, declared, interval
+from sassgis.model.exposure import NUMBERS_OF_KIND, OBJECT_KINDS
+from sassgis.model.settings import BarrierSettings, ForestPlace, ObjectSettings
+from sassgis.model.styles import (
+    BARRIER_STYLE,
+    RELEASE_AREA_STYLE,
+    STATION_STYLE,
+    FieldInfo,
+    Symbol,
+    VectorStyle,
+    categorised_style,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SiteLayer:
+    """A layer to draw in.
+
+    Attributes
+    ----------
+    name, title, description : str
+    section : str
+        Of the configuration that reads it.
+    fields : mapping of str to FieldInfo
+        Columns with choices or limits, in order.
+    style : VectorStyle
+        Its kind of symbol is the kind of geometry.
+    fixed : mapping of str to object
+        Keys of the section besides the file and the layer.
+    attributes : mapping of str to str
+        Keys of the section that name a column, by the column.
+    """
+
+    name: str
+    title: str
+    description: str
+    section: str
+    fields: Mapping[str, FieldInfo]
+    style: VectorStyle
+    fixed: Mapping[str, object] = field(default_factory=dict)
+    attributes: Mapping[str, str] = field(default_factory=dict)
+
+
+_NAME = FieldInfo("name", description="name that no other feature has", needed=True, unique=True)
+#: The unit of what is declared, where the name of the key holds one.
+_UNITS = {
+    "height_m": "m",
+    "capacity_kj": "kJ",
+    "dbh_cm": "cm",
+    "damage_length_m": "m",
+    "speed_kmh": "km/h",
+    "vehicle_length_m": "m",
+}
+_COLOURS = {
+    "rock": "#8c8c8c", "debris": "#b5a48b", "talus": "#d9c89e", "soft_meadow": "#b8e186",
+    "forest_soil": "#4d9221", "asphalt": "#404040",
+}  # fmt: skip
+_OBJECT_TEXT: Mapping[str, tuple[str, str, Symbol]] = {
+    "building": (
+        "buildings",
+        "Buildings as polygons.",
+        Symbol("fill", "#c51b7d", opacity=0.6, outline="#8e0152"),
+    ),
+    "people": (
+        "people",
+        "Places where people stay out of doors, as points.",
+        Symbol("marker", "#c51b7d", shape="diamond"),
+    ),
+    "road": ("roads", "Roads as lines.", Symbol("line", "#c51b7d", size_mm=0.8)),
+    "line": (
+        "lines",
+        "Pipes, cables and other lines that have a value and carry nobody.",
+        Symbol("line", "#c51b7d", size_mm=0.5, dash="dash"),
+    ),
+}
+
+
+def _stated(own: Declared, *, needed: bool = False, high: float | None = None) -> FieldInfo:
+    """A number's column as its key of the configuration declares it."""
+    limits = interval(own.kind) or Interval()
+    low = limits.gt if limits.ge is None else limits.ge
+    top = limits.le if high is None else high
+    name = own.name.rsplit("_", 1)[0] if own.name in _UNITS else own.name
+    return FieldInfo(
+        name.replace("_", " "),
+        _UNITS.get(own.name, ""),
+        own.description,
+        low=None if low is None else float(str(low)),
+        high=None if top is None else float(str(top)),
+        needed=needed,
+    )
+
+
+def _objects(kind: str) -> SiteLayer:
+    name, text, symbol = _OBJECT_TEXT[kind]
+    keys = declared(ObjectSettings)
+    numbers = {
+        n: _stated(keys[n], high=1.0 if n == "presence" else None) for n in NUMBERS_OF_KIND[kind]
+    }
+    return SiteLayer(
+        name,
+        name.capitalize(),
+        text,
+        "objects",
+        {"name": _NAME, **numbers},
+        VectorStyle(symbol, label_column="name"),
+        {"name": name, "kind": kind},
+        {"name": "name_field", **{n: f"{n}_field" for n in numbers}},
+    )
+
+
+def site_layers() -> tuple[SiteLayer, ...]:
+    """All layers of a site, the topmost first."""
+    barrier, forest = declared(BarrierSettings), declared(ForestPlace)
+    classes = built_in_table().names
+    ground = Symbol("fill", "#999999", opacity=0.5, outline="#666666", outline_mm=0.1)
+    return (
+        SiteLayer(
+            "stations",
+            "Stations",
+            "Lines where passing blocks are recorded.",
+            "stations",
+            {"name": _NAME},
+            STATION_STYLE,
+            {"name": "station"},
+            {"name": "name_field"},
+        ),
+        SiteLayer(
+            "barriers",
+            "Barriers",
+            "Walls and nets as lines.",
+            "barriers",
+            {
+                "name": _NAME,
+                "kind": FieldInfo("kind", "", "wall or net", ("wall", "net"), needed=True),
+                "height_m": _stated(barrier["height_m"], needed=True),
+                "capacity_kj": _stated(barrier["capacity_kj"]),
+            },
+            BARRIER_STYLE,
+            {"name": "barrier"},
+            {"name": "name_field"}
+            | {key: f"{key}_field" for key in ("kind", "height_m", "capacity_kj")},
+        ),
+        *(_objects(kind) for kind in OBJECT_KINDS),
+        SiteLayer(
+            "release_areas",
+            "Release areas",
+            "Where blocks start.",
+            "release",
+            {
+                "name": _NAME,
+                "scenario": FieldInfo(
+                    "scenario", "", "block scenarios: a;b for several; empty: all"
+                ),
+            },
+            RELEASE_AREA_STYLE,
+            {},
+            {"name": "name_field", "scenario": "scenario_field"},
+        ),
+        SiteLayer(
+            "forest",
+            "Forest",
+            "Stands of trees.",
+            "effects.trees",
+            {key: _stated(forest[key], needed=True) for key in ("stems_per_ha", "dbh_cm")},
+            VectorStyle(Symbol("fill", "#1b7837", hatch="falling", outline="#1b7837")),
+            {},
+            {"stems_per_ha": "stems_field", "dbh_cm": "dbh_field"},
+        ),
+        SiteLayer(
+            "ground",
+            "Ground",
+            "Ground classes; where polygons overlap the one drawn later counts.",
+            "ground",
+            {"class": FieldInfo("class", "", "ground class", classes, needed=True)},
+            categorised_style(
+                ground, "class", {c: (c, _COLOURS.get(c, "#999999")) for c in classes}
+            ),
+            {},
+            {"class": "class_field"},
+        ),
+    )

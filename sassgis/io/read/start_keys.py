@@ -1,0 +1,147 @@
+"""What the files of a site say about the configuration that reads them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pyogrio
+from pyogrio.errors import DataLayerError, DataSourceError
+
+from sassgis.io.read.site_layers import SiteLayer, site_layers
+from sassgis.model.errors import InputError
+
+#: Keys with their values by section; sections with double brackets are not told apart, as there is
+#: one entry at most for each layer of a site.
+StartKeys = list[tuple[str, dict[str, object]]]
+
+#: The layer of release areas of a site, and what it is called elsewhere.
+_RELEASE_LAYERS = ("release_areas", "release")
+
+
+def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKeys:
+    """The keys that the files of a site decide.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the configuration: paths are written as seen from it.
+    dem : Path, optional
+        Terrain model.
+    release : Path, optional
+        Release areas; or a GeoPackage of ``sassgis new``, of which every layer with features is
+        used.
+
+    Returns
+    -------
+    list of (section, keys)
+
+    Raises
+    ------
+    InputError
+        If a file is missing or cannot be read, or it is not clear which layer is meant.
+    """
+    keys: StartKeys = []
+    if dem is not None:
+        if not dem.exists():
+            raise InputError(
+                "file not found", file=dem, field="--dem", expected="a raster or folder of tiles"
+            )
+        keys.append(("terrain", {"dem": _seen_from(folder, dem)}))
+    if release is None:
+        return keys
+    place = _seen_from(folder, release)
+    layers = _layers(release)
+    site = {own.name: own for own in site_layers()}
+    if "release_areas" in layers and len(layers) > 1:
+        for name, own in site.items():
+            if name in layers and (own.section == "release" or _count(release, name)):
+                keys.append((own.section, _keys_of(own, release, place)))
+        return keys
+    chosen = next((n for n in _RELEASE_LAYERS if n in layers), layers[0])
+    if len(layers) > 1 and chosen not in _RELEASE_LAYERS:
+        raise InputError(
+            "has several layers",
+            file=release,
+            field="--release",
+            found=", ".join(layers),
+            expected="a file with one layer, or one that is called release_areas",
+        )
+    own_keys: dict[str, object] = {"file": place}
+    if len(layers) > 1:
+        own_keys["layer"] = chosen
+    table = _table(release, chosen)
+    column = next((c for c in table.columns if str(c).lower() == "name"), None)
+    if column is not None and _names(table[column]):
+        own_keys["name_field"] = str(column)
+    return [*keys, ("release", own_keys)]
+
+
+def _keys_of(own: SiteLayer, file: Path, place: str) -> dict[str, object]:
+    """The section for a layer of a site: attributes count where one feature has a value."""
+    keys: dict[str, object] = dict(own.fixed)
+    keys |= {"file": place, "layer": own.name}
+    table = _table(file, own.name)
+    for column, key in own.attributes.items():
+        if column not in table.columns:
+            continue
+        filled = _names(table[column]) if column == "name" else bool(_texts(table[column]))
+        if filled or (own.fields[column].needed and column != "name"):
+            keys[key] = column
+    return keys
+
+
+def _texts(column: Any) -> list[str]:
+    return [text for text in (str(v).strip() for v in column.dropna()) if text]
+
+
+def _names(column: Any) -> bool:
+    """Whether every feature has a name of its own."""
+    texts = _texts(column)
+    return bool(texts) and len(set(texts)) == len(texts) == len(column)
+
+
+def _layers(file: Path) -> list[str]:
+    """Layers with geometry."""
+    if not file.exists():
+        raise InputError(
+            "file not found", file=file, field="--release", expected="the path of a vector file"
+        )
+    try:
+        names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
+    except (DataSourceError, DataLayerError) as error:
+        raise _unreadable(file, error) from None
+    if not names:
+        raise InputError(
+            "holds no layer with geometry", file=file, field="--release",
+            expected="polygons, lines or points",
+        )  # fmt: skip
+    return names
+
+
+def _table(file: Path, layer: str) -> Any:
+    try:
+        return pyogrio.read_dataframe(file, layer=layer, read_geometry=False)
+    except (DataSourceError, DataLayerError, ValueError) as error:
+        raise _unreadable(file, error) from None
+
+
+def _unreadable(file: Path, error: Exception) -> InputError:
+    return InputError(
+        "cannot be read as a vector file",
+        file=file,
+        field="--release",
+        found=str(error).split(";")[0][:160],
+        expected="GeoPackage, Shapefile, GeoJSON or another format that GDAL reads",
+    )
+
+
+def _count(file: Path, layer: str) -> int:
+    info: Mapping[str, Any] = pyogrio.read_info(file, layer=layer)
+    return int(info["features"])
+
+
+def _seen_from(folder: Path, file: Path) -> str:
+    return Path(os.path.relpath(file.resolve(), folder.resolve())).as_posix()

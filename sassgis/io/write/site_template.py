@@ -1,0 +1,138 @@
+"""An empty GeoPackage for a site, and the QGIS project to draw it in."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import geopandas as gpd
+import pandas as pd
+import pyproj
+
+from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.read.site_layers import SiteLayer, site_layers
+from sassgis.io.read.tiles import open_terrain
+from sassgis.io.staging import staged_file
+from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.geopackage import write_geopackage
+from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.model.crs import crs_parts, parse_crs
+from sassgis.model.errors import InputError, OutputError
+
+_GROUPS = (
+    ("Stations and measures", ("stations", "barriers")),
+    ("Exposed objects", ("buildings", "people", "roads", "lines")),
+    ("Release", ("release_areas",)),
+    ("Forest", ("forest",)),
+    ("Ground", ("ground",)),
+)
+
+
+def site_template(
+    path: Path, *, crs: str | None = None, dem: Path | None = None, overwrite: bool = False
+) -> Path:
+    """Write an empty GeoPackage of a site and, beside it, a QGIS project to draw in.
+
+    Parameters
+    ----------
+    path : Path
+        New file that ends in ``.gpkg``; the project has the same name with ``.qgz``.
+    crs : str, optional
+        Projected system in metres, such as "EPSG:2056". Default: that of the terrain model.
+    dem : Path, optional
+        Terrain model that lies under the drawing. A folder of tiles gives system and extent only,
+        as QGIS opens single files.
+    overwrite : bool
+        Whether files that are there, with what was drawn in them, may be replaced.
+
+    Returns
+    -------
+    Path
+        The project.
+
+    Raises
+    ------
+    InputError
+        If there is neither system nor terrain model, or one of them cannot be used.
+    OutputError
+        If a file is there already or cannot be written.
+    """
+    project = path.with_suffix(".qgz")
+    if path.suffix.lower() != ".gpkg":
+        raise OutputError(f"{path}: cannot see what to write; expected a name ending in .gpkg")
+    ground: tuple[LayerEntry, ...] = ()
+    if dem is None:
+        if crs is None:
+            raise InputError(
+                "no coordinate system is given",
+                field="--crs",
+                expected='a code such as "EPSG:2056", or --dem',
+            )
+        system = _plane(crs)
+        extent = _area_of_use(system)
+        wkt = system.to_wkt()
+    else:
+        frame = open_terrain(dem, crs).outline()
+        wkt, extent = frame.crs, frame.bounds
+        if dem.is_file():
+            place = Path(os.path.relpath(dem.resolve(), path.resolve().parent)).as_posix()
+            relief = replace(terrain_layer(frame), note=f"Terrain model {dem.name}.")
+            ground = (LayerEntry(relief, place),)
+    layers = {own.name: _empty(own, wkt) for own in site_layers()}
+    groups = [
+        *(
+            LayerGroup(title, tuple(LayerEntry(layers[n], path.name) for n in names))
+            for title, names in _GROUPS
+        ),
+        *([LayerGroup("Terrain", ground)] if ground else []),
+    ]
+    with staged_file(project, overwrite) as drawing, staged_file(path, overwrite) as data:
+        write_geopackage(data, list(layers.values()))
+        write_project(
+            drawing,
+            title=path.stem,
+            crs=wkt,
+            groups=groups,
+            extent=extent,
+            abstract="Site to be drawn for a rockfall simulation with sassgis.",
+        )
+    return project
+
+
+def _empty(own: SiteLayer, wkt: str) -> VectorLayer:
+    """A layer without features."""
+    columns = {
+        name: pd.Series(dtype="float64" if _is_number(own, name) else "str") for name in own.fields
+    }
+    geometry = gpd.GeoSeries([], crs=wkt or None)
+    frame = gpd.GeoDataFrame(columns, geometry=geometry, crs=wkt or None)
+    return VectorLayer(own.name, own.title, own.description, frame, own.fields, style=own.style)
+
+
+def _is_number(own: SiteLayer, column: str) -> bool:
+    return own.fields[column].low is not None
+
+
+def _plane(text: str) -> pyproj.CRS:
+    """The plane part of a projected system in metres."""
+    system = crs_parts(parse_crs(text, field="--crs"))[0]
+    if not system.is_projected or system.axis_info[0].unit_name not in ("metre", "meter"):
+        raise InputError(
+            "is not a projected system in metres",
+            field="--crs",
+            found=str(system.name),
+            expected='a projected system such as "EPSG:2056"',
+        )
+    return system
+
+
+def _area_of_use(system: pyproj.CRS) -> tuple[float, float, float, float]:
+    """Where the system is meant to be used, in its own coordinates."""
+    area = system.area_of_use
+    if area is None:
+        return (0.0, 0.0, 1000.0, 1000.0)
+    west, south, east, north = pyproj.Transformer.from_crs(
+        "EPSG:4326", system, always_xy=True
+    ).transform_bounds(area.west, area.south, area.east, area.north)
+    return west, south, east, north

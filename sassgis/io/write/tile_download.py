@@ -1,0 +1,124 @@
+"""Tiles fetched from a web server: whole, checked, and resumed where a download stopped."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import rasterio
+from rasterio.errors import RasterioError
+
+from sassgis.io.read.stac import TileOffer
+from sassgis.io.read.web import NoAnswer, opened
+from sassgis.io.staging import writing
+from sassgis.model.errors import InputError
+
+#: Beginning of a multihash: code of the function and length of the digest.
+_MULTIHASHES = {"1220": "sha256", "1340": "sha512", "1114": "sha1", "d50110": "md5"}
+_CHUNK = 1 << 18
+
+
+def fetch_tile(offer: TileOffer, folder: Path, *, timeout_s: float = 30.0, tries: int = 3) -> bool:
+    """Fetch a tile, unless it is there already.
+
+    Parameters
+    ----------
+    offer : TileOffer
+    folder : Path
+        Must exist. Until the tile is whole and checked its name ends in ``.part``; the next call
+        goes on from there.
+    timeout_s : float
+        Longest wait for the next bytes (s).
+    tries : int
+        How often a download that stops is continued, and one that is damaged begun anew.
+
+    Returns
+    -------
+    bool
+        Whether it was fetched; False if a whole one was there.
+
+    Raises
+    ------
+    InputError
+        If the server refuses or goes silent, or what it sends is damaged.
+    OutputError
+        If the disk is full or not writable.
+    """
+    target, part = folder / offer.name, folder / f"{offer.name}.part"
+    if target.exists() and not _damage(offer, target):
+        return False
+    for left in range(tries - 1, -1, -1):
+        try:
+            _download(offer, part, timeout_s)
+        except NoAnswer:
+            if not left:
+                raise
+            continue
+        wrong = _damage(offer, part)
+        if not wrong:
+            with writing(target):
+                part.replace(target)
+            return True
+        part.unlink()
+        if not left:
+            raise InputError(
+                "what the server sends is damaged", file=offer.href, found=wrong,
+                expected="a whole GeoTIFF; try again later",
+            )  # fmt: skip
+    raise AssertionError("a tile is fetched, or why not is raised")
+
+
+def _download(offer: TileOffer, part: Path, timeout_s: float) -> None:
+    """Fetch what is still missing of a file."""
+    there = part.stat().st_size if part.exists() else 0
+    try:
+        _append(offer, part, there, timeout_s)
+    except NoAnswer:
+        raise
+    except InputError:
+        if not there:
+            raise
+        # The server may not like to go on from there, as where the file is whole already.
+        part.unlink()
+        _append(offer, part, 0, timeout_s)
+
+
+def _append(offer: TileOffer, part: Path, there: int, timeout_s: float) -> None:
+    headers = {"Range": f"bytes={there}-"} if there else {}
+    with opened(offer.href, timeout_s, headers) as answer:
+        goes_on = answer.status == 206 and str(answer.headers.get("Content-Range", "")).startswith(
+            f"bytes {there}-"
+        )
+        length = answer.headers.get("Content-Length")
+        received = 0
+        with writing(part):
+            file = part.open("ab" if goes_on else "wb")
+        with file:
+            while chunk := answer.read(_CHUNK):
+                with writing(part):
+                    file.write(chunk)
+                received += len(chunk)
+    if length is not None and received < int(length):
+        raise NoAnswer(
+            "the connection broke", file=offer.href, found=f"{received} of {length} bytes",
+            expected="a connection that lasts",
+        )  # fmt: skip
+
+
+def _damage(offer: TileOffer, file: Path) -> str:
+    """What is wrong with a file; empty if nothing is."""
+    for start, function in _MULTIHASHES.items():
+        if offer.checksum.startswith(start):
+            want = offer.checksum.removeprefix(start)
+            with file.open("rb") as stream:
+                found = hashlib.file_digest(stream, function).hexdigest()
+            return "" if found == want else f"{function} {found[:12]}..., stated {want[:12]}..."
+    # Without a checksum all of it is read once.
+    try:
+        with rasterio.open(file) as raster:
+            for _, window in raster.block_windows(1):
+                np.isfinite(raster.read(1, window=window)).any()
+    except (RasterioError, OSError) as error:
+        return str(error).replace(str(file), file.name)[:120]
+    return ""

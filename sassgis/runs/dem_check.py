@@ -1,0 +1,335 @@
+"""Whether a terrain model will do for rockfall: one page of findings."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from scipy import ndimage
+
+from sassgis.io.read.dem_raw import RawDem, read_raw_dem
+from sassgis.io.staging import staged_file
+from sassgis.model.crs import crs_name
+from sassgis.model.grid import FloatArray
+from sassgis.report.page import ReportContext, ReportTable, write_report
+from sassgis.runs.inputs import collected_notices
+from sassgis.terrain.dem_defects import (
+    bumps_m,
+    contour_interval,
+    depression_depth,
+    equal_neighbours,
+    height_step,
+    inner_holes,
+    slopes_deg,
+)
+
+Verdict = Literal["good", "look", "bad"]
+
+# The limits are expert judgement of ours; docs/starting.md gives the reason of each.
+#: Cells up to these sizes are good, and deserve a look (m).
+_CELL_M = (2.0, 10.0)
+#: Slope errors from the step of the heights, likewise (degrees).
+_STEP_ERROR_DEG = (1.0, 3.0)
+#: Shares of equal neighbours on ground that is not level, likewise.
+_EQUAL = (0.05, 0.3)
+#: Ground on which blocks may start is steeper than this, walls of wrong units than that (degrees).
+_STEEP_DEG, _WALL_DEG = 30.0, 80.0
+_WALL_SHARE = 0.02
+#: A spike or single pit stands out by this (m), or by the width of a cell if that is more.
+_BUMP_M = 0.5
+#: More of them than this share of the cells and this number, or one higher than this (m), is bad.
+_BUMP_SHARE, _BUMP_COUNT, _BUMP_BAD_M = 1e-4, 3, 10.0
+#: Depressions count from this depth on, and deserve a look from that or that share on.
+_DEPRESSION_M, _DEEP_M, _DEPRESSION_SHARE = 0.5, 2.0, 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class DemFinding:
+    """One item of the page.
+
+    Attributes
+    ----------
+    item : str
+    verdict : {"good", "look", "bad"}
+    found : str
+    advice : str
+        What to do about it; empty if nothing.
+    numbers : dict
+        For programs.
+    """
+
+    item: str
+    verdict: Verdict
+    found: str
+    advice: str
+    numbers: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class DemReport:
+    """All findings on a terrain model."""
+
+    file: Path
+    findings: tuple[DemFinding, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of all."""
+        order: tuple[Verdict, ...] = ("bad", "look", "good")
+        return next(v for v in order if any(f.verdict == v for f in self.findings))
+
+    @property
+    def sentence(self) -> str:
+        """The answer in a line."""
+        named = {
+            v: ", ".join(f.item for f in self.findings if f.verdict == v) for v in ("bad", "look")
+        }
+        parts = [f"bad: {named['bad']}"] if named["bad"] else []
+        parts += [f"deserves a look: {named['look']}"] if named["look"] else []
+        return "; ".join(parts) or "nothing wrong was found"
+
+    def lines(self) -> list[str]:
+        """Return the page for people, line by line."""
+        out = [f"{self.file}: {self.sentence}"]
+        for f in self.findings:
+            out.append(f"{f.verdict:<6}{f.item:<19}{f.found}")
+            out += [f"{'':<25}{f.advice}"] if f.advice else []
+        return out
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the page for programs."""
+        return {
+            "file": str(self.file),
+            "verdict": self.verdict,
+            "findings": [asdict(f) for f in self.findings],
+        }
+
+
+def check_dem(path: Path, crs: str | None = None) -> DemReport:
+    """Judge a terrain model.
+
+    Parameters
+    ----------
+    path : Path
+        A raster, or a folder of tiles.
+    crs : str, optional
+        Coordinate system, where the file states none.
+
+    Raises
+    ------
+    InputError
+        If it is no raster of heights at all.
+    """
+    with collected_notices() as notices:
+        dem = read_raw_dem(path, crs)
+    slopes = slopes_deg(dem.values, dem.dx_m, dem.dy_m)
+    return DemReport(
+        path,
+        (
+            _system(dem, notices),
+            _units(dem),
+            _nodata(dem),
+            _resolution(dem),
+            _steepness(slopes),
+            _terraces(dem),
+            *_bumps(dem),
+            _depressions(dem),
+        ),
+    )
+
+
+def write_dem_page(file: Path, report: DemReport, overwrite: bool = False) -> None:
+    """Write the findings as one HTML page.
+
+    Raises
+    ------
+    OutputError
+        If the file is there already or cannot be written.
+    """
+    rows = tuple((f.item, f.verdict, f.found, f.advice) for f in report.findings)
+    columns = (("item", ""), ("verdict", ""), ("found", ""), ("what to do", ""))
+    context = ReportContext(
+        title=f"Terrain model {report.file.name}",
+        verdict=report.sentence.capitalize() + ".",
+        key_results=ReportTable("Findings", columns, rows, "Limits: docs/starting.md."),
+    )
+    with staged_file(file, overwrite) as work:
+        write_report(work, context)
+
+
+def _grade(value: float, limits: tuple[float, float]) -> Verdict:
+    return "good" if value <= limits[0] else "look" if value <= limits[1] else "bad"
+
+
+def _system(dem: RawDem, notices: list[str]) -> DemFinding:
+    fault = dem.system_fault
+    if fault is not None:
+        found = fault.problem if fault.found is None else f"{fault.problem}: {fault.found}"
+        return DemFinding("coordinate system", "bad", found, fault.expected or "", {})
+    name = crs_name(dem.crs)
+    own = [n.partition(": ")[2] for n in notices]
+    return DemFinding("coordinate system", "look" if own else "good", name, "; ".join(own), {})
+
+
+def _units(dem: RawDem) -> DemFinding:
+    low, high = float(np.nanmin(dem.values)), float(np.nanmax(dem.values))
+    numbers = {"lowest_m": low, "highest_m": high, "unit": dem.unit, "datum": dem.vertical_datum}
+    found = f"heights from {low:.1f} to {high:.1f} m, " + (
+        f"height system {dem.vertical_datum}" if dem.vertical_datum else "height system not stated"
+    )
+    if dem.unit_fault:
+        return DemFinding("units", "bad", dem.unit_fault, "heights in metres or feet", numbers)
+    if dem.unit and dem.unit.lower() not in ("m", "metre", "meter", "metres", "meters"):
+        return DemFinding(
+            "units", "look", f"{found}, converted from {dem.unit}", "compare with a map", numbers
+        )
+    advice = "" if dem.vertical_datum else "state the height system as terrain.vertical_datum"
+    return DemFinding("units", "good", found, advice, numbers)
+
+
+def _nodata(dem: RawDem) -> DemFinding:
+    known = np.isfinite(dem.values)
+    wrong = dem.not_heights
+    holes = int(inner_holes(dem.values).sum()) - wrong
+    missing = 1.0 - float(known.mean())
+    numbers: dict[str, Any] = {
+        "nodata_share": missing, "declared": dem.nodata,
+        "not_declared_cells": wrong, "inner_cells": max(holes, 0),
+    }  # fmt: skip
+    share = f"{100.0 * missing:.2f} % nodata"
+    if wrong:
+        return DemFinding(
+            "nodata",
+            "bad",
+            f"{share}; {wrong} cells hold numbers that are no heights (infinite, beyond the Earth, "
+            "or 0 amid mountains)",
+            "declare them with gdal_edit.py -a_nodata",
+            numbers,
+        )
+    if holes > 0:
+        return DemFinding(
+            "nodata", "look", f"{share}, {holes} cells of it in holes",
+            "blocks end there: fill them with gdal_fillnodata.py, or keep them if they are water",
+            numbers,
+        )  # fmt: skip
+    return DemFinding("nodata", "good", share, "", numbers)
+
+
+def _resolution(dem: RawDem) -> DemFinding:
+    cell = max(dem.dx_m, dem.dy_m)
+    n_rows, n_cols = dem.values.shape
+    numbers = {"dx_m": dem.dx_m, "dy_m": dem.dy_m, "rows": n_rows, "columns": n_cols}
+    found = f"cells of {dem.dx_m:.3g} x {dem.dy_m:.3g} m, {n_rows} rows x {n_cols} columns"
+    verdict = _grade(round(cell, 6), _CELL_M)
+    advice = {
+        "good": "",
+        "look": f"ledges, gullies and walls narrower than about {2.0 * cell:.3g} m are not in it",
+        "bad": "too coarse: slopes are flattened and cliffs are missing",
+    }[verdict]
+    if not dem.square:
+        verdict = "look" if verdict == "good" else verdict
+        advice = "; ".join([*([advice] if advice else []), "is resampled to square cells"])
+    return DemFinding("resolution", verdict, found, advice, numbers)
+
+
+def _steepness(slopes: FloatArray) -> DemFinding:
+    known = slopes[np.isfinite(slopes)]
+    shares = {f"above_{a:.0f}_deg": float((known > a).mean()) for a in (30.0, 45.0, 60.0, 80.0)}
+    numbers = {"median_deg": float(np.median(known)), "steepest_deg": float(known.max()), **shares}
+    found = (
+        f"median {numbers['median_deg']:.1f}°, steepest {numbers['steepest_deg']:.1f}°, "
+        f"{100.0 * shares['above_45_deg']:.1f} % above 45°"
+    )
+    if (known > _WALL_DEG).mean() > _WALL_SHARE:
+        return DemFinding(
+            "steepness", "bad", f"{found}, {100.0 * shares['above_80_deg']:.1f} % above 80°",
+            "too steep for terrain: are heights or cells in another unit?", numbers,
+        )  # fmt: skip
+    if known.max() < _STEEP_DEG:
+        return DemFinding(
+            "steepness", "look", found,
+            f"nothing steeper than {_STEEP_DEG:.0f}°: is it smoothed, too coarse, or the place?",
+            numbers,
+        )  # fmt: skip
+    return DemFinding("steepness", "good", found, "", numbers)
+
+
+def _terraces(dem: RawDem) -> DemFinding:
+    step = height_step(dem.values)
+    cell = min(dem.dx_m, dem.dy_m)
+    error = float(np.degrees(np.arctan(step / (2.0 * cell))))
+    equal = equal_neighbours(dem.values, dem.dx_m, dem.dy_m)
+    interval, crowding = (0.0, 0.1) if step else contour_interval(dem.values)
+    numbers = {
+        "step_m": step, "slope_error_deg": error, "equal_neighbours": equal,
+        "contour_interval_m": interval, "crowding": crowding,
+    }  # fmt: skip
+    grades = [_grade(error, _STEP_ERROR_DEG), _grade(equal, _EQUAL)]
+    grades += ["bad" if crowding > 0.4 else "look"] if interval else []
+    verdict: Verdict = "bad" if "bad" in grades else "look" if "look" in grades else "good"
+    parts = []
+    if step:
+        parts.append(f"heights are multiples of {step:g} m: slopes are off by up to {error:.1f}°")
+    if interval:
+        parts.append(f"heights crowd at multiples of {interval:g} m")
+    if equal > _EQUAL[0]:
+        parts.append(f"{100.0 * equal:.0f} % of the neighbours across slopes are equal")
+    return DemFinding(
+        "terraces", verdict, "; ".join(parts) or "none",
+        "" if verdict == "good" else "take the data before they were rounded, interpolated from "
+        "contour lines or repeated; smoothing alone does not bring slopes back",
+        numbers,
+    )  # fmt: skip
+
+
+def _bumps(dem: RawDem) -> tuple[DemFinding, DemFinding]:
+    bumps = bumps_m(dem.values)
+    least = max(_BUMP_M, min(dem.dx_m, dem.dy_m))
+
+    def finding(item: str, out: FloatArray, word: str) -> DemFinding:
+        count, top = int((out >= least).sum()), float(out.max())
+        numbers: dict[str, Any] = {"cells": count, "limit_m": least, "largest_m": top}
+        if not count:
+            return DemFinding(item, "good", f"none {word} by {least:.2g} m or more", "", numbers)
+        row, col = np.unravel_index(int(np.argmax(out)), out.shape)
+        x, y = dem.place(int(row), int(col))
+        numbers |= {"x": x, "y": y}
+        bad = count > max(_BUMP_COUNT, _BUMP_SHARE * out.size) or top > _BUMP_BAD_M
+        return DemFinding(
+            item, "bad" if bad else "look",
+            f"{count} single cells {word} by {least:.2g} m or more, the largest by {top:.1f} m "
+            f"at {x:.10g}, {y:.10g}",
+            "remove trees, birds and faults of the survey, or replace these cells by their "
+            "neighbours",
+            numbers,
+        )  # fmt: skip
+
+    return finding("spikes", bumps, "stand out"), finding("pits", -bumps, "lie low")
+
+
+def _depressions(dem: RawDem) -> DemFinding:
+    depth = depression_depth(dem.values)
+    labels, count = ndimage.label(depth > 0.0, np.ones((3, 3)))
+    deepest = np.asarray(ndimage.maximum(depth, labels, np.arange(1, count + 1)), float)
+    deep = deepest >= _DEPRESSION_M
+    share = float((depth >= _DEPRESSION_M).mean())
+    top = float(depth.max())
+    numbers: dict[str, Any] = {"count": int(deep.sum()), "share": share, "deepest_m": top}
+    if not deep.any():
+        return DemFinding(
+            "depressions", "good", f"none deeper than {_DEPRESSION_M:g} m", "", numbers
+        )
+    row, col = np.unravel_index(int(np.argmax(depth)), depth.shape)
+    x, y = dem.place(int(row), int(col))
+    numbers |= {"x": x, "y": y}
+    look = top >= _DEEP_M or share > _DEPRESSION_SHARE
+    return DemFinding(
+        "depressions", "look" if look else "good",
+        f"{int(deep.sum())} without outlet, deeper than {_DEPRESSION_M:g} m; "
+        f"the deepest {top:.1f} m at {x:.10g}, {y:.10g}",
+        "blocks may stop there: are they real (hollows, lakes, quarries), or dammed by bridges and "
+        "trees?" if look else "",
+        numbers,
+    )  # fmt: skip

@@ -1,0 +1,100 @@
+"""Terrain for an area from a STAC interface: listed, fetched, put together."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from sassgis.io.read.stac import COLLECTION, SERVER, TileOffer, find_tiles, read_search_area
+from sassgis.io.read.tiles import open_tiles
+from sassgis.io.staging import staged_file, writing
+from sassgis.io.write.tile_download import fetch_tile
+from sassgis.io.write.virtual_raster import write_vrt
+from sassgis.model.errors import InputError
+
+VRT, SOURCES = "terrain.vrt", "sources.json"
+
+
+def offered_tiles(
+    polygon: Path,
+    resolution_m: float = 2.0,
+    *,
+    layer: str | None = None,
+    server: str = SERVER,
+    collection: str = COLLECTION,
+    timeout_s: float = 30.0,
+) -> tuple[TileOffer, ...]:
+    """The tiles over the polygons of a file; nothing is fetched but the list.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, or the server does not answer or offers nothing.
+    """
+    area = read_search_area(polygon, layer)
+    return find_tiles(area, resolution_m, server=server, collection=collection, timeout_s=timeout_s)
+
+
+def fetch_terrain(
+    offers: Sequence[TileOffer],
+    folder: Path,
+    *,
+    timeout_s: float = 30.0,
+    most: int = 100,
+    say: Callable[[str], None] = lambda text: None,
+) -> Path:
+    """Fetch tiles into a folder and put them together.
+
+    Tiles that are there are kept; a download that was interrupted goes on. The virtual raster is
+    written last, when all tiles are whole.
+
+    Parameters
+    ----------
+    offers : sequence of TileOffer
+    folder : Path
+        Made if missing.
+    timeout_s : float
+    most : int
+        More tiles than this are refused.
+    say : callable
+        Called with a line for each tile.
+
+    Returns
+    -------
+    Path
+        ``terrain.vrt``. Beside it ``sources.json`` says where each tile comes from.
+
+    Raises
+    ------
+    InputError
+        If there are too many tiles, the server does not answer, or tiles do not go together.
+    OutputError
+        If the disk is full or not writable.
+    """
+    if len(offers) > most:
+        raise InputError(
+            "too many tiles", field="--most", found=f"{len(offers)} tiles",
+            expected=f"{most} or fewer: a smaller polygon, a coarser --resolution, or more --most",
+        )  # fmt: skip
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    for number, offer in enumerate(offers, start=1):
+        try:
+            fetched = fetch_tile(offer, folder, timeout_s=timeout_s)
+        except InputError as error:
+            raise InputError(
+                f"tile {number} of {len(offers)}: {error.problem}; the same command goes on from "
+                "there",
+                file=error.file,
+                found=error.found,
+                expected=error.expected,
+            ) from None
+        say(f"{number}/{len(offers)} {offer.name} {'fetched' if fetched else 'is there'}")
+    terrain = open_tiles([folder / o.name for o in offers], folder)
+    facts = [
+        {"file": o.name, "href": o.href, "date": o.date, "checksum": o.checksum} for o in offers
+    ]
+    with staged_file(folder / SOURCES, overwrite=True) as work:
+        work.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    return write_vrt(folder / VRT, terrain, overwrite=True)

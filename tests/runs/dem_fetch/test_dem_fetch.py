@@ -1,0 +1,264 @@
+"""Tiles from a STAC interface on this machine: listed, fetched, resumed, put together."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pyproj
+import pytest
+import rasterio
+import shapely
+from helpers.stac_server import COLLECTION, StacServer, serving
+from rasterio.io import MemoryFile
+from rasterio.transform import from_origin
+
+from sassgis.io.read.dem import read_dem
+from sassgis.io.read.tiles import open_terrain, read_terrain
+
+#: Kilometre squares of the made-up tiles: 100 x 100 cells of 2 m stand for each.
+SIDE, CELL = 200.0, 2.0
+EAST, NORTH = 2_700_000.0, 1_150_000.0
+TO_DEGREES = pyproj.Transformer.from_crs("EPSG:2056", "EPSG:4326", always_xy=True)
+
+
+def heights(row: int, col: int) -> np.ndarray:
+    y, x = np.indices((100, 100)) * CELL
+    return (1000.0 + 0.5 * (x + SIDE * col) - 0.3 * (y + SIDE * row)).astype(np.float32)
+
+
+def square(row: int, col: int) -> tuple[float, float, float, float]:
+    west, north = EAST + SIDE * col, NORTH - SIDE * row
+    return west, north - SIDE, west + SIDE, north
+
+
+def geotiff(row: int, col: int, lift: float = 0.0) -> bytes:
+    west, _, _, north = square(row, col)
+    with MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff", width=100, height=100, count=1, dtype="float32", crs="EPSG:2056",
+            nodata=-9999.0, transform=from_origin(west, north, CELL, CELL),
+        ) as raster:  # fmt: skip
+            raster.write(heights(row, col) + np.float32(lift), 1)
+        return bytes(memory.getbuffer())
+
+
+def name(row: int, col: int, year: int = 2020) -> str:
+    return f"swissalti3d_{year}_{2700 + col}-{1150 - row}_2_2056_5728.tif"
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[StacServer]:
+    """Six tiles on three pages, one of them in an older edition too."""
+    monkeypatch.setenv("no_proxy", "*")
+    made = StacServer()
+    for row in range(2):
+        for col in range(3):
+            box = TO_DEGREES.transform_bounds(*square(row, col))
+            made.offer(name(row, col), geotiff(row, col), box, "2020-05-01", old_style=row == 1)
+    old = TO_DEGREES.transform_bounds(*square(0, 0))
+    made.offer(name(0, 0, 2017), geotiff(0, 0, 50.0), old, "2017-05-01")
+    with serving(made) as running:
+        yield running
+
+
+@pytest.fixture
+def polygon(tmp_path: Path) -> Path:
+    """Over three tiles, drawn in another system; the rectangle around it meets one more."""
+    shape = shapely.box(EAST + 50.0, NORTH - 350.0, EAST + 390.0, NORTH - 50.0)
+    shape -= shapely.box(EAST + 180.0, NORTH - 220.0, EAST + 400.0, NORTH)
+    frame = gpd.GeoDataFrame(geometry=[shape], crs="EPSG:2056").to_crs("EPSG:21781")
+    frame.to_file(tmp_path / "area.gpkg")
+    return tmp_path / "area.gpkg"
+
+
+@pytest.fixture
+def fetch(server: StacServer, polygon: Path, call):
+    def run(*more: object) -> tuple[int, str, str]:
+        return call("dem", "fetch", polygon, "--server", server.api, "--timeout", "10", *more)
+
+    return run
+
+
+WANTED = [(0, 0), (1, 0), (1, 1)]
+
+
+def test_without_a_folder_the_tiles_are_listed_only(fetch, server: StacServer) -> None:
+    code, out, err = fetch()
+    assert code == 0, err
+    *lines, last = out.splitlines()
+    assert sorted(line.split()[1] for line in lines) == sorted(name(*place) for place in WANTED)
+    assert all(line.startswith("2020-05-01") for line in lines)
+    assert last.startswith("3 tiles. Nothing was fetched")
+    items = f"/api/stac/v1/collections/{COLLECTION}/items"
+    # Five items meet the rectangle, two on a page.
+    assert set(server.asked) == {items} and server.asked[items] == 3
+
+
+def test_tiles_become_one_terrain(fetch, server: StacServer, tmp_path: Path) -> None:
+    folder = tmp_path / "terrain"
+    code, _, err = fetch("-o", folder)
+    assert code == 0, err
+    assert sorted(p.name for p in folder.iterdir()) == sorted(
+        [*(name(*place) for place in WANTED), "terrain.vrt", "sources.json"]
+    )
+    want = np.block([[heights(r, c) for c in range(2)] for r in range(2)])
+    want[:100, 100:] = np.nan
+    for grid in (read_dem(folder / "terrain.vrt"), read_terrain(folder)):
+        assert np.array_equal(grid.values, want, equal_nan=True)
+        assert (grid.west, grid.north, grid.cell_size) == (EAST, NORTH, CELL)
+    with rasterio.open(folder / "terrain.vrt") as raster:
+        assert raster.crs.to_epsg() == 2056 and raster.dtypes == ("float32",)
+    # Moved as a whole.
+    folder.rename(tmp_path / "moved")
+    assert open_terrain(tmp_path / "moved" / "terrain.vrt").whole.n_rows == 200
+    sources = json.loads((tmp_path / "moved" / "sources.json").read_text())
+    assert {s["file"] for s in sources} == {name(*place) for place in WANTED}
+    assert all(s["href"].startswith(server.url) and s["checksum"] for s in sources)
+
+
+def test_what_is_there_is_kept_and_what_was_damaged_is_fetched(
+    fetch, server: StacServer, tmp_path: Path
+) -> None:
+    folder = tmp_path / "terrain"
+    assert fetch("-o", folder)[0] == 0
+    server.asked.clear()
+    damaged = folder / name(1, 1)
+    damaged.write_bytes(damaged.read_bytes()[:-10])
+    code, out, _ = fetch("-o", folder)
+    assert code == 0 and out.count("is there") == 2
+    assert {p for p in server.asked if p.startswith("/files/")} == {f"/files/{name(1, 1)}"}
+    assert damaged.read_bytes() == server.files[name(1, 1)]
+
+
+def test_a_connection_that_breaks_is_taken_up_where_it_broke(
+    fetch, server: StacServer, tmp_path: Path
+) -> None:
+    folder, tile = tmp_path / "terrain", name(1, 0)
+    size = len(server.files[tile])
+    server.cut[tile] = 2
+    code, _, err = fetch("-o", folder)
+    assert code == 0, err
+    assert server.asked[f"{tile} from {size // 2}"] == 1
+    assert server.asked[f"{tile} from {size // 2 + (size - size // 2) // 2}"] == 1
+    assert (folder / tile).read_bytes() == server.files[tile]
+
+
+def test_after_too_many_breaks_the_same_command_goes_on(
+    fetch, server: StacServer, tmp_path: Path
+) -> None:
+    folder, tile = tmp_path / "terrain", name(1, 0)
+    server.cut[tile] = 3
+    code, _, err = fetch("-o", folder)
+    assert code == 2 and err.count("\n") == 1
+    assert tile in err and "connection broke" in err and "the same command goes on" in err
+    assert (folder / f"{tile}.part").exists() and not (folder / "terrain.vrt").exists()
+    code, _, err = fetch("-o", folder)
+    assert code == 0, err
+    assert (folder / tile).read_bytes() == server.files[tile]
+    assert not list(folder.glob("*.part"))
+
+
+def test_a_server_that_cannot_go_on_begins_anew(fetch, server: StacServer, tmp_path: Path) -> None:
+    server.ranges = False
+    server.cut[name(0, 0)] = 1
+    assert fetch("-o", tmp_path / "t")[0] == 0
+    assert (tmp_path / "t" / name(0, 0)).read_bytes() == server.files[name(0, 0)]
+
+
+def test_a_part_that_is_longer_than_the_tile_is_thrown_away(
+    fetch, server: StacServer, tmp_path: Path
+) -> None:
+    (tmp_path / "t").mkdir()
+    (tmp_path / "t" / f"{name(0, 0)}.part").write_bytes(b"x" * 10**6)
+    assert fetch("-o", tmp_path / "t")[0] == 0
+    assert (tmp_path / "t" / name(0, 0)).read_bytes() == server.files[name(0, 0)]
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_damaged_tile_is_never_kept(
+    stated: bool, fetch, server: StacServer, tmp_path: Path
+) -> None:
+    tile = name(0, 0)
+    server.files[tile] = server.files[tile][: len(server.files[tile]) // 2]
+    if not stated:
+        for item in server.items:
+            for asset in item["assets"].values():
+                asset.pop("file:checksum", None)
+    code, _, err = fetch("-o", tmp_path / "t")
+    assert code == 2 and err.count("\n") == 1
+    assert tile in err and "damaged" in err and ("sha256" in err) == stated
+    assert not (tmp_path / "t" / tile).exists() and not list((tmp_path / "t").glob("*.part"))
+
+
+def test_a_tile_that_is_gone(fetch, server: StacServer, tmp_path: Path) -> None:
+    del server.files[name(1, 1)]
+    code, _, err = fetch("-o", tmp_path / "t")
+    assert code == 2 and err.count("\n") == 1 and "HTTP 404" in err and "of 3" in err
+
+
+def test_a_slow_answer(fetch, server: StacServer, tmp_path: Path) -> None:
+    server.slow[name(0, 0)] = 1.0
+    code, _, err = fetch("-o", tmp_path / "t", "--timeout", "0.2")
+    assert code == 2 and err.count("\n") == 1 and "nothing for 0.2 s" in err
+    assert fetch("-o", tmp_path / "t")[0] == 0
+
+
+def test_offline_is_one_line(polygon: Path, call, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("no_proxy", "*")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    code, _, err = call("dem", "fetch", polygon, "--server", f"http://127.0.0.1:{port}")
+    assert code == 2 and err.count("\n") == 1
+    assert "no answer from 127.0.0.1" in err and "connection to the internet" in err
+    code, _, err = call("dem", "fetch", polygon, "--server", "file:///etc")
+    assert code == 2 and "is no web address" in err
+
+
+def test_other_errors_are_one_line(fetch, server: StacServer, tmp_path: Path, call) -> None:
+    cases = [
+        (("--resolution", "0.5"), "offers no tile of this resolution"),
+        (("-o", tmp_path / "t", "--most", "2"), "too many tiles"),
+        (("--collection", "nothing"), "HTTP 404"),
+    ]
+    for arguments, words in cases:
+        code, _, err = fetch(*arguments)
+        assert code == 2 and err.count("\n") == 1 and words in err, err
+    assert not (tmp_path / "t").exists()
+    server.page = 10**6
+    server.items = []
+    assert "offers no tile here" in fetch()[2]
+
+
+@pytest.mark.parametrize(
+    "href",
+    ["{server}/files/..%2F..%2Fevil.tif", "file:///etc/passwd.tif", "{server}/files/a b.tif"],
+)
+def test_names_and_addresses_of_the_server_are_not_trusted(
+    href: str, fetch, server: StacServer, tmp_path: Path
+) -> None:
+    for item in server.items:
+        for asset in item["assets"].values():
+            asset["href"] = href
+    code, _, err = fetch("-o", tmp_path / "t")
+    assert code == 2 and ("offers no tile" in err or "is no web address" in err)
+    assert not list(tmp_path.glob("**/*.tif"))
+
+
+def test_pages_that_go_in_circles_end(
+    fetch, server: StacServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def endless(handler, query, first) -> None:
+        body = json.dumps({"features": [], "links": [{"rel": "next", "href": "items?bbox=x"}]})
+        handler.send_response(200)
+        handler.end_headers()
+        handler.wfile.write(body.encode())
+
+    monkeypatch.setattr(server, "_list", endless)
+    code, _, err = fetch()
+    assert code == 2 and "pages do not end" in err
