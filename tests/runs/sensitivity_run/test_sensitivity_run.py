@@ -49,7 +49,8 @@ def test_run_out_rises_with_what_an_impact_keeps(small: SensitivityResult) -> No
     # Base, another seed, farthest, two ends, four points.
     assert small.simulations == 9
     (found,) = [e for e in small.effects if e.measure == "run-out (95 %)"]
-    assert found.low < found.base < found.high and found.beyond_chance
+    # Above the base value an impact is charged what rolling takes, whatever η_max.
+    assert found.low < found.base <= found.high and found.beyond_chance
     assert found.correlation > 0.5
 
 
