@@ -175,10 +175,7 @@ def turn_heading(
     gu, gv : float
         Slope of the terrain at the scale of the block along u and v (m per m).
     """
-    at = state.segment
-    if state.phase == FLIGHT:
-        at = segment_at(site.profile, state.x, at)
-    # On the ground it stands on its segment, also where its centre is not above that yet.
+    at = segment_at(site.profile, state.x, state.segment)
     here = site.profile[at]
     slope = here.tz / here.tx
     z0 = here.z + (state.x - here.x) * slope

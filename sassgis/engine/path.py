@@ -39,9 +39,8 @@ _KEPT_BEHIND = 2.0
 _MOST_BEHIND = 40
 # Ground behind that rises from the plane by this share of the shorter semi-axis is a wall.
 _LEAST_WALL = 0.5
-# A plane goes on for this share of the shorter semi-axis at least, and to the foot of the block:
-# one that ended under the block, at the limit of the tolerance or of a class, would begin anew
-# without end.
+# A plane goes on for this share of the shorter semi-axis at least: one that ended under the block,
+# at the limit of the tolerance, would begin anew without end.
 _LEAST_PLANE = 0.05
 # Heights of a plane differ from a straight line by rounding: that makes no vertex (m).
 _ROUNDING = 1e-9
@@ -408,8 +407,7 @@ def look_ahead(
         after_z = height_at(path.heights, u, v, cell // n_cols, cell % n_cols)
         ground = path.ground[cell // n_cols, cell % n_cols]
         if state.on_plane:
-            foot = block.roll_radius * state.plane_slope / math.sqrt(1.0 + state.plane_slope**2)
-            least = state.x + max(_LEAST_PLANE * block.b, foot)
+            least = state.x + _LEAST_PLANE * block.b
             _along_plane(state, site, path, cell, after, after_z, ground, limit, least)
         if not state.on_plane and after - state.sampled > SHORTEST_STRETCH:
             _along_cone(state, site, path, cell, after, after_z, ground, limit)
@@ -473,14 +471,14 @@ def _along_plane(
     limit : float
         Largest gap (m).
     least : float
-        Chainage up to which the plane goes on whatever the gap and the class (m).
+        Chainage up to which the plane goes on whatever the gap (m).
     """
     profile = site.profile
     on_plane = state.plane_z + state.plane_slope * (after - state.from_x)
     gap = abs(after_z - on_plane)
     same = ground == profile[state.plane_at].ground
     x = state.sampled
-    if after <= least or (same and gap <= limit):
+    if same and (gap <= limit or after <= least):
         _add_stretch(state, site, path, cell, state.plane_at, after)
         state.sampled = after
         state.ahead_z = on_plane
@@ -492,7 +490,7 @@ def _along_plane(
     if same and gap > state.gap:
         share = min(max((limit - state.gap) / (gap - state.gap), 0.0), 1.0)
         x_end = x + share * (after - x)
-    x_end = max(x_end, least)
+    x_end = max(x_end, state.x + SHORTEST_STRETCH, least if same else 0.0)
     if x_end > x:
         _add_stretch(state, site, path, cell, state.plane_at, x_end)
         state.ahead_z += state.plane_slope * (x_end - x)

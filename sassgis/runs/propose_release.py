@@ -16,7 +16,7 @@ from sassgis.io.write.layers.proposed_areas import proposed_areas
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.settings import GroundSettings
-from sassgis.terrain.slope_units import SlopeUnits, cliff_patches, slope_deg, slope_units
+from sassgis.terrain.slope_units import SlopeUnits, cliff_patches, slope_units, slopes_deg
 
 #: Below this threshold cells are hardly bare rock: fresh rock debris rests at about 35 to
 #: 40 degrees (our choice).
@@ -115,7 +115,7 @@ def propose_release(
         raise InputError("is no GeoPackage", file=out, expected="a name ending in .gpkg")
     with staged_file(out, overwrite) as work:
         grid = read_terrain(dem, crs)
-        slopes = slope_deg(grid)
+        slopes = slopes_deg(grid.values, grid.cell_size, grid.cell_size)
         found = _units(slopes, dem, threshold_deg)
         known = None
         if ground is not None:

@@ -31,14 +31,6 @@ _STANDS_OUT = 4.0
 _AXES = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
-def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
-    """Slope of each cell (degrees) from central differences; cells need not be square."""
-    down = np.asarray(np.gradient(values, dy_m, axis=0))
-    right = np.asarray(np.gradient(values, dx_m, axis=1))
-    slopes: FloatArray = np.degrees(np.arctan(np.hypot(down, right)))
-    return slopes
-
-
 def height_step(values: FloatArray) -> float:
     """The step (m) of which all heights are multiples; 0 if there is none."""
     known = values[np.isfinite(values)]

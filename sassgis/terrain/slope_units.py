@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, optimize, special
 
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.grid import FloatArray
 
 BoolArray = NDArray[np.bool_]
 
@@ -102,10 +102,13 @@ class SlopeUnits:
     steep_deg: float
 
 
-def slope_deg(grid: Grid) -> FloatArray:
-    """Slope of each cell (degrees) from central differences; NaN without known neighbours."""
-    down = np.asarray(np.gradient(grid.values, grid.cell_size, axis=0))
-    right = np.asarray(np.gradient(grid.values, grid.cell_size, axis=1))
+def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
+    """Slope of each cell (degrees) from central differences; NaN without known neighbours.
+
+    Cells need not be square.
+    """
+    down = np.asarray(np.gradient(values, dy_m, axis=0))
+    right = np.asarray(np.gradient(values, dx_m, axis=1))
     slopes: FloatArray = np.degrees(np.arctan(np.hypot(down, right)))
     return slopes
 

@@ -14,8 +14,8 @@ from sassgis.terrain.dem_defects import (
     equal_neighbours,
     height_step,
     inner_holes,
-    slopes_deg,
 )
+from sassgis.terrain.slope_units import slopes_deg
 
 pytestmark = pytest.mark.kernels
 

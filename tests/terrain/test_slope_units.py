@@ -9,7 +9,7 @@ import pytest
 
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
-from sassgis.terrain.slope_units import cliff_patches, slope_deg, slope_units
+from sassgis.terrain.slope_units import cliff_patches, slope_units, slopes_deg
 
 PLAIN, SLOPE, CLIFF = (6.0, 3.0, 0.35), (31.0, 6.0, 0.60), (60.0, 7.0, 0.05)
 
@@ -81,7 +81,7 @@ def valley() -> tuple[Grid, np.ndarray]:
 
 def test_the_cliff_of_a_terrain_of_known_units_is_proposed() -> None:
     grid, cliff = valley()
-    slopes = slope_deg(grid)
+    slopes = slopes_deg(grid.values, grid.cell_size, grid.cell_size)
     found = slope_units(slopes)
     assert 36.0 < found.cliff_deg < 56.0
     patches = cliff_patches(slopes, found.cliff_deg, 10)

@@ -285,10 +285,14 @@ def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> f
     return unit
 
 
-def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArray:
-    """Heights in metres in the order of the file; NaN for nodata."""
-    file, band = dem.file, dem.band
-    unit = _height_unit(dataset, band, file, dem.vertical_unit)
+def read_band(dataset: Any, band: int, file: Path, part: Window | None = None) -> Any:
+    """A band as stored, masked where it is nodata or transparent.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
     try:
         raw = dataset.read(band, masked=True, window=part)
         # GDAL takes transparency for a mask only where it is stored as bytes.
@@ -303,6 +307,14 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
             found=_reason(error, file),
             expected="an undamaged file",
         ) from None
+    return raw
+
+
+def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArray:
+    """Heights in metres in the order of the file; NaN for nodata."""
+    file, band = dem.file, dem.band
+    unit = _height_unit(dataset, band, file, dem.vertical_unit)
+    raw = read_band(dataset, band, file, part)
     values = np.array(raw.data, dtype=np.float64)
     values[np.ma.getmaskarray(raw)] = np.nan
     first = (0, 0) if part is None else (int(part.row_off), int(part.col_off))

@@ -18,6 +18,7 @@ from sassgis.io.read.dem import (
     describe_dem,
     height_band,
     open_raster,
+    read_band,
 )
 from sassgis.io.read.tiles import read_terrain
 from sassgis.model.errors import InputError
@@ -118,7 +119,7 @@ def read_raw_dem(path: Path, crs: str | None = None) -> RawDem:
         unit_fault = "" if unit.lower() in METRES else f"unknown unit {unit!r}"
         if unit and not unit_fault:
             factor = METRES[unit.lower()]
-        values, not_heights = _heights(dataset, band, factor)
+        values, not_heights = _heights(dataset, band, path, factor)
         dx, dy, width, height = _cell_sizes(dataset, wkt)
         west, north = dataset.transform.c, dataset.transform.f
         nodata = dataset.nodata
@@ -130,18 +131,9 @@ def read_raw_dem(path: Path, crs: str | None = None) -> RawDem:
     )  # fmt: skip
 
 
-def _heights(dataset: Any, band: int, factor: float) -> tuple[FloatArray, int]:
+def _heights(dataset: Any, band: int, file: Path, factor: float) -> tuple[FloatArray, int]:
     """Heights (m), and how many cells hold none that can be meant."""
-    try:
-        raw = dataset.read(band, masked=True)
-    except Exception as error:
-        raise InputError(
-            "cannot be read to the end",
-            file=dataset.name,
-            field=f"band {band}",
-            found=str(error)[:160],
-            expected="an undamaged file",
-        ) from None
+    raw = read_band(dataset, band, file)
     values = np.array(raw.data, dtype=np.float64)
     values[np.ma.getmaskarray(raw)] = np.nan
     infinite = np.isinf(values)

@@ -66,7 +66,7 @@ _UNITS = {
 }
 _COLOURS = {
     "rock": "#8c8c8c", "debris": "#b5a48b", "talus": "#d9c89e", "soft_meadow": "#b8e186",
-    "forest_soil": "#4d9221", "asphalt": "#404040",
+    "overgrown_slope": "#7fbc41", "forest_soil": "#4d9221", "asphalt": "#404040",
 }  # fmt: skip
 _OBJECT_TEXT: Mapping[str, tuple[str, str, Symbol]] = {
     "building": (

@@ -11,6 +11,7 @@ import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
 from sassgis.io.read.site_layers import SiteLayer, site_layers
+from sassgis.io.read.vector_features import unreadable
 from sassgis.model.errors import InputError
 
 #: Keys with their values by section; sections with double brackets are not told apart, as there is
@@ -112,7 +113,7 @@ def _layers(file: Path) -> list[str]:
     try:
         names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
     except (DataSourceError, DataLayerError) as error:
-        raise _unreadable(file, error) from None
+        raise unreadable(file, "--release", error) from None
     if not names:
         raise InputError(
             "holds no layer with geometry", file=file, field="--release",
@@ -125,17 +126,7 @@ def _table(file: Path, layer: str) -> Any:
     try:
         return pyogrio.read_dataframe(file, layer=layer, read_geometry=False)
     except (DataSourceError, DataLayerError, ValueError) as error:
-        raise _unreadable(file, error) from None
-
-
-def _unreadable(file: Path, error: Exception) -> InputError:
-    return InputError(
-        "cannot be read as a vector file",
-        file=file,
-        field="--release",
-        found=str(error).split(";")[0][:160],
-        expected="GeoPackage, Shapefile, GeoJSON or another format that GDAL reads",
-    )
+        raise unreadable(file, "--release", error) from None
 
 
 def _count(file: Path, layer: str) -> int:

@@ -165,13 +165,7 @@ def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str
             # Geometries that cannot be decoded come as None and are reported by feature.
             frame = pyogrio.read_dataframe(file, layer=name, on_invalid="ignore")
     except (DataSourceError, DataLayerError, shapely.errors.ShapelyError, ValueError) as error:
-        raise InputError(
-            "cannot be read as a vector file",
-            file=file,
-            field=f"{key}.file",
-            found=str(error).split(";")[0].replace(f"'{file}' ", "")[:160],
-            expected="GeoPackage, Shapefile, GeoJSON or another format that GDAL reads",
-        ) from None
+        raise unreadable(file, f"{key}.file", error) from None
     for text in dict.fromkeys(str(w.message) for w in spoken):
         # Measures along lines are dropped with the heights: nothing is lost.
         if not text.startswith("Measured"):
@@ -191,6 +185,17 @@ def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str
             "layer is empty", file=file, field=f"layer {name}", expected="at least one feature"
         )
     return frame
+
+
+def unreadable(file: Path, field: str, error: Exception) -> InputError:
+    """Why GDAL cannot read a vector file that a key or an option names."""
+    return InputError(
+        "cannot be read as a vector file",
+        file=file,
+        field=field,
+        found=str(error).split(";")[0].replace(f"'{file}' ", "")[:160],
+        expected="GeoPackage, Shapefile, GeoJSON or another format that GDAL reads",
+    )
 
 
 def _choose_layer(

@@ -18,7 +18,7 @@ from sassgis.model.run_config import Config
 from sassgis.runs import sensitivity_run as module
 from sassgis.runs.sensitivity_run import SensitivityResult, sensitivity
 
-OPTIONS = {"samples": 4, "rocks": 3, "jobs": 1, "areas": ["Nord"]}
+OPTIONS = {"samples": 4, "rocks": 12, "jobs": 1, "areas": ["Nord"]}
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,8 @@ def test_run_out_rises_with_what_an_impact_keeps(small: SensitivityResult) -> No
     # Base, another seed, farthest, two ends, four points.
     assert small.simulations == 9
     (found,) = [e for e in small.effects if e.measure == "run-out (95 %)"]
-    assert found.low < found.base < found.high and found.beyond_chance
+    # Above the base value an impact is charged what rolling takes, whatever η_max.
+    assert found.low < found.base <= found.high and found.beyond_chance
     assert found.correlation > 0.5
 
 
@@ -71,7 +72,8 @@ def test_what_is_written(small: SensitivityResult, config: Config) -> None:
     assert len(tables["simulations"]) == small.simulations
     assert tables["simulations"]["debris: eta_max"].between(0.3, 0.8).all()
     manifest = json.loads((small.folder / "manifest.json").read_text(encoding="utf-8"))
-    assert manifest["counts"]["simulations"] == 9 and manifest["counts"]["rocks_per_point"] == 3
+    counts = manifest["counts"]
+    assert counts["simulations"] == 9 and counts["rocks_per_point"] == OPTIONS["rocks"]
     assert {i["role"] for i in manifest["inputs"]} >= {"config", "dem", "ranges"}
     page = (small.folder / "report.html").read_text(encoding="utf-8")
     assert "What run-out and energy answer to" in page and "1 of 1 ranges are assumptions" in page
