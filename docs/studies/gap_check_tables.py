@@ -1,9 +1,8 @@
-"""Put the scores of a blinded check into docs/gap_check.md and docs/gap.md.
+"""Put the scores of a blinded check into docs/gap_check.md.
 
 ``python docs/studies/gap_check_tables.py CHECK`` takes scores and figures from the folder that
 ``sassgis gap check -o CHECK`` wrote, keeps them in ``docs/studies/gap_check`` and rewrites what
-stands between ``<!-- check -->`` and ``<!-- end check -->``, and in docs/gap.md between
-``<!-- trust -->`` and ``<!-- end trust -->``. Without CHECK it uses those kept.
+stands between ``<!-- check -->`` and ``<!-- end check -->``. Without CHECK it uses those kept.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from typing import Any
 HERE = Path(__file__).parent
 KEPT = HERE / "gap_check"
 PAGE = HERE.parent / "gap_check.md"
-SHORT = HERE.parent / "gap.md"
 FIGURES = ("confusion.png", "reliability.png", "shrinkage.png")
 #: Unknown effects that are in the training set.
 SEEN = ("wind", "snow", "collisions", "wetting")
@@ -107,17 +105,6 @@ def unknown_part(worlds: list[dict[str, str]]) -> list[str]:
     return ["", "Answers to unknown effects, by kind:", "", *table(head, rows)]
 
 
-def trust_part(scores: dict[str, Any]) -> str:
-    """The accuracy of the diagnosis, in a list."""
-    rows = scores["acceptance"]
-    lines = [
-        f"- {row['measure']}: {percent(row['reached'])} ({row['hits']} of {row['worlds']}; "
-        f"95 % interval {interval(row['ci95'])})"
-        for row in rows
-    ]
-    return "\n".join(lines)
-
-
 def replaced(page: Path, name: str, part: str) -> None:
     """Put a part between its two marks."""
     text = page.read_text(encoding="utf-8")
@@ -137,7 +124,6 @@ def main() -> None:
     with (KEPT / "worlds.csv").open(encoding="utf-8", newline="") as file:
         worlds = list(csv.DictReader(file))
     replaced(PAGE, "check", page_part(scores, worlds))
-    replaced(SHORT, "trust", trust_part(scores))
 
 
 if __name__ == "__main__":

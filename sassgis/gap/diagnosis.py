@@ -73,7 +73,7 @@ class Verdict:
     effect : str
         A family, two joined by "+", "none" or "unknown".
     confidence : float
-        Probability of the answer, after confidence calibration (0 to 1).
+        Weight of the answer among all causes (0 to 1); not a calibrated probability.
     confusion_set : tuple of str
         What these data do not identify from it, itself included.
     phase, segments
@@ -82,8 +82,13 @@ class Verdict:
     reason : str
         In a sentence.
     probabilities : mapping
-        Of every cause, not lowered, most probable first: "none", the families, "pair" (two of them
-        at once) and "unknown".
+        Weight of every cause by its fingerprint, most likely first; not calibrated.
+    group : str
+        Group of the cause, which is often sure where the cause itself is not: "instruments",
+        "start", "extra blocks", "along the way", "contact", "sideways"; "" for none and unknown.
+    base : str
+        What the base needs: "ground" (calibrated ground is adequate), "contact_law" (the contact
+        follows another law), "unresolved".
     """
 
     effect: str
@@ -93,6 +98,39 @@ class Verdict:
     segments: tuple[str, ...] = ()
     reason: str = ""
     probabilities: Mapping[str, float] = field(default_factory=dict)
+    group: str = ""
+    base: str = "unresolved"
+
+
+@dataclass(frozen=True, slots=True)
+class Fingerprint:
+    """One fingerprint in some observations.
+
+    Attributes
+    ----------
+    effect : str
+        A family or "contact_law".
+    statistic : str
+        What was looked at.
+    value : float
+        Its size, in the unit of the statistic; NaN if it cannot be seen.
+    z : float
+        Mean over its standard error; below zero: against the effect.
+    p_adjusted : float
+        Of the largest over all fingerprints, one-sided.
+    observable : bool
+        Whether these data could show it.
+    rocks : int
+        Rocks, or groups of rocks, on which it rests.
+    """
+
+    effect: str
+    statistic: str
+    value: float
+    z: float
+    p_adjusted: float
+    observable: bool
+    rocks: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,6 +265,8 @@ class Diagnosis:
     seed : int
     warnings : tuple of str
         What in the configuration or the observations deserves a look.
+    fingerprints : tuple of Fingerprint
+        The surest first; those that cannot be seen last.
     """
 
     verdict: Verdict
@@ -243,6 +283,7 @@ class Diagnosis:
     settings_hash: str
     seed: int
     warnings: tuple[str, ...] = ()
+    fingerprints: tuple[Fingerprint, ...] = ()
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -256,6 +297,7 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
             "verdict": plain,
             "where": [asdict(f) for f in diagnosis.where],
             "which": [asdict(c) for c in diagnosis.which],
+            "fingerprints": [asdict(f) for f in diagnosis.fingerprints],
             "shrinkage": asdict(diagnosis.shrinkage),
             "data": {
                 "rocks": diagnosis.rocks,

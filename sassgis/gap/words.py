@@ -17,6 +17,7 @@ EFFECT_NAMES: Mapping[str, str] = {
     "release_error": "error of the release",
     "measurement_error": "error of measurement",
     "none": "calibration alone",
+    "contact_law": "another law of the contact",
     "unknown": "unknown effect",
 }
 
@@ -26,6 +27,7 @@ EFFECT_PHRASES: Mapping[str, str] = {
     "release_error": "an error in where or how fast the rocks are taken to start, not in the "
     "motion below",
     "measurement_error": "an error of the measurement, not of the motion",
+    "contact_law": "another law of the contact: the same shift of rebound and slip for all sizes",
 }
 
 QUANTITY_NAMES: Mapping[str, str] = {

@@ -61,15 +61,13 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         place = " and ".join(place_words(s) for s in verdict.segments)
         acts = f"It acts in the phase “{verdict.phase}”" if verdict.phase else "It acts"
         out.append(f"{acts}{' ' + place if place else ''}.")
-    share = round(100 * verdict.confidence)
+    group = f" and of its group ({verdict.group})" if verdict.group else ""
     out.append(
-        f"A confidence of {share} % is cautious: it is set so that on synthetic slopes whose cause "
-        "is known answers with 60 % and more are right nine times in ten (whether they were: "
-        "docs/gap_check.md). No real slope is like those: take it as what to look at first, not as "
-        "found."
+        f"The weight of this answer{group} follows from fingerprints; it is not a calibrated "
+        "probability. Take it as what to look at first, not as found."
     )
     named = hypothesis_of(diagnosis.which, verdict.effect)
-    if named is not None and verdict.effect not in ("none", "unknown"):
+    if named is not None and verdict.effect not in ("none", "unknown", "contact_law"):
         interval = (
             f"(95 % interval {interval_text(named.ci95)}; the score of the calibrated base model "
             f"is {sensible(named.score + named.gain)})"

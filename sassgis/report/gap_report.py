@@ -18,7 +18,6 @@ from sassgis.gap.where.places import (
     observed_end,
     used_lines,
 )
-from sassgis.gap.which.classifier import PAIR, UNKNOWN
 from sassgis.gap.words import (
     effect_name,
     quantity_name,
@@ -262,23 +261,12 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
     )  # fmt: skip
 
 
-def _other_causes(probabilities: Mapping[str, float]) -> str:
-    """What is missing in the table from the sum of the probabilities."""
-    if not probabilities:
-        return ""
-    pair, other = (100.0 * probabilities.get(name, 0.0) for name in (PAIR, UNKNOWN))
-    return (
-        f" Two of the effects at once have a probability of {pair:.0f} %, something else "
-        f"{other:.0f} %."
-    )
-
-
 def _which_table(diagnosis: Diagnosis) -> ReportTable:
     return ReportTable(
         "Explanations",
         (
             ("effect", ""), ("form", ""), ("score", ""), ("gain", ""), ("95 % interval", ""),
-            ("probability", "%"), ("separated from the answer", ""),
+            ("weight", "%"), ("separated from the answer", ""),
         ),
         tuple(
             (
@@ -290,7 +278,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
             for c in diagnosis.which
         ),
         "Score: energy score of rocks held out of the calibration; less is better. Gain: score of "
-        "the calibrated base model less this one." + _other_causes(diagnosis.verdict.probabilities),
+        "the calibrated base less this one. Weight: by fingerprints, not a calibrated probability.",
     )  # fmt: skip
 
 

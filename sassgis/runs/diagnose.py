@@ -17,6 +17,7 @@ from sassgis.gap.diagnosis import (
     Calibrated,
     Comparison,
     Diagnosis,
+    Fingerprint,
     Hypothesis,
 )
 from sassgis.gap.inference.folds import folds_of
@@ -29,10 +30,12 @@ from sassgis.gap.ladder.calibration import (
     run_refined,
     shrinkage_of,
 )
+from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
+from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
+from sassgis.gap.residuals.steps import steps_of
 from sassgis.gap.where.findings import where
-from sassgis.gap.which.classifier import LEAST_SEEN, PAIR, UNKNOWN, designs_of, no_idea
 from sassgis.gap.which.ensemble import (
     COUNT,
     CalibrationProblem,
@@ -44,25 +47,23 @@ from sassgis.gap.which.ensemble import (
     try_task,
 )
 from sassgis.gap.which.families import FAMILIES
+from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import NONE, Draw, families_to_try
-from sassgis.gap.which.signature import Base, base_of, observed_signature
 from sassgis.gap.which.verdict import (
+    CONTACT_LAW,
+    UNKNOWN,
     Thresholds,
-    best_cause,
-    best_families,
+    causes_of,
     measure_next,
-    probability_of,
+    shares_of,
     verdict_of,
 )
 from sassgis.io.read.config import load_config
-from sassgis.io.read.gap_thresholds import (
-    read_classifier,
-    read_thresholds,
-    thresholds_of,
-)
+from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
+from sassgis.model.ground import GroundTable
 from sassgis.model.run_config import Config
 from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
@@ -72,8 +73,10 @@ from sassgis.runs.job import job_count
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
-#: Draws of each hypothesis in the first round.
-DRAWS = 40
+#: Draws of each hypothesis in the first round, and of the base.
+DRAWS, BASE_DRAWS = 40, 80
+#: Runs of each rock with which stations and stops are compared for the fingerprints.
+_REPLICATES = 12
 #: Repetitions of the refinement, and draws in each.
 REPETITIONS, REFINED = 3, 24
 #: Effects that are calibrated further, the most probable ones.
@@ -158,12 +161,12 @@ def diagnose(
         try:
             with campaign_workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Releasing {case.n_rocks} rocks in the base model")
-                base, tried = base_of(problem)
+                tried = list(run(_try, tasks_of([NONE], BASE_DRAWS)))
                 tell("Releasing them in every hypothesis")
                 ensemble = _ensemble(problem, tried, draws, run, work, fingerprint, on_progress)
                 tell("Calibrating the most probable hypotheses")
                 diagnosis, ensemble = _diagnosis(
-                    base, ensemble, frozen, run, fingerprint, on_progress
+                    problem, ensemble, frozen, run, fingerprint, on_progress
                 )
         except KeyboardInterrupt:
             raise Interrupted(
@@ -191,11 +194,6 @@ def _motion_warnings(settings: Config) -> tuple[str, ...]:
             'terrain.path is "followed". The diagnosis replays rocks along fall lines, and model/ '
             'states terrain.path = "fall_line". Lateral offsets of followed paths are not in the '
             "base model."
-        )
-    if settings.engine.readings != "1986":
-        out.append(
-            f'engine.readings is "{settings.engine.readings}". The classifier was trained with '
-            '"1986": its confidence is untested here.'
         )
     return tuple(out)
 
@@ -283,7 +281,7 @@ def _save(file: Path, fingerprint: str, made: Sequence[Tried]) -> None:
 
 
 def _diagnosis(
-    base_model: Base,
+    problem: CalibrationProblem,
     ensemble: Ensemble,
     frozen: Thresholds,
     run: CampaignMap,
@@ -291,33 +289,38 @@ def _diagnosis(
     on_progress: OnProgress | None,
 ) -> tuple[Diagnosis, Ensemble]:
     """The answer, and the ensemble with all that was calibrated for it."""
-    problem = base_model.problem
     case, seed = problem.case, problem.seed
-    shares, confidence_calibration = _probabilities(base_model)
-    families = best_families(shares)
-    best = best_cause(shares)
-    if best == UNKNOWN:
-        best = families[0]
-    further = [NONE, *families[:_FURTHER]]
-    if "+" in best:
-        tasks = [(best, i) for i in range(_PAIR_DRAWS)]
-        ensemble = ensemble.with_more(problem, list(run(_try, tasks)))
-        further.append(best)
-
-    counter = _Counter(on_progress, REPETITIONS * REFINED * len(further), case.n_rocks)
+    tried = families_to_try(case)
+    counter = _Counter(on_progress, REPETITIONS * REFINED * (_FURTHER + 1), case.n_rocks)
 
     def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
         return list(counter.counted(run(run_refined, tasks)))
 
+    ensemble = refine(problem, ensemble, [NONE], again, repetitions=REPETITIONS, draws=REFINED)
+    base = ensemble.tried[int(best_draws(ensemble, NONE)[0])].draw
+    prints = _prints(case, base.model.table, seed)
+    shares = shares_of(prints, tried)
+    causes = [c for c in causes_of(prints, frozen, tried) if c != CONTACT_LAW]
+    families = [*causes, *(n for n in shares if n in tried and n not in causes)]
+    best = families[0]
+    further = families[:_FURTHER]
+    if len(causes) > 1:
+        best = "+".join(sorted(causes[:2]))
+        tasks = [(best, i) for i in range(_PAIR_DRAWS)]
+        ensemble = ensemble.with_more(problem, list(run(_try, tasks)))
+        further.append(best)
     ensemble = refine(problem, ensemble, further, again, repetitions=REPETITIONS, draws=REFINED)
     part = folds_of(case.n_rocks, seed)
     shrinkage = shrinkage_of(problem, ensemble, best, part, draws=_BOOTSTRAP, seed=seed)
     fitted = [ensemble.tried[i].draw for i in best_draws(ensemble, best).tolist()]
-    base = ensemble.tried[int(best_draws(ensemble, NONE)[0])].draw
     findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
-    verdict = verdict_of(shares, most, frozen, case, fitted, findings, confidence_calibration)
-    named = verdict.effect not in (NONE, UNKNOWN)
+    verdict = verdict_of(prints, most, frozen, case, fitted, findings, tried)
+    named = verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW)
+    if named and verdict.effect != best:
+        best = verdict.effect
+        shrinkage = shrinkage_of(problem, ensemble, best, part, draws=_BOOTSTRAP, seed=seed)
+        fitted = [ensemble.tried[i].draw for i in best_draws(ensemble, best).tolist()]
     if verdict.effect == NONE:
         shrinkage = shrinkage_of(problem, ensemble, NONE, part, draws=0, seed=seed)
     elif not named:
@@ -342,24 +345,17 @@ def _diagnosis(
         seed=seed,
         # Errors were logged while reading.
         warnings=tuple(str(f) for f in case.observations.findings if f.level == "warning"),
+        fingerprints=prints,
     )
     return diagnosis, ensemble
 
 
-def _probabilities(base: Base) -> tuple[dict[str, float], float]:
-    """Probability of each cause, and the confidence calibration to state it with.
-
-    By the classifier of the richest design of which enough was measured.
-    """
-    case = base.problem.case
-    families = families_to_try(case)
-    for design in designs_of(case):
-        classifier = read_classifier(design)
-        signature = observed_signature(base, design)
-        if classifier.seen(signature) >= LEAST_SEEN:
-            excluded = [name for name in FAMILIES if name not in families]
-            return classifier.probabilities(signature, excluded), classifier.confidence_calibration
-    return no_idea((NONE, *families, UNKNOWN, PAIR)), 0.0
+def _prints(case: Case, table: GroundTable, seed: int) -> tuple[Fingerprint, ...]:
+    """Fingerprints in the residuals of the calibrated base."""
+    rng = np.random.default_rng([seed, 61])
+    run = free_run(case, RunModel.of(case, table, None, None, seed), _REPLICATES)
+    steps = steps_of(case, table, run, observed_at_stations(case), rng)
+    return fingerprints(case, steps, rng=rng)
 
 
 def _hypotheses(
@@ -370,7 +366,8 @@ def _hypotheses(
     part: np.ndarray[tuple[int], np.dtype[np.int64]],
 ) -> tuple[Hypothesis, ...]:
     """Everything that was tried, most probable first."""
-    names = [NONE, *best_families(shares), *([best] if "+" in best else [])]
+    families = [name for name in shares if name not in (NONE, UNKNOWN, CONTACT_LAW)]
+    names = [NONE, *families, *([best] if "+" in best else [])]
     base = held_out_scores(ensemble, NONE, part)
     rng = np.random.default_rng([problem.seed, 81])
     found = []
@@ -386,7 +383,7 @@ def _hypotheses(
                 float(np.nanmean(own)),
                 gain.value,
                 (gain.low, gain.high),
-                probability_of(name, shares),
+                shares.get(name.split("+")[0], 0.0),
                 dict(top[0].parameters),
                 {k: (float(v.min()), float(v.max())) for k, v in values.items()},
             )

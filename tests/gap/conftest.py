@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
-from helpers.simulated_slope import observed
+from helpers.simulated_slope import ORDER, observed
 
-from sassgis.gap.which.ensemble import CalibrationProblem, Tried, problem_of
-from sassgis.gap.which.signature import Base, base_of
+from sassgis.gap.which.ensemble import CalibrationProblem, Tried, problem_of, tasks_of, try_task
+from sassgis.gap.which.hypotheses import NONE
 from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid
 
@@ -55,6 +55,6 @@ def problem() -> CalibrationProblem:
 
 
 @pytest.fixture(scope="session")
-def made(problem: CalibrationProblem) -> tuple[Base, list[Tried]]:
-    """The base model of this problem, with its campaigns."""
-    return base_of(problem, 20)
+def made(problem: CalibrationProblem) -> list[Tried]:
+    """Campaigns of the base model for this problem."""
+    return [try_task(problem, task, ORDER) for task in tasks_of([NONE], 20)]

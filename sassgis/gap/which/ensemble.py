@@ -16,7 +16,7 @@ from sassgis.gap.observations.campaign import Campaign, errors_of, observed_camp
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
-from sassgis.gap.which.features import Covariates, covariates_of, rock_quantities
+from sassgis.gap.which.features import rock_quantities
 from sassgis.gap.which.hypotheses import NONE, Draw, ParameterDraws, draw
 from sassgis.model.grid import FloatArray, IntArray
 
@@ -81,7 +81,6 @@ class CalibrationProblem:
     ----------
     case : Case
     rock_lines : RockLines
-    given : Covariates
     scale : Scale
     observed : Campaign
     rows : float64, shape (n_rocks, 2 k)
@@ -91,7 +90,6 @@ class CalibrationProblem:
 
     case: Case
     rock_lines: RockLines
-    given: Covariates
     scale: Scale
     observed: Campaign
     rows: FloatArray
@@ -101,11 +99,10 @@ class CalibrationProblem:
 def problem_of(case: Case, seed: int) -> CalibrationProblem:
     """Prepare a case."""
     observed = observed_campaign(case)
-    given = covariates_of(case)
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities)
     return CalibrationProblem(
-        case, rock_lines_of(case), given, scale, observed, scale.rows(quantities), seed
+        case, rock_lines_of(case), scale, observed, scale.rows(quantities), seed
     )
 
 

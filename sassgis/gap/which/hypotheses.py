@@ -90,6 +90,7 @@ GROUND_WIDTHS: Mapping[str, float] = {
     "dp_max": 0.10,
     "mu_f": 0.10,
     "mu_0": 0.08,
+    "restitution": 0.15,
 }
 _BOUNDS = {
     "eta_max": (0.05, 0.95),
@@ -97,6 +98,7 @@ _BOUNDS = {
     "dp_max": (0.0, 0.95),
     "mu_f": (0.05, 2.0),
     "mu_0": (0.02, 2.0),
+    "restitution": (0.0, 0.95),
 }
 #: Ground on which no block lies loose and nothing yields.
 _HARD = ("rock", "asphalt")
@@ -193,12 +195,15 @@ def _calibrated(
     """Ground classes with shifted parameters; classes that no profile crosses stay."""
     used = set(np.unique(case.profiles.ground).tolist())
     classes, parameters = [], {}
+    rebounds = case.engine.resolved().eta_max_rule == "restitution"
     for k, ground in enumerate(case.table.classes):
         if k not in used:
             classes.append(ground)
             continue
         values = {}
         for name, usual in GROUND_WIDTHS.items():
+            if name == "restitution" and not rebounds:
+                continue
             width = usual * case.ground_range
             low, high = _BOUNDS[name]
             value = float(getattr(ground, name)) + parameter_draws.uniform(

@@ -1,132 +1,220 @@
-"""The answer: from probabilities and shrinkage to a cause, its confidence and what is confused."""
+"""The answer: from fingerprints and findings to a cause, its group and what is confused."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.diagnosis import GapFinding, Verdict
+from sassgis.gap.diagnosis import Fingerprint, GapFinding, Verdict
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
-from sassgis.gap.which.classifier import PAIR, UNKNOWN, cautious
 from sassgis.gap.which.families import PHASES
-from sassgis.gap.which.hypotheses import NONE, Draw
+from sassgis.gap.which.hypotheses import Draw
 from sassgis.model.grid import FloatArray
+
+#: Causes besides the families.
+NONE, UNKNOWN, CONTACT_LAW = "none", "unknown", "contact_law"
+#: Groups of causes, in the order in which they are asked: an error of the instruments shows in all
+#: that follows, an error of the start in all below it, a loss on the way turns the path as well.
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "instruments": ("measurement_error",),
+    "start": ("release_error",),
+    "extra blocks": ("fragmentation", "entrainment"),
+    "along the way": ("trees", "air_drag"),
+    "contact": ("soft_ground", "roughness", "rock_shape", CONTACT_LAW),
+    "sideways": ("lateral_deflection",),
+}
+#: What looks like a second cause where the first acts.
+_FOLLOWS: Mapping[str, tuple[str, ...]] = {
+    "instruments": ("start", "along the way", "contact", "sideways"),
+    "start": ("sideways",),
+    "extra blocks": ("along the way", "contact", "sideways"),
+    "along the way": ("contact", "sideways"),
+    "contact": ("sideways",),
+    "sideways": ("contact",),
+}
+#: A gap is large from this share of the scatter of the rocks on.
+_LARGE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """What was chosen on worlds of development and is frozen for all that is reported.
+    """What was set before worlds were looked at, and is frozen for all that is reported.
 
     Attributes
     ----------
-    none_share : float
-        From this probability of the calibrated base on, no effect is named.
-    least_confidence : float
-        A cause that is less probable is not named: "unknown".
-    least_shrinkage : float
-        Where the upper limit of its shrinkage is below, the effect does not explain the gap:
-        "unknown".
-    confusion_mass : float
-        Probability that a confusion set holds.
+    level : float
+        Adjusted p value of a fingerprint up to which its cause may be named.
+    second : float
+        z of a second fingerprint, of another group, from which two causes are named.
+    beside_contact : float
+        A cause at the contact is named only if its z exceeds that of a mere shift of the contact
+        law less this.
+    aside : float
+        Lateral deflection is named before the contact law if its z exceeds that by this: any law
+        of the contact turns paths a little.
     """
 
-    none_share: float = 0.3
-    least_confidence: float = 0.3
-    least_shrinkage: float = 0.0
-    confusion_mass: float = 0.95
+    level: float = 0.01
+    second: float = 6.0
+    beside_contact: float = 1.5
+    aside: float = 4.0
 
 
-def best_cause(shares: Mapping[str, float]) -> str:
-    """The most probable cause apart from the base: a family, two joined by "+", or "unknown".
+def group_of(effect: str) -> str:
+    """Group of a cause; of two, that of the first; "" if it has none."""
+    first = effect.split("+")[0]
+    return next((g for g, names in GROUPS.items() if first in names), "")
+
+
+def adequate(findings: Sequence[GapFinding], level: float = 0.05) -> bool:
+    """Whether no gap of the calibrated base is both significant and large."""
+    return not any(f.p_adjusted <= level and _large(f) for f in findings)
+
+
+def _large(finding: GapFinding) -> bool:
+    low, high = finding.ci95
+    scatter = (high - low) / 3.92 * math.sqrt(max(finding.rocks, 1))
+    return scatter > 0.0 and abs(finding.gap) > _LARGE * scatter
+
+
+def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
+    """The surest fingerprint of each cause that these data can show."""
+    best: dict[str, Fingerprint] = {}
+    for one in prints:
+        if one.observable and (one.effect not in best or one.z > best[one.effect].z):
+            best[one.effect] = one
+    return best
+
+
+def causes_of(
+    prints: Sequence[Fingerprint], thresholds: Thresholds, tried: Sequence[str]
+) -> list[str]:
+    """Causes whose fingerprint is significant and no mere consequence of another cause.
 
     Parameters
     ----------
-    shares : mapping
-        Probability of each cause, most probable first.
+    prints : sequence of Fingerprint
+    thresholds : Thresholds
+    tried : sequence of str
+        Families that may be named.
     """
-    first = next(name for name in shares if name != NONE)
-    return pair_of(shares) if first == PAIR else first
-
-
-def best_families(shares: Mapping[str, float]) -> list[str]:
-    """Families, most probable first."""
-    return [name for name in shares if name not in (NONE, UNKNOWN, PAIR)]
-
-
-def pair_of(shares: Mapping[str, float]) -> str:
-    """The two most probable families."""
-    return "+".join(sorted(best_families(shares)[:2]))
-
-
-def probability_of(cause: str, shares: Mapping[str, float]) -> float:
-    """Probability of a cause."""
-    return shares.get(PAIR if "+" in cause else cause, 0.0)
+    best = {
+        name: one
+        for name, one in strongest(prints).items()
+        if one.p_adjusted <= thresholds.level and one.z > 0.0
+        and (name in tried or name == CONTACT_LAW)
+    }  # fmt: skip
+    law = best.get(CONTACT_LAW)
+    found: list[str] = []
+    hidden: set[str] = set()
+    for group, names in GROUPS.items():
+        own = sorted((n for n in names if n in best), key=lambda n: -best[n].z)
+        if group == "contact" and law is not None:
+            side = best.get("lateral_deflection")
+            if side is not None and side.z > law.z + thresholds.aside and "sideways" not in hidden:
+                continue
+            others = [n for n in own if n != CONTACT_LAW]
+            near = law.z - thresholds.beside_contact
+            own = [n for n in others if best[n].z >= near] or [CONTACT_LAW]
+        if own and group not in hidden:
+            found.append(own[0])
+            hidden.update(_FOLLOWS[group])
+    return found
 
 
 def decide(
-    shares: Mapping[str, float], closes_at_most: float | None, thresholds: Thresholds
-) -> tuple[str, float, str]:
-    """Answer, its probability and reason.
+    prints: Sequence[Fingerprint],
+    findings: Sequence[GapFinding],
+    closes_at_most: float | None,
+    thresholds: Thresholds,
+    tried: Sequence[str],
+) -> tuple[str, str]:
+    """Answer and reason.
 
     Parameters
     ----------
-    shares : mapping
-        Probability of each cause, most probable first.
+    prints : sequence of Fingerprint
+    findings : sequence of GapFinding
+        Of the calibrated base.
     closes_at_most : float or None
         Upper limit of the shrinkage by the best cause, on held-out rocks; None where it is
         withheld.
     thresholds : Thresholds
+    tried : sequence of str
 
     Returns
     -------
     effect : str
-        "none", "unknown", a family or a pair.
-    probability : float
+        "none", "unknown", "contact_law", a family or a pair.
     reason : str
     """
-    none = shares.get(NONE, 0.0)
-    if none >= thresholds.none_share:
-        return (
-            NONE,
-            none,
-            "the calibrated base model shows the same, as far as chance and its own discrepancies "
-            f"allow a distinction (probability {none:.2f})",
+    causes = causes_of(prints, thresholds, tried)
+    if not causes:
+        if adequate(findings):
+            return NONE, (
+                "no cause leaves a fingerprint, and no gap of the calibrated base is both "
+                "significant and large"
+            )
+        return UNKNOWN, (
+            "gaps are significant and large, and no known cause leaves its fingerprint: these data "
+            "cannot answer which"
         )
-    best = best_cause(shares)
-    probability = probability_of(best, shares)
-    if best == UNKNOWN:
-        return UNKNOWN, probability, "the gap looks like that of none of the known effects"
-    if closes_at_most is not None and closes_at_most < thresholds.least_shrinkage:
-        return (
-            UNKNOWN,
-            probability + shares.get(UNKNOWN, 0.0),
-            f"the most probable effect ({best.replace('_', ' ')}) certainly closes none "
-            "of the gap on held-out rocks",
+    best = strongest(prints)
+    first = causes[0]
+    if first == CONTACT_LAW:
+        return CONTACT_LAW, (
+            "the rebound is shifted in the same way for all sizes, as no ground parameter in its "
+            "range gives it"
         )
-    if probability < thresholds.least_confidence:
-        return UNKNOWN, shares.get(UNKNOWN, 0.0), "no effect is probable enough to be named"
-    return best, probability, "its signature is that of the observed rocks"
+    if closes_at_most is not None and closes_at_most < 0.0:
+        return UNKNOWN, (
+            f"the fingerprint is that of {first.replace('_', ' ')}, but the effect certainly "
+            "closes none of the gap on held-out rocks"
+        )
+    more = [n for n in causes[1:] if n != CONTACT_LAW and best[n].z >= thresholds.second]
+    named = "+".join(sorted([first, *more[:1]]))
+    return named, f"it leaves its fingerprint ({best[first].statistic}, z = {best[first].z:.1f})"
+
+
+def shares_of(prints: Sequence[Fingerprint], tried: Sequence[str]) -> dict[str, float]:
+    """Weights of the causes by their fingerprints, most likely first; they sum to one.
+
+    A fingerprint of z weighs exp(z), up to 7; one that cannot be seen weighs 1. "none" weighs what
+    the largest of a dozen does by chance, "unknown" 1. The weights order the causes; they are not
+    calibrated probabilities.
+    """
+    best = strongest(prints)
+    weight = {NONE: math.exp(2.5), UNKNOWN: 1.0}
+    for name in (*tried, CONTACT_LAW):
+        z = best[name].z if name in best else 0.0
+        weight[name] = math.exp(min(max(z, -3.0), 7.0))
+    total = sum(weight.values())
+    return {n: w / total for n, w in sorted(weight.items(), key=lambda item: -item[1])}
 
 
 def confusion_set(
-    effect: str, shares: Mapping[str, float], thresholds: Thresholds
+    effect: str, prints: Sequence[Fingerprint], tried: Sequence[str], thresholds: Thresholds
 ) -> tuple[str, ...]:
-    """What cannot be distinguished from the answer: together the probability that is asked for.
+    """What these data do not distinguish from the answer, itself first.
 
-    The answer comes first. Pairs have no place of their own: their families have.
+    Causes of the same group with a fingerprint that is nearly as sure, or that cannot be seen; and
+    those of other groups with a significant fingerprint of their own.
     """
+    best = strongest(prints)
     held = effect.split("+")
-    single = {name: share for name, share in shares.items() if name != PAIR}
-    whole = sum(single.values())
-    total = 0.0
-    for name, share in single.items():
-        if total >= thresholds.confusion_mass * whole:
-            break
-        total += share
-        if name not in held:
+    group = group_of(effect)
+    for name in (*tried, CONTACT_LAW):
+        one = best.get(name)
+        if name in held:
+            continue
+        if one is None:
+            if effect == UNKNOWN or group_of(name) == group:
+                held.append(name)
+        elif one.p_adjusted <= thresholds.level or (group_of(name) == group and one.z > 2.0):
             held.append(name)
     return tuple(held)
 
@@ -151,7 +239,7 @@ def place_of(
     """
     if effect == NONE:
         return "", ()
-    if effect == UNKNOWN:
+    if effect in (UNKNOWN, CONTACT_LAW):
         return locate(findings)
     family = effect.split("+")[0]
     phase = PHASES[family]
@@ -210,29 +298,30 @@ def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
 
 
 def verdict_of(
-    shares: Mapping[str, float],
+    prints: Sequence[Fingerprint],
     closes_at_most: float | None,
     thresholds: Thresholds,
     case: Case,
     fitted: Sequence[Draw],
     findings: Sequence[GapFinding],
-    confidence_calibration: float = 0.0,
+    tried: Sequence[str],
 ) -> Verdict:
-    """Put the answer together; parameters as for ``decide`` and ``place_of``.
-
-    ``confidence_calibration`` lowers the stated confidence, as ``classifier.cautious`` has it.
-    """
-    effect, probability, reason = decide(shares, closes_at_most, thresholds)
-    confidence = float(cautious(probability, confidence_calibration))
+    """Put the answer together; parameters as for ``decide`` and ``place_of``."""
+    effect, reason = decide(prints, findings, closes_at_most, thresholds, tried)
+    shares = shares_of(prints, tried)
     phase, segments = place_of(effect, case, fitted, findings)
+    law = CONTACT_LAW in causes_of(prints, thresholds, ())
+    held = adequate(findings)
     return Verdict(
         effect,
-        float(min(max(confidence, 0.0), 0.99)),
-        confusion_set(effect, shares, thresholds),
+        float(min(shares.get(effect.split("+")[0], 0.0), 0.99)),
+        confusion_set(effect, prints, tried, thresholds),
         phase,
         segments,
         reason,
         dict(shares),
+        group_of(effect),
+        CONTACT_LAW if law else "ground" if held else "unresolved",
     )
 
 

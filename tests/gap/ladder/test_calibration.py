@@ -20,18 +20,14 @@ from sassgis.gap.which.ensemble import (
     try_task,
 )
 from sassgis.gap.which.hypotheses import NONE
-from sassgis.gap.which.signature import (
-    Base,
-    base_of,
-)
 
 
 @pytest.fixture(scope="module")
-def ensemble(problem: CalibrationProblem, made: tuple[Base, list[Tried]]) -> Ensemble:
+def ensemble(problem: CalibrationProblem, made: list[Tried]) -> Ensemble:
     tasks = tasks_of(("lateral_deflection", "air_drag", "fragmentation"), 10)
     return ensemble_of(
         problem,
-        [*made[1], *(try_task(problem, task, ORDER) for task in tasks)],
+        [*made, *(try_task(problem, task, ORDER) for task in tasks)],
     )
 
 
@@ -78,7 +74,7 @@ def test_without_a_gap_no_shrinkage_is_stated(
 
 def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
     alone = problem_of(observed(12, 1, tables=("impacts",)), 1)
-    _, base = base_of(alone, 8)
+    base = [try_task(alone, task, ORDER) for task in tasks_of([NONE], 8)]
     tried = [try_task(alone, task, ORDER) for task in tasks_of(("air_drag",), 3)]
     ensemble = ensemble_of(alone, [*base, *tried])
     assert ensemble.scores.shape == (11, 12)

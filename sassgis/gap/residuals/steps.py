@@ -1,0 +1,254 @@
+"""One table of residuals: every observed step against what the model makes of the state before it.
+
+A step is an impact, a flight between two impacts, or a whole path from the release to a station or
+to the stop. Each row holds what was seen, what the model foresees from the *observed* state, the
+standard deviation of that, and what a cause could depend on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.gap.observations.campaign import errors_of, observed_campaign
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.free_run import AtStations, FreeRun, observed_end
+from sassgis.gap.residuals.one_step import impacts_in_flight, rebound_draws, usable_impacts
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.ground import GroundTable
+
+#: Share of the length of a free flight that one between two observed impacts may lack or exceed.
+_SHORTEST, _LONGEST = 0.4, 1.3
+_LEAST_WAY_M = 1.0
+#: Height by which the centre of a rock at two impacts may lie differently above the ground (m).
+_CENTRE_M = 0.15
+#: Orientations and slopes drawn for each observed impact.
+IMPACT_DRAWS = 32
+
+
+@dataclass(frozen=True, slots=True)
+class StepTable:
+    """Residuals, one row per step and quantity.
+
+    Attributes
+    ----------
+    rock : int64, shape (n,)
+    step : str, shape (n,)
+        "impact", "flight", "run" (from the release to a station) or "stop".
+    quantity : str, shape (n,)
+    observed, predicted, sd : float64, shape (n,)
+        ``sd`` is that of the prediction, with errors of measurement.
+    s_m : float64, shape (n,)
+        Chainage (m).
+    ground : int64, shape (n,)
+        Class; -1 where it does not matter.
+    station : int64, shape (n,)
+        -1 where there is none.
+    vn_mps, way_m, radius_m, flatness, reach : float64, shape (n,)
+        Normal speed before an impact; length of a flight; radius and c/b of the rock; length of
+        the flight as a share of that of a free one.
+    """
+
+    rock: IntArray
+    step: NDArray[np.str_]
+    quantity: NDArray[np.str_]
+    observed: FloatArray
+    predicted: FloatArray
+    sd: FloatArray
+    s_m: FloatArray
+    ground: IntArray
+    station: IntArray
+    vn_mps: FloatArray
+    way_m: FloatArray
+    radius_m: FloatArray
+    flatness: FloatArray
+    reach: FloatArray
+
+    def __len__(self) -> int:
+        return int(self.rock.size)
+
+    def of(self, step: str, quantity: str) -> StepTable:
+        """Rows of one quantity that have an observed and a predicted value."""
+        own = (self.step == step) & (self.quantity == quantity)
+        own &= np.isfinite(self.observed) & np.isfinite(self.predicted) & (self.sd > 0.0)
+        return StepTable(*(getattr(self, f.name)[own] for f in fields(self)))
+
+    @property
+    def z(self) -> FloatArray:
+        """Observed less predicted, in standard deviations."""
+        values: FloatArray = (self.observed - self.predicted) / self.sd
+        return values
+
+
+def steps_of(
+    case: Case, table: GroundTable, run: FreeRun, seen: AtStations, rng: np.random.Generator
+) -> StepTable:
+    """The table of residuals of a case.
+
+    Parameters
+    ----------
+    case : Case
+    table : GroundTable
+        Of the model.
+    run : FreeRun
+        Its replicates of the rocks.
+    seen : AtStations
+    rng : numpy.random.Generator
+    """
+    flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
+    parts = [
+        *_impacts(case, table, run.axes_m, rng),
+        *_flights(case),
+        *_runs(case, run, seen),
+        *_stops(case, run),
+    ]
+    columns: dict[str, list[FloatArray]] = {f.name: [] for f in fields(StepTable)}
+    for part in parts:
+        n = part["rock"].size
+        rock = part["rock"]
+        part = {"radius_m": run.radius_m[rock], "flatness": flat[rock], **part}
+        for name, filled in columns.items():
+            missing = -1 if name in ("ground", "station") else np.nan
+            filled.append(np.broadcast_to(np.asarray(part.get(name, missing)), n))
+    empty = {"step": np.array([], np.str_), "quantity": np.array([], np.str_)}
+    made: dict[str, Any] = {
+        name: np.concatenate(filled) if filled else empty.get(name, np.empty(0))
+        for name, filled in columns.items()
+    }
+    for name in ("rock", "ground", "station"):
+        made[name] = made[name].astype(np.int64)
+    return StepTable(**made)
+
+
+_Part = dict[str, Any]
+
+
+def _impacts(
+    case: Case, table: GroundTable, axes_m: FloatArray, rng: np.random.Generator
+) -> list[_Part]:
+    if not len(case.observations.impacts):
+        return []
+    rows = np.flatnonzero(usable_impacts(case, axes_m))
+    seen = impacts_in_flight(case, axes_m, rows, IMPACT_DRAWS) if rows.size else None
+    if seen is None:
+        return []
+    draws = rebound_draws(case, table, seen, rng)
+    own = seen.impacts
+    common: _Part = {
+        "rock": seen.rock, "step": np.array("impact"), "s_m": seen.s, "ground": seen.kind,
+        "vn_mps": -own.vn_in_mps,
+    }  # fmt: skip
+    known = np.isfinite(draws[..., 0])
+    enough = known.sum(axis=1) >= IMPACT_DRAWS // 4
+    out = []
+    quantities = {
+        "tangential_speed_mps": (own.vt_out_mps, draws[..., 0]),
+        "normal_speed_mps": (own.vn_out_mps, draws[..., 1]),
+        "spin_out_radps": (own.omega_out_radps, draws[..., 2]),
+    }
+    for name, (observed, drawn) in quantities.items():
+        with np.errstate(invalid="ignore"):
+            mean = np.where(enough, np.nanmean(np.where(known, drawn, np.nan), axis=1), np.nan)
+            sd = np.where(enough, np.nanstd(np.where(known, drawn, np.nan), axis=1), np.nan)
+        out.append({
+            **common, "quantity": np.array(name), "observed": observed, "predicted": mean, "sd": sd,
+        })  # fmt: skip
+    turn = {
+        "quantity": np.array("turn_deg"), "observed": own.turn_deg,
+        "predicted": np.zeros(own.turn_deg.size), "sd": np.array(errors_of(case).turn_deg),
+    }  # fmt: skip
+    return [*out, {**common, **turn}]
+
+
+def _flights(case: Case) -> list[_Part]:
+    """Energy at the end of flights between impacts, against that at their start and the fall."""
+    rows = observed_campaign(case).impacts
+    if rows is None or rows.rock.size < 2:
+        return []
+    errors = errors_of(case)
+    _, dip = case.ground_at(rows.rock, rows.s)
+    g = case.engine.gravity_mps2
+    first = np.flatnonzero(rows.rock[:-1] == rows.rock[1:])
+    last = first + 1
+    level = rows.vt_out[first] * np.cos(dip[first]) + rows.vn_out[first] * np.sin(dip[first])
+    up = rows.vn_out[first] * np.cos(dip[first]) - rows.vt_out[first] * np.sin(dip[first])
+    fall = rows.z[first] - rows.z[last]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        time = (up + np.sqrt(np.maximum(up**2 + 2.0 * g * fall, 0.0))) / g
+        way = rows.s[last] - rows.s[first]
+        share = way / (level * time)
+    out = 0.5 * (rows.vt_out[first] ** 2 + rows.vn_out[first] ** 2)
+    into = 0.5 * (rows.vt_in[last] ** 2 + rows.vn_in[last] ** 2)
+    flown = (way > _LEAST_WAY_M) & (share > _SHORTEST) & (share < _LONGEST)
+    sd = np.sqrt(
+        (2.0 * errors.speed_rel) ** 2 * (out**2 + into**2)
+        + (g * np.hypot(_CENTRE_M, errors.position_m)) ** 2
+    )
+    length = np.hypot(way, fall)
+    return [
+        {
+            "rock": rows.rock[first][flown], "step": np.array("flight"),
+            "quantity": np.array("energy_jpkg"), "observed": into[flown],
+            "predicted": (out + g * fall)[flown], "sd": sd[flown], "s_m": rows.s[last][flown],
+            "way_m": length[flown], "reach": share[flown],
+        }
+    ]  # fmt: skip
+
+
+def _runs(case: Case, run: FreeRun, seen: AtStations) -> list[_Part]:
+    rows = observed_campaign(case).passages
+    errors = errors_of(case)
+    noise = {
+        "speed_mps": errors.speed_rel, "rotation_hz": errors.rotation_rel, "height_m": 0.0,
+    }  # fmt: skip
+    found = []
+    for k in range(len(case.station_names)):
+        for name, relative in noise.items():
+            draws = getattr(run.at, name)[:, :, k]
+            known = np.isfinite(draws).sum(axis=1) >= 3
+            if not known.any():
+                continue
+            rock = np.flatnonzero(known)
+            mean, sd = np.nanmean(draws[rock], axis=1), np.nanstd(draws[rock], axis=1)
+            found.append({
+                "rock": rock, "step": np.array("run"), "quantity": np.array(name),
+                "observed": getattr(seen, name)[rock, k], "predicted": mean,
+                "sd": np.hypot(sd, relative * mean) + 1e-9, "s_m": case.station_s[rock, k],
+                "station": np.array(k),
+            })  # fmt: skip
+    if rows is not None:
+        own = np.flatnonzero(rows.rock >= 0)
+        found.append({
+            "rock": rows.rock[own], "step": np.array("run"), "quantity": np.array("lateral_m"),
+            "observed": rows.lateral_m[own], "predicted": np.zeros(own.size),
+            "sd": np.array(_side_error(case)), "station": rows.station[own],
+            "s_m": case.station_s[rows.rock[own], rows.station[own]],
+        })  # fmt: skip
+    return found
+
+
+def _side_error(case: Case) -> float:
+    """Error of an offset from the fall line, which is known to half a cell (m)."""
+    return float(np.hypot(np.sqrt(2.0) * errors_of(case).position_m, 0.5 * case.grid.cell_size))
+
+
+def _stops(case: Case, run: FreeRun) -> list[_Part]:
+    runout, lateral, _, _ = observed_end(case)
+    rock = np.flatnonzero(np.isfinite(runout))
+    if not rock.size:
+        return []
+    common: _Part = {"rock": rock, "step": np.array("stop"), "s_m": runout[rock]}
+    draws = run.runout_m[rock]
+    return [
+        {
+            **common, "quantity": np.array("runout_m"), "observed": runout[rock],
+            "predicted": draws.mean(axis=1), "sd": draws.std(axis=1) + 1.0,
+        },
+        {
+            **common, "quantity": np.array("lateral_m"), "observed": lateral[rock],
+            "predicted": np.zeros(rock.size), "sd": np.array(_side_error(case)),
+        },
+    ]  # fmt: skip
