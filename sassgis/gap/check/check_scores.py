@@ -485,17 +485,17 @@ def confusion_matrix(pairs: Sequence[Pair]) -> np.ndarray[Any, np.dtype[np.int64
     return matrix
 
 
-def acceptance(scores: CheckScores) -> list[dict[str, Any]]:
-    """What is asked for, and what is reached: one row for each aim.
+def acceptance(scores: CheckScores, law: str = "") -> list[dict[str, Any]]:
+    """What is asked for, and what is reached: one row for each aim, of all sites or of a law.
 
     ``met`` is None where no site decides; ``sure`` says whether the whole interval is on the right
-    side of the limit.
+    side of the limit. A number that is no share has no interval and no sites.
     """
-    return [_reached(aim, scores.figures) for aim in AIMS]
+    figures = scores.by_law[law] if law else scores.figures
+    return [_reached(aim, figures) for aim in AIMS]
 
 
 def _reached(aim: Aim, figures: Figures) -> dict[str, Any]:
-    """What is reached of an aim; a number that is no share has no interval and no sites."""
     found = figures.measures.get(aim.key)
     value = figures.numbers[aim.key] if found is None else found.value
     met = sure = None
@@ -526,10 +526,7 @@ def scores_as_json(scores: CheckScores) -> dict[str, Any]:
             "acceptance": acceptance(scores),
             **_plain(scores.figures),
             "by_law": {
-                law: {
-                    **_plain(figures),
-                    "acceptance": [_reached(aim, figures) for aim in AIMS],
-                }
+                law: {**_plain(figures), "acceptance": acceptance(scores, law)}
                 for law, figures in scores.by_law.items()
             },
             "single_effects_named_by": {
@@ -677,9 +674,7 @@ def _shrinkage_pairs(
     pairs: Sequence[Pair], measured: Mapping[str, float | None]
 ) -> list[tuple[float | None, float | None]]:
     return [
-        (a.shrinkage, measured[t.case])
-        for t, a in pairs
-        if t.case in measured and not a.failure
+        (a.shrinkage, measured[t.case]) for t, a in pairs if t.case in measured and not a.failure
     ]
 
 

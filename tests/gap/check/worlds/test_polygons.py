@@ -96,7 +96,7 @@ def test_a_block_slides_without_turning_as_friction_has_it(plane) -> None:  # ty
 
 
 def test_a_block_rolls_slower_than_a_disc_and_faster_than_it_slides(plane) -> None:  # type: ignore[no-untyped-def]
-    """On 35° a disc of inertia 2/5 m r² that never slips has 5/7 g sin β; friction alone leaves less."""
+    """A disc of inertia 2/5 m r² that never slips has 5/7 g sin β; with friction alone, less."""
     beta, mu = math.radians(35.0), 0.6
     ground = plane(beta, [1.0, 0, 0, mu, 0.0, 0.0, 0.0, 0.0, 9.144, 0.01])
     tracks = run(ground, ground.rock(0.5, 0.5, 1.0, 0.0, 2.0)).tracks
@@ -109,8 +109,7 @@ def test_a_block_rolls_slower_than_a_disc_and_faster_than_it_slides(plane) -> No
 def test_stops_do_not_move_with_the_time_step(site: World) -> None:
     rocks = draw_rocks(site, 200, 9)
     s = [
-        site.relief.frame.s(*simulate(site, rocks, dt).deposits[:, 3:5].T)
-        for dt in (0.004, 0.002)
+        site.relief.frame.s(*simulate(site, rocks, dt).deposits[:, 3:5].T) for dt in (0.004, 0.002)
     ]
     standard = s[1].std() * math.sqrt(2.0 / 200.0)
     assert abs(s[0].mean() - s[1].mean()) < 3.0 * standard
@@ -118,7 +117,9 @@ def test_stops_do_not_move_with_the_time_step(site: World) -> None:
 
 @pytest.mark.parametrize("name", ["none", *sorted(SUPPORTED - {"wind", "measurement_error"})])
 def test_energy_is_never_made(site: World, name: str) -> None:
-    world = site if name == "none" else with_magnitude(site, name, 0.5 * LIMITS[name][1])
+    # Of rocks that break at once there is no path.
+    strong = 0.1 if name == "fragmentation" else 0.5 * LIMITS.get(name, (0.0, 0.0))[1]
+    world = site if name == "none" else with_magnitude(site, name, strong)
     run_ = simulate(world, draw_rocks(world, 24, 3), 0.004)
     tracks = run_.tracks[run_.tracks[:, 2] == ms.ROCK]
     rock = tracks[:, 0].astype(int)
