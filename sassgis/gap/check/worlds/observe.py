@@ -126,24 +126,26 @@ def _by_frames(rotation: FloatArray, fps: float) -> FloatArray:
     return np.where(folded > 0.5 * fps, np.abs(fps - folded), folded)
 
 
-def _names(world: World, table: FloatArray, linked: bool = False) -> NDArray[Any]:
+def _names(world: World, table: FloatArray, own: str = "") -> NDArray[Any]:
     """R7 for rocks, R7.2 for their pieces, U for blocks that nobody can attribute.
 
-    Where observers know no names, only the rock itself keeps its own; other blocks are numbered
-    anew in each table, or are the same within it if ``linked``.
+    Where observers know no names, only the rock itself keeps its own. A row of another block has a
+    name to itself that begins with ``own``; on film ("") a block is the same from row to row.
     """
     rock, piece, kind = (table[:, k].astype(int) for k in range(3))
     other = kind != motion_state.ROCK
+    attributed = (kind == motion_state.FRAGMENT) & world.spec.named
     number = rock * motion_state.MAX_PIECES + piece
     if not world.spec.named:
-        number[other] = np.unique(number[other], return_inverse=True)[1]
-        if not linked:
+        # An odd factor permutes the numbers: they say nothing of the rock.
+        number = number * 40503 % 2**32
+        if own:
             number[other] = np.arange(other.sum())
-    attributed = (kind == motion_state.FRAGMENT) & world.spec.named
+    prefix = f"U{own}" if not world.spec.named else "U"
     return np.array(
         [
-            (f"R{r + 1}.{p}" if own else f"U{n}") if away else f"R{r + 1}"
-            for r, p, n, own, away in zip(rock, piece, number, attributed, other, strict=True)
+            (f"R{r + 1}.{p}" if known else f"{prefix}{n}") if away else f"R{r + 1}"
+            for r, p, n, known, away in zip(rock, piece, number, attributed, other, strict=True)
         ],
         dtype=np.str_,
     )
@@ -226,7 +228,7 @@ def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
     x, y, z = _place(rng, p, (4, 5, 6))
     names = np.array(world.station_names)
     return {
-        "rock_id": _names(world, p),
+        "rock_id": _names(world, p, "P"),
         "station": names[p[:, 3].astype(int)],
         "x": x,
         "y": y,
@@ -243,7 +245,7 @@ def _deposits(world: World, run: Run, rng: np.random.Generator) -> Table:
     x, y, z = _place(rng, d, (3, 4, 5))
     error = _factor(rng, len(d), MASS_ERROR_REL)
     return {
-        "rock_id": _names(world, d),
+        "rock_id": _names(world, d, "D"),
         "x": x,
         "y": y,
         "z": z,
@@ -257,7 +259,7 @@ def _impacts(world: World, run: Run, rng: np.random.Generator) -> Table:
     n = len(i)
     x, y, z = _place(rng, i, (4, 5, 6))
     table: Table = {
-        "rock_id": _names(world, i, linked=True),
+        "rock_id": _names(world, i),
         "impact": i[:, 3].astype(np.int64),
         "x": x,
         "y": y,
@@ -280,7 +282,7 @@ def _tracks(world: World, run: Run, rng: np.random.Generator) -> Table:
     t = run.tracks
     x, y, z = _place(rng, t, (4, 5, 6))
     return {
-        "rock_id": _names(world, t, linked=True),
+        "rock_id": _names(world, t),
         "t_s": t[:, 3],
         "x": x,
         "y": y,

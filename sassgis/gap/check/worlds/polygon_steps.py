@@ -90,7 +90,7 @@ _HALF = 0.5
 #: a contact began (s, -1 in flight), whether it is still to be recorded, and how it began.
 _RIDE = (
     "p z u w omega u_last w_last omega_last side lift since is_open slope ahead hx hy vt vn spin s "
-    "next_track still"
+    "next_track still x y"
 )
 RIDE = np.dtype(
     [("lane", np.int64), ("obstacle", np.int64), *((name, float) for name in _RIDE.split())]
@@ -283,7 +283,10 @@ def _begin_contact(paths: Paths, ride: Any, st: FloatArray, dt: float) -> None:
     """Note how a contact begins: the velocity before it, half a step of falling later."""
     u, w, omega = ride.u, ride.w, ride.omega
     ride.u, ride.w, ride.omega = ride.u_last, ride.w_last - 0.5 * GRAVITY * dt, ride.omega_last
-    _, ride.slope = into_space(paths, ride, st)
+    z, ride.slope = into_space(paths, ride, st)
+    # The foot of the normal from the centre.
+    back = (ride.z - z) * math.cos(ride.slope) * math.sin(ride.slope)
+    ride.x, ride.y = st[X] - back * st[HX], st[Y] - back * st[HY]
     ride.ahead = math.copysign(1.0, ride.u)
     ride.vt, ride.vn, ride.spin = _at_ground(ride, st)
     ride.hx, ride.hy = st[HX], st[HY]
@@ -355,7 +358,7 @@ def _impact(
     _steer(ride, st, aside)
     into_space(paths, ride, st)
     row = np.array([math.degrees(ride.slope), ride.vt, ride.vn, ride.spin, vt, vn, spin])
-    write_impact(f, st, rock, st[X], st[Y], row, ride.hx, ride.hy, tables)
+    write_impact(f, st, rock, ride.x, ride.y, row, ride.hx, ride.hy, tables)
     if active(forces.breaking, s):
         volume = mass_of(st) / st[DENSITY]
         chance = break_chance(forces.breaking, volume, ride.vn)
@@ -367,7 +370,7 @@ def _impact(
     if active(forces.loose, s) and st[KIND] == ROCK:
         made = counts[1]
         push = abs(vt - ride.vt)
-        loosen(f, forces, st, key, n, push, st[X], st[Y], stack, stack_keys, counts)
+        loosen(f, forces, st, key, n, push, ride.x, ride.y, stack, stack_keys, counts)
         if counts[1] > made:
             into_plane(paths, ride, st)
 

@@ -47,7 +47,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "entrainment": (0.0005, 2.0),
     "trees": (0.01, 1.0),
     # Coefficients of drag up to 2: more is not in air.
-    "air_drag": (0.5, 2.6),
+    "air_drag": (0.5, 2.5),
     "roughness": (0.05, 5.0),
     "rock_shape": (0.03, 6.0),
     "release_error": (0.1, 15.0),
