@@ -38,6 +38,8 @@ _STRAIGHT = 0.06
 #: Least error of a mass, share of the released mass below which nothing is said, and draws of the
 #: errors.
 _LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.01, 200
+#: Share of the released mass that must lack before rocks are looked for that left the ground.
+_LOST = 0.01
 #: Shift, in standard deviations, up to which a comparison may be off by itself; product of
 #: neighbouring residuals that restarts from slightly wrong states make.
 _SHIFT, _MADE_UP = 0.15, 0.1
@@ -314,12 +316,12 @@ def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:
     rows = steps.of("run", "lateral_m")
     at = np.full((n, len(case.station_names)), np.nan)
     at[rows.rock, rows.station] = rows.observed
-    if at.shape[1] >= 2:
+    if len(rows) and at.shape[1] >= 2:
         # Between stations a path leaves its fall line also by flying straight.
         apart = np.diff(case.station_s, axis=1)
         step = np.maximum(np.abs(np.diff(at, axis=1)) - _STRAIGHT * apart, 0.0)
         side = float(rows.sd[0]) if len(rows) else math.nan
-        mean = np.nanmean(np.where(np.isfinite(step), step, np.nan), axis=1) if step.size else step
+        mean = _row_means(step)
         found.append(
             _score(
                 "growth of the lateral offset between stations",
@@ -354,7 +356,8 @@ def _masses(case: Case, residuals: ResidualTable) -> list[_Scores]:
     blocks, rocks = observed_blocks(case), case.mass_kg
     if blocks is None or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
         return []
-    rocks = rocks[~_gone(case)]
+    if blocks.sum() < (1.0 - _LOST) * rocks.sum():
+        rocks = rocks[~_gone(case)]
     if rocks.size < LEAST:
         return []
     error = max(errors_of(case).mass_rel * (1.0 + _MISSTATED), _LEAST_MASS_ERROR)
@@ -409,13 +412,16 @@ def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
     rocks, blocks : float64
         Masses (kg), in any order.
     """
-    n, total = min(rocks.size, blocks.size), float(rocks.sum())
+    if blocks.size <= rocks.size:
+        return 0.0, 0.0
+    n, total = rocks.size, float(rocks.sum())
     released, lying = np.sort(rocks)[::-1], np.sort(blocks)[::-1]
-    lacking = float(np.maximum(released[:n] - lying[:n], 0.0).sum())
-    beyond = float(lying[n:].sum())
-    # Five chips of a kilogram are no piece of a rock: what is lacking counts up to what lies loose.
-    broken = min(lacking, beyond) / total if blocks.size > rocks.size else 0.0
-    return broken, (float(blocks.sum()) - total) / total if blocks.size > rocks.size else 0.0
+    lacking = float(np.maximum(released - lying[:n], 0.0).sum())
+    more = float(blocks.sum()) - total
+    # Of rocks that were not found the ranks lack as much as all blocks together. Five chips of a
+    # kilogram are no pieces of them.
+    broken = max(lacking - max(-more, 0.0), min(lacking, float(lying[n:].sum())))
+    return broken / total, more / total
 
 
 # ---------------------------------------------------------------------------------------------
