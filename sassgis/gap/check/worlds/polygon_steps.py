@@ -67,7 +67,7 @@ from sassgis.model.jit import kernel
 
 Rides = NDArray[np.void]
 #: Distance of the points of a path (m), and points above the start.
-PACE_M, BACK = 1.0, 8
+PACE_M, BACK = 2.0, 4
 #: Paths lie side by side in the plane of the library, this far apart (m).
 APART_M = 2000.0
 #: What became of a block in a step.

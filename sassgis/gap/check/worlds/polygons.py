@@ -62,9 +62,9 @@ SUPPORTED = frozenset(
     }
 )  # fmt: skip
 #: Points of a path.
-_LONGEST_PATH = 700
+_LONGEST_PATH = 500
 #: Height of a corner of rough ground over the magnitude of the effect.
-_CORNER = 0.12
+_CORNER = 0.3
 
 
 def library() -> ModuleType:
@@ -168,16 +168,23 @@ class _Blocks:
 
     def _ground(self, f: Field, paths: Paths, forces: Forces, lane: int) -> list[Any]:
         """The profile of a fall line as segments with friction and restitution."""
-        x, y, z = paths.x[lane], paths.y[lane], paths.z[lane].copy()
-        s = (x - f.x0) * f.ux + (y - f.y0) * f.uy
-        bumps = forces.bumps
+        x, y, z = paths.x[lane], paths.y[lane], paths.z[lane]
+        col, row = (x - f.west) / f.cell, (f.north - y) / f.cell
+        n_rows, n_cols = f.ground.shape
+        outside = (col < 0) | (row < 0) | (col >= n_cols) | (row >= n_rows)
+        # One point beyond the terrain, which ends a block before it gets there.
+        n = 1 + int(np.argmax(outside)) if outside.any() else len(x)
+        p, bumps = PACE_M * np.arange(n), forces.bumps
         if bumps.q > 0.0:
-            key = draws.mix(np.uint64(abs(int(100.0 * (x[0] + y[0])))))
+            # Rough ground has corners at half the distance.
+            p = 0.5 * PACE_M * np.arange(2 * n - 1)
+        x, y, z = (np.interp(p, PACE_M * np.arange(n), v[:n]) for v in (x, y, z))
+        if bumps.q > 0.0:
+            s = (x - f.x0) * f.ux + (y - f.y0) * f.uy
+            key = np.uint64(draws.mix(np.uint64(abs(int(100.0 * (x[0] + y[0]))))))
             off = np.array([draws.uniform(key, draws.BUMP, k) - 0.5 for k in range(len(x))])
             z += np.where((s >= bumps.s0) & (s <= bumps.s1), _CORNER * bumps.q * off, 0.0)
-        across = APART_M * lane + PACE_M * np.arange(len(x))
-        points = list(zip(across.tolist(), z.tolist(), strict=True))
-        n_rows, n_cols = f.ground.shape
+        points = list(zip((APART_M * lane + p).tolist(), z.tolist(), strict=True))
         row = np.clip(((f.north - y) / f.cell).astype(int), 0, n_rows - 1)
         col = np.clip(((x - f.west) / f.cell).astype(int), 0, n_cols - 1)
         law = f.law[f.ground[row, col]]
