@@ -18,7 +18,6 @@ from sassgis.gap.diagnosis import (
     Advice,
     Comparison,
     Diagnosis,
-    Fingerprint,
     Hypothesis,
 )
 from sassgis.gap.ladder.calibration import (
@@ -45,12 +44,11 @@ from sassgis.gap.ladder.handover import (
     values_of,
 )
 from sassgis.gap.ladder.rungs import ladder_of, shrinkage_of
-from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
-from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
-from sassgis.gap.residuals.steps import steps_of
+from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
+from sassgis.gap.which.cause_weights import read_weights
 from sassgis.gap.which.ensemble import (
     COUNT,
     CalibrationProblem,
@@ -69,9 +67,9 @@ from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     UNKNOWN,
     Thresholds,
-    causes_of,
     measure_next,
-    shares_of,
+    second_of,
+    significant,
     verdict_of,
 )
 from sassgis.io.read.config import load_config
@@ -80,7 +78,6 @@ from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
 from sassgis.model.run_config import Config
 from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
@@ -92,8 +89,6 @@ from sassgis.runs.job import job_count
 _FEWEST_ROCKS = 5
 #: Draws of each hypothesis in the first round, and of the base.
 DRAWS, BASE_DRAWS = 40, 80
-#: Runs of each rock with which stations and stops are compared for the fingerprints.
-_REPLICATES = 12
 #: Repetitions of the refinement, and draws in each of them and each fit.
 REPETITIONS, REFINED = 3, 16
 #: Effects that are calibrated further, the most probable ones.
@@ -401,26 +396,26 @@ def _diagnosis(
     problem, case, seed = made.problem, made.problem.case, made.problem.seed
     tried = families_to_try(case)
     table = made.model(NONE).model.table
-    prints = _prints(case, table, seed)
-    shares = shares_of(prints, tried)
-    found = causes_of(prints, frozen, tried)
-    causes = [c for c in found if c != CONTACT_LAW]
+    residuals = residuals_of(case, table, seed=seed, effects=case.effects, forest=case.forest)
+    prints = fingerprints(case, residuals, group=case.group)
+    shares = read_weights().shares(prints, tried)
     # An effect is added to the base that the contact asks for.
-    law = CONTACT_LAW in causes_of(prints, frozen, ())
+    law = CONTACT_LAW in significant(prints, frozen.level)
     base = CONTACT_LAW if law else NONE
 
     def with_base(effect: str) -> str:
         names = set(effect.split("+")) | ({CONTACT_LAW} if law else set())
         return "+".join(sorted(names - {NONE})) or NONE
 
-    families = [*causes, *(n for n in shares if n in tried and n not in causes)]
-    best = "+".join(sorted(causes[:2])) if len(causes) > 1 else families[0]
+    families = [n for n in shares if n != NONE]
+    second = second_of(families[0], prints, frozen, tried)
+    best = "+".join(sorted([families[0], second])) if second else families[0]
     made.add(CONTACT_LAW, *families[:_FURTHER], with_base(families[0]), with_base(best))
     shrinkage = shrinkage_of(problem, made.rows(base), best, made.rows(with_base(best)))
-    findings = where(case, table, seed=seed, effects=case.effects, forest=case.forest)
+    findings = where(case, residuals, seed=seed)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
     draws = [t.draw for t in made.fits[with_base(best)].models]
-    verdict = verdict_of(prints, most, frozen, case, draws, findings, tried)
+    verdict = verdict_of(prints, shares, most, frozen, case, draws, findings)
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
     if named and named != best:
         made.add(with_base(named))
@@ -460,7 +455,7 @@ def _diagnosis(
     tested = [
         NONE,
         CONTACT_LAW,
-        *(n for n in shares if n in tried),
+        *families,
         *([best] if "+" in best else []),
     ]
     return Diagnosis(
@@ -486,14 +481,6 @@ def _diagnosis(
             advice, ladder, CONTACT_LAW if final == CONTACT_LAW else named
         ),
     )
-
-
-def _prints(case: Case, table: GroundTable, seed: int) -> tuple[Fingerprint, ...]:
-    """Fingerprints in the residuals of the calibrated base."""
-    rng = np.random.default_rng([seed, 61])
-    run = free_run(case, RunModel.of(case, table, None, None, seed), _REPLICATES)
-    steps = steps_of(case, table, run, observed_at_stations(case), rng)
-    return fingerprints(case, steps, rng=rng, group=case.group)
 
 
 def _hypotheses(

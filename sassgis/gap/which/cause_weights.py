@@ -94,7 +94,7 @@ def read_weights(file: Path | None = None) -> CauseWeights:
 def weights_of(content: Mapping[str, object]) -> CauseWeights:
     """Weights from the content of their file: of each cause, those that are not zero by name."""
     rows: dict[str, dict[str, float]] = content["weights"]  # type: ignore[assignment]
-    statistics = tuple(content["statistics"])  # type: ignore[arg-type]
+    statistics: tuple[str, ...] = tuple(content["statistics"])  # type: ignore[arg-type]
     offset: dict[str, float] = content["offset"]  # type: ignore[assignment]
     return CauseWeights(
         tuple(rows),
