@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from sassgis.model.effects import EffectSettings
-from sassgis.model.ground import GroundTable
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 
 Range = tuple[float, float]
 
@@ -196,29 +195,122 @@ class Shrinkage:
 
 
 @dataclass(frozen=True, slots=True)
-class Calibrated:
-    """A model with calibrated parameters, ready to be used in a run.
+class Rung:
+    """One model of the ladder from the configured one to what chance leaves.
 
     Attributes
     ----------
-    table : GroundTable
-        Ground classes with calibrated parameters.
-    effects : EffectSettings
-        The configured effects and the named one.
-    sections : mapping
-        ``[effects.*]`` sections of a configuration: family to key to value.
-    stand : (low, high) or None
-        Chainages between which a fitted forest stands (m).
-    stems_per_ha, dbh_cm : float or None
-        Of that forest.
+    rung : str
+        "configured", "ground", "contact_law", an effect, two joined by "+", "floor".
+    distance : float
+        Energy distance to the observed rocks, each compared with a model it had no say in.
+    share : float or None
+        Of the gap of the configured model beyond the floor that is closed; None where that gap may
+        be chance.
+    ci95 : (low, high) or None
+        Bootstrap over rocks, or groups of rocks.
     """
 
-    table: GroundTable
-    effects: EffectSettings
-    sections: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    stand: Range | None = None
-    stems_per_ha: float | None = None
-    dbh_cm: float | None = None
+    rung: str
+    distance: float
+    share: float | None = None
+    ci95: Range | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ConfiguredGap:
+    """How far the model as configured is off, in the quantity that matters most.
+
+    Attributes
+    ----------
+    place : str
+        Station, or "stop".
+    quantity, unit : str
+    observed, predicted : float
+        Medians.
+    gap : float
+        Observed less predicted: above zero the model comes less far, or is slower, than the rocks.
+    ci95 : (low, high)
+    """
+
+    place: str
+    quantity: str
+    unit: str
+    observed: float
+    predicted: float
+    gap: float
+    ci95: Range
+
+    @property
+    def significant(self) -> bool:
+        """Whether the interval excludes zero."""
+        return self.ci95[0] * self.ci95[1] > 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class GroundSetting:
+    """A parameter of a ground class to set.
+
+    Attributes
+    ----------
+    ground, parameter : str
+    before, value : float
+    ci95 : (low, high)
+        Of the sets of parameters that the observations do not tell from the best.
+    identified : bool
+        Whether that is clearly narrower than the range of the search.
+    """
+
+    ground: str
+    parameter: str
+    before: float
+    value: float
+    ci95: Range
+    identified: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Consequence:
+    """What the model that is handed over changes, in the unit of the quantity.
+
+    Attributes
+    ----------
+    place, quantity, unit : str
+    before, after : float
+        As configured, and as handed over.
+    """
+
+    place: str
+    quantity: str
+    unit: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """What to set, and what follows from it.
+
+    Attributes
+    ----------
+    configured : ConfiguredGap or None
+        None where neither stops nor speeds were observed.
+    wrong_ground : tuple of str
+        Classes whose calibration ran into the limits of its range, so that it was widened.
+    ground_range : float
+        Factor on the ranges of the calibration in the end.
+    settings : tuple of GroundSetting
+    trade_offs : tuple of (one, other, correlation)
+        Parameters that move together in sets that fit alike.
+    consequences : tuple of Consequence
+    """
+
+    configured: ConfiguredGap | None = None
+    wrong_ground: tuple[str, ...] = ()
+    ground_range: float = 1.0
+    settings: tuple[GroundSetting, ...] = ()
+    trade_offs: tuple[tuple[str, str, float], ...] = ()
+    consequences: tuple[Consequence, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +351,7 @@ class Diagnosis:
     measure_next : tuple of str
         What further measurement would separate the confused effects.
     comparisons : tuple of Comparison
-    base, effect : Calibrated
+    base, effect : HypothesisModel
         Calibrated models without and with the named effect; the same if none is named.
     settings_hash : str
     seed : int
@@ -267,6 +359,9 @@ class Diagnosis:
         What in the configuration or the observations deserves a look.
     fingerprints : tuple of Fingerprint
         The surest first; those that cannot be seen last.
+    ladder : tuple of Rung
+    advice : Advice
+    first_sentence : str
     """
 
     verdict: Verdict
@@ -278,12 +373,15 @@ class Diagnosis:
     not_identifiable: tuple[str, ...]
     measure_next: tuple[str, ...]
     comparisons: tuple[Comparison, ...]
-    base: Calibrated
-    effect: Calibrated
+    base: HypothesisModel
+    effect: HypothesisModel
     settings_hash: str
     seed: int
     warnings: tuple[str, ...] = ()
     fingerprints: tuple[Fingerprint, ...] = ()
+    ladder: tuple[Rung, ...] = ()
+    advice: Advice = Advice()
+    first_sentence: str = ""
 
 
 def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -294,10 +392,13 @@ def as_json(diagnosis: Diagnosis) -> dict[str, Any]:
     plain = asdict(diagnosis.verdict)
     cleaned: dict[str, Any] = _clean(
         {
+            "first_sentence": diagnosis.first_sentence,
             "verdict": plain,
             "where": [asdict(f) for f in diagnosis.where],
             "which": [asdict(c) for c in diagnosis.which],
             "fingerprints": [asdict(f) for f in diagnosis.fingerprints],
+            "ladder": [asdict(r) for r in diagnosis.ladder],
+            "advice": asdict(diagnosis.advice),
             "shrinkage": asdict(diagnosis.shrinkage),
             "data": {
                 "rocks": diagnosis.rocks,

@@ -7,6 +7,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,34 +15,47 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from sassgis.gap.diagnosis import (
-    Calibrated,
+    Advice,
     Comparison,
     Diagnosis,
-    Fingerprint,
     Hypothesis,
 )
-from sassgis.gap.inference.folds import folds_of
 from sassgis.gap.ladder.calibration import (
+    FRESH,
+    TOP,
+    FitTask,
+    FittedEffect,
     best_draws,
-    fitted_rows,
+    fitted,
     gain_of,
     held_out_scores,
     refine,
-    run_refined,
-    shrinkage_of,
+    run_task,
 )
-from sassgis.gap.observations.case import Case
+from sassgis.gap.ladder.handover import (
+    CONFIGURED_NUMBER,
+    classes_at_limit,
+    configured_gap,
+    configured_model,
+    consequences_of,
+    first_sentence,
+    good_draws,
+    settings_of,
+    values_of,
+)
+from sassgis.gap.ladder.rungs import ladder_of, shrinkage_of
 from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
-from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
-from sassgis.gap.residuals.steps import steps_of
+from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
+from sassgis.gap.which.cause_weights import read_weights
 from sassgis.gap.which.ensemble import (
     COUNT,
     CalibrationProblem,
     Ensemble,
     Tried,
     ensemble_of,
+    model_rows,
     problem_of,
     tasks_of,
     try_task,
@@ -53,9 +67,9 @@ from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     UNKNOWN,
     Thresholds,
-    causes_of,
     measure_next,
-    shares_of,
+    second_of,
+    significant,
     verdict_of,
 )
 from sassgis.io.read.config import load_config
@@ -63,7 +77,7 @@ from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.ground import GroundTable
+from sassgis.model.grid import FloatArray
 from sassgis.model.run_config import Config
 from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
@@ -75,16 +89,13 @@ from sassgis.runs.job import job_count
 _FEWEST_ROCKS = 5
 #: Draws of each hypothesis in the first round, and of the base.
 DRAWS, BASE_DRAWS = 40, 80
-#: Runs of each rock with which stations and stops are compared for the fingerprints.
-_REPLICATES = 12
-#: Repetitions of the refinement, and draws in each.
-REPETITIONS, REFINED = 3, 24
+#: Repetitions of the refinement, and draws in each of them and each fit.
+REPETITIONS, REFINED = 3, 16
 #: Effects that are calibrated further, the most probable ones.
-_FURTHER = 3
-#: Draws of a pair of effects.
-_PAIR_DRAWS = 40
-_BOOTSTRAP = 120
-_ORDER: Mapping[str, int] = {name: i for i, name in enumerate(FAMILIES)}
+_FURTHER = 2
+#: Factors on the range of the ground where the calibration runs into its limits.
+WIDER = (2, 3)
+_ORDER: Mapping[str, int] = {name: i for i, name in enumerate((*FAMILIES, CONTACT_LAW))}
 
 OnProgress = Callable[[int, int, int], None]
 
@@ -160,14 +171,15 @@ def diagnose(
         )
         try:
             with campaign_workers(problem, job_count(settings, jobs)) as run:
-                tell(f"Releasing {case.n_rocks} rocks in the base model")
-                tried = list(run(_try, tasks_of([NONE], BASE_DRAWS)))
+                tell(f"Calibrating the base model with {case.n_rocks} rocks")
+                made, wrong_ground = _base(problem, run, BASE_DRAWS, on_progress)
                 tell("Releasing them in every hypothesis")
-                ensemble = _ensemble(problem, tried, draws, run, work, fingerprint, on_progress)
+                made.ensemble = _ensemble(
+                    made.problem, made.ensemble.tried, draws, made.run, work,
+                    f"{fingerprint} {made.problem.case.ground_range:g}", on_progress,
+                )  # fmt: skip
                 tell("Calibrating the most probable hypotheses")
-                diagnosis, ensemble = _diagnosis(
-                    problem, ensemble, frozen, run, fingerprint, on_progress
-                )
+                diagnosis = _diagnosis(made, wrong_ground, frozen, fingerprint)
         except KeyboardInterrupt:
             raise Interrupted(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
@@ -182,7 +194,7 @@ def diagnose(
         else:
             write_diagnosis_json(work / "diagnosis.json", diagnosis)
             (work / "model").mkdir()
-        _write_ensemble(work / ENSEMBLE, problem, ensemble, diagnosis.shrinkage.effect)
+        _write_models(work / ENSEMBLE, made, diagnosis)
     return diagnosis
 
 
@@ -208,7 +220,7 @@ def _try(problem: CalibrationProblem, task: tuple[str, int]) -> Tried:
 
 def _ensemble(
     problem: CalibrationProblem,
-    base: list[Tried],
+    base: Sequence[Tried],
     draws: int,
     run: CampaignMap,
     work: Path,
@@ -277,115 +289,233 @@ def _save(file: Path, fingerprint: str, made: Sequence[Tried]) -> None:
 
 
 # ---------------------------------------------------------------------------------------------
+# Calibrating
+
+
+class _Calibration:
+    """Hypotheses that are calibrated when they are asked for, in every fit by itself."""
+
+    def __init__(
+        self,
+        problem: CalibrationProblem,
+        ensemble: Ensemble,
+        run: CampaignMap,
+        on_progress: OnProgress | None = None,
+    ) -> None:
+        self.problem, self.ensemble = problem, ensemble
+        self.fits: dict[str, FittedEffect] = {}
+        self.run, self._on_progress = run, on_progress
+
+    def add(self, *effects: str) -> None:
+        """Calibrate effects; draws of those that were never tried are made first."""
+        due = [e for e in dict.fromkeys(effects) if e not in self.fits]
+        new = [e for e in due if not self.ensemble.of(e).size]
+        if new:
+            made = list(self.run(_try, tasks_of(new, DRAWS)))
+            self.ensemble = self.ensemble.with_more(self.problem, made)
+        fits = self.problem.n_parts + 1
+        total = len(due) * fits * (REPETITIONS * REFINED + TOP)
+        counter = _Counter(self._on_progress, total, self.problem.case.n_rocks)
+
+        def again(tasks: Sequence[FitTask]) -> list[Tried]:
+            return list(counter.counted(self.run(run_task, tasks)))
+
+        self.ensemble = refine(
+            self.problem, self.ensemble, due, again, repetitions=REPETITIONS, draws=REFINED
+        )
+        self.fits |= fitted(self.problem, self.ensemble, due, again)
+
+    def rows(self, effect: str) -> FloatArray:
+        """Rows of every rock by the model it had no say in."""
+        return self.fits[effect].held_out_rows(self.problem.part)
+
+    def model(self, effect: str) -> Draw:
+        """The draw that is handed over."""
+        return self.fits[effect].handed_over.draw
+
+    def scores(self, effect: str) -> FloatArray:
+        """Energy scores of rocks by the best draws of the fits they had no say in."""
+        return held_out_scores(self.problem, self.ensemble, effect)
+
+
+def _base(
+    problem: CalibrationProblem, run: CampaignMap, draws: int, on_progress: OnProgress | None
+) -> tuple[_Calibration, tuple[str, ...]]:
+    """The calibrated base, and the classes of ground whose usual range had to be widened.
+
+    Where the calibration runs into the limits of its range, a wider one is tried. It stays if it
+    betters the score of rocks left out.
+    """
+    usual = problem.case.ground_range
+
+    def calibrated(factor: int) -> _Calibration:
+        case = replace(problem.case, ground_range=usual * factor)
+
+        def run_wider(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
+            return run(partial(_in_range, case.ground_range, function), tasks)
+
+        own = replace(problem, case=case)
+        tried = list(run_wider(_try, tasks_of([NONE], draws)))
+        made = _Calibration(own, ensemble_of(own, tried), run_wider, on_progress)
+        made.add(NONE)
+        return made
+
+    found = calibrated(1)
+    wrong: list[str] = []
+    for factor in WIDER:
+        limits = classes_at_limit(found.problem, found.ensemble, NONE)
+        if not limits:
+            break
+        wider = calibrated(factor)
+        rng = np.random.default_rng([problem.seed, 83, factor])
+        gain = gain_of(found.scores(NONE), wider.scores(NONE), problem.case.group, rng)
+        if not gain.low > 0.0:
+            break
+        found, wrong = wider, [*wrong, *limits]
+    return found, tuple(dict.fromkeys(wrong))
+
+
+def _in_range(
+    ground_range: float,
+    function: Callable[[Any, Any], Any],
+    problem: CalibrationProblem,
+    task: Any,
+) -> Any:
+    """A task with another range of the calibration than that of the prepared problem."""
+    return function(replace(problem, case=replace(problem.case, ground_range=ground_range)), task)
+
+
+# ---------------------------------------------------------------------------------------------
 # Comparing
 
 
 def _diagnosis(
-    problem: CalibrationProblem,
-    ensemble: Ensemble,
-    frozen: Thresholds,
-    run: CampaignMap,
-    fingerprint: str,
-    on_progress: OnProgress | None,
-) -> tuple[Diagnosis, Ensemble]:
-    """The answer, and the ensemble with all that was calibrated for it."""
-    case, seed = problem.case, problem.seed
+    made: _Calibration, wrong_ground: tuple[str, ...], frozen: Thresholds, fingerprint: str
+) -> Diagnosis:
+    """The answer, from a base that is calibrated and first draws of all effects."""
+    problem, case, seed = made.problem, made.problem.case, made.problem.seed
     tried = families_to_try(case)
-    counter = _Counter(on_progress, REPETITIONS * REFINED * (_FURTHER + 1), case.n_rocks)
+    table = made.model(NONE).model.table
+    residuals = residuals_of(case, table, seed=seed, effects=case.effects, forest=case.forest)
+    prints = fingerprints(case, residuals, group=case.group)
+    shares = read_weights().shares(prints, tried)
+    # An effect is added to the base that the contact asks for.
+    law = CONTACT_LAW in significant(prints, frozen.level)
+    base = CONTACT_LAW if law else NONE
 
-    def again(tasks: Sequence[tuple[str, Mapping[str, float], int]]) -> list[Tried]:
-        return list(counter.counted(run(run_refined, tasks)))
+    def with_base(effect: str) -> str:
+        names = set(effect.split("+")) | ({CONTACT_LAW} if law else set())
+        return "+".join(sorted(names - {NONE})) or NONE
 
-    ensemble = refine(problem, ensemble, [NONE], again, repetitions=REPETITIONS, draws=REFINED)
-    base = ensemble.tried[int(best_draws(ensemble, NONE)[0])].draw
-    prints = _prints(case, base.model.table, seed)
-    shares = shares_of(prints, tried)
-    causes = [c for c in causes_of(prints, frozen, tried) if c != CONTACT_LAW]
-    families = [*causes, *(n for n in shares if n in tried and n not in causes)]
-    best = families[0]
-    further = families[:_FURTHER]
-    if len(causes) > 1:
-        best = "+".join(sorted(causes[:2]))
-        tasks = [(best, i) for i in range(_PAIR_DRAWS)]
-        ensemble = ensemble.with_more(problem, list(run(_try, tasks)))
-        further.append(best)
-    ensemble = refine(problem, ensemble, further, again, repetitions=REPETITIONS, draws=REFINED)
-    part = folds_of(case.n_rocks, seed)
-    shrinkage = shrinkage_of(problem, ensemble, best, part, draws=_BOOTSTRAP, seed=seed)
-    fitted = [ensemble.tried[i].draw for i in best_draws(ensemble, best).tolist()]
-    findings = where(case, base.model.table, seed=seed, effects=case.effects, forest=case.forest)
+    families = [n for n in shares if n != NONE]
+    second = second_of(families[0], prints, frozen, tried)
+    best = "+".join(sorted([families[0], second])) if second else families[0]
+    made.add(CONTACT_LAW, *families[:_FURTHER], with_base(families[0]), with_base(best))
+    shrinkage = shrinkage_of(problem, made.rows(base), best, made.rows(with_base(best)))
+    findings = where(case, residuals, seed=seed)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
-    verdict = verdict_of(prints, most, frozen, case, fitted, findings, tried)
-    named = verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW)
-    if named and verdict.effect != best:
-        best = verdict.effect
-        shrinkage = shrinkage_of(problem, ensemble, best, part, draws=_BOOTSTRAP, seed=seed)
-        fitted = [ensemble.tried[i].draw for i in best_draws(ensemble, best).tolist()]
-    if verdict.effect == NONE:
-        shrinkage = shrinkage_of(problem, ensemble, NONE, part, draws=0, seed=seed)
+    draws = [t.draw for t in made.fits[with_base(best)].models]
+    verdict = verdict_of(prints, shares, most, frozen, case, draws, findings)
+    named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
+    if named and named != best:
+        made.add(with_base(named))
+        shrinkage = shrinkage_of(problem, made.rows(base), named, made.rows(with_base(named)))
+    elif verdict.effect == NONE:
+        shrinkage = shrinkage_of(problem, made.rows(base), NONE, made.rows(base))
     elif not named:
         shrinkage = replace(
             shrinkage, note=f"No effect is named; this is of {best.replace('_', ' ')}, as a bound."
         )
+    final = with_base(named) if named else base if verdict.effect == CONTACT_LAW else NONE
+    # With two causes the surer one comes first.
+    parts = sorted(named.split("+"), key=lambda n: -shares.get(n, 0.0)) if named else []
+    steps = list(dict.fromkeys([*parts[:1], *([named] if named else [])]))
+    made.add(final, *map(with_base, steps))
+    configured = model_rows(problem, configured_model(case), CONFIGURED_NUMBER, FRESH)
+    ladder = ladder_of(
+        problem,
+        [
+            ("configured", configured.astype(np.float64)),
+            ("ground", made.rows(NONE)),
+            (CONTACT_LAW, made.rows(CONTACT_LAW)),
+            *((step, made.rows(with_base(step))) for step in steps),
+        ],
+    )
+    settings, trade_offs = settings_of(problem, made.ensemble, final, made.model(final))
+    model = made.model(final).model
+    advice = Advice(
+        configured_gap(problem, configured.astype(np.float64)),
+        wrong_ground,
+        case.ground_range,
+        settings,
+        trade_offs,
+        consequences_of(problem, configured_model(case), model),
+    )
     known = what_is_identifiable(case.observations)
-    effect = fitted[0] if named else base
-    diagnosis = Diagnosis(
+    tested = [
+        NONE,
+        CONTACT_LAW,
+        *families,
+        *([best] if "+" in best else []),
+    ]
+    return Diagnosis(
         verdict=verdict,
         where=findings,
-        which=_hypotheses(problem, ensemble, shares, best, part),
+        which=_hypotheses(made, tested, with_base, shares),
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
         not_identifiable=known.not_identifiable,
         measure_next=measure_next(case, verdict.confusion_set),
-        comparisons=_comparisons(problem, ensemble, best if named else ""),
-        base=_calibrated(base),
-        effect=_calibrated(effect),
+        comparisons=_comparisons(problem, made.rows(base), made.rows(final) if named else None),
+        base=made.model(base).model,
+        effect=model,
         settings_hash=fingerprint,
         seed=seed,
         # Errors were logged while reading.
         warnings=tuple(str(f) for f in case.observations.findings if f.level == "warning"),
         fingerprints=prints,
+        ladder=ladder,
+        advice=advice,
+        first_sentence=first_sentence(
+            advice, ladder, CONTACT_LAW if final == CONTACT_LAW else named
+        ),
     )
-    return diagnosis, ensemble
-
-
-def _prints(case: Case, table: GroundTable, seed: int) -> tuple[Fingerprint, ...]:
-    """Fingerprints in the residuals of the calibrated base."""
-    rng = np.random.default_rng([seed, 61])
-    run = free_run(case, RunModel.of(case, table, None, None, seed), _REPLICATES)
-    steps = steps_of(case, table, run, observed_at_stations(case), rng)
-    return fingerprints(case, steps, rng=rng)
 
 
 def _hypotheses(
-    problem: CalibrationProblem,
-    ensemble: Ensemble,
+    made: _Calibration,
+    effects: Sequence[str],
+    with_base: Callable[[str], str],
     shares: Mapping[str, float],
-    best: str,
-    part: np.ndarray[tuple[int], np.dtype[np.int64]],
 ) -> tuple[Hypothesis, ...]:
     """Everything that was tried, most probable first."""
-    families = [name for name in shares if name not in (NONE, UNKNOWN, CONTACT_LAW)]
-    names = [NONE, *families, *([best] if "+" in best else [])]
-    base = held_out_scores(ensemble, NONE, part)
+    problem, ensemble = made.problem, made.ensemble
+    base = made.scores(NONE)
     rng = np.random.default_rng([problem.seed, 81])
     found = []
-    for name in names:
-        own = held_out_scores(ensemble, name, part)
-        gain = gain_of(base, own, rng)
-        top = [ensemble.tried[i].draw for i in best_draws(ensemble, name).tolist()]
-        values = {k: _values(top, k) for k in top[0].parameters}
+    for name in effects:
+        tried = with_base(name) if name != NONE and with_base(name) in made.fits else name
+        own = made.scores(tried)
+        gain = gain_of(base, own, problem.case.group, rng)
+        good = [ensemble.tried[i].draw for i in good_draws(problem, ensemble, tried).tolist()]
+        last = problem.n_parts
+        best = best_draws(ensemble, tried, problem.rocks_of(last), last)[0]
+        top = made.model(tried) if tried in made.fits else ensemble.tried[int(best)].draw
+        values = {k: _values([top, *good], k) for k in top.parameters}
         found.append(
             Hypothesis(
                 name,
-                top[0].form,
+                top.form,
                 float(np.nanmean(own)),
                 gain.value,
                 (gain.low, gain.high),
                 shares.get(name.split("+")[0], 0.0),
-                dict(top[0].parameters),
-                {k: (float(v.min()), float(v.max())) for k, v in values.items()},
+                dict(top.parameters),
+                {
+                    k: (float(np.quantile(v, 0.025)), float(np.quantile(v, 0.975)))
+                    for k, v in values.items()
+                },
             )
         )
     return tuple(sorted(found, key=lambda c: -c.probability))
@@ -393,18 +523,6 @@ def _hypotheses(
 
 def _values(draws: Sequence[Draw], name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     return np.array([d.parameters[name] for d in draws if name in d.parameters], np.float64)
-
-
-def _calibrated(draw: Draw) -> Calibrated:
-    stand = draw.model.stand
-    return Calibrated(
-        table=draw.model.table,
-        effects=draw.model.effects,
-        sections=draw.sections,
-        stand=None if stand is None else (stand.s0, stand.s1),
-        stems_per_ha=None if stand is None else stand.stems_per_ha,
-        dbh_cm=None if stand is None else stand.dbh_cm,
-    )
 
 
 _SHOWN = {
@@ -418,61 +536,48 @@ _SHOWN = {
 
 
 def _comparisons(
-    problem: CalibrationProblem, ensemble: Ensemble, effect: str
+    problem: CalibrationProblem, base: FloatArray, effect: FloatArray | None
 ) -> tuple[Comparison, ...]:
     """Distributions of every scored quantity: observed, calibrated base, and effect."""
-    base = fitted_rows(ensemble, NONE)
-    after = fitted_rows(ensemble, effect) if effect else None
-    k = len(problem.scale.names)
     out = []
     for i, name in enumerate(problem.scale.names):
         place, _, what = name.partition(":")
         quantity, unit = _SHOWN[what]
         shown = "stop" if place == "stop" else problem.case.station_names[int(place[1:])]
-
-        def values(
-            rows: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-            i: int = i,
-            what: str = what,
-        ) -> tuple[float, ...]:
-            there = rows[..., i + k] < 0.5
-            found = rows[..., i][there] * problem.scale.scale[i] + problem.scale.centre[i]
-            if what in ("speed", "blocks"):
-                found = np.exp(found)
-            return tuple(np.round(found, 4).tolist())
-
-        out.append(
-            Comparison(
-                shown,
-                quantity,
-                unit,
-                values(problem.rows),
-                values(base),
-                () if after is None else values(after),
-            )
+        seen, before, after = (
+            () if rows is None else _finite(values_of(problem.scale, rows, i))
+            for rows in (problem.rows, base, effect)
         )
+        out.append(Comparison(shown, quantity, unit, seen, before, after))
     return tuple(out)
 
 
-def _write_ensemble(
-    file: Path, problem: CalibrationProblem, ensemble: Ensemble, effect: str
-) -> None:
-    """The calibrated models, and the scale on which their rocks are compared."""
-    scale = problem.scale
+def _finite(values: FloatArray) -> tuple[float, ...]:
+    return tuple(np.round(values[np.isfinite(values)], 4).tolist())
+
+
+def _write_models(file: Path, made: _Calibration, diagnosis: Diagnosis) -> None:
+    """The models that are handed over, whole, and the scale on which their rocks are compared.
+
+    ``number`` and ``count`` are those of the campaigns by which each was chosen and scored.
+    """
+    scale = made.problem.scale
     kept = {
-        "seed": problem.seed,
-        "effect": effect,
+        "seed": made.problem.seed,
+        "named": diagnosis.shrinkage.effect,
+        "count": FRESH,
         "scale": {
             "names": list(scale.names),
             "centre": scale.centre.tolist(),
             "scale": scale.scale.tolist(),
         },
         **{
-            name: [
-                model_as_json(ensemble.tried[i].draw.model)
-                for i in best_draws(ensemble, own).tolist()
-            ]
-            for name, own in (("base", NONE), ("effect", effect))
+            name: {
+                "number": made.fits[own].handed_over.number,
+                "model": model_as_json(model),
+            }
+            for name, model in (("base", diagnosis.base), ("effect", diagnosis.effect))
+            for own in (next(e for e in made.fits if made.model(e).model == model),)
         },
     }
     file.write_text(json.dumps(kept, indent=1), encoding="utf-8")

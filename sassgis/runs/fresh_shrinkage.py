@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.ladder.calibration import distances
+from sassgis.gap.ladder.rungs import RockDistances
 from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.model_json import model_from_json
 from sassgis.gap.replicas.rock_lines import rock_lines_of
-from sassgis.gap.which.ensemble import COUNT, Scale
+from sassgis.gap.which.ensemble import Scale
 from sassgis.gap.which.features import rock_quantities
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
@@ -28,8 +28,8 @@ def measured_shrinkage(
     """Measure how far the gap shrinks on other rocks of the same slope.
 
     The calibrated models of a diagnosis, without and with the effect that it names, release the
-    new rocks; nothing is calibrated again. As many times each as when they were calibrated, so that
-    the floor is one of the same kind.
+    new rocks; nothing is calibrated again. The rocks of the diagnosis itself give the campaigns
+    again by which its models were chosen.
 
     Parameters
     ----------
@@ -56,7 +56,9 @@ def measured_shrinkage(
             np.array(kept["scale"]["centre"]),
             np.array(kept["scale"]["scale"]),
         )
-        models = {name: [model_from_json(m) for m in kept[name]] for name in ("base", "effect")}
+        models = {name: model_from_json(kept[name]["model"]) for name in ("base", "effect")}
+        numbers = {name: int(kept[name]["number"]) for name in models}
+        count, seed = int(kept["count"]), int(kept["seed"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
@@ -68,18 +70,19 @@ def measured_shrinkage(
         name: np.stack(
             [
                 scale.rows(rock_quantities(case, sample))
-                for k, model in enumerate(own)
                 for sample in campaigns(
-                    case, rock_lines, model, count=COUNT, seed=kept["seed"], number=k
+                    case, rock_lines, model, count=count, seed=seed, number=numbers[name],
+                    impacts=False,
                 )
             ]
         )
-        for name, own in models.items()
-    }
-    found = distances(observed, rows["base"], rows["effect"])
+        for name, model in models.items()
+    }  # fmt: skip
+    base, effect = (RockDistances.of(observed, rows[name]) for name in ("base", "effect"))
+    gap = base.value() - effect.floor
     return {
-        "S": found.shrinkage,
-        "D_base": found.base,
-        "D_effect": found.effect,
-        "D_floor": found.floor,
+        "S": (base.value() - effect.value()) / gap if base.above_chance else None,
+        "D_base": base.value(),
+        "D_effect": effect.value(),
+        "D_floor": effect.floor,
     }

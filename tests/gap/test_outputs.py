@@ -32,6 +32,7 @@ from helpers.observed_slope import NORTH
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.diagnosis import Calibrated, Hypothesis
 from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
 from sassgis.gap.which.families import FAMILIES
@@ -491,7 +492,7 @@ def test_quantities_in_words() -> None:
 
 def test_all_that_is_compared_has_a_name(few: Made) -> None:
     _, case = few
-    found = where(case, case.table, seed=1, replicates=4, draws=19)
+    found = where(case, residuals_of(case, case.table, seed=1, replicates=4), seed=1, draws=19)
     quantities = {f.quantity.removesuffix("_spread") for f in found}
     assert len(quantities) > 5
     assert quantities <= set(QUANTITY_NAMES)

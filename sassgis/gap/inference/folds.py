@@ -10,9 +10,27 @@ from sassgis.model.grid import IntArray
 FOLDS = 5
 
 
-def folds_of(n_rocks: int, seed: int) -> IntArray:
-    """Part of each rock for cross-validation, shape (n_rocks,)."""
-    order = np.random.default_rng([seed, 21]).permutation(n_rocks)
-    part = np.empty(n_rocks, np.int64)
-    part[order] = np.arange(n_rocks) % min(FOLDS, n_rocks)
-    return part
+def folds_of(n_rocks: int, seed: int, group: IntArray | None = None) -> IntArray:
+    """Part of each rock for cross-validation, shape (n_rocks,).
+
+    Parameters
+    ----------
+    n_rocks : int
+    seed : int
+    group : int64, shape (n_rocks,), optional
+        Rocks of a group (block, day, source) come into the same part. A single group is split.
+    """
+    rng = np.random.default_rng([seed, 21])
+    unit = np.arange(n_rocks)
+    if group is not None and np.unique(group).size > 1:
+        unit = np.unique(group, return_inverse=True)[1]
+    size = np.bincount(unit)
+    order = rng.permutation(size.size)
+    # The largest first, each into the part that has the fewest rocks so far.
+    order = order[np.argsort(-size[order], kind="stable")]
+    part_of, filled = np.empty(size.size, np.int64), np.zeros(min(FOLDS, size.size), np.int64)
+    for k in order.tolist():
+        part_of[k] = int(np.argmin(filled))
+        filled[part_of[k]] += size[k]
+    parts: IntArray = part_of[unit]
+    return parts

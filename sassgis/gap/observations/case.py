@@ -80,6 +80,19 @@ class Case:
         return int(self.line.size)
 
     @property
+    def group(self) -> IntArray:
+        """Group of each rock (block, day, source): what is resampled together, shape (n_rocks,).
+
+        A rock without a group is one of its own.
+        """
+        table = self.observations.rocks
+        stated = dict(zip(table.rock_id.tolist(), table.group.tolist(), strict=True))
+        numbers: dict[str, int] = {}
+        names = self.observations.rock_names
+        keys = [f"={g}" if (g := stated.get(name, "")) else name for name in names]
+        return np.array([numbers.setdefault(key, len(numbers)) for key in keys], np.int64)
+
+    @property
     def station_names(self) -> tuple[str, ...]:
         """Names of the stations that fall lines cross, from the top down."""
         names = self.observations.stations.station

@@ -189,6 +189,9 @@ class Rocks(Table):
     semi_axis_c_m: Annotated[FloatArray, _positive("m", "shortest semi-axis")]
     density_kgm3: Annotated[FloatArray, _positive("kg/m³", "density")]
     release_speed_mps: Annotated[FloatArray, Column("m/s", "speed at the release", low=0.0)]
+    group: Annotated[
+        TextArray, _text("rocks that are not independent: of one block, day or source")
+    ]
 
 
 _END, _OTHER_END = "one end of the line across the slope", "its other end"

@@ -175,14 +175,11 @@ class _Paths:
         walk = model.lateral_walk
         reach = float(rock_lines.end.max())
         self._knots = int(np.ceil(reach / _WALK_M)) + 2
-        middle = _WALK_M * (np.arange(self._knots) + 0.5)
-        inside = (middle >= walk.s0) & (middle <= walk.s1)
         sd = np.tan(np.radians(walk.angle_deg)) * np.sqrt(walk.hop_m * _WALK_M)
-        self._inside = inside
         self._sd = sd
         first = model.release
         self._offset = first.shift_m + first.scatter_m * rng.standard_normal(total)
-        self._heading = 0.01 * walk.width_percent * (rng.random(total) - 0.5) + walk.drift
+        self._heading = 0.01 * walk.width_percent * (rng.random(total) - 0.5)
         self._walks = self._walk(total)
         m = model.measurement
         self._clock = np.exp(m.clock_sd * np.clip(rng.standard_t(4, total), -4.0, 4.0))
@@ -192,7 +189,7 @@ class _Paths:
         if self._sd <= 0.0:
             return None
         steps = self._sd * self._rng.standard_normal((total, self._knots))
-        walks: FloatArray = np.cumsum(steps * self._inside, axis=1)
+        walks: FloatArray = np.cumsum(steps, axis=1)
         return walks
 
     def _numbers(self, rows: NDArray[np.void]) -> IntArray:
@@ -204,13 +201,12 @@ class _Paths:
         self, owner: IntArray, s: FloatArray, own_walk: NDArray[np.bool_]
     ) -> FloatArray:
         """Lateral offset from the line, measured; fragments walk on paths of their own."""
-        walk = self._model.lateral_walk
-        along = np.clip(s, max(walk.s0, 0.0), walk.s1) - max(walk.s0, 0.0)
+        along = np.maximum(s, 0.0)
         lateral: FloatArray = self._offset[owner] + self._heading[owner] * along
         if self._walks is not None:
             k = np.clip((s / _WALK_M).astype(np.int64), 0, self._knots - 1)
             lateral = lateral + self._walks[owner, k]
-            scatter = self._sd * np.sqrt(np.maximum(along, 0.0) / _WALK_M)
+            scatter = self._sd * np.sqrt(along / _WALK_M)
             lateral = lateral + np.where(own_walk, scatter * self._rng.standard_normal(s.size), 0.0)
         error = np.hypot(self._lines.errors.position_m, self._model.measurement.position_m)
         measured: FloatArray = lateral + error * self._rng.standard_normal(s.size)
@@ -320,9 +316,8 @@ class _Paths:
 
         vt_in, vn_in, spin_in = apart(before)
         vt_out, vn_out, spin_out = apart(after)
-        inside = self._inside[np.clip((before["x_m"] / _WALK_M).astype(int), 0, self._knots - 1)]
-        kick = np.where(inside, self._model.lateral_walk.angle_deg, 0.0)
-        turn = self._rng.standard_normal(owner.size) * np.hypot(kick, self._model.turn_noise_deg)
+        kick = np.hypot(self._model.lateral_walk.angle_deg, self._model.turn_noise_deg)
+        turn = self._rng.standard_normal(owner.size) * kick
         # Where the ground was met: the foot of the centre on the segment.
         ground = heights_at_chainage(self._lines.unforested, owner % self._n, before["x_m"])
         off = (before["z_m"] - ground) * cosine

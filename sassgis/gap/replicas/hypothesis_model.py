@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, fields
+from typing import Any
 
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
+from sassgis.model.settings import LateralDeflection
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,26 +15,32 @@ class LateralWalk:
     """How rocks leave the plane of their fall line, as lateral offsets (m).
 
     The lateral offset of a rock from its line is a random walk whose heading is drawn anew with the
-    standard deviation ``angle_deg`` every ``hop_m`` metres between two chainages, plus a deviation
-    of its own, uniform within ``width_percent`` of the chainage to both sides together, plus a
-    ``drift`` that all rocks share. This is ``[effects.lateral_deflection]`` without the terrain
-    beside the line.
-
-    Attributes
-    ----------
-    angle_deg, hop_m, width_percent : float
-    drift : float
-        Metres to the side per metre along.
-    s0, s1 : float
-        Chainages between which they walk (m).
+    standard deviation ``angle_deg`` every ``hop_m`` metres, or a deviation of its own, uniform
+    within ``width_percent`` of the chainage to both sides together. This is
+    ``[effects.lateral_deflection]`` without the terrain beside the line.
     """
 
     angle_deg: float = 0.0
     hop_m: float = 10.0
     width_percent: float = 0.0
-    drift: float = 0.0
-    s0: float = -np.inf
-    s1: float = np.inf
+
+    @classmethod
+    def of(cls, effect: LateralDeflection | None) -> LateralWalk:
+        """The walk of an effect; none without one."""
+        if effect is None:
+            return cls()
+        if effect.form == "constant":
+            return cls(width_percent=effect.width_percent)
+        return cls(effect.angle_deg, effect.hop_m)
+
+    @property
+    def effect(self) -> LateralDeflection | None:
+        """The effect whose walk this is; None where nothing walks."""
+        if self.width_percent > 0.0:
+            return LateralDeflection("constant", width_percent=self.width_percent)
+        if self.angle_deg > 0.0:
+            return LateralDeflection("kicks", self.angle_deg, self.hop_m)
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,3 +132,26 @@ class HypothesisModel:
     release: ReleaseError = ReleaseError()
     measurement: MeasurementError = MeasurementError()
     turn_noise_deg: float = 2.0
+
+    def sections(self, configured: EffectSettings) -> dict[str, dict[str, Any]]:
+        """``[effects.*]`` sections of a configuration that has only some of these effects.
+
+        Every effect of the model that is not configured as it is here, the way beside the line
+        included: family to key to value. Errors of release and measurement are no part of the
+        motion.
+        """
+        aside = self.lateral_walk.effect
+        had = configured.get(LateralDeflection)
+        own = [effect for effect in self.effects if configured.get(type(effect)) != effect]
+        if aside is not None and self.lateral_walk != LateralWalk.of(had):
+            own.append(aside)
+        return {effect.name: _set_keys(effect) for effect in own}
+
+
+def _set_keys(effect: Any) -> dict[str, Any]:
+    """Form and whatever is not as by default."""
+    return {
+        f.name: getattr(effect, f.name)
+        for f in fields(effect)
+        if f.name == "form" or getattr(effect, f.name) != f.default
+    }

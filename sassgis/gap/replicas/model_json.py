@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +19,7 @@ from sassgis.model.ground import GroundClass, GroundTable
 
 
 def model_as_json(model: HypothesisModel) -> dict[str, Any]:
-    """A model as dictionaries, lists, texts and numbers; infinite limits become None."""
+    """A model as dictionaries, lists, texts and numbers."""
     effects = {own.name: dataclasses.asdict(own) for own in model.effects}
     plain: dict[str, Any] = _plain({**dataclasses.asdict(model), "effects": effects})
     return plain
@@ -31,8 +30,6 @@ def _plain(value: Any) -> Any:
         return {k: _plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
     return value
 
 
@@ -50,15 +47,12 @@ def model_from_json(plain: Mapping[str, Any]) -> HypothesisModel:
         )
         for name, own in plain["effects"].items()
     ]
-    walk = dict(plain["lateral_walk"])
-    walk["s0"] = -math.inf if walk["s0"] is None else walk["s0"]
-    walk["s1"] = math.inf if walk["s1"] is None else walk["s1"]
     stand = plain["stand"]
     return HypothesisModel(
         GroundTable(tuple(GroundClass(**own) for own in plain["table"]["classes"])),
         EffectSettings(*effects),
         None if stand is None else ForestStand(**stand),
-        LateralWalk(**walk),
+        LateralWalk(**plain["lateral_walk"]),
         ReleaseError(**plain["release"]),
         MeasurementError(**plain["measurement"]),
         float(plain["turn_noise_deg"]),

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.gap.inference.folds import folds_of
 from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.which.features import rock_quantities
 from sassgis.gap.which.hypotheses import NONE, Draw, ParameterDraws, draw
@@ -22,6 +24,8 @@ from sassgis.model.grid import FloatArray, IntArray
 
 #: Campaigns of each draw: two, so that the scatter of one model is known rock by rock.
 COUNT = 2
+#: Number of no fit: draws in which no observed rock had a say.
+BLIND = -1
 #: A quantity that fewer rocks than this have is not scored.
 _FEWEST = 5
 
@@ -67,10 +71,16 @@ class Tried:
     draw : Draw
     rows : float32, shape (count, n_rocks, 2 k)
         Rows per rock on the scale of the observed.
+    fit : int
+        For which fit it was drawn: the part of the rocks that had no say in it. BLIND: for all.
+    number : int
+        Of its campaigns; the same number gives the same ones again.
     """
 
     draw: Draw
     rows: NDArray[np.float32]
+    fit: int = BLIND
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +96,8 @@ class CalibrationProblem:
     rows : float64, shape (n_rocks, 2 k)
         Of the observed rocks.
     seed : int
+    part : int64, shape (n_rocks,)
+        Part of the cross-validation that each rock belongs to.
     """
 
     case: Case
@@ -94,6 +106,16 @@ class CalibrationProblem:
     observed: Campaign
     rows: FloatArray
     seed: int
+    part: IntArray
+
+    @property
+    def n_parts(self) -> int:
+        """Parts of the cross-validation; also the number of the fit that leaves no rock out."""
+        return int(self.part.max()) + 1
+
+    def rocks_of(self, fit: int) -> IntArray:
+        """Rocks that have a say in a fit: all but those of the part of its number."""
+        return np.flatnonzero(self.part != fit)
 
 
 def problem_of(case: Case, seed: int) -> CalibrationProblem:
@@ -102,7 +124,13 @@ def problem_of(case: Case, seed: int) -> CalibrationProblem:
     quantities = rock_quantities(case, observed)
     scale = scale_of(case, quantities)
     return CalibrationProblem(
-        case, rock_lines_of(case), scale, observed, scale.rows(quantities), seed
+        case,
+        rock_lines_of(case),
+        scale,
+        observed,
+        scale.rows(quantities),
+        seed,
+        folds_of(case.n_rocks, seed, case.group),
     )
 
 
@@ -137,16 +165,22 @@ def _scored(name: str, values: FloatArray) -> FloatArray:
     return np.log(np.maximum(values, 0.5)) if name.endswith(":blocks") else values
 
 
-def try_draw(problem: CalibrationProblem, made: Draw, number: int) -> Tried:
-    """Make campaigns of one draw and score them; ``number`` distinguishes them."""
+def try_draw(
+    problem: CalibrationProblem, made: Draw, number: int, *, fit: int = BLIND, count: int = COUNT
+) -> Tried:
+    """Make ``count`` campaigns of one draw; ``number`` distinguishes them."""
+    return Tried(made, model_rows(problem, made.model, number, count), fit, number)
+
+
+def model_rows(
+    problem: CalibrationProblem, model: HypothesisModel, number: int, count: int
+) -> NDArray[np.float32]:
+    """Rows per rock of ``count`` campaigns of a model, shape (count, n_rocks, 2 k)."""
     samples = campaigns(
-        problem.case, problem.rock_lines, made.model,
-        count=COUNT, seed=problem.seed, number=number, impacts=False,
+        problem.case, problem.rock_lines, model,
+        count=count, seed=problem.seed, number=number, impacts=False,
     )  # fmt: skip
-    return Tried(
-        made,
-        np.stack([rows_of(problem, sample) for sample in samples]).astype(np.float32),
-    )
+    return np.stack([rows_of(problem, sample) for sample in samples]).astype(np.float32)
 
 
 def rows_of(problem: CalibrationProblem, sample: Campaign) -> FloatArray:
@@ -180,17 +214,22 @@ class Ensemble:
     ----------
     tried : tuple of Tried
     effect : str, shape (n_draws,)
+    fit : int64, shape (n_draws,)
     scores : float64, shape (n_draws, n_rocks)
         Energy score of each observed rock.
     """
 
     tried: tuple[Tried, ...]
     effect: NDArray[np.str_]
+    fit: IntArray
     scores: FloatArray
 
-    def of(self, effect: str) -> IntArray:
-        """Numbers of the draws of an effect."""
-        return np.flatnonzero(self.effect == effect)
+    def of(self, effect: str, fit: int | None = None) -> IntArray:
+        """Numbers of the draws of an effect; with ``fit`` the blind ones and those of this fit."""
+        own = self.effect == effect
+        if fit is not None:
+            own &= (self.fit == BLIND) | (self.fit == fit)
+        return np.flatnonzero(own)
 
     def with_more(self, problem: CalibrationProblem, more: Sequence[Tried]) -> Ensemble:
         """The ensemble with further draws."""
@@ -202,6 +241,7 @@ def ensemble_of(problem: CalibrationProblem, tried: Sequence[Tried]) -> Ensemble
     return Ensemble(
         tuple(tried),
         np.array([t.draw.effect for t in tried], np.str_),
+        np.array([t.fit for t in tried], np.int64),
         np.stack([rock_scores(problem.rows, t.rows) for t in tried]),
     )
 

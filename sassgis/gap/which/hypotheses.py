@@ -36,6 +36,11 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.settings import LateralDeflection
 
 
+def rounded(value: float) -> float:
+    """As many digits as a configuration states: the model that is written is the one scored."""
+    return float(f"{value:.6g}")
+
+
 class ParameterDraws:
     """Where the parameters of a draw come from: a number in [0, 1) under each name.
 
@@ -61,15 +66,15 @@ class ParameterDraws:
 
     def uniform(self, name: str, low: float, high: float) -> float:
         """A number between limits."""
-        return low + (high - low) * self.share(name)
+        return rounded(low + (high - low) * self.share(name))
 
     def log(self, name: str, low: float, high: float) -> float:
         """A number between limits, evenly on a logarithmic scale."""
-        return math.exp(self.uniform(name, math.log(low), math.log(high)))
+        return rounded(math.exp(math.log(low) + math.log(high / low) * self.share(name)))
 
     def normal(self, name: str, sd: float) -> float:
         """A number from a normal distribution about zero."""
-        return sd * float(ndtri(min(max(self.share(name), 1e-6), 1.0 - 1e-6)))
+        return rounded(sd * float(ndtri(min(max(self.share(name), 1e-6), 1.0 - 1e-6))))
 
     def within(self, name: str, limits: Range) -> float:
         """A number from a range of the registry."""
@@ -100,6 +105,8 @@ _BOUNDS = {
     "mu_0": (0.02, 2.0),
     "restitution": (0.0, 0.95),
 }
+#: Bounds of the contact law: those that any ground has shown (``calibration.parameters.RANGES``).
+_LAW_BOUNDS = {"eta_max": (0.1, 1.0), "mu_f": (0.1, 1.5), "restitution": (0.0, 0.9)}
 #: Ground on which no block lies loose and nothing yields.
 _HARD = ("rock", "asphalt")
 NONE = "none"
@@ -118,8 +125,6 @@ class Draw:
     model : HypothesisModel
     parameters : mapping
         Calibrated parameters by name, as they are reported.
-    sections : mapping
-        What goes into a configuration, family by family.
     parameter_draws : mapping
         To make the same draw again, or one near it.
     """
@@ -128,7 +133,6 @@ class Draw:
     form: str
     model: HypothesisModel
     parameters: Mapping[str, float]
-    sections: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     parameter_draws: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -139,7 +143,6 @@ class _Part:
     form: str
     change: Callable[[HypothesisModel], HypothesisModel]
     parameters: Mapping[str, float]
-    section: Mapping[str, object]
 
 
 def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws) -> Draw:
@@ -149,7 +152,7 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     ----------
     case : Case
     families : tuple of str
-        None, one or more.
+        None, one or more; "contact_law" is one of them here.
     parameter_draws : ParameterDraws
 
     Returns
@@ -157,13 +160,16 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     Draw
     """
     table, parameters = _calibrated(case, parameter_draws)
+    configured = case.effects.get(LateralDeflection)
     made = Draw(
         NONE,
         "calibrated ground",
         HypothesisModel(
             table,
             case.effects.without(LateralDeflection),
-            lateral_walk=_configured_walk(case) or _little_walk(parameter_draws),
+            lateral_walk=_little_walk(parameter_draws)
+            if configured is None
+            else LateralWalk.of(configured),
             turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
         ),
         parameters,
@@ -177,9 +183,19 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
             form=part.form if first else f"{made.form} + {part.form}",
             model=_wider_walk(made.model.lateral_walk, part.change(made.model)),
             parameters={**made.parameters, **part.parameters},
-            sections={**made.sections, **({family: part.section} if part.section else {})},
         )
-    return replace(made, parameter_draws=dict(parameter_draws.used))
+    # A law of the contact shifts what was calibrated.
+    ground = {c.name: c for c in made.model.table.classes}
+    values = {
+        label: getattr(ground[name], key)
+        for label in parameters
+        for name, _, key in (label.rpartition("."),)
+    }
+    return replace(
+        made,
+        parameters={**made.parameters, **values},
+        parameter_draws=dict(parameter_draws.used),
+    )
 
 
 def _wider_walk(before: LateralWalk, model: HypothesisModel) -> HypothesisModel:
@@ -209,11 +225,19 @@ def _calibrated(
             value = float(getattr(ground, name)) + parameter_draws.uniform(
                 f"{ground.name}.{name}", -width, width
             )
-            values[name] = min(max(value, low), high)
+            values[name] = rounded(min(max(value, low), high))
         values["dp_max"] = max(values["dp_max"], values["dp_min"])
         classes.append(replace(ground, **values))  # type: ignore[arg-type]
         parameters.update({f"{ground.name}.{name}": v for name, v in values.items()})
     return GroundTable(tuple(classes)), parameters
+
+
+def at_physical_limit(case: Case, ground: str, name: str, share: float) -> bool:
+    """Whether the end of a range of calibration is that of all grounds, not that of this one."""
+    value = float(getattr(case.table.classes[case.table.index(ground)], name))
+    width = GROUND_WIDTHS[name] * case.ground_range
+    low, high = _BOUNDS[name]
+    return value - width <= low if share < 0.5 else value + width >= high
 
 
 def _little_walk(parameter_draws: ParameterDraws) -> LateralWalk:
@@ -223,19 +247,7 @@ def _little_walk(parameter_draws: ParameterDraws) -> LateralWalk:
     return LateralWalk(angle_deg=parameter_draws.log("little_aside_deg", 0.05, 1.0))
 
 
-def _configured_walk(case: Case) -> LateralWalk | None:
-    """Deflection that the configuration has already, as a walk beside the line."""
-    lateral = case.effects.get(LateralDeflection)
-    if lateral is None:
-        return None
-    if lateral.form == "constant":
-        return LateralWalk(width_percent=lateral.width_percent)
-    return LateralWalk(angle_deg=lateral.angle_deg, hop_m=lateral.hop_m)
-
-
-def _walk_too(
-    parameter_draws: ParameterDraws, most_deg: float, low: float = -math.inf, high: float = math.inf
-) -> LateralWalk:
+def _walk_too(parameter_draws: ParameterDraws, most_deg: float) -> LateralWalk:
     """Lateral scatter that an effect makes besides what it is named for.
 
     It goes with the strength of the effect: an effect that does nothing along the line scatters
@@ -243,9 +255,7 @@ def _walk_too(
     """
     if parameter_draws.share("aside_too") < 0.3:
         return _little_walk(parameter_draws)
-    return LateralWalk(
-        angle_deg=parameter_draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg, s0=low, s1=high
-    )
+    return LateralWalk(rounded(parameter_draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg))
 
 
 def _length(case: Case) -> float:
@@ -304,7 +314,7 @@ def _from_row(family: str) -> Callable[[Case, ParameterDraws], _Part]:
         form, values = _fitted(family, parameter_draws, f"{family}.form", draws)
         section: dict[str, object] = {**({"form": form} if form else {}), **values}
         effect = EFFECTS[family].settings(**section)
-        return _Part(form or family, lambda m: _with_effect(m, effect), values, section)
+        return _Part(form or family, lambda m: _with_effect(m, effect), values)
 
     return part
 
@@ -314,19 +324,18 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
     if parameter_draws.share("lateral.form") < fit.forms["kicks"]:
         angle = parameter_draws.within("lateral.angle", fit.ranges["angle_deg"])
         hop = parameter_draws.within("lateral.hop", fit.ranges["hop_m"])
-        walk = LateralWalk(angle_deg=angle, hop_m=hop)
+        walk, uneven_deg = LateralWalk(angle_deg=angle, hop_m=hop), angle
         form, values = "kicks", {"angle_deg": angle, "hop_m": hop}
     else:
         width = parameter_draws.within("lateral.width", fit.ranges["width_percent"])
-        walk = LateralWalk(
-            width_percent=width, angle_deg=parameter_draws.log("lateral.kicks", 0.3, 6.0)
-        )
+        walk = LateralWalk(width_percent=width)
+        uneven_deg = parameter_draws.log("lateral.kicks", 0.3, 6.0)
         form, values = "constant", {"width_percent": width}
     # Ground that deflects rocks laterally is not even along their path either.
     lean = math.tan(
-        math.radians(min(walk.angle_deg, 25.0) * parameter_draws.uniform("lateral.lean", 0, 0.6))
+        math.radians(min(uneven_deg, 25.0) * parameter_draws.uniform("lateral.lean", 0, 0.6))
     )
-    bumps = Roughness(obstacle_m=min(float(np.median(case.radius_m)) * lean, 1.0))
+    bumps = Roughness(obstacle_m=rounded(min(float(np.median(case.radius_m)) * lean, 1.0)))
 
     def change(model: HypothesisModel) -> HypothesisModel:
         changed = replace(model, lateral_walk=walk)
@@ -334,7 +343,7 @@ def _lateral_deflection(case: Case, parameter_draws: ParameterDraws) -> _Part:
             changed = _with_effect(changed, bumps)
         return changed
 
-    return _Part(form, change, values, {"form": form, **values})
+    return _Part(form, change, values)
 
 
 def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -355,14 +364,12 @@ def _fragmentation(case: Case, parameter_draws: ParameterDraws) -> _Part:
             values[key] = parameter_draws.within(name, fit.ranges[key])
     form = "threshold" if threshold else "fractal"
     # Smaller pieces are not looked for in the field, and there would be very many of them.
-    smallest = 0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3
+    smallest = rounded(0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3)
     section = {"form": form, "smallest_m3": smallest, **values}
     effect = Fragmentation(**section)  # type: ignore[arg-type]
     # The more blocks break, the more of what is seen are pieces that flew apart.
     walk = _walk_too(parameter_draws, min(150.0 / values["energy_jkg"], 8.0))
-    return _Part(
-        form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values, section
-    )
+    return _Part(form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values)
 
 
 def _soft_ground(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -375,7 +382,7 @@ def _soft_ground(case: Case, parameter_draws: ParameterDraws) -> _Part:
     form, values = _fitted("soft_ground", parameter_draws, "soft.form", names)
     section = {"form": form, "classes": _soft_classes(case, parameter_draws), **values}
     effect = SoftGround(**section)  # type: ignore[arg-type]
-    return _Part(form, lambda m: _with_effect(m, effect), values, section)
+    return _Part(form, lambda m: _with_effect(m, effect), values)
 
 
 def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -393,9 +400,7 @@ def _entrainment(case: Case, parameter_draws: ParameterDraws) -> _Part:
     }
     effect = Entrainment(**section)  # type: ignore[arg-type]
     walk = _little_walk(parameter_draws)
-    return _Part(
-        form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values, section
-    )
+    return _Part(form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values)
 
 
 def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -404,7 +409,7 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     low = parameter_draws.uniform("stand.from", 0.0, 0.75 * length)
     stand = ForestStand(
         low,
-        low + parameter_draws.uniform("stand.length", 0.15, 1.0) * length,
+        rounded(low + parameter_draws.uniform("stand.length", 0.15, 1.0) * length),
         parameter_draws.within("stand.stems", fit.ranges["stems_per_ha"]),
         parameter_draws.within("stand.dbh", fit.ranges["dbh_cm"]),
     )
@@ -414,8 +419,8 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     if form == "viscous":
         masses = case.mass_kg[np.isfinite(case.mass_kg)]
         middle = float(np.median(masses)) if masses.size else 1000.0
-        section["drag_kgps"] = values["drag_kgps"] = middle * parameter_draws.within(
-            "stand.drag", fit.ranges["drag_kgps"]
+        section["drag_kgps"] = values["drag_kgps"] = rounded(
+            middle * parameter_draws.within("stand.drag", fit.ranges["drag_kgps"])
         )
     else:
         section["efficiency"] = values["efficiency"] = parameter_draws.within(
@@ -425,12 +430,11 @@ def _trees(case: Case, parameter_draws: ParameterDraws) -> _Part:
     effect = Trees(**section)  # type: ignore[arg-type]
     # Stems that are hit off their middle deflect rocks laterally.
     hits = stand.stems_per_ha * values.get("efficiency", 0.3) / 300.0
-    walk = _walk_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0), stand.s0, stand.s1)
+    walk = _walk_too(parameter_draws, min(5.0 * math.sqrt(hits), 12.0))
     return _Part(
         form,
         lambda m: replace(_with_effect(m, effect), stand=stand, lateral_walk=walk),
         values,
-        section,
     )
 
 
@@ -441,7 +445,7 @@ def _air_drag(case: Case, parameter_draws: ParameterDraws) -> _Part:
     values["air_density_kgm3"] = AirDrag().air_density_kgm3
     section: dict[str, object] = {"form": form, **values}
     effect = AirDrag(**section)  # type: ignore[arg-type]
-    return _Part(form, lambda m: _with_effect(m, effect), values, section)
+    return _Part(form, lambda m: _with_effect(m, effect), values)
 
 
 def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -454,9 +458,7 @@ def _roughness(case: Case, parameter_draws: ParameterDraws) -> _Part:
     # Bumps lean across the path as well, if less often than against it.
     tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
     walk = _walk_too(parameter_draws, 0.6 * tilt)
-    return _Part(
-        form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values, section
-    )
+    return _Part(form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values)
 
 
 def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -466,9 +468,7 @@ def _rock_shape(case: Case, parameter_draws: ParameterDraws) -> _Part:
     section: dict[str, object] = {"form": form, **values}
     effect = RockShape(**section)  # type: ignore[arg-type]
     walk = _walk_too(parameter_draws, min(10.0 * values.get("strength", 0.5), 12.0))
-    return _Part(
-        form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values, section
-    )
+    return _Part(form, lambda m: replace(_with_effect(m, effect), lateral_walk=walk), values)
 
 
 def _release_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -486,7 +486,7 @@ def _release_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
     values = {
         name: getattr(release, name) for name in ("ahead_m", "faster_mps", "shift_m", "scatter_m")
     }
-    return _Part("offset and speed", lambda m: replace(m, release=release), values, {})
+    return _Part("offset and speed", lambda m: replace(m, release=release), values)
 
 
 def _measurement_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
@@ -508,9 +508,42 @@ def _measurement_error(case: Case, parameter_draws: ParameterDraws) -> _Part:
     )
     names = ("scale", "clock_sd", "rotation_scale", "noise_rel", "stretch", "position_m")
     values = {name: float(getattr(measurement, name)) for name in names}
-    return _Part(
-        "scale, time base, noise", lambda m: replace(m, measurement=measurement), values, {}
-    )
+    return _Part("scale, time base, noise", lambda m: replace(m, measurement=measurement), values)
+
+
+def _contact_law(case: Case, parameter_draws: ParameterDraws) -> _Part:
+    """Freedom of the contact beyond calibration: one shift for all classes, in wide ranges.
+
+    Classes keep the differences between them. The restitution counts only where the engine reads
+    it; from the highest speeds on it hardly falls with the normal speed.
+    """
+    shifts = {
+        "eta_max": parameter_draws.uniform("law.eta_max", -0.5, 0.5),
+        "mu_f": parameter_draws.uniform("law.mu_f", -0.5, 0.7),
+    }
+    speed = math.nan
+    if case.engine.resolved().eta_max_rule == "restitution":
+        shifts["restitution"] = parameter_draws.uniform("law.restitution", -0.5, 0.9)
+        speed = parameter_draws.log("law.restitution_speed", 2.0, 200.0)
+    used = set(np.unique(case.profiles.ground).tolist())
+
+    def change(model: HypothesisModel) -> HypothesisModel:
+        classes = []
+        for k, ground in enumerate(model.table.classes):
+            values = {
+                name: rounded(min(max(float(getattr(ground, name)) + shift, low), high))
+                for name, shift in shifts.items()
+                for low, high in (_LAW_BOUNDS[name],)
+            }
+            if math.isfinite(speed):
+                values["restitution_speed_mps"] = speed
+            classes.append(replace(ground, **values) if k in used else ground)  # type: ignore[arg-type]
+        return replace(model, table=GroundTable(tuple(classes)))
+
+    values = {f"shift_of_{name}": shift for name, shift in shifts.items()}
+    if math.isfinite(speed):
+        values["restitution_speed_mps"] = speed
+    return _Part("shifted contact", change, values)
 
 
 #: Families that set more of a model than the ranges of their row say.
@@ -525,6 +558,7 @@ _FAMILIES: Mapping[str, Callable[[Case, ParameterDraws], _Part]] = {
     "rock_shape": _rock_shape,
     "release_error": _release_error,
     "measurement_error": _measurement_error,
+    "contact_law": _contact_law,
 }
 
 

@@ -6,7 +6,7 @@ import csv
 import io
 import os
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,12 +68,13 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
         If the disk is full or not writable.
     """
     calibrated = diagnosis.effect
+    sections = calibrated.sections(case.effects)
     document = document_with_classes(config_file, path)
     document["terrain"]["path"] = "fall_line"
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     effects = document.setdefault("effects", {})
-    for family, section in calibrated.sections.items():
+    for family, section in sections.items():
         own = {k: _toml_ready(v) for k, v in section.items() if v is not None}
         if family == "trees":
             given, known = effects.get(family, {}), declared(ForestPlace)
@@ -107,7 +108,8 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     )
     write_text(
         path,
-        _comments(diagnosis, config_file, stand is not None, bundled) + tomli_w.dumps(document),
+        _comments(diagnosis, sections, config_file, stand is not None, bundled)
+        + tomli_w.dumps(document),
     )
     # What cannot be run again is reported now, not in the next run.
     config = load_config(path)
@@ -131,7 +133,13 @@ def write_text(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _comments(diagnosis: Diagnosis, config_file: Path, stand: bool, bundled: bool) -> str:
+def _comments(
+    diagnosis: Diagnosis,
+    sections: Collection[str],
+    config_file: Path,
+    stand: bool,
+    bundled: bool,
+) -> str:
     verdict = diagnosis.verdict
     named = verdict.effect not in ("none", "unknown")
     lines = [
@@ -146,7 +154,7 @@ def _comments(diagnosis: Diagnosis, config_file: Path, stand: bool, bundled: boo
             if verdict.effect == "none"
             else "No known effect explains the gap: the model is calibrated, and a gap is left."
         )
-    elif not diagnosis.effect.sections:
+    elif not set(verdict.effect.split("+")) & set(sections):
         lines.append(
             f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}. "
             "That is not a part of the motion, so nothing was added to the model."
@@ -154,7 +162,7 @@ def _comments(diagnosis: Diagnosis, config_file: Path, stand: bool, bundled: boo
     else:
         lines.append(
             f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}; "
-            "section [effects." + "], [effects.".join(diagnosis.effect.sections) + "] is fitted."
+            "section [effects." + "], [effects.".join(sections) + "] is fitted."
         )
         if len(verdict.confusion_set) > 1:
             lines.append(

@@ -11,8 +11,9 @@ import geopandas as gpd
 import numpy as np
 import shapely
 
-from sassgis.gap.diagnosis import Calibrated, Diagnosis, GapFinding
+from sassgis.gap.diagnosis import Diagnosis, GapFinding
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.where.places import is_stretch, limits_on, line_stretch, used_lines
 from sassgis.gap.words import (
     finding_label,
@@ -418,18 +419,19 @@ def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygo
     return shapely.MultiPolygon([p for p in shapely.get_parts(area) if p.geom_type == "Polygon"])
 
 
-def stand_layer(case: Case, calibrated: Calibrated) -> VectorLayer | None:
+def stand_layer(case: Case, model: HypothesisModel) -> VectorLayer | None:
     """Where a fitted forest would have to stand; None if none was fitted."""
-    if calibrated.stand is None or calibrated.stems_per_ha is None or calibrated.dbh_cm is None:
+    stand = model.stand
+    if stand is None:
         return None
-    area = stand_polygon(case, calibrated.stand)
+    area = stand_polygon(case, (stand.s0, stand.s1))
     frame = gpd.GeoDataFrame(
         {
             "name": ["fitted stand"],
-            "stems_per_ha": np.array([float(f"{calibrated.stems_per_ha:.4g}")], float),
-            "dbh_cm": np.array([float(f"{calibrated.dbh_cm:.4g}")], float),
-            "from_m": np.array([round(calibrated.stand[0], 2)], float),
-            "to_m": np.array([round(calibrated.stand[1], 2)], float),
+            "stems_per_ha": np.array([float(f"{stand.stems_per_ha:.6g}")], float),
+            "dbh_cm": np.array([float(f"{stand.dbh_cm:.6g}")], float),
+            "from_m": np.array([round(stand.s0, 2)], float),
+            "to_m": np.array([round(stand.s1, 2)], float),
         },
         geometry=[area],
         crs=case.grid.crs or None,

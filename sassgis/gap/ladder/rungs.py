@@ -1,0 +1,218 @@
+"""How far the gap shrinks, rung by rung, on rocks that had no say in the models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from sassgis.gap.diagnosis import Range, Rung, Shrinkage
+from sassgis.gap.which.ensemble import CalibrationProblem
+from sassgis.gap.which.hypotheses import NONE
+from sassgis.model.grid import FloatArray, IntArray
+
+#: Rungs that are no hypothesis.
+CONFIGURED, FLOOR = "configured", "floor"
+#: Bootstrap samples of groups of rocks.
+_SAMPLES = 999
+
+
+@dataclass(frozen=True, slots=True)
+class RockDistances:
+    """Energy distance between the observed rocks and those of a model, from pairs of rocks.
+
+    Only pairs of different rocks count, so that the distance is zero in the mean if each observed
+    rock is one more draw of its replicas, whatever the rocks differ in.
+
+    Attributes
+    ----------
+    pairs : float64, shape (n_rocks, n_rocks)
+        2 |x_i − y_j| − |x_i − x_j| − |y_i − y_j|, means over replicas; zero on the diagonal.
+    floors : float64, shape (m,)
+        The same distance where each of the replicas stands in for what was observed.
+    """
+
+    pairs: FloatArray
+    floors: FloatArray
+
+    @classmethod
+    def of(cls, observed: FloatArray, replicas: FloatArray) -> RockDistances:
+        """Distances of rows of rocks.
+
+        Parameters
+        ----------
+        observed : float64, shape (n_rocks, p)
+        replicas : float64, shape (m, n_rocks, p)
+            m of two or more.
+        """
+        m, n = replicas.shape[:2]
+        across = np.mean([cdist(observed, one) for one in replicas], axis=0)
+        among = np.zeros((n, n))
+        between = np.zeros((m, m))
+        for i in range(m):
+            for j in range(i + 1):
+                own = cdist(replicas[i], replicas[j])
+                np.fill_diagonal(own, 0.0)
+                among += own if i == j else own + own.T
+                between[i, j] = between[j, i] = own.sum() / (n * (n - 1))
+        pairs = across + across.T - cdist(observed, observed) - among / m**2
+        np.fill_diagonal(pairs, 0.0)
+        return cls(pairs, np.array([_of_one(between, k) for k in range(m)]))
+
+    def value(self, weights: FloatArray | None = None) -> float:
+        """Energy distance (Székely and Rizzo 2013), unbiased; with weights of the rocks."""
+        n = len(self.pairs)
+        own = np.full(n, 1.0 / n) if weights is None else weights / weights.sum()
+        return float(own @ self.pairs @ own / (1.0 - own @ own))
+
+    @property
+    def floor(self) -> float:
+        """What chance leaves: the mean distance of a replica from the others, near zero."""
+        return float(self.floors.mean())
+
+    @property
+    def above_chance(self) -> bool:
+        """Whether the gap exceeds the 95 % quantile of that of replicas."""
+        return bool(self.value() > self.floor + 1.645 * self.floors.std(ddof=1))
+
+
+def _of_one(between: FloatArray, k: int) -> float:
+    """Energy distance of one replica from all the others, from mean distances of replicas."""
+    rest = np.delete(np.arange(len(between)), k)
+    within = between[np.ix_(rest, rest)].mean()
+    return float(2.0 * between[k, rest].mean() - between[k, k] - within)
+
+
+def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:
+    """How often each rock is in bootstrap samples of the groups, shape (samples, n_rocks)."""
+    unit = np.unique(group, return_inverse=True)[1]
+    n = int(unit.max()) + 1
+    times = rng.multinomial(n, np.full(n, 1.0 / n), size=samples).astype(np.float64)
+    weights: FloatArray = times[:, unit]
+    # A sample of one rock has no pairs.
+    paired: FloatArray = weights[(weights > 0.0).sum(axis=1) > 1]
+    return paired
+
+
+def share_of(
+    above: RockDistances, below: RockDistances, floor: float, weights: FloatArray
+) -> tuple[float, Range | None]:
+    """Share of the gap ``above`` that is closed ``below``, with its 95 % interval.
+
+    Parameters
+    ----------
+    above, below : RockDistances
+        Of the model before and after.
+    floor : float
+    weights : float64, shape (samples, n_rocks)
+        Of ``group_weights``; a sample without a gap is left out.
+    """
+    value = (above.value() - below.value()) / (above.value() - floor)
+    drawn = np.array([(above.value(w), below.value(w)) for w in weights]).reshape(-1, 2)
+    gap = drawn[:, 0] - floor
+    found = (drawn[:, 0] - drawn[:, 1])[gap > 0.0] / gap[gap > 0.0]
+    if found.size < 20:
+        return value, None
+    low, high = np.quantile(found, [0.025, 0.975])
+    return value, (float(low), float(high))
+
+
+def ladder_of(
+    problem: CalibrationProblem, rungs: Sequence[tuple[str, FloatArray]]
+) -> tuple[Rung, ...]:
+    """Distance and share of the gap of each model, the configured one first, and the floor.
+
+    Parameters
+    ----------
+    problem : CalibrationProblem
+    rungs : sequence of (name, rows)
+        Held-out replicas of each rock.
+
+    Returns
+    -------
+    tuple of Rung
+        Empty where nothing could be compared. Shares are withheld where the gap of the configured
+        model may be chance.
+    """
+    if not problem.rows.shape[1]:
+        return ()
+    found = [RockDistances.of(problem.rows, rows) for _, rows in rungs]
+    first, floor = found[0], found[-1].floor
+    rng = np.random.default_rng([problem.seed, 53])
+    weights = group_weights(problem.case.group, rng, _SAMPLES)
+    out = [Rung(rungs[0][0], first.value())]
+    for (name, _), own in zip(rungs[1:], found[1:], strict=True):
+        shared = share_of(first, own, floor, weights) if first.above_chance else (None, None)
+        out.append(Rung(name, own.value(), *shared))
+    return (*out, Rung(FLOOR, floor))
+
+
+def shrinkage_of(
+    problem: CalibrationProblem, base: FloatArray, effect: str, rows: FloatArray
+) -> Shrinkage:
+    """How far the gap of the calibrated base shrinks by an effect, on held-out rocks.
+
+    Parameters
+    ----------
+    problem : CalibrationProblem
+    base, rows : float64, shape (m, n_rocks, p)
+        Held-out replicas of each rock, without and with the effect.
+    effect : str
+    """
+    observed = problem.rows
+    if not observed.shape[1]:
+        nan = float("nan")
+        note = (
+            "Neither stops nor stations were seen of enough rocks: there is no distance to shrink."
+        )
+        return Shrinkage(effect, None, None, nan, nan, nan, {}, note)
+    before, after = RockDistances.of(observed, base), RockDistances.of(observed, rows)
+    value, interval, note = None, None, ""
+    if effect == NONE:
+        note = "No effect is named: nothing to shrink by."
+    elif not before.above_chance:
+        note = (
+            "The gap of the calibrated base is not distinguished from chance: no share of it is "
+            "given."
+        )
+    else:
+        rng = np.random.default_rng([problem.seed, 51])
+        weights = group_weights(problem.case.group, rng, _SAMPLES)
+        value, interval = share_of(before, after, after.floor, weights)
+    return Shrinkage(
+        effect,
+        value,
+        interval,
+        before.value(),
+        after.value(),
+        after.floor,
+        _by_quantity(problem, base, rows),
+        note,
+    )
+
+
+def _by_quantity(
+    problem: CalibrationProblem, base: FloatArray, effect: FloatArray
+) -> Mapping[str, Mapping[str, float | None]]:
+    """The same for each quantity alone, all stations together."""
+    k = len(problem.scale.names)
+    kinds: dict[str, list[int]] = {}
+    for i, name in enumerate(problem.scale.names):
+        place, _, what = name.partition(":")
+        kinds.setdefault(what if place != "stop" else f"stop {what}", []).extend([i, i + k])
+    out: dict[str, dict[str, float | None]] = {}
+    for what, columns in kinds.items():
+        before, after = (
+            RockDistances.of(problem.rows[:, columns], rows[:, :, columns])
+            for rows in (base, effect)
+        )
+        share = share_of(before, after, after.floor, np.empty((0, 0)))[0]
+        out[what] = {
+            "base": before.value(),
+            "effect": after.value(),
+            "floor": after.floor,
+            "shrinkage": share if before.above_chance else None,
+        }
+    return out
