@@ -18,6 +18,8 @@ from sassgis.gap.diagnosis import (
     Advice,
     Comparison,
     Diagnosis,
+    Fingerprint,
+    GapFinding,
     Hypothesis,
 )
 from sassgis.gap.ladder.calibration import (
@@ -46,7 +48,7 @@ from sassgis.gap.ladder.handover import (
 from sassgis.gap.ladder.rungs import ladder_of, shrinkage_of
 from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
-from sassgis.gap.residuals.table import residuals_of
+from sassgis.gap.residuals.table import ResidualTable, residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.ensemble import (
@@ -339,6 +341,37 @@ class _Calibration:
         return held_out_scores(self.problem, self.ensemble, effect)
 
 
+def fingerprints_of(
+    config: str | Path, observations: str | Path, seed: int = 1
+) -> tuple[tuple[Fingerprint, ...], tuple[GapFinding, ...]]:
+    """Fingerprints and findings of the calibrated base alone, in this process.
+
+    Parameters
+    ----------
+    config, observations : path
+        As for ``diagnose``.
+    seed : int
+    """
+    problem = problem_of(read_case(load_config(config), observations), seed)
+
+    def run(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
+        return (function(problem, task) for task in tasks)
+
+    made, _ = _base(problem, run, BASE_DRAWS, None)
+    case = made.problem.case
+    residuals = _residuals(made, seed)
+    prints = fingerprints(case, residuals, group=case.group)
+    return prints, where(case, residuals, seed=seed)
+
+
+def _residuals(made: _Calibration, seed: int) -> ResidualTable:
+    """Residuals of the calibrated base."""
+    case = made.problem.case
+    return residuals_of(
+        case, made.model(NONE).model.table, seed=seed, effects=case.effects, forest=case.forest
+    )
+
+
 def _base(
     problem: CalibrationProblem, run: CampaignMap, draws: int, on_progress: OnProgress | None
 ) -> tuple[_Calibration, tuple[str, ...]]:
@@ -400,8 +433,7 @@ def _diagnosis(
     """The answer, from a base that is calibrated and first draws of all effects."""
     problem, case, seed = made.problem, made.problem.case, made.problem.seed
     tried = families_to_try(case)
-    table = made.model(NONE).model.table
-    residuals = residuals_of(case, table, seed=seed, effects=case.effects, forest=case.forest)
+    residuals = _residuals(made, seed)
     prints = fingerprints(case, residuals, group=case.group)
     shares = weights.shares(prints, tried)
     # An effect is added to the base that the contact asks for.

@@ -16,18 +16,21 @@ from numpy.typing import NDArray
 from sassgis.gap.observations.campaign import errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.free_run import AtStations, FreeRun, observed_end
-from sassgis.gap.residuals.one_step import impacts_in_flight, rebound_draws, usable_impacts
+from sassgis.gap.residuals.one_step import (
+    impacts_in_flight,
+    rebound_draws,
+    turn_error,
+    turn_of_lines,
+    usable_impacts,
+)
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.terrain.flatten import chainage_to_xy
 
 #: Share of the length of a free flight that one between two observed impacts may lack or exceed.
 _SHORTEST, _LONGEST = 0.4, 1.3
 _LEAST_WAY_M = 1.0
 #: Height by which the centre of a rock at two impacts may lie differently above the ground (m).
 _CENTRE_M = 0.15
-#: Share of the turn of the fall line by which its chords may be wrong.
-_LINE_SHARE = 0.5
 #: Orientations and slopes drawn for each observed impact.
 IMPACT_DRAWS = 32
 
@@ -159,30 +162,12 @@ def _impacts(
         out.append({
             **common, "quantity": np.array(name), "observed": observed, "predicted": mean, "sd": sd,
         })  # fmt: skip
-    line_turn = _turn_of_lines(case, seen.rock, seen.s)
+    line_turn = turn_of_lines(case, seen.rock, seen.s)
     turn = {
         "quantity": np.array("turn_deg"), "observed": own.turn_deg, "predicted": line_turn,
-        "sd": np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn),
+        "sd": turn_error(case, line_turn),
     }  # fmt: skip
     return [*out, {**common, **turn}]
-
-
-def _turn_of_lines(case: Case, rock: IntArray, s: FloatArray) -> FloatArray:
-    """Turn at each impact of rocks that fly straight and come down on their fall line (°).
-
-    From the chords of the fall line before and after it, positive to the right; zero at the first
-    and the last impact of a rock, and where chords are short.
-    """
-    turn = np.zeros(s.size)
-    order = np.lexsort((s, rock))
-    x, y = chainage_to_xy(case.traces, case.line[rock[order]], s[order])
-    dx, dy, same = np.diff(x), np.diff(y), np.diff(rock[order]) == 0
-    azimuth = np.arctan2(dy, dx)
-    known = same & (np.hypot(dx, dy) > _LEAST_WAY_M)
-    both = np.flatnonzero(known[:-1] & known[1:])
-    change = np.angle(np.exp(1j * (azimuth[both + 1] - azimuth[both])))
-    turn[order[both + 1]] = -np.degrees(change)
-    return turn
 
 
 def _flights(case: Case) -> list[_Part]:

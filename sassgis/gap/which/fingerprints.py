@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from sassgis.gap.diagnosis import Fingerprint
-from sassgis.gap.inference.rock_tests import t_statistics
+from sassgis.gap.inference.rock_tests import holm_adjusted, t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.residuals import Residual, per_rock
@@ -89,13 +89,11 @@ def fingerprints(
         z, p, n = _tested(one, number)
         if math.isfinite(z):
             found[one.statistic] = one, z, p, n
-    order = sorted(found, key=lambda name: found[name][2])
-    out: list[Fingerprint] = []
-    adjusted = 0.0
-    for i, name in enumerate(order):
-        one, z, p, n = found[name]
-        adjusted = max(adjusted, min(p * (len(order) - i), 1.0))
-        out.append(Fingerprint(one.effect, name, one.value, z, adjusted, True, n))
+    adjusted = holm_adjusted(np.array([p for _, _, p, _ in found.values()]))
+    out = [
+        Fingerprint(one.effect, name, one.value, z, float(p), True, n)
+        for (name, (one, z, _, n)), p in zip(found.items(), adjusted, strict=True)
+    ]
     for name, effect in STATISTICS.items():
         if name not in found:
             out.append(Fingerprint(effect, name, math.nan, math.nan, math.nan, False, 0))

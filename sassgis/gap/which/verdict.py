@@ -305,6 +305,15 @@ def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in case.reaches if name in set(found))
 
 
+def confidence_of(effect: str, shares: Mapping[str, float]) -> float:
+    """Probability of an answer; of one that names no family, that none of them is the cause."""
+    if effect in (UNKNOWN, CONTACT_LAW):
+        share = 1.0 - max((p for n, p in shares.items() if n != NONE), default=0.0)
+    else:
+        share = max((shares.get(n, 0.0) for n in effect.split("+")), default=0.0)
+    return float(min(share, 0.99))
+
+
 def verdict_of(
     prints: Sequence[Fingerprint],
     shares: Mapping[str, float],
@@ -318,13 +327,9 @@ def verdict_of(
     effect, group, reason = decide(prints, shares, findings, closes_at_most, thresholds)
     phase, segments = place_of(effect, case, fitted, findings)
     law = CONTACT_LAW in significant(prints, thresholds.level)
-    first = max((shares.get(n, 0.0) for n in effect.split("+")), default=0.0)
-    if effect in (UNKNOWN, CONTACT_LAW):
-        # None of the families: what is left when the most probable one is taken off.
-        first = 1.0 - max((p for n, p in shares.items() if n != NONE), default=0.0)
     return Verdict(
         effect,
-        float(min(first, 0.99)),
+        confidence_of(effect, shares),
         confusion_set(effect, shares, thresholds.covered),
         phase,
         segments,
