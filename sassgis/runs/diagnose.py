@@ -48,7 +48,7 @@ from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
-from sassgis.gap.which.cause_weights import read_weights
+from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.ensemble import (
     COUNT,
     CalibrationProblem,
@@ -73,7 +73,7 @@ from sassgis.gap.which.verdict import (
     verdict_of,
 )
 from sassgis.io.read.config import load_config
-from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
+from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
@@ -164,7 +164,8 @@ def diagnose(
                 found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
             )
-        frozen = thresholds_of(read_thresholds())
+        chosen = read_thresholds()
+        frozen, weights = thresholds_of(chosen), cause_weights_of(chosen)
         problem = problem_of(case, seed)
         fingerprint = fingerprint_of(
             settings, Path(observations), f"{seed} {draws} {ground_range:g}"
@@ -179,7 +180,7 @@ def diagnose(
                     f"{fingerprint} {made.problem.case.ground_range:g}", on_progress,
                 )  # fmt: skip
                 tell("Calibrating the most probable hypotheses")
-                diagnosis = _diagnosis(made, wrong_ground, frozen, fingerprint)
+                diagnosis = _diagnosis(made, wrong_ground, frozen, weights, fingerprint)
         except KeyboardInterrupt:
             raise Interrupted(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
@@ -390,7 +391,11 @@ def _in_range(
 
 
 def _diagnosis(
-    made: _Calibration, wrong_ground: tuple[str, ...], frozen: Thresholds, fingerprint: str
+    made: _Calibration,
+    wrong_ground: tuple[str, ...],
+    frozen: Thresholds,
+    weights: CauseWeights,
+    fingerprint: str,
 ) -> Diagnosis:
     """The answer, from a base that is calibrated and first draws of all effects."""
     problem, case, seed = made.problem, made.problem.case, made.problem.seed
@@ -398,7 +403,7 @@ def _diagnosis(
     table = made.model(NONE).model.table
     residuals = residuals_of(case, table, seed=seed, effects=case.effects, forest=case.forest)
     prints = fingerprints(case, residuals, group=case.group)
-    shares = read_weights().shares(prints, tried)
+    shares = weights.shares(prints, tried)
     # An effect is added to the base that the contact asks for.
     law = CONTACT_LAW in significant(prints, frozen.level)
     base = CONTACT_LAW if law else NONE

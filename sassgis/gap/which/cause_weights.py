@@ -1,27 +1,21 @@
 """How likely each cause is, from the z of its fingerprints: a logistic regression of few numbers.
 
 The fingerprints need no synthetic site. What they weigh against each other does: where stems stand,
-stops are early as well. The weights (``data/gap_weights.json``) were fitted on sites of several
+stops are early as well. The weights (``data/gap_thresholds.json``) were fitted on sites of several
 laws of motion; each law was judged by weights that never saw it (docs/studies/gap_weights.md).
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 from scipy.special import softmax
 
 from sassgis.gap.diagnosis import Fingerprint
-from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 
-#: Fitted on sites of development, and frozen for all that is reported.
-WEIGHTS = Path(str(files("sassgis").joinpath("data/gap_weights.json")))
 #: What z counts for: against a cause up to the first, for it up to the second; its unit.
 _LEAST, _MOST, _UNIT = -2.0, 8.0, 4.0
 
@@ -76,23 +70,14 @@ def counts_of(z: FloatArray) -> FloatArray:
     return counts
 
 
-def read_weights(file: Path | None = None) -> CauseWeights:
-    """The frozen weights.
+def weights_of(content: Mapping[str, object]) -> CauseWeights:
+    """Weights from the content of their file: of each cause, those that are not zero by name.
 
     Raises
     ------
-    InputError
-        If the file cannot be read.
+    KeyError, TypeError, ValueError
+        If it is none of weights.
     """
-    path = file or WEIGHTS
-    try:
-        return weights_of(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError("weights cannot be read", file=path, found=repr(error)) from None
-
-
-def weights_of(content: Mapping[str, object]) -> CauseWeights:
-    """Weights from the content of their file: of each cause, those that are not zero by name."""
     rows: dict[str, dict[str, float]] = content["weights"]  # type: ignore[assignment]
     statistics: tuple[str, ...] = tuple(content["statistics"])  # type: ignore[arg-type]
     offset: dict[str, float] = content["offset"]  # type: ignore[assignment]

@@ -17,7 +17,6 @@ from sassgis.gap.replicas.hypothesis_model import (
     LateralWalk,
 )
 from sassgis.gap.replicas.model_json import model_as_json, model_from_json
-from sassgis.gap.which.cause_weights import read_weights
 from sassgis.gap.which.ensemble import (
     CalibrationProblem,
     scale_of,
@@ -38,6 +37,7 @@ from sassgis.gap.which.verdict import (
     measure_next,
     reaches_between,
 )
+from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
 from sassgis.model.effects import EffectSettings
 from sassgis.model.settings import LateralDeflection
 
@@ -178,7 +178,7 @@ def test_the_confusion_set_holds_the_answer_and_what_is_probable() -> None:
 
 
 def test_the_frozen_weights_follow_the_fingerprints() -> None:
-    weights = read_weights()
+    weights = cause_weights_of(read_thresholds())
     assert set(weights.causes) == {*FAMILIES, NONE} and set(weights.statistics) == set(STATISTICS)
     nothing = [Fingerprint(e, s, 0.0, 0.0, 1.0, True, 30) for s, e in STATISTICS.items()]
     base = weights.shares(nothing, FAMILIES)
