@@ -23,7 +23,13 @@ from sassgis.gap.check.check_scores import (
     score,
 )
 from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool
-from sassgis.gap.check.worlds import WorldSpec, battery, quick_battery, world_seeds
+from sassgis.gap.check.worlds import (
+    WorldSpec,
+    battery,
+    quick_battery,
+    require_library,
+    world_seeds,
+)
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
 from sassgis.io.staging import partial_folder, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
@@ -191,6 +197,7 @@ def check(
     }
     try:
         programs = _claim(place, plan)
+        require_library(world.spec.law for world in planned)
         if not place.blinding.exists():
             tell(f"Making {len(planned)} sites")
             _make(place, planned, jobs, step)

@@ -8,6 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from sassgis.gap.check.worlds.observe import KINDS
+from sassgis.gap.check.worlds.polygons import LAW as POLYGONS
 from sassgis.gap.check.worlds.polygons import SUPPORTED
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
 from sassgis.gap.check.worlds.world import (
@@ -118,20 +119,21 @@ def _laws(rng: np.random.Generator, effects: Sequence[tuple[EffectSpec, ...]]) -
     laws = _cycle(rng, _LAWS, len(effects))
     known = [all(e.name in SUPPORTED for e in own) for own in effects]
     for k in range(len(laws)):
-        if laws[k] == "polygons" and not known[k]:
+        if laws[k] == POLYGONS and not known[k]:
             # The next site that any law can have.
-            others = [j for j in range(len(laws)) if known[j] and laws[j] != "polygons"]
+            others = [j for j in range(len(laws)) if known[j] and laws[j] != POLYGONS]
             other = min(others, key=lambda j: (j - k) % len(laws), default=None)
             laws[k] = LAWS[0]
             if other is not None:
-                laws[k], laws[other] = laws[other], "polygons"
+                laws[k], laws[other] = laws[other], POLYGONS
     return laws
 
 
 def quick_battery(seed: int) -> list[WorldSpec]:
     """Six sites that show whether a check runs, not how good a diagnosis is.
 
-    Two without an effect, three with a strong one, one with an unknown one; 20 to 40 rocks.
+    Two without an effect, three with a strong one, one with an unknown one; 20 to 40 rocks; under
+    the laws that need no library.
     """
     rng = np.random.default_rng([seed, 1986])
     effects: list[tuple[EffectSpec, ...]] = [(), ()]
@@ -139,8 +141,9 @@ def quick_battery(seed: int) -> list[WorldSpec]:
     effects += [(EffectSpec(name, "strong"),) for name in _cycle(rng, UNKNOWNS, 1)]
     designs: list[Design] = [(20, "both"), (40, "everything")] * 3
     slopes = _cycle(rng, SLOPE_TYPES, len(effects))
+    laws = _cycle(rng, LAWS[:-1], len(effects))
     return [
-        WorldSpec(slopes[k], effects[k], n_rocks=designs[k][0], kind=designs[k][1])
+        WorldSpec(slopes[k], effects[k], n_rocks=designs[k][0], kind=designs[k][1], law=laws[k])
         for k in rng.permutation(len(effects)).tolist()
     ]
 

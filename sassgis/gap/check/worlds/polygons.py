@@ -8,6 +8,7 @@ is met is that of the fall line. Only sites of this law need pymunk.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from types import ModuleType
 from typing import Any
 
@@ -61,6 +62,7 @@ SUPPORTED = frozenset(
         "collisions",
     }
 )  # fmt: skip
+LAW = "polygons"
 #: Points of a path.
 _LONGEST_PATH = 500
 #: Height of a corner of rough ground over the magnitude of the effect.
@@ -82,11 +84,17 @@ def library() -> ModuleType:
         raise InputError(
             "sites of this law need pymunk",
             field="law",
-            found="polygons",
+            found=LAW,
             expected='pip install "sassgis[check]"',
         ) from None
     found: ModuleType = pymunk
     return found
+
+
+def require_library(laws: Iterable[str]) -> None:
+    """Raise what ``library`` raises, where one of the laws needs it."""
+    if LAW in laws:
+        library()
 
 
 def corners(a: float, b: float, key: np.uint64) -> list[tuple[float, float]]:

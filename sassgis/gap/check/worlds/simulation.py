@@ -108,7 +108,7 @@ def simulate(world: World, rocks: WorldRocks, dt: float = STEP_S) -> Run:
             gain=np.full(n, -1.0),
         )
         ground, forces = world._fields["field"], forces_of(world)
-        if world.spec.law == "polygons":
+        if world.spec.law == polygons.LAW:
             polygons.run_rocks(ground, forces, rocks.state, rocks.keys, dt, tables)
         else:
             motion.run_rocks(ground, forces, rocks.state, rocks.keys, rocks.campaign, dt, tables)

@@ -147,8 +147,9 @@ def test_energy_is_never_made(site: World, name: str) -> None:
     energy = 0.5 * tracks[:, 7] ** 2 + 9.81 * tracks[:, 6]
     energy += 0.5 * inertia * (2 * math.pi * tracks[:, 8]) ** 2
     same = np.diff(rock) == 0
-    # What is dug into the ground in a step of the library comes out again: decimetres at most.
-    assert np.diff(energy)[same].max() < 9.81 * 0.4
+    # Beside the path the ground is higher or lower than that of the path, which the block is on.
+    beside = {"lateral_deflection", "trees", "collisions", "magnus"}
+    assert np.diff(energy)[same].max() < (9.81 * 0.4 if name in beside else 0.05)
     assert energy[0] > energy.min() + 500.0
 
 
