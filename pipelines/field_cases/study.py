@@ -17,19 +17,19 @@ import sassgis
 from field_cases.figures import stops_figure
 from field_cases.tables import FieldCase
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.gap.diagnosis import Calibrated, Diagnosis, GapFinding
+from sassgis.gap.diagnosis import Diagnosis, GapFinding
 from sassgis.gap.inference.distances import energy_distance, energy_scores, observed_scale
 from sassgis.gap.inference.intervals import bootstrap_interval, bootstrap_rows
 from sassgis.gap.inference.rock_tests import mean_gap_tests
+from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.observations.campaign import main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel, LateralWalk
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.model.ground import GroundTable
-from sassgis.model.settings import LateralDeflection
 from sassgis.report.figures import save
 from sassgis.runs.gap_case import read_case
 
@@ -88,7 +88,7 @@ def study(
         **(more or {}),
     }
     if len(everything.observations.deposits):
-        seen, made = stops(everything, _untuned(everything), given.seed)
+        seen, made = stops(everything, configured_model(everything), given.seed)
         labels = [groups[name] for name in everything.observations.rock_names]
         results["untuned"] = compare(seen, made, labels, given.seed)
         results["between_groups_p"] = between_groups(seen - made.mean(axis=1), labels, given.seed)
@@ -203,7 +203,7 @@ def recalibrated(case: FieldCase, fit: str, left_out: str, seed: int) -> dict[st
     angle = min(by_angle, key=lambda a: by_angle[a])
     ground = _with_ground(other, *chosen)
     models = {
-        "untuned": _untuned(other),
+        "untuned": configured_model(other),
         "recalibrated": ground,
         "deflected": replace(ground, lateral_walk=LateralWalk(angle_deg=angle)),
     }
@@ -259,16 +259,12 @@ def _ends(case: Case) -> FloatArray:
     return ends
 
 
-def _untuned(case: Case) -> HypothesisModel:
-    return HypothesisModel(case.table, case.effects.without(LateralDeflection))
-
-
 def _with_ground(case: Case, eta_max: float, mu_0: float) -> HypothesisModel:
     classes = [
         replace(c, eta_max=eta_max, mu_0=mu_0, mu_f=c.mu_f - c.mu_0 + mu_0) if c.name == SOFT else c
         for c in case.table.classes
     ]
-    return replace(_untuned(case), table=GroundTable(tuple(classes)))
+    return replace(configured_model(case), table=GroundTable(tuple(classes)))
 
 
 def between_groups(gap: FloatArray, labels: list[str], seed: int) -> dict[str, float]:
@@ -352,7 +348,7 @@ def held_out(case: Case, answer: Diagnosis, seed: int) -> dict[str, Any]:
     """
     rng = np.random.default_rng([seed, 5])
     models = {
-        "untuned": _untuned(case), "base": model_of(answer.base), "effect": model_of(answer.effect)
+        "untuned": configured_model(case), "base": answer.base, "effect": answer.effect
     }  # fmt: skip
     made: dict[str, FloatArray] = {}
     for name, model in models.items():
@@ -408,23 +404,6 @@ def _distance(seen: FloatArray, made: FloatArray, scale: FloatArray) -> float:
 
 def _shrinkage(d: Mapping[str, float]) -> float:
     return (d["base"] - d["effect"]) / (d["base"] - d["floor"])
-
-
-def model_of(found: Calibrated) -> HypothesisModel:
-    """A calibrated model as campaigns take it; errors of the observation are not in it."""
-    # Lateral walks stand in the sections of the configuration alone.
-    section = found.sections.get("lateral_deflection", {})
-    known = {k: section[k] for k in ("angle_deg", "hop_m", "width_percent") if k in section}
-    aside = LateralWalk(**known)
-    stand = None
-    if found.stand is not None and found.stems_per_ha is not None and found.dbh_cm is not None:
-        stand = ForestStand(*found.stand, found.stems_per_ha, found.dbh_cm)
-    return HypothesisModel(
-        found.table,
-        found.effects.without(LateralDeflection),
-        stand=stand,
-        lateral_walk=aside,
-    )
 
 
 def _plain(item: Any) -> Any:

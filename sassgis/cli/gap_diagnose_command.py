@@ -69,6 +69,7 @@ def diagnose(
         )
     for warning in result.warnings:
         click.echo(f"Note: {warning.removeprefix('warning: ')}", err=True)
+    click.echo(result.first_sentence)
     click.echo(verdict_sentence(result))
     click.echo(f"Open {out / 'report.html'} in a browser, {out / 'gap.gpkg'} in QGIS.")
     if with_map:

@@ -72,6 +72,15 @@ _TESTS: Mapping[str, str] = {
 }
 
 
+#: Rungs of the ladder that are no effect.
+RUNG_NAMES: Mapping[str, str] = {
+    "configured": "as configured",
+    "ground": "ground calibrated",
+    "contact_law": "another law of the contact",
+    "floor": "chance alone",
+}
+
+
 def effect_name(effect: str) -> str:
     """Name of a family, or of two joined by "+"."""
     return " and ".join(EFFECT_NAMES.get(e, e.replace("_", " ")) for e in effect.split("+"))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.gap.diagnosis import Diagnosis, GapFinding, Shrinkage
+from sassgis.gap.diagnosis import Consequence, Diagnosis, GapFinding, Rung, Shrinkage
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.places import (
     is_stretch,
@@ -19,6 +19,7 @@ from sassgis.gap.where.places import (
     used_lines,
 )
 from sassgis.gap.words import (
+    RUNG_NAMES,
     effect_name,
     quantity_name,
     significance,
@@ -205,6 +206,14 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             "the pale band does not differ from the base model.",
             figures.gap_distributions_figure(diagnosis.comparisons, effect=named),
         )
+    if diagnosis.ladder:
+        add(
+            "gap_ladder",
+            "How far the gap shrinks",
+            "Distance to the observed rocks, step by step. Each rock is compared with a model that "
+            "was fitted without it.",
+            figures.gap_ladder_figure(diagnosis.ladder),
+        )
     if diagnosis.which:
         add(
             "gap_hypotheses",
@@ -227,6 +236,8 @@ def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
         _where_table(diagnosis.where),
         _which_table(diagnosis),
         _parameter_table(diagnosis),
+        _ladder_table(diagnosis.ladder),
+        _consequence_table(diagnosis.advice.consequences),
         _shrinkage_table(diagnosis.shrinkage),
         _ground_table(case.table, diagnosis.effect.table),
         _data_table(diagnosis),
@@ -294,6 +305,39 @@ def _parameter_table(diagnosis: Diagnosis) -> ReportTable:
         (("parameter", ""), ("value", ""), ("95 % interval", "")),
         tuple(rows),
         "Units are part of the names.",
+    )
+
+
+def _ladder_table(ladder: Sequence[Rung]) -> ReportTable:
+    return ReportTable(
+        "From the configured model to chance",
+        (
+            ("model", ""),
+            ("energy distance", ""),
+            ("closes of the gap", "%"),
+            ("95 % interval", "%"),
+        ),
+        tuple(
+            (
+                RUNG_NAMES.get(r.rung) or effect_name(r.rung),
+                r.distance,
+                None if r.share is None else 100.0 * r.share,
+                "–" if r.ci95 is None else interval_text((100.0 * r.ci95[0], 100.0 * r.ci95[1]), 2),
+            )
+            for r in ladder
+        ),
+        "Each rock is compared with a model that was drawn, chosen and fitted without it. The gap is "
+        "that of the configured model beyond chance. A dash: it may be chance.",
+    )
+
+
+def _consequence_table(consequences: Sequence[Consequence]) -> ReportTable:
+    return ReportTable(
+        "What changes for these rocks",
+        (("place", ""), ("quantity", ""), ("unit", ""), ("configured", ""), ("handed over", "")),
+        tuple((c.place, c.quantity, c.unit, c.before, c.after) for c in consequences),
+        "The observed rocks, released with the configured model and with that of model/. Energy: of "
+        "translation, at the furthest station.",
     )
 
 
@@ -398,7 +442,7 @@ def gap_report(
     return ReportContext(
         title=f"{project}: observed and simulated rocks",
         subtitle="What separates the field observations from the SASS model, and why",
-        verdict=verdict_sentence(diagnosis),
+        verdict=" ".join(filter(None, (diagnosis.first_sentence, verdict_sentence(diagnosis)))),
         answer=answer(diagnosis),
         warnings=tuple(warnings),
         what_was_run=(

@@ -21,6 +21,7 @@ from sassgis.gap.diagnosis import (
     Fingerprint,
     GapFinding,
     Hypothesis,
+    Range,
 )
 from sassgis.gap.ladder.calibration import (
     FRESH,
@@ -41,11 +42,12 @@ from sassgis.gap.ladder.handover import (
     configured_model,
     consequences_of,
     first_sentence,
-    good_draws,
     settings_of,
     values_of,
 )
-from sassgis.gap.ladder.rungs import ladder_of, shrinkage_of
+from sassgis.gap.ladder.parameter_posterior import ParameterPosterior, parameter_posterior
+from sassgis.gap.ladder.rungs import RockDistances, ladder_of, shrinkage_of
+from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.residuals.table import ResidualTable, residuals_of
@@ -89,6 +91,8 @@ from sassgis.runs.job import job_count
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
+#: With fewer groups of rocks a warning is given.
+_FEWEST_GROUPS = 4
 #: Draws of each hypothesis in the first round, and of the base.
 DRAWS, BASE_DRAWS = 40, 80
 #: Repetitions of the refinement, and draws in each of them and each fit.
@@ -189,7 +193,13 @@ def diagnose(
                 "goes on from there"
             ) from None
         diagnosis = replace(
-            diagnosis, warnings=(*settings.notes, *_motion_warnings(settings), *diagnosis.warnings)
+            diagnosis,
+            warnings=(
+                *settings.notes,
+                *_motion_warnings(settings),
+                *_group_warnings(case),
+                *diagnosis.warnings,
+            ),
         )
         tell("Writing the results")
         if report:
@@ -211,6 +221,18 @@ def _motion_warnings(settings: Config) -> tuple[str, ...]:
             "base model."
         )
     return tuple(out)
+
+
+def _group_warnings(case: Case) -> tuple[str, ...]:
+    """Too few groups to tell what their members have in common from a cause."""
+    groups = np.unique(case.group).size
+    if groups >= _FEWEST_GROUPS:
+        return ()
+    return (
+        f"The rocks are in {groups} group{'s' if groups > 1 else ''}. With fewer than "
+        f"{_FEWEST_GROUPS} no cause can be told from what the rocks of a group have in common; "
+        "intervals are far too narrow.",
+    )
 
 
 # ---------------------------------------------------------------------------------------------
@@ -336,6 +358,10 @@ class _Calibration:
         """The draw that is handed over."""
         return self.fits[effect].handed_over.draw
 
+    def posterior(self, effect: str) -> ParameterPosterior | None:
+        """What all rocks leave of the parameters."""
+        return parameter_posterior(self.problem, self.ensemble, effect, self.problem.n_parts)
+
     def scores(self, effect: str) -> FloatArray:
         """Energy scores of rocks by the best draws of the fits they had no say in."""
         return held_out_scores(self.problem, self.ensemble, effect)
@@ -397,7 +423,7 @@ def _base(
     found = calibrated(1)
     wrong: list[str] = []
     for factor in WIDER:
-        limits = classes_at_limit(found.problem, found.ensemble, NONE)
+        limits = classes_at_limit(found.problem.case, found.posterior(NONE))
         if not limits:
             break
         wider = calibrated(factor)
@@ -478,14 +504,18 @@ def _diagnosis(
             *((step, made.rows(with_base(step))) for step in steps),
         ],
     )
-    settings, trade_offs = settings_of(problem, made.ensemble, final, made.model(final))
+    left = {e: made.posterior(e) for e in dict.fromkeys([NONE, final])}
+    intervals = {
+        e: own.intervals(problem, made.model(e)) for e, own in left.items() if own is not None
+    }
+    ground = left[final]
     model = made.model(final).model
     advice = Advice(
         configured_gap(problem, configured.astype(np.float64)),
         wrong_ground,
         case.ground_range,
-        settings,
-        trade_offs,
+        () if ground is None else settings_of(case, ground, intervals[final], made.model(final)),
+        () if ground is None else tuple((t.one, t.other, t.correlation) for t in ground.trade_offs),
         consequences_of(problem, configured_model(case), model),
     )
     known = what_is_identifiable(case.observations)
@@ -498,7 +528,7 @@ def _diagnosis(
     return Diagnosis(
         verdict=verdict,
         where=findings,
-        which=_hypotheses(made, tested, with_base, shares),
+        which=_hypotheses(made, tested, with_base, shares, intervals),
         shrinkage=shrinkage,
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
@@ -514,9 +544,7 @@ def _diagnosis(
         fingerprints=prints,
         ladder=ladder,
         advice=advice,
-        first_sentence=first_sentence(
-            advice, ladder, CONTACT_LAW if final == CONTACT_LAW else named
-        ),
+        first_sentence=first_sentence(advice, ladder, verdict.effect),
     )
 
 
@@ -525,6 +553,7 @@ def _hypotheses(
     effects: Sequence[str],
     with_base: Callable[[str], str],
     shares: Mapping[str, float],
+    intervals: Mapping[str, Mapping[str, Range]],
 ) -> tuple[Hypothesis, ...]:
     """Everything that was tried, most probable first."""
     problem, ensemble = made.problem, made.ensemble
@@ -535,11 +564,9 @@ def _hypotheses(
         tried = with_base(name) if name != NONE and with_base(name) in made.fits else name
         own = made.scores(tried)
         gain = gain_of(base, own, problem.case.group, rng)
-        good = [ensemble.tried[i].draw for i in good_draws(problem, ensemble, tried).tolist()]
         last = problem.n_parts
         best = best_draws(ensemble, tried, problem.rocks_of(last), last)[0]
         top = made.model(tried) if tried in made.fits else ensemble.tried[int(best)].draw
-        values = {k: _values([top, *good], k) for k in top.parameters}
         found.append(
             Hypothesis(
                 name,
@@ -549,17 +576,10 @@ def _hypotheses(
                 (gain.low, gain.high),
                 shares.get(name.split("+")[0], 0.0),
                 dict(top.parameters),
-                {
-                    k: (float(np.quantile(v, 0.025)), float(np.quantile(v, 0.975)))
-                    for k, v in values.items()
-                },
+                intervals.get(tried, {}),
             )
         )
     return tuple(sorted(found, key=lambda c: -c.probability))
-
-
-def _values(draws: Sequence[Draw], name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    return np.array([d.parameters[name] for d in draws if name in d.parameters], np.float64)
 
 
 _SHOWN = {
@@ -596,7 +616,8 @@ def _finite(values: FloatArray) -> tuple[float, ...]:
 def _write_models(file: Path, made: _Calibration, diagnosis: Diagnosis) -> None:
     """The models that are handed over, whole, and the scale on which their rocks are compared.
 
-    ``number`` and ``count`` are those of the campaigns by which each was chosen and scored.
+    ``number`` and ``count`` are those of the campaigns by which each was chosen and scored,
+    ``distance`` what these leave to the observed rocks.
     """
     scale = made.problem.scale
     kept = {
@@ -611,6 +632,11 @@ def _write_models(file: Path, made: _Calibration, diagnosis: Diagnosis) -> None:
         **{
             name: {
                 "number": made.fits[own].handed_over.number,
+                "distance": RockDistances.of(
+                    made.problem.rows, made.fits[own].handed_over.rows.astype(np.float64)
+                ).value()
+                if made.problem.rows.shape[1]
+                else None,
                 "model": model_as_json(model),
             }
             for name, model in (("base", diagnosis.base), ("effect", diagnosis.effect))

@@ -9,14 +9,9 @@ from typing import Any
 import numpy as np
 
 from sassgis.gap.ladder.rungs import RockDistances
-from sassgis.gap.observations.campaign import observed_campaign
-from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.model_json import model_from_json
-from sassgis.gap.replicas.rock_lines import rock_lines_of
-from sassgis.gap.which.ensemble import Scale
-from sassgis.gap.which.features import rock_quantities
+from sassgis.gap.which.ensemble import Scale, model_rows, problem_of
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray
 from sassgis.runs.gap_case import read_case
 
 ENSEMBLE = "model/ensemble.json"
@@ -63,22 +58,13 @@ def measured_shrinkage(
         raise InputError(
             "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
         ) from error
-    case = read_case(config, observations)
-    rock_lines = rock_lines_of(case)
-    observed = scale.rows(rock_quantities(case, observed_campaign(case)))
-    rows: dict[str, FloatArray] = {
-        name: np.stack(
-            [
-                scale.rows(rock_quantities(case, sample))
-                for sample in campaigns(
-                    case, rock_lines, model, count=count, seed=seed, number=numbers[name],
-                    impacts=False,
-                )
-            ]
+    problem = problem_of(read_case(config, observations), seed, scale)
+    base, effect = (
+        RockDistances.of(
+            problem.rows, model_rows(problem, model, numbers[name], count).astype(np.float64)
         )
         for name, model in models.items()
-    }  # fmt: skip
-    base, effect = (RockDistances.of(observed, rows[name]) for name in ("base", "effect"))
+    )
     gap = base.value() - effect.floor
     return {
         "S": (base.value() - effect.value()) / gap if base.above_chance else None,

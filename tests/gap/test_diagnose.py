@@ -5,13 +5,18 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from collections.abc import Callable
+from html import unescape
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
-from sassgis.gap.which.ensemble import problem_of
+from sassgis.gap.ladder.handover import configured_model
+from sassgis.gap.ladder.rungs import RockDistances
+from sassgis.gap.which.ensemble import model_rows, problem_of
 from sassgis.gap.which.hypotheses import families_to_try
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
@@ -20,7 +25,7 @@ from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs.campaign_workers import campaign_workers
 from sassgis.runs.diagnose import diagnose
-from sassgis.runs.fresh_shrinkage import measured_shrinkage
+from sassgis.runs.fresh_shrinkage import ENSEMBLE, measured_shrinkage
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_check import SEED
 
@@ -83,11 +88,33 @@ def test_the_calibrated_configuration_can_be_run(answered: Path) -> None:
     assert settings.effects.names == ("fragmentation",)
 
 
-def test_the_shrinkage_can_be_measured_on_other_rocks(everything: Path, answered: Path) -> None:
+def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answered: Path) -> None:
+    """Read back, it lets the rocks go as it did when it was scored, and leaves that distance."""
+    kept = json.loads((answered / ENSEMBLE).read_text())
     found = measured_shrinkage(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME, answered)
     assert set(found) == {"S", "D_base", "D_effect", "D_floor"}
-    # The rocks that it was fitted to: it cannot be far worse than the base without it.
-    assert 0.0 < found["D_effect"] < 1.5 * found["D_base"]  # type: ignore[operator]
+    for name in ("base", "effect"):
+        assert found[f"D_{name}"] == pytest.approx(kept[name]["distance"], rel=1e-5)
+    # So does the configuration beside it.
+    read = read_case(answered / "model" / "config.toml", everything / OBSERVATIONS_NAME)
+    problem = problem_of(read, kept["seed"])
+    own = model_rows(problem, configured_model(read), kept["effect"]["number"], kept["count"])
+    again = RockDistances.of(problem.rows, own.astype(float)).value()
+    assert again == pytest.approx(kept["effect"]["distance"], rel=1e-5)
+
+
+def test_the_ladder_and_the_first_sentence_are_there(answered: Path) -> None:
+    found = json.loads((answered / "diagnosis.json").read_text())
+    assert [r["rung"] for r in found["ladder"]] == [
+        "configured", "ground", "contact_law", "fragmentation", "floor",
+    ]  # fmt: skip
+    assert found["first_sentence"].startswith("As configured, the model is ")
+    assert found["first_sentence"] in unescape((answered / "report.html").read_text())
+    assert {c["quantity"] for c in found["advice"]["consequences"]} == {
+        "runout_m (median)", "runout_m (90 %)", "energy_kj (median)", "energy_kj (90 %)",
+    }  # fmt: skip
+    settings = found["advice"]["settings"]
+    assert all(s["ci95"][0] <= s["value"] <= s["ci95"][1] for s in settings)
 
 
 def test_processes_and_an_interruption_change_nothing(
@@ -189,6 +216,59 @@ def test_speeds_in_kilometres_per_hour_show_up(everything: Path, tmp_path: Path)
     found = gap_diagnose.read_case(case / CONFIG_NAME, case / OBSERVATIONS_NAME)
     said = [str(f) for f in found.observations.findings]
     assert any("passages" in line and "speed" in line for line in said), said
+
+
+def changed(case: Path, folder: Path, **changes: Callable[[dict[str, str], int], None]) -> Path:
+    """A copy of a case with rows changed; ``change`` gets a row and its number."""
+    for i, (table, change) in enumerate(changes.items()):
+
+        def rewrite(rows: list[list[str]], change: object = change) -> list[list[str]]:
+            records = [dict(zip(rows[0], r, strict=True)) for r in rows[1:]]
+            for k, record in enumerate(records):
+                change(record, k)  # type: ignore[operator]
+            return [list(records[0]), *(list(r.values()) for r in records)]
+
+        case = rewritten(case, folder / str(i), table, rewrite)
+    return case
+
+
+def test_rocks_in_two_groups_are_answered_with_a_warning(everything: Path, tmp_path: Path) -> None:
+    def grouped(row: dict[str, str], k: int) -> None:
+        row["group"] = "monday" if k % 3 else "tuesday"
+
+    case = changed(everything, tmp_path / "case", rocks=grouped)
+    read = read_case(case / CONFIG_NAME, case / OBSERVATIONS_NAME)
+    assert sorted(np.bincount(read.group).tolist()) == [10, 20]
+    assert np.bincount(problem_of(read, 1).part).tolist() in ([10, 20], [20, 10])
+    found = run(case, tmp_path / "out")
+    assert any("2 groups" in line for line in found.warnings)
+    assert not any(f.observable for f in found.fingerprints)
+    assert found.verdict.effect in ("none", "unknown")
+
+
+def test_poor_observations_are_answered_or_refused_in_one_line(
+    everything: Path, tmp_path: Path
+) -> None:
+    def light(row: dict[str, str], _k: int) -> None:
+        row["mass_kg"] = ""
+
+    without_mass = dict.fromkeys(("rocks", "passages", "deposits", "impacts"), light)
+
+    def exact(row: dict[str, str], _k: int) -> None:
+        if "error" in row["key"]:
+            row["value"] = "0"
+
+    def one_station(rows: list[list[str]]) -> list[list[str]]:
+        return rows[:2]
+
+    poor = changed(everything, tmp_path / "poor", **without_mass, metadata=exact)
+    poor = rewritten(poor, tmp_path / "station", "stations", one_station)
+    found = run(poor, tmp_path / "out")
+    assert found.rocks == 30 and found.ladder
+    few = rewritten(everything, tmp_path / "few", "rocks", lambda rows: rows[:4])
+    with pytest.raises(InputError, match="too few rocks") as caught:
+        run(few, tmp_path / "out3")
+    assert "\n" not in str(caught.value)
 
 
 def test_without_rocks_there_is_one_clear_line(everything: Path, tmp_path: Path) -> None:

@@ -256,7 +256,6 @@ def test_held_out_shrinkage_is_withheld_where_nothing_is_to_gain(
     rng = np.random.default_rng(2)
     seen, made = rng.normal(size=(20, 2)), rng.normal(size=(20, module.CAMPAIGNS, 2))
     monkeypatch.setattr(module, "stops", lambda *_: (seen, made))
-    monkeypatch.setattr(module, "model_of", lambda _: None)
     named = SimpleNamespace(effect="air_drag")
     report = module.held_out(read, SimpleNamespace(base=None, effect=None, verdict=named), 1)
     assert report["shrinkage"] is None
@@ -264,7 +263,6 @@ def test_held_out_shrinkage_is_withheld_where_nothing_is_to_gain(
     monkeypatch.setattr(
         module, "stops", lambda _case, model, _seed: (seen, made if model == "effect" else worse)
     )
-    monkeypatch.setattr(module, "model_of", lambda name: name)
     answer = SimpleNamespace(base="base", effect="effect", verdict=named)
     report = module.held_out(read, answer, 1)
     assert 0.9 < report["shrinkage"] < 1.1
@@ -310,18 +308,3 @@ def test_pages_hold_the_tables_of_the_results(repository: Path) -> None:
         seen |= set(re.findall(r"<!-- gap: (.+?) -->", text))
         assert module.filled(text) == text, f"{page.name}: run python docs/studies/gap_tables.py"
     assert seen == set(module.TABLES)
-
-
-def test_a_calibrated_model_keeps_its_ways_aside() -> None:
-    from field_cases.study import model_of
-
-    from sassgis.gap.diagnosis import Calibrated
-    from sassgis.gap.replicas.hypothesis_model import LateralWalk
-    from sassgis.io.read.ground_map import built_in_table
-    from sassgis.model.effects import EffectSettings
-
-    section = {"form": "kicks", "angle_deg": 17.0, "hop_m": 6.0}
-    sections = {"lateral_deflection": section}
-    found = Calibrated(built_in_table(), EffectSettings(), sections=sections)
-    assert model_of(found).lateral_walk == LateralWalk(angle_deg=17.0, hop_m=6.0)
-    assert model_of(Calibrated(built_in_table(), EffectSettings())).lateral_walk == LateralWalk()

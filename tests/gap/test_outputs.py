@@ -30,12 +30,15 @@ from helpers.made_diagnosis import (
 from helpers.observed_slope import NORTH
 
 from sassgis.engine.effects.trees import Trees
-from sassgis.gap.diagnosis import Calibrated, Hypothesis
+from sassgis.gap.diagnosis import Hypothesis
+from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
 from sassgis.gap.which.families import FAMILIES
+from sassgis.gap.which.hypotheses import ParameterDraws, draw
 from sassgis.gap.words import (
     EFFECT_NAMES,
     EFFECT_PHRASES,
@@ -54,11 +57,13 @@ from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, OutputError
 from sassgis.model.grid import Grid
+from sassgis.model.settings import LateralDeflection
 from sassgis.report import figures
 from sassgis.report.figures.gap_figures import _band
 from sassgis.report.figures.gap_map_figures import GapStretch
 from sassgis.report.gap_answer import finding_sentence, verdict_sentence
 from sassgis.report.gap_report import answer, headline, map_parts
+from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_map_change import difference, map_change
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.inputs import read_map_run
@@ -106,6 +111,7 @@ def test_everything_is_written_and_listed(written: Path) -> None:
         "diagnosis.json", "gap.gpkg", "report.html", "model/config.toml", "model/forest.gpkg",
         "model/ground_classes.csv", "figures/gap_map.png", "figures/gap_where.png",
         "figures/gap_distributions.png", "figures/gap_hypotheses.png",
+        "figures/gap_ladder.png",
     } == listed  # fmt: skip
     roles = {entry["role"] for entry in manifest["inputs"]}
     assert {"config", "dem", "release", "observations rocks.csv"} <= roles
@@ -384,9 +390,7 @@ def test_every_key_that_names_a_file_is_known() -> None:
 def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> None:
     text = CONFIG + '\n[effects.trees]\nform = "viscous"\nstems_per_ha = 300\ndbh_cm = 25\n'
     file, case = made_case(tmp_path, slope, 4, config=text)
-    effect = Calibrated(
-        case.table, EffectSettings(), {"trees": {"form": "stems", "efficiency": 0.7}}
-    )
+    effect = HypothesisModel(case.table, EffectSettings(Trees("stems", efficiency=0.7)))
     new = write_config_back(
         tmp_path / "m" / "config.toml", file, replace(with_trees(case), effect=effect), case
     )
@@ -400,25 +404,39 @@ def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> No
 def test_a_bundle_of_lines_gives_way_to_lateral_deflection(slope: Grid, tmp_path: Path) -> None:
     text = CONFIG + "\n[spread]\nlines_per_point = 3\nwidth_percent = 10.0\n"
     file, case = made_case(tmp_path, slope, 4, config=text)
-    effect = Calibrated(
-        case.table,
-        EffectSettings(),
-        {"lateral_deflection": {"form": "kicks", "angle_deg": 12.0}},
-    )
+    effect = HypothesisModel(case.table, EffectSettings(), lateral_walk=LateralWalk(12.0, 7.5))
     new = write_config_back(
         tmp_path / "m" / "config.toml", file, replace(with_trees(case), effect=effect), case
     )
     assert load_config(new).spread.lines_per_point == 1
+    # The way beside the line is written, whatever the effect that is named.
+    lateral = load_config(new).effects.get(LateralDeflection)
+    assert lateral == LateralDeflection("kicks", 12.0, 7.5)
     assert "[spread] is left out" in new.read_text()
 
 
-def test_a_section_that_cannot_be_used_is_told(made: Made, tmp_path: Path) -> None:
+@pytest.mark.parametrize("family", [*FAMILIES, "contact_law"])
+def test_every_part_of_a_draw_is_read_back_from_its_configuration(
+    made: Made, tmp_path: Path, family: str
+) -> None:
     config, case = made
-    effect = Calibrated(case.table, EffectSettings(), {"air_drag": {"drag_coefficient": -1.0}})
-    with pytest.raises(ConfigError, match=r"effects\.air_drag\.drag_coefficient"):
-        write_config_back(
-            tmp_path / "config.toml", config, replace(with_trees(case), effect=effect), case
+    for seed in range(4):
+        own = draw(case, (family,), ParameterDraws(np.random.default_rng(seed))).model
+        new = write_config_back(
+            tmp_path / str(seed) / "config.toml",
+            config,
+            replace(with_trees(case), effect=own),
+            case,
         )
+        read = read_case(new, config.parent / "observed")
+        again = configured_model(read)
+        assert np.array_equal(again.table.rows(), own.table.rows())
+        assert again.effects == own.effects
+        assert again.lateral_walk == own.lateral_walk
+        if own.stand is not None:
+            assert read.forest is not None
+            stems = read.forest.stems_per_m2.max()
+            assert stems == pytest.approx(own.stand.stems_per_ha / 1e4, rel=1e-6)
 
 
 def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> None:
@@ -450,7 +468,7 @@ def test_toml_is_read_back_as_it_was() -> None:
 def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
     config, case = made
     table = calibrated(case.table, eta_max=0.4, dp_max=0.55, d_star_m=0.123456)
-    diagnosis = replace(with_trees(case), effect=Calibrated(table, EffectSettings()))
+    diagnosis = replace(with_trees(case), effect=HypothesisModel(table, EffectSettings()))
     write_config_back(tmp_path / "config.toml", config, diagnosis, case)
     read = read_ground_table(tmp_path / "ground_classes.csv")
     assert read.names == table.names

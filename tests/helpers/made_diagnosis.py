@@ -13,15 +13,20 @@ from helpers.observed_slope import LV95, NORTH, WEST, at
 
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.diagnosis import (
-    Calibrated,
+    Advice,
     Comparison,
+    ConfiguredGap,
+    Consequence,
     Diagnosis,
     GapFinding,
+    GroundSetting,
     Hypothesis,
+    Rung,
     Shrinkage,
     Verdict,
 )
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
 from sassgis.io.write.raster import write_raster
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
@@ -219,12 +224,11 @@ def with_trees(case: Case) -> Diagnosis:
         ("none", "", 0.0, 0.01), ("air_drag", "sphericity", -0.01, 0.004),
         ("unknown", "", 0.1, 0.006),
     )  # fmt: skip
-    effect = Calibrated(
+    effect = HypothesisModel(
         table,
         EffectSettings(Trees("stems", efficiency=0.8)),
-        {"trees": {"form": "stems", "efficiency": np.float64(0.8), "height_m": 15.0}},
-        (90.0, 160.0), 420.0, 31.5,
-    )  # fmt: skip
+        ForestStand(90.0, 160.0, 420.0, 31.5),
+    )
     return Diagnosis(
         verdict=Verdict(
             "trees", 0.71, ("trees", "soft_ground"), "flight", ("S1-S2",),
@@ -245,16 +249,31 @@ def with_trees(case: Case) -> Diagnosis:
         not_identifiable=("No turns in plan: lateral deflection is told by stops alone.",),
         measure_next=("Speeds of rocks of different mass in the stand.", "Scars on stems."),
         comparisons=comparisons(case, True),
-        base=Calibrated(calibrated(case.table, eta_max=0.5), EffectSettings()),
+        base=HypothesisModel(calibrated(case.table, eta_max=0.5), EffectSettings()),
         effect=effect,
         settings_hash="0" * 64,
         seed=1,
+        ladder=(
+            Rung("configured", 1.6),
+            Rung("ground", 1.0, 0.39, (0.2, 0.5)),
+            Rung("contact_law", 0.9, 0.45, (0.3, 0.6)),
+            Rung("trees", 0.3, 0.84, (0.7, 0.95)),
+            Rung("floor", 0.05),
+        ),
+        advice=Advice(
+            ConfiguredGap("stop", "runout_m", "m", 180.0, 201.0, -21.0, (-27.0, -15.0)),
+            (), 1.0,
+            (GroundSetting("debris", "eta_max", 0.55, 0.612, (0.58, 0.65), True),),
+            (("debris.eta_max", "debris.mu_f", 0.8),),
+            (Consequence("stop", "runout_m (90 %)", "m", 230.0, 205.0),),
+        ),
+        first_sentence="As configured, the model is 21 m long.",
     )  # fmt: skip
 
 
 def unnamed(case: Case, effect: str) -> Diagnosis:
     """Nothing is named: "none" or "unknown"."""
-    base = Calibrated(calibrated(case.table, eta_max=0.5), EffectSettings())
+    base = HypothesisModel(calibrated(case.table, eta_max=0.5), EffectSettings())
     where = () if effect == "none" else FINDINGS
     quiet = tuple(replace(f, p_adjusted=0.7, q_value=0.5) for f in FINDINGS)
     return replace(

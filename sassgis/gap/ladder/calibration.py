@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sassgis.gap.inference.intervals import Interval, bootstrap_interval
+from sassgis.gap.ladder.parameter_posterior import parameter_posterior
 from sassgis.gap.which.ensemble import (
     CalibrationProblem,
     Ensemble,
@@ -180,9 +181,13 @@ def fitted(
     for effect in effects:
         for fit in range(problem.n_parts + 1):
             best = best_draws(ensemble, effect, problem.rocks_of(fit), fit)
+            candidates = [ensemble.tried[i].draw.parameter_draws for i in best.tolist()]
+            left = parameter_posterior(problem, ensemble, effect, fit) if effect == NONE else None
+            if left is not None:
+                # Ground that need not leave its configured values stays there.
+                candidates.append({**candidates[0], **left.best})
             tasks += [
-                FitTask(effect, ensemble.tried[i].draw.parameter_draws, _CHOSEN + k, fit, FRESH)
-                for k, i in enumerate(best.tolist())
+                FitTask(effect, own, _CHOSEN + k, fit, FRESH) for k, own in enumerate(candidates)
             ]
     chosen: dict[tuple[str, int], tuple[float, Tried]] = {}
     for task, tried in zip(tasks, run(tasks), strict=True):

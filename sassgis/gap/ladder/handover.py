@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sassgis.gap.diagnosis import Advice, ConfiguredGap, Consequence, GroundSetting, Rung
+from sassgis.gap.diagnosis import (
+    Advice,
+    ConfiguredGap,
+    Consequence,
+    GroundSetting,
+    Range,
+    Rung,
+)
 from sassgis.gap.inference.intervals import bootstrap_interval
 from sassgis.gap.ladder.calibration import FRESH
+from sassgis.gap.ladder.parameter_posterior import ParameterPosterior
 from sassgis.gap.observations.campaign import main_blocks
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk, MeasurementError
-from sassgis.gap.which.ensemble import BLIND, CalibrationProblem, Ensemble, Scale
-from sassgis.gap.which.hypotheses import GROUND_WIDTHS, Draw, at_physical_limit
+from sassgis.gap.which.ensemble import CalibrationProblem, Scale
+from sassgis.gap.which.features import rock_quantities
+from sassgis.gap.which.hypotheses import Draw, at_physical_limit
+from sassgis.gap.words import effect_name
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.settings import LateralDeflection
 
 #: Number of the campaigns of the configured model.
 CONFIGURED_NUMBER = 3990
-#: A parameter is identified if its interval is narrower than this share of the range.
-_NARROWER = 0.7
-#: A limit is met where this share of the good draws lies in the outermost part of the range.
-_AT_LIMIT, _OUTERMOST = 0.25, 0.05
-#: Correlations from here on are stated as trade-offs, that many of them.
-_CORRELATED, _TRADE_OFFS = 0.6, 3
-#: Fewest good draws from which limits and correlations are read.
-_FEWEST = 10
 
 
 def configured_model(case: Case) -> HypothesisModel:
@@ -90,85 +91,35 @@ def configured_gap(problem: CalibrationProblem, configured: FloatArray) -> Confi
     )  # fmt: skip
 
 
-def good_draws(problem: CalibrationProblem, ensemble: Ensemble, effect: str) -> IntArray:
-    """Draws of an effect that the rocks do not tell from the best one.
-
-    Those whose mean excess of score over that of the best is below 1.64 of its standard errors,
-    over groups of rocks.
-    """
-    own = ensemble.of(effect)
-    scores = np.nan_to_num(ensemble.scores[own])
-    best = int(np.argmin(scores.mean(axis=1)))
-    unit = np.unique(problem.case.group, return_inverse=True)[1]
-    n = int(unit.max()) + 1
-    excess = np.zeros((own.size, n))
-    np.add.at(excess.T, unit, (scores - scores[best]).T)
-    error = excess.std(axis=1, ddof=1) * np.sqrt(n) if n > 1 else np.full(own.size, np.inf)
-    good: IntArray = own[excess.sum(axis=1) <= 1.64 * error]
-    return good
-
-
-def _labels(draw: Draw) -> list[str]:
-    """Parameters of ground classes of a draw, as class.parameter."""
-    return [k for k in draw.parameters if k.rpartition(".")[2] in GROUND_WIDTHS and "." in k]
-
-
 def settings_of(
-    problem: CalibrationProblem, ensemble: Ensemble, effect: str, chosen: Draw
-) -> tuple[tuple[GroundSetting, ...], tuple[tuple[str, str, float], ...]]:
-    """Ground of the model that is handed over, with intervals, and pairs that move together."""
-    labels = _labels(chosen)
-    draws = ensemble.of(effect)
-    values = np.array(
-        [[ensemble.tried[i].draw.parameters[k] for k in labels] for i in draws.tolist()]
-    )
-    good = values[np.isin(draws, good_draws(problem, ensemble, effect))]
-    blind = values[ensemble.fit[draws] == BLIND]
-    low, high = np.quantile(good, [0.025, 0.975], axis=0)
-    least, most = np.quantile(blind, [0.025, 0.975], axis=0)
-    before = {c.name: c for c in problem.case.table.classes}
-    found = []
-    for k, label in enumerate(labels):
-        ground, _, name = label.rpartition(".")
-        value = chosen.parameters[label]
-        found.append(
-            GroundSetting(
-                ground,
-                name,
-                float(getattr(before[ground], name)),
-                value,
-                # What is handed over lies within, also where it was told by fresh campaigns.
-                (min(float(low[k]), value), max(float(high[k]), value)),
-                bool(high[k] - low[k] < _NARROWER * (most[k] - least[k])),
-            )
+    case: Case, posterior: ParameterPosterior, intervals: Mapping[str, Range], chosen: Draw
+) -> tuple[GroundSetting, ...]:
+    """Ground of a model that is handed over, with intervals."""
+    before = {c.name: c for c in case.table.classes}
+    identified = {f.parameter.label for f in posterior.fitted if f.identified}
+    return tuple(
+        GroundSetting(
+            ground,
+            name,
+            float(getattr(before[ground], name)),
+            value,
+            intervals[label],
+            label in identified,
         )
-    pairs: list[tuple[str, str, float]] = []
-    moving = np.flatnonzero(good.std(axis=0) > 0.0)
-    if len(good) >= _FEWEST and moving.size > 1:
-        r = np.corrcoef(good[:, moving].T)
-        pairs = [
-            (labels[moving[i]], labels[moving[j]], float(r[i, j]))
-            for i, j in itertools.combinations(range(moving.size), 2)
-            if abs(r[i, j]) >= _CORRELATED
-        ]
-    pairs.sort(key=lambda p: -abs(p[2]))
-    return tuple(found), tuple(pairs[:_TRADE_OFFS])
+        for label, value in chosen.parameters.items()
+        for ground, _, name in (label.rpartition("."),)
+        if ground in before
+    )
 
 
-def classes_at_limit(problem: CalibrationProblem, ensemble: Ensemble, effect: str) -> list[str]:
+def classes_at_limit(case: Case, posterior: ParameterPosterior | None) -> list[str]:
     """Ground classes whose calibration runs into the limits of its range."""
-    good = good_draws(problem, ensemble, effect)
-    if good.size < _FEWEST:
-        return []
-    found = []
-    for label in _labels(ensemble.tried[int(good[0])].draw):
-        shares = np.array([ensemble.tried[i].draw.parameter_draws[label] for i in good.tolist()])
-        low, high = np.quantile(shares, [0.025, 0.975])
-        ground, _, name = label.rpartition(".")
-        for end, near in ((0.0, shares < _OUTERMOST), (1.0, shares > 1.0 - _OUTERMOST)):
-            meets = high - low < _NARROWER and near.mean() > _AT_LIMIT
-            if meets and not at_physical_limit(problem.case, ground, name, end):
-                found.append(ground)
+    found = [
+        f.parameter.class_name
+        for f in (() if posterior is None else posterior.fitted)
+        if f.limit
+        and not at_physical_limit(case, f.parameter.class_name, f.parameter.name, f.limit)
+    ]
     return list(dict.fromkeys(found))
 
 
@@ -205,7 +156,9 @@ def _reached(
     stops = [s.deposits for s in samples if s.deposits is not None]
     if stops:
         main = [main_blocks(rows, case.n_rocks) for rows in stops]
-        ends = [rows.s[own[own >= 0]] for rows, own in zip(stops, main, strict=True)]
+        # Of rocks whose stop is known in nature as well.
+        seen = np.isfinite(rock_quantities(case, problem.observed)["stop:runout"])
+        ends = [rows.s[own[seen & (own >= 0)]] for rows, own in zip(stops, main, strict=True)]
         found["stop", "runout_m", "m"] = np.concatenate(ends)
     passed = [s.passages for s in samples if s.passages is not None]
     if passed and case.station_names:
@@ -227,15 +180,15 @@ def _reached(
 # In words
 
 
-def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str) -> str:
+def first_sentence(advice: Advice, ladder: Sequence[Rung], answer: str) -> str:
     """How far the configured model is off and on which side, what to set, and what that does.
 
     Parameters
     ----------
     advice : Advice
     ladder : sequence of Rung
-    effect : str
-        Effect that is handed over with the ground; "" for none.
+    answer : str
+        Of the verdict.
     """
     gap = advice.configured
     if gap is None:
@@ -248,17 +201,32 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], effect: str) -> str:
             if len(advice.wrong_ground) == 1
             else f"The ground classes {names} are wrong: no values in their usual ranges fit."
         )
-    if gap.significant or advice.wrong_ground:
-        said += _what_to_set(advice, effect)
-        told = {r.rung: r for r in ladder}
-        best = told.get(effect or "ground")
-        if best is not None and best.share is not None and best.ci95 is not None:
-            low, high = (100.0 * v for v in best.ci95)
-            said.append(
-                f"On rocks that had no say in the values, this closes {100.0 * best.share:.0f} % "
-                f"of the gap (95 %: {low:.0f} to {high:.0f} %)."
-            )
+    named = answer not in ("none", "unknown")
+    if not (gap.significant or advice.wrong_ground or named):
+        return " ".join(said)
+    closed = {r.rung: _closed(r) for r in ladder if r.share is not None}
+    if named:
+        what = " and ".join(effect_name(e) for e in answer.split("+"))
+        share = closed.get(answer, "")
+        alone = closed.get("ground", "")
+        said.append(
+            f"Run model/config.toml, which has {what}"
+            + (f": on rocks that had no say in it, it closes {share} of the gap" if share else "")
+            + (f", calibrated ground alone {alone}." if share and alone else ".")
+        )
+        return " ".join(said)
+    said += _what_to_set(advice)
+    if share := closed.get("ground", ""):
+        said.append(f"On rocks that had no say in the values, this closes {share} of the gap.")
     return " ".join(said)
+
+
+def _closed(rung: Rung) -> str:
+    span = ""
+    if rung.ci95 is not None:
+        low, high = (f"{100.0 * v:.0f}" for v in rung.ci95)
+        span = f" (95 %: {low} to {high} %)"
+    return f"{100.0 * (rung.share or 0.0):.0f} %{span}"
 
 
 def _off_by(gap: ConfiguredGap) -> str:
@@ -281,23 +249,23 @@ def _off_by(gap: ConfiguredGap) -> str:
     )
 
 
-def _what_to_set(advice: Advice, effect: str) -> list[str]:
-    told = [s for s in advice.settings if s.identified and s.value != s.before]
+def _what_to_set(advice: Advice) -> list[str]:
     by_class: dict[str, list[str]] = {}
-    for s in told:
-        by_class.setdefault(s.ground, []).append(
-            f"{s.parameter} {_number(s.value)} ({_number(s.ci95[0])} to {_number(s.ci95[1])})"
-        )
-    added = f" with {effect.replace('_', ' ').replace('+', ' and ')}" if effect else ""
+    for s in advice.settings:
+        if s.identified and s.value != s.before:
+            by_class.setdefault(s.ground, []).append(
+                f"{s.parameter} {_number(s.value)} ({_number(s.ci95[0])} to {_number(s.ci95[1])})"
+            )
     if not by_class:
         return [
-            f"Set the ground as in model/ground_classes.csv{added}; these data identify none of "
-            "its parameters alone."
+            "Set the ground as in model/ground_classes.csv; these data identify none of its "
+            "parameters alone."
         ]
-    said = [f"Set {name}: {', '.join(values)}{added}." for name, values in by_class.items()]
-    if advice.trade_offs:
-        one, other, _ = advice.trade_offs[0]
-        said.append(f"{one} and {other} move together: change one only with the other.")
+    said = [f"Set {name}: {', '.join(values)}." for name, values in by_class.items()]
+    said += [
+        f"{one} and {other} make up for each other: change one only with the other."
+        for one, other, _ in advice.trade_offs[:1]
+    ]
     return said
 
 

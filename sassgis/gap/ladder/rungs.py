@@ -208,11 +208,13 @@ def _by_quantity(
             RockDistances.of(problem.rows[:, columns], rows[:, :, columns])
             for rows in (base, effect)
         )
-        share = share_of(before, after, after.floor, np.empty((0, 0)))[0]
+        share = None
+        if before.above_chance:
+            share = share_of(before, after, after.floor, np.empty((0, 0)))[0]
         out[what] = {
             "base": before.value(),
             "effect": after.value(),
             "floor": after.floor,
-            "shrinkage": share if before.above_chance else None,
+            "shrinkage": share,
         }
     return out

@@ -98,6 +98,9 @@ class CalibrationProblem:
     seed : int
     part : int64, shape (n_rocks,)
         Part of the cross-validation that each rock belongs to.
+    unseen : bool, shape (n_rocks, 2 k)
+        Stops of rocks of which no block is known to lie anywhere: not found, or not told from
+        others. They count as not measured, in replicas too.
     """
 
     case: Case
@@ -107,6 +110,7 @@ class CalibrationProblem:
     rows: FloatArray
     seed: int
     part: IntArray
+    unseen: NDArray[np.bool_]
 
     @property
     def n_parts(self) -> int:
@@ -118,11 +122,15 @@ class CalibrationProblem:
         return np.flatnonzero(self.part != fit)
 
 
-def problem_of(case: Case, seed: int) -> CalibrationProblem:
-    """Prepare a case."""
+def problem_of(case: Case, seed: int, scale: Scale | None = None) -> CalibrationProblem:
+    """Prepare a case; ``scale`` is that of other rocks of the same slope."""
     observed = observed_campaign(case)
     quantities = rock_quantities(case, observed)
-    scale = scale_of(case, quantities)
+    scale = scale_of(case, quantities) if scale is None else scale
+    unseen = np.zeros((case.n_rocks, 2 * len(scale.names)), np.bool_)
+    if "stop:blocks" in quantities:
+        of_stops = np.array([name.startswith("stop:") for name in (*scale.names, *scale.names)])
+        unseen = (quantities["stop:blocks"] == 0.0)[:, None] & of_stops
     return CalibrationProblem(
         case,
         rock_lines_of(case),
@@ -131,6 +139,7 @@ def problem_of(case: Case, seed: int) -> CalibrationProblem:
         scale.rows(quantities),
         seed,
         folds_of(case.n_rocks, seed, case.group),
+        unseen,
     )
 
 
@@ -185,7 +194,8 @@ def model_rows(
 
 def rows_of(problem: CalibrationProblem, sample: Campaign) -> FloatArray:
     """Rows per rock of another campaign of the same rocks."""
-    return problem.scale.rows(rock_quantities(problem.case, sample))
+    rows = problem.scale.rows(rock_quantities(problem.case, sample))
+    return np.where(problem.unseen, problem.rows, rows)
 
 
 def tasks_of(effects: Iterable[str], draws: int) -> list[tuple[str, int]]:

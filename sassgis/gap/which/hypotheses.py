@@ -232,12 +232,12 @@ def _calibrated(
     return GroundTable(tuple(classes)), parameters
 
 
-def at_physical_limit(case: Case, ground: str, name: str, share: float) -> bool:
+def at_physical_limit(case: Case, ground: str, name: str, end: str) -> bool:
     """Whether the end of a range of calibration is that of all grounds, not that of this one."""
     value = float(getattr(case.table.classes[case.table.index(ground)], name))
     width = GROUND_WIDTHS[name] * case.ground_range
     low, high = _BOUNDS[name]
-    return value - width <= low if share < 0.5 else value + width >= high
+    return value - width <= low if end == "low" else value + width >= high
 
 
 def _little_walk(parameter_draws: ParameterDraws) -> LateralWalk:

@@ -4,6 +4,7 @@ from sassgis.report.figures.energy_figure import energy_profile_figure
 from sassgis.report.figures.gap_figures import (
     gap_distributions_figure,
     gap_hypotheses_figure,
+    gap_ladder_figure,
     gap_where_figure,
 )
 from sassgis.report.figures.gap_map_figures import gap_map_figure, map_change_figure
@@ -35,6 +36,7 @@ __all__ = [
     "fig9_figure",
     "gap_distributions_figure",
     "gap_hypotheses_figure",
+    "gap_ladder_figure",
     "gap_map_figure",
     "gap_where_figure",
     "hazard_curve_figure",

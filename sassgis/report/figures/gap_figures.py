@@ -13,9 +13,10 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import PercentFormatter
 from scipy.stats import binom
 
-from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis
+from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis, Rung
 from sassgis.gap.inference.distances import energy_distance, observed_scale
 from sassgis.gap.words import (
+    RUNG_NAMES,
     effect_name,
     place_words,
     quantity_name,
@@ -323,6 +324,58 @@ def _share_formatter() -> PercentFormatter:
 
 
 @styled
+def gap_ladder_figure(ladder: Sequence[Rung], *, title: str = "How far the gap shrinks") -> Figure:
+    """Draw the distance of each model to the observed rocks, and the share of the gap it closes.
+
+    Parameters
+    ----------
+    ladder : sequence of Rung
+        The configured model first, what chance leaves last.
+    title : str
+    """
+    note = (
+        "Energy distance to the observed rocks, each compared with a model fitted without it; in "
+        "brackets the 95 % interval of the share of the gap (rocks resampled)."
+    )
+    n = max(len(ladder), 1)
+    top, bottom = 0.62, _note_height(note) + 0.5
+    height = top + 0.32 * n + bottom
+    figure = new_figure(WIDTH_IN, height, constrained=False)
+    _heading(figure, title, note)
+    ax = figure.add_axes(
+        (1.95 / WIDTH_IN, bottom / height, 3.0 / WIDTH_IN, 0.32 * n / height), label="ladder"
+    )
+    if not ladder:
+        nothing_to_show(ax)
+        return figure
+    for i, rung in enumerate(ladder):
+        ends = rung.rung in ("configured", "floor")
+        ax.barh(i, rung.distance, 0.6, color=LIGHT if ends else BLUE, gid=f"rung-{rung.rung}")
+        if rung.share is not None:
+            span = (
+                ""
+                if rung.ci95 is None
+                else f" ({100 * rung.ci95[0]:.0f} to {100 * rung.ci95[1]:.0f})"
+            )
+            ax.text(
+                max(rung.distance, 0.0), i, f" closes {100 * rung.share:.0f} %{span}",
+                va="center", size=SMALL,
+            )  # fmt: skip
+    ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
+    ax.set_yticks(
+        range(len(ladder)),
+        [RUNG_NAMES.get(r.rung) or effect_name(r.rung) for r in ladder],
+        size=TEXT,
+    )
+    ax.set_ylim(n - 0.4, -0.6)
+    ax.set_xlim(min(0.0, *(r.distance for r in ladder)), 1.45 * max(r.distance for r in ladder))
+    ax.set_xlabel("energy distance", size=SMALL)
+    for side in ("top", "right", "left"):
+        ax.spines[side].set_visible(False)
+    ax.tick_params(axis="y", length=0)
+    return figure
+
+
 def gap_hypotheses_figure(
     hypotheses: Sequence[Hypothesis],
     *,

@@ -1,20 +1,34 @@
-"""Calibration of an effect, and how far the gap shrinks."""
+"""Calibration of hypotheses, with and without the rocks to be left out."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from helpers.simulated_slope import ORDER, observed
+from helpers.simulated_slope import ORDER
 
 from sassgis.gap.inference import distances as scores
 from sassgis.gap.inference.folds import folds_of
-from sassgis.gap.ladder.calibration import distances, refine, run_refined, shrinkage_of
+from sassgis.gap.ladder.calibration import (
+    FRESH,
+    FitTask,
+    FittedEffect,
+    best_draws,
+    fitted,
+    refine,
+    run_task,
+)
+from sassgis.gap.ladder.handover import classes_at_limit
+from sassgis.gap.ladder.parameter_posterior import parameter_posterior
 from sassgis.gap.which.ensemble import (
+    BLIND,
     CalibrationProblem,
     Ensemble,
     Tried,
     ensemble_of,
-    problem_of,
+    model_rows,
     rock_scores,
     tasks_of,
     try_task,
@@ -24,59 +38,102 @@ from sassgis.gap.which.hypotheses import NONE
 
 @pytest.fixture(scope="module")
 def ensemble(problem: CalibrationProblem, made: list[Tried]) -> Ensemble:
-    tasks = tasks_of(("lateral_deflection", "air_drag", "fragmentation"), 10)
-    return ensemble_of(
-        problem,
-        [*made, *(try_task(problem, task, ORDER) for task in tasks)],
-    )
+    tried = [try_task(problem, task, ORDER) for task in tasks_of(("lateral_deflection",), 10)]
+    return ensemble_of(problem, [*made, *tried])
+
+
+@pytest.fixture(scope="module")
+def refined(problem: CalibrationProblem, ensemble: Ensemble) -> Ensemble:
+    return refine(problem, ensemble, (NONE,), runner(problem), repetitions=2, draws=8)
+
+
+def runner(problem: CalibrationProblem):  # type: ignore[no-untyped-def]
+    return lambda tasks: [run_task(problem, t) for t in tasks]
 
 
 def test_scores_are_those_of_the_room_of_scores() -> None:
     rng = np.random.default_rng(5)
     seen, replicas = rng.normal(size=(12, 4)), rng.normal(size=(5, 12, 4))
-    ensembles = replicas.transpose(1, 0, 2)
-    expected = scores.energy_scores(ensembles, seen, scale=np.ones(4))
+    expected = scores.energy_scores(replicas.transpose(1, 0, 2), seen, scale=np.ones(4))
     np.testing.assert_allclose(rock_scores(seen, replicas), expected, rtol=1e-12)
-    found = distances(seen, replicas, replicas + 1.0)
-    pool = replicas.reshape(-1, 4)
-    expected_distance = scores.energy_distance(seen, pool, scale=np.ones(4), unbiased=True)
-    assert found.base == pytest.approx(expected_distance, abs=1e-12)
-    assert found.effect > found.base
 
 
-def test_shrinkage_is_one_where_the_effect_explains_all_and_withheld_without_a_gap() -> None:
-    rng = np.random.default_rng(6)
-    seen = rng.normal(size=(200, 3))
-    far, near = rng.normal(2.0, 1.0, size=(8, 200, 3)), rng.normal(size=(8, 200, 3))
-    assert distances(seen, far, near).shrinkage == pytest.approx(1.0, abs=0.05)
-    assert distances(seen, near, near).shrinkage is None
+def test_refinement_betters_the_score_of_every_fit(
+    problem: CalibrationProblem, ensemble: Ensemble, refined: Ensemble
+) -> None:
+    fits = problem.n_parts + 1
+    assert len(refined.of(NONE)) == len(ensemble.of(NONE)) + 2 * 8 * fits
+    for fit in range(fits):
+        rocks = problem.rocks_of(fit)
+        before = ensemble.scores[np.ix_(ensemble.of(NONE), rocks)].mean(axis=1).min()
+        own = best_draws(refined, NONE, rocks, fit)
+        assert set(refined.fit[own].tolist()) <= {BLIND, fit}
+        assert refined.scores[np.ix_(own, rocks)].mean(axis=1).min() <= before
 
 
-def test_refinement_betters_the_score(problem: CalibrationProblem, ensemble: Ensemble) -> None:
-    before = ensemble.scores[ensemble.of(NONE)].mean(axis=1).min()
-    refined = refine(
-        problem, ensemble, (NONE,), lambda tasks: [run_refined(problem, t) for t in tasks],
-        repetitions=2, draws=8,
-    )  # fmt: skip
-    best = refined.scores[refined.of(NONE)].mean(axis=1)
-    assert best.min() <= before
-    assert len(refined.of(NONE)) == len(ensemble.of(NONE)) + 16
-
-
-def test_without_a_gap_no_shrinkage_is_stated(
+def test_rocks_that_are_left_out_have_no_say(
     problem: CalibrationProblem, ensemble: Ensemble
 ) -> None:
-    part = folds_of(problem.case.n_rocks, 1)
-    assert np.bincount(part).min() >= problem.case.n_rocks // 5
-    found = shrinkage_of(problem, ensemble, NONE, part, draws=0, seed=1)
-    assert found.value is None and found.note
+    """Whatever these rocks did, the draws of their fit and its model are the same."""
+
+    def drawn(own: CalibrationProblem) -> tuple[list[FitTask], FittedEffect]:
+        tasks: list[FitTask] = []
+
+        def run(asked: Sequence[FitTask]) -> list[Tried]:
+            tasks.extend(asked)
+            return [run_task(own, t) for t in asked]
+
+        made = refine(own, ensemble_of(own, ensemble.tried), (NONE,), run, repetitions=1, draws=6)
+        return tasks, fitted(own, made, (NONE,), run)[NONE]
+
+    rows = problem.rows.copy()
+    rows[problem.part == 2] += 3.0
+    (tasks, models), (other_tasks, others) = drawn(problem), drawn(replace(problem, rows=rows))
+    for fit in range(problem.n_parts + 1):
+        same = [t for t in tasks if t.fit == fit] == [t for t in other_tasks if t.fit == fit]
+        assert same == (fit == 2)
+    assert models.models[2].draw == others.models[2].draw
+    assert models.handed_over.draw != others.handed_over.draw
+    held_out = models.held_out_rows(problem.part)
+    for fit in range(problem.n_parts):
+        own = problem.part == fit
+        np.testing.assert_array_equal(held_out[:, own], models.models[fit].rows[:, own])
 
 
-def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
-    alone = problem_of(observed(12, 1, tables=("impacts",)), 1)
-    base = [try_task(alone, task, ORDER) for task in tasks_of([NONE], 8)]
-    tried = [try_task(alone, task, ORDER) for task in tasks_of(("air_drag",), 3)]
-    ensemble = ensemble_of(alone, [*base, *tried])
-    assert ensemble.scores.shape == (11, 12)
-    found = shrinkage_of(alone, ensemble, "air_drag", folds_of(12, 1), draws=5, seed=1)
-    assert found.value is None and "no distance" in found.note
+def test_a_chosen_model_gives_its_campaigns_again(
+    problem: CalibrationProblem, refined: Ensemble
+) -> None:
+    own = fitted(problem, refined, (NONE,), runner(problem))[NONE]
+    assert len(own.models) == problem.n_parts + 1
+    last = own.handed_over
+    again = model_rows(problem, last.draw.model, last.number, FRESH)
+    np.testing.assert_array_equal(again, last.rows)
+
+
+def test_groups_stay_together_and_parts_are_even() -> None:
+    group = np.array([0, 0, 0, 0, 1, 1, 2, 2, 3, 4, 5, 6])
+    part = folds_of(12, 3, group)
+    assert all(np.unique(part[group == g]).size == 1 for g in range(7))
+    assert sorted(np.bincount(part).tolist()) == [2, 2, 2, 2, 4]
+    assert np.bincount(folds_of(12, 3, np.array([7] * 5 + [2] * 7))).tolist() in ([5, 7], [7, 5])
+    # One group is none.
+    np.testing.assert_array_equal(folds_of(12, 3, np.zeros(12, np.int64)), folds_of(12, 3))
+    np.testing.assert_array_equal(np.bincount(folds_of(12, 3)), [3, 3, 2, 2, 2])
+
+
+def test_a_class_far_from_its_configured_values_is_at_the_limit(
+    problem: CalibrationProblem, made: list[Tried]
+) -> None:
+    """Rocks of draws at the upper end of μ_0 of the meadow, calibrated as if they were observed."""
+    assert classes_at_limit(problem.case, None) == []
+    name = "meadow.mu_0"
+    ends = sorted(made, key=lambda t: t.draw.parameter_draws[name])
+    far = {**ends[-1].draw.parameter_draws, name: 0.999}
+    rows = run_task(problem, FitTask(NONE, far, 3800, BLIND, 2)).rows[0].astype(np.float64)
+    other = replace(problem, rows=rows)
+    first = ensemble_of(other, made)
+    other_made = refine(other, first, (NONE,), runner(other), repetitions=3, draws=12)
+    left = parameter_posterior(other, other_made, NONE, other.n_parts)
+    assert left is not None
+    own = next(f for f in left.fitted if f.parameter.label == name)
+    assert own.share > 0.7

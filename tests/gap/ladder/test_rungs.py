@@ -1,0 +1,148 @@
+"""Distances and shares of the ladder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.simulated_slope import ORDER, observed
+from scipy.spatial.distance import euclidean
+
+from sassgis.gap.ladder.rungs import (
+    RockDistances,
+    group_weights,
+    ladder_of,
+    share_of,
+    shrinkage_of,
+)
+from sassgis.gap.which.ensemble import (
+    CalibrationProblem,
+    Tried,
+    model_rows,
+    problem_of,
+    tasks_of,
+    try_task,
+)
+from sassgis.gap.which.hypotheses import NONE
+
+
+def test_the_distance_is_the_mean_over_pairs_of_different_rocks() -> None:
+    rng = np.random.default_rng(5)
+    seen, replicas = rng.normal(size=(6, 3)), rng.normal(0.5, 1.0, size=(4, 6, 3))
+    pairs = [(i, j) for i in range(6) for j in range(6) if i != j]
+    across = np.mean([euclidean(seen[i], r[j]) for r in replicas for i, j in pairs])
+    own = np.mean([euclidean(seen[i], seen[j]) for i, j in pairs])
+    among = np.mean([euclidean(a[i], b[j]) for a in replicas for b in replicas for i, j in pairs])
+    found = RockDistances.of(seen, replicas)
+    assert found.value() == pytest.approx(2.0 * across - own - among, rel=1e-12)
+    # A rock of weight zero is not there.
+    weights = np.array([1.0, 1.0, 0.0, 1.0, 1.0, 1.0])
+    less = RockDistances.of(np.delete(seen, 2, axis=0), np.delete(replicas, 2, axis=1))
+    assert found.value(weights) == pytest.approx(less.value(), rel=1e-12)
+
+
+def test_the_distance_is_zero_in_the_mean_whatever_the_rocks_differ_in() -> None:
+    rng = np.random.default_rng(6)
+    centre = 5.0 * rng.normal(size=(15, 2))
+    found = [
+        RockDistances.of(centre + rng.normal(size=(15, 2)), centre + rng.normal(size=(4, 15, 2)))
+        for _ in range(300)
+    ]
+    values = np.array([f.value() for f in found])
+    assert abs(values.mean()) < 3.0 * values.std() / np.sqrt(300)
+    floors = np.array([f.floor for f in found])
+    assert abs(floors.mean()) < 3.0 * floors.std() / np.sqrt(300)
+    assert np.mean([f.above_chance for f in found]) < 0.25
+
+
+def test_shares_are_those_of_known_distributions() -> None:
+    """D between normal distributions at a small distance d grows as d²: half as far, 3/4 closed."""
+    rng = np.random.default_rng(7)
+    seen = rng.normal(size=(400, 1))
+    far, half, near = (
+        RockDistances.of(seen, rng.normal(shift, 1.0, size=(8, 400, 1)))
+        for shift in (0.4, 0.2, 0.0)
+    )
+    weights = group_weights(np.arange(400), rng, 200)
+    for model, expected in ((half, 0.75), (near, 1.0)):
+        value, interval = share_of(far, model, 0.0, weights)
+        assert value == pytest.approx(expected, abs=0.15)
+        assert interval is not None and interval[0] < expected < interval[1]
+    assert far.above_chance and not near.above_chance
+
+
+def test_groups_are_drawn_whole_and_widen_the_interval() -> None:
+    rng = np.random.default_rng(8)
+    group = np.repeat(np.arange(8), 10)
+    weights = group_weights(group, rng, 50)
+    assert (weights.reshape(-1, 8, 10).std(axis=2) == 0.0).all()
+    # What all rocks of a group have in common.
+    seen = rng.normal(size=(80, 2)) + 2.0 * rng.normal(size=(8, 2))[group]
+    far = RockDistances.of(seen, rng.normal(2.0, 2.2, size=(6, 80, 2)))
+    near = RockDistances.of(seen, rng.normal(0.0, 2.2, size=(6, 80, 2)))
+    spans = []
+    for own in (np.arange(80), group):
+        _, span = share_of(far, near, 0.0, group_weights(own, np.random.default_rng(1), 400))
+        assert span is not None
+        spans.append(span[1] - span[0])
+    assert spans[1] > 1.3 * spans[0]
+
+
+def rows_of(problem: CalibrationProblem, made: list[Tried]) -> np.ndarray:
+    return model_rows(problem, made[0].draw.model, 7, 6).astype(np.float64)
+
+
+def test_the_ladder_goes_from_the_configured_model_to_chance(
+    problem: CalibrationProblem, made: list[Tried]
+) -> None:
+    near = rows_of(problem, made)
+    far = near + 1.0
+    ladder = ladder_of(problem, [("configured", far), ("ground", near)])
+    assert [r.rung for r in ladder] == ["configured", "ground", "floor"]
+    assert ladder[0].share is None and ladder[0].distance > ladder[1].distance
+    share = (ladder[0].distance - ladder[1].distance) / (ladder[0].distance - ladder[2].distance)
+    assert ladder[1].share == pytest.approx(share)
+    assert ladder[1].ci95 is not None and ladder[1].ci95[0] < share < ladder[1].ci95[1]
+    # Without a gap there are no shares.
+    seen = replace(problem, rows=near[0])
+    rungs = ladder_of(seen, [("configured", near[1:]), ("ground", near[1:])])
+    assert [r.share for r in rungs] == [None] * 3
+
+
+def test_without_a_gap_no_shrinkage_is_stated(
+    problem: CalibrationProblem, made: list[Tried]
+) -> None:
+    rows = rows_of(problem, made)
+    found = shrinkage_of(problem, rows, NONE, rows)
+    assert found.value is None and found.note
+    seen = replace(problem, rows=rows[0])
+    found = shrinkage_of(seen, rows[1:], "air_drag", rows[1:])
+    assert found.value is None and "not distinguished from chance" in found.note
+
+
+def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
+    alone = problem_of(observed(12, 1, tables=("impacts",)), 1)
+    base = [try_task(alone, task, ORDER) for task in tasks_of([NONE], 2)]
+    rows = np.concatenate([t.rows for t in base]).astype(np.float64)
+    found = shrinkage_of(alone, rows, "air_drag", rows)
+    assert found.value is None and "no distance" in found.note
+    assert ladder_of(alone, [("configured", rows), ("ground", rows)]) == ()
+
+
+def test_a_stop_that_is_not_known_is_no_stop_that_did_not_happen() -> None:
+    case = observed(12, 1)
+    deposits = case.observations.deposits
+    names = np.where(np.arange(len(deposits)) % 3 == 0, "", deposits.rock_id)
+    blind = replace(
+        case,
+        observations=replace(
+            case.observations, deposits=replace(deposits, rock_id=names.astype(str))
+        ),
+    )
+    own = problem_of(blind, 1)
+    made = try_task(own, (NONE, 0), ORDER).rows
+    assert own.unseen.any(axis=1).sum() == 4
+    # Replicas have them no more than nature: no distance comes of it.
+    np.testing.assert_allclose(made[:, own.unseen], own.rows[own.unseen][None].repeat(2, axis=0))
+    assert not problem_of(case, 1).unseen.any()
