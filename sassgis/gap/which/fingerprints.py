@@ -37,7 +37,7 @@ _FREE = 0.15
 _STRAIGHT = 0.06
 #: Least error of a mass, share of the released mass below which nothing is said, and draws of the
 #: errors.
-_LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.01, 200
+_LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
 #: Share of the released mass that must lack before rocks are looked for that left the ground.
 _LOST = 0.01
 #: Shift, in standard deviations, up to which a comparison may be off by itself; product of

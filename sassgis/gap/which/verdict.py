@@ -306,12 +306,14 @@ def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
 
 
 def confidence_of(effect: str, shares: Mapping[str, float]) -> float:
-    """Probability of an answer; of one that names no family, that none of them is the cause."""
-    if effect in (UNKNOWN, CONTACT_LAW):
-        share = 1.0 - max((p for n, p in shares.items() if n != NONE), default=0.0)
-    else:
-        share = max((shares.get(n, 0.0) for n in effect.split("+")), default=0.0)
-    return float(min(share, 0.99))
+    """Probability of an answer; NaN where none is given.
+
+    Of the contact law that none of the families is the cause.
+    """
+    if effect == UNKNOWN:
+        return math.nan
+    own = NONE if effect == CONTACT_LAW else max(effect.split("+"), key=lambda n: shares.get(n, 0.0))
+    return float(min(shares.get(own, 0.0), 0.99))
 
 
 def verdict_of(
