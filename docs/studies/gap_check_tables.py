@@ -20,8 +20,6 @@ HERE = Path(__file__).parent
 KEPT = HERE / "gap_check"
 PAGE = HERE.parent / "gap_check.md"
 FIGURES = ("confusion.png", "reliability.png", "shrinkage.png")
-#: Unknown effects that are in the training set.
-SEEN = ("wind", "snow", "collisions", "wetting")
 
 
 def percent(value: float | None) -> str:
@@ -29,8 +27,21 @@ def percent(value: float | None) -> str:
     return "–" if value is None else f"{100.0 * value:.0f} %"
 
 
-def interval(limits: list[float | None]) -> str:
-    """An interval of shares."""
+def value_of(row: dict[str, Any], key: str) -> str:
+    """A share in per cent, or a number with two digits."""
+    value = row[key]
+    return percent(value) if row["is_share"] or value is None else f"{value:.2f}"
+
+
+def count_of(row: dict[str, Any]) -> str:
+    """Sites, where it is a share."""
+    return f"{row['hits']} of {row['worlds']}" if row["is_share"] else ""
+
+
+def interval(limits: list[float | None] | None) -> str:
+    """An interval of shares; empty for what is none."""
+    if limits is None:
+        return ""
     return f"{percent(limits[0])} to {percent(limits[1])}"
 
 
@@ -54,15 +65,25 @@ def page_part(scores: dict[str, Any], worlds: list[dict[str, str]]) -> str:
         [
             [
                 row["measure"],
-                f"{row['asked_is']} {percent(row['asked'])}",
-                percent(row["reached"]),
-                f"{row['hits']} of {row['worlds']}",
+                f"{row['asked_is']} {value_of(row, 'asked')}",
+                value_of(row, "reached"),
+                count_of(row),
                 interval(row["ci95"]),
                 met[row["met"]],
             ]
             for row in scores["acceptance"]
         ],
     )
+    laws = {law: own["acceptance"] for law, own in scores["by_law"].items()}
+    lines += ["", "The same by law of the motion:", ""]
+    lines += table(
+        ["measure", *laws],
+        [
+            [rows[0]["measure"], *(f"{value_of(r, 'reached')} ({count_of(r)})" for r in rows)]
+            for rows in zip(*laws.values(), strict=True)
+        ],
+    )
+    lines = [line.replace(" ()", "") for line in lines]
     lines += ["", "All other measures:", ""]
     asked = {row["key"] for row in scores["acceptance"]}
     lines += table(
@@ -86,22 +107,19 @@ def page_part(scores: dict[str, Any], worlds: list[dict[str, str]]) -> str:
             else "; "
         )
         + f"stated only {check['only_stated']}, measured only {check['only_measured']}, "
-        f"neither {check['neither']}. Names in a confusion set: "
-        f"{scores['confusion_set_size']:.1f} on average.",
+        f"neither {check['neither']}.",
     ]
     return "\n".join(lines)
 
 
 def unknown_part(worlds: list[dict[str, str]]) -> list[str]:
     """Answers to unknown effects, by kind."""
+    own = [w for w in worlds if w["truth"] == "unknown"]
     rows = []
-    for seen in (True, False):
-        own = [w for w in worlds if w["truth"] == "unknown" and (w["effects"] in SEEN) == seen]
-        for kind in sorted({w["effects"] for w in own}):
-            answers = Counter(w["answer"].replace("_", " ") for w in own if w["effects"] == kind)
-            counted = ", ".join(f"{answer} {n}" for answer, n in answers.most_common())
-            rows.append([kind, "yes" if seen else "no", counted])
-    head = ["unknown effect", "kind in the training set", "answers"]
+    for kind in sorted({w["effects"] for w in own}):
+        answers = Counter(w["answer"].replace("_", " ") for w in own if w["effects"] == kind)
+        rows.append([kind, ", ".join(f"{answer} {n}" for answer, n in answers.most_common())])
+    head = ["unknown effect", "answers"]
     return ["", "Answers to unknown effects, by kind:", "", *table(head, rows)]
 
 

@@ -27,6 +27,7 @@ from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
 from sassgis.gap.replicas.rock_lines import rock_lines_of
+from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.model.ground import GroundTable
 from sassgis.report.figures import save
@@ -98,7 +99,9 @@ def study(
             split: recalibrated(case, fit, left_out, given.seed)
             for split, (fit, left_out) in case.splits.items()
         }
-    found = where(everything, everything.table, seed=given.seed)
+    found = where(
+        everything, residuals_of(everything, everything.table, seed=given.seed), seed=given.seed
+    )
     results["untuned_where"] = [_finding(f) for f in found[:SHOWN]]
     if not given.case_only:
         results["splits"] = {

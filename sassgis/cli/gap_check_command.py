@@ -49,9 +49,11 @@ def check_diagnosis(
     for warning in result.warnings:
         click.echo(f"Note: {warning}", err=True)
     for row in acceptance(result.scores):
-        share = f"{100 * row['reached']:.0f} %" if row["worlds"] else "-"
+        form = ".0%" if row["is_share"] else ".2f"
+        reached = f"{row['reached']:{form}}" if row["met"] is not None else "-"
+        counts = f"{row['hits']} of {row['worlds']}; " if row["is_share"] else ""
         click.echo(
-            f"{row['measure']}: {share} ({row['hits']} of {row['worlds']}; "
-            f"required: {row['asked_is']} {100 * row['asked']:.0f} %)"
+            f"{row['measure']}: {reached} "
+            f"({counts}required: {row['asked_is']} {row['asked']:{form}})"
         )
     click.echo(f"Open {out / 'report.html'} in a browser.")

@@ -13,7 +13,6 @@ from typing import Any
 from sassgis import __version__
 from sassgis.gap.check.check_scores import (
     NAMED_CONFIDENCE,
-    SHRINKAGE_ROCKS,
     SHRINKAGE_TOLERANCE,
     Answer,
     CheckScores,
@@ -32,31 +31,6 @@ from sassgis.report.figures.gap_check_figures import (
     shrinkage_figure,
 )
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, write_report
-
-#: Titles of the measures in the report, in their order.
-_TITLES: Mapping[str, str] = {
-    "top1_full": "single effect named; medium or strong, 100 rocks, everything",
-    "top1_modest": "single effect named; medium or strong, 40 rocks, stations and stops",
-    "top1_clear": "single effect named; medium or strong, all designs",
-    "top1_single": "single effect named; all strengths and designs",
-    "top1_all": "answer right; all sites",
-    "false_alarm": "no effect, yet one is named",
-    "null_unknown": "no effect, answer “unknown”",
-    "null_right": "no effect, answer “none”",
-    "covered_single": "single effect in the confusion set",
-    "covered_all": "truth in the confusion set; all sites",
-    "confident_right": f"right; confidence {NAMED_CONFIDENCE} or more",
-    "named_right": "right; one is named",
-    "confident_named_right": f"right; one is named, confidence {NAMED_CONFIDENCE} or more",
-    "unknown_not_named": "unknown effect, no known one named",
-    "unknown_right": "unknown effect, answer “unknown”",
-    "pair_one": "pair, at least one of it named",
-    "pair_both": "pair, both named and no other",
-    "pair_wrong": "pair, one named that is not there",
-    "shrinkage_near": f"shrinkage within {SHRINKAGE_TOLERANCE} of that on fresh rocks",
-    "location_hit": "single local effect: phase right, reaches overlap",
-    "location_hit_named": "the same, where the effect is named",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,18 +135,19 @@ def _world_table(record: CheckRecord) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(
         (
-            "case", "slope", "rocks", "kind", "truth", "effects", "strengths", "true_phase",
-            "true_segments", "answer", "confidence", "right", "confusion_set", "covered", "phase",
-            "segments", "located", "shrinkage_stated", "shrinkage_fresh", "distance_base_fresh",
-            "distance_effect_fresh", "distance_floor_fresh", "seconds", "failure",
+            "case", "law", "disturbance", "slope", "rocks", "kind", "truth", "effects",
+            "strengths", "true_phase", "true_segments", "answer", "group", "confidence", "right",
+            "confusion_set", "covered", "phase", "segments", "located", "shrinkage_stated",
+            "shrinkage_fresh", "distance_base_fresh", "distance_effect_fresh",
+            "distance_floor_fresh", "seconds", "failure",
         )
     )  # fmt: skip
     for row in record.rows:
         t, a, m = row.truth, row.answer, row.measured
         located = is_located(t, a) if t.local and t.kind != "stops" else None
         values: tuple[Any, ...] = (
-            t.case, t.slope, t.rocks, t.kind, t.verdict, "+".join(t.effects),
-            "+".join(t.strengths), t.phase, " ".join(t.segments), a.effect,
+            t.case, t.law, t.disturbance, t.slope, t.rocks, t.kind, t.verdict, "+".join(t.effects),
+            "+".join(t.strengths), t.phase, " ".join(t.segments), a.effect, a.group,
             a.confidence if a.confidence == a.confidence else None, is_right(t, a),
             " ".join(a.confusion_set), is_covered(t, a), a.phase, " ".join(a.segments), located,
             a.shrinkage, m.get("S"), m.get("D_base"), m.get("D_effect"), m.get("D_floor"),
@@ -195,9 +170,7 @@ def _pictures(record: CheckRecord) -> dict[str, ReportFigure]:
     compared = [
         (row.answer.shrinkage, row.measured["S"])
         for row in record.rows
-        if row.answer.shrinkage is not None
-        and row.truth.rocks >= SHRINKAGE_ROCKS
-        and row.measured.get("S") is not None
+        if row.answer.shrinkage is not None and row.measured.get("S") is not None
     ]
     pictures = {
         "confusion": ReportFigure(
@@ -236,18 +209,21 @@ def _report(
             ("Sites", scores.worlds),
             ("Rocks observed", sum(row.truth.rocks for row in record.rows)),
             ("Sites without an answer", scores.failed),
-            ("Mean size of the confusion set", scores.confusion_set_size),
-            ("Mean overlap of the reaches of local effects", scores.location_overlap),
+            (
+                "Mean overlap of the reaches of local effects",
+                scores.figures.numbers["location_overlap"],
+            ),
             ("Time of all diagnoses together (h)", sum(r.seconds for r in record.rows) / 3600.0),
         ),
         warnings=warnings,
         key_results=_acceptance_table(scores),
         figures=figures,
         tables=(
+            _law_table(scores),
             _share_table(
                 "All measures",
                 "measure",
-                [(title, scores.measures[key]) for key, title in _TITLES.items()],
+                [(s.measure, s) for s in scores.measures.values()],
                 "Intervals are those of Clopper and Pearson (95 %). Weak, medium and strong go by "
                 "the strength that the effect came out with.",
             ),
@@ -289,10 +265,10 @@ def _acceptance_table(scores: CheckScores) -> ReportTable:
     rows: list[tuple[Cell, ...]] = [
         (
             row["measure"],
-            f"{'≥' if row['asked_is'] == 'at least' else '≤'} {_percent(row['asked'])}",
-            _percent(row["reached"]) if row["worlds"] else None,
+            f"{'≥' if row['asked_is'] == 'at least' else '≤'} {_value(row, 'asked')}",
+            _value(row, "reached"),
             _interval(row["ci95"]) if row["worlds"] else None,
-            f"{row['hits']} of {row['worlds']}",
+            f"{row['hits']} of {row['worlds']}" if row["is_share"] else None,
             words[row["met"]],
         )
         for row in acceptance(scores)
@@ -307,6 +283,34 @@ def _acceptance_table(scores: CheckScores) -> ReportTable:
         "Met states whether the reached share is on the right side of what is required; it is "
         "certain only where the whole interval is.",
     )  # fmt: skip
+
+
+def _law_table(scores: CheckScores) -> ReportTable:
+    laws = {law: acceptance(scores, law) for law in scores.by_law}
+    rows: list[tuple[Cell, ...]] = [
+        (first["measure"], *(_with_count(row) for row in (first, *others)))
+        for first, *others in zip(*laws.values(), strict=True)
+    ]
+    return ReportTable(
+        "By law of the motion",
+        (("measure", ""), *((law, "") for law in laws)),
+        tuple(rows),
+        "Where rocks obey another law than that of the model and no effect acts, “none” and "
+        "“contact law” are both right.",
+    )
+
+
+def _with_count(row: Mapping[str, Any]) -> str:
+    count = f" ({row['hits']} of {row['worlds']})" if row["worlds"] else ""
+    return _value(row, "reached") + count
+
+
+def _value(row: Mapping[str, Any], key: str) -> str:
+    """A share in per cent, or a number; nothing where there is none."""
+    value = row[key]
+    if value != value:
+        return ""
+    return _percent(value) if row["is_share"] else f"{value:.2f}"
 
 
 def _share_table(
@@ -342,8 +346,7 @@ def _shrinkage_table(scores: CheckScores) -> ReportTable:
             ("mean of stated less measured", s.bias),
             ("mean absolute difference", s.mean_error),
         ),
-        f"Sites with {SHRINKAGE_ROCKS} rocks or more in which an effect was named or a shrinkage "
-        "stated.",
+        "Sites in which an effect was named or a shrinkage stated.",
     )
 
 
@@ -356,6 +359,7 @@ def _answers_table(record: CheckRecord) -> ReportTable:
         rows.append(
             (
                 t.case,
+                t.law,
                 f"{t.rocks}, {t.kind}",
                 f"{truth}{f', {strengths}' if strengths else ''}".replace("_", " "),
                 a.effect.replace("_", " "),
@@ -367,8 +371,8 @@ def _answers_table(record: CheckRecord) -> ReportTable:
     return ReportTable(
         "All answers",
         (
-            ("site", ""), ("rocks, seen", ""), ("truth", ""), ("answer", ""), ("confidence", ""),
-            ("right", ""), ("covered", ""),
+            ("site", ""), ("law", ""), ("rocks, seen", ""), ("truth", ""), ("answer", ""),
+            ("confidence", ""), ("right", ""), ("covered", ""),
         ),
         tuple(rows),
         "More columns in worlds.csv.",

@@ -19,6 +19,7 @@ from sassgis.gap.diagnosis import (
     Comparison,
     Diagnosis,
     Fingerprint,
+    GapFinding,
     Hypothesis,
     Range,
 )
@@ -49,9 +50,9 @@ from sassgis.gap.ladder.rungs import RockDistances, ladder_of, shrinkage_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
-from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
-from sassgis.gap.residuals.steps import steps_of
+from sassgis.gap.residuals.table import ResidualTable, residuals_of
 from sassgis.gap.where.findings import where
+from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.ensemble import (
     COUNT,
     CalibrationProblem,
@@ -70,18 +71,17 @@ from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     UNKNOWN,
     Thresholds,
-    causes_of,
     measure_next,
-    shares_of,
+    second_of,
+    significant,
     verdict_of,
 )
 from sassgis.io.read.config import load_config
-from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
+from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
 from sassgis.model.run_config import Config
 from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
@@ -95,8 +95,6 @@ _FEWEST_ROCKS = 5
 _FEWEST_GROUPS = 4
 #: Draws of each hypothesis in the first round, and of the base.
 DRAWS, BASE_DRAWS = 40, 80
-#: Runs of each rock with which stations and stops are compared for the fingerprints.
-_REPLICATES = 12
 #: Repetitions of the refinement, and draws in each of them and each fit.
 REPETITIONS, REFINED = 3, 16
 #: Effects that are calibrated further, the most probable ones.
@@ -172,7 +170,8 @@ def diagnose(
                 found=case.n_rocks,
                 expected=f"{_FEWEST_ROCKS} or more",
             )
-        frozen = thresholds_of(read_thresholds())
+        chosen = read_thresholds()
+        frozen, weights = thresholds_of(chosen), cause_weights_of(chosen)
         problem = problem_of(case, seed)
         fingerprint = fingerprint_of(
             settings, Path(observations), f"{seed} {draws} {ground_range:g}"
@@ -180,14 +179,14 @@ def diagnose(
         try:
             with campaign_workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                made, wrong_ground = _base(problem, run, BASE_DRAWS, on_progress)
+                made, wrong_ground = _base(problem, run, draws, on_progress)
                 tell("Releasing them in every hypothesis")
                 made.ensemble = _ensemble(
                     made.problem, made.ensemble.tried, draws, made.run, work,
                     f"{fingerprint} {made.problem.case.ground_range:g}", on_progress,
                 )  # fmt: skip
                 tell("Calibrating the most probable hypotheses")
-                diagnosis = _diagnosis(made, wrong_ground, frozen, fingerprint)
+                diagnosis = _diagnosis(made, wrong_ground, frozen, weights, fingerprint)
         except KeyboardInterrupt:
             raise Interrupted(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
@@ -326,9 +325,10 @@ class _Calibration:
         problem: CalibrationProblem,
         ensemble: Ensemble,
         run: CampaignMap,
-        on_progress: OnProgress | None = None,
+        on_progress: OnProgress | None,
+        draws: int,
     ) -> None:
-        self.problem, self.ensemble = problem, ensemble
+        self.problem, self.ensemble, self._draws = problem, ensemble, draws
         self.fits: dict[str, FittedEffect] = {}
         self.run, self._on_progress = run, on_progress
 
@@ -337,7 +337,7 @@ class _Calibration:
         due = [e for e in dict.fromkeys(effects) if e not in self.fits]
         new = [e for e in due if not self.ensemble.of(e).size]
         if new:
-            made = list(self.run(_try, tasks_of(new, DRAWS)))
+            made = list(self.run(_try, tasks_of(new, self._draws)))
             self.ensemble = self.ensemble.with_more(self.problem, made)
         fits = self.problem.n_parts + 1
         total = len(due) * fits * (REPETITIONS * REFINED + TOP)
@@ -368,6 +368,37 @@ class _Calibration:
         return held_out_scores(self.problem, self.ensemble, effect)
 
 
+def fingerprints_of(
+    config: str | Path, observations: str | Path, seed: int = 1
+) -> tuple[tuple[Fingerprint, ...], tuple[GapFinding, ...]]:
+    """Fingerprints and findings of the calibrated base alone, in this process.
+
+    Parameters
+    ----------
+    config, observations : path
+        As for ``diagnose``.
+    seed : int
+    """
+    problem = problem_of(read_case(load_config(config), observations), seed)
+
+    def run(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
+        return (function(problem, task) for task in tasks)
+
+    made, _ = _base(problem, run, BASE_DRAWS, None)
+    case = made.problem.case
+    residuals = _residuals(made, seed)
+    prints = fingerprints(case, residuals, group=case.group)
+    return prints, where(case, residuals, seed=seed)
+
+
+def _residuals(made: _Calibration, seed: int) -> ResidualTable:
+    """Residuals of the calibrated base."""
+    case = made.problem.case
+    return residuals_of(
+        case, made.model(NONE).model.table, seed=seed, effects=case.effects, forest=case.forest
+    )
+
+
 def _base(
     problem: CalibrationProblem, run: CampaignMap, draws: int, on_progress: OnProgress | None
 ) -> tuple[_Calibration, tuple[str, ...]]:
@@ -385,8 +416,8 @@ def _base(
             return run(partial(_in_range, case.ground_range, function), tasks)
 
         own = replace(problem, case=case)
-        tried = list(run_wider(_try, tasks_of([NONE], draws)))
-        made = _Calibration(own, ensemble_of(own, tried), run_wider, on_progress)
+        tried = list(run_wider(_try, tasks_of([NONE], BASE_DRAWS)))
+        made = _Calibration(own, ensemble_of(own, tried), run_wider, on_progress, draws)
         made.add(NONE)
         return made
 
@@ -420,32 +451,35 @@ def _in_range(
 
 
 def _diagnosis(
-    made: _Calibration, wrong_ground: tuple[str, ...], frozen: Thresholds, fingerprint: str
+    made: _Calibration,
+    wrong_ground: tuple[str, ...],
+    frozen: Thresholds,
+    weights: CauseWeights,
+    fingerprint: str,
 ) -> Diagnosis:
     """The answer, from a base that is calibrated and first draws of all effects."""
     problem, case, seed = made.problem, made.problem.case, made.problem.seed
     tried = families_to_try(case)
-    table = made.model(NONE).model.table
-    prints = _prints(case, table, seed)
-    shares = shares_of(prints, tried)
-    found = causes_of(prints, frozen, tried)
-    causes = [c for c in found if c != CONTACT_LAW]
+    residuals = _residuals(made, seed)
+    prints = fingerprints(case, residuals, group=case.group)
+    shares = weights.shares(prints, tried)
     # An effect is added to the base that the contact asks for.
-    law = CONTACT_LAW in causes_of(prints, frozen, ())
+    law = CONTACT_LAW in significant(prints, frozen.level)
     base = CONTACT_LAW if law else NONE
 
     def with_base(effect: str) -> str:
         names = set(effect.split("+")) | ({CONTACT_LAW} if law else set())
         return "+".join(sorted(names - {NONE})) or NONE
 
-    families = [*causes, *(n for n in shares if n in tried and n not in causes)]
-    best = "+".join(sorted(causes[:2])) if len(causes) > 1 else families[0]
+    families = [n for n in shares if n != NONE]
+    second = second_of(families[0], prints, frozen, tried)
+    best = "+".join(sorted([families[0], second])) if second else families[0]
     made.add(CONTACT_LAW, *families[:_FURTHER], with_base(families[0]), with_base(best))
     shrinkage = shrinkage_of(problem, made.rows(base), best, made.rows(with_base(best)))
-    findings = where(case, table, seed=seed, effects=case.effects, forest=case.forest)
+    findings = where(case, residuals, seed=seed)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
     draws = [t.draw for t in made.fits[with_base(best)].models]
-    verdict = verdict_of(prints, most, frozen, case, draws, findings, tried)
+    verdict = verdict_of(prints, shares, most, frozen, case, draws, findings)
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
     if named and named != best:
         made.add(with_base(named))
@@ -486,12 +520,8 @@ def _diagnosis(
         consequences_of(problem, configured_model(case), model),
     )
     known = what_is_identifiable(case.observations)
-    tested = [
-        NONE,
-        CONTACT_LAW,
-        *(n for n in shares if n in tried),
-        *([best] if "+" in best else []),
-    ]
+    both = [best] if "+" in best else []
+    tested = list(dict.fromkeys([NONE, CONTACT_LAW, *families, *both]))
     return Diagnosis(
         verdict=verdict,
         where=findings,
@@ -513,14 +543,6 @@ def _diagnosis(
         advice=advice,
         first_sentence=first_sentence(advice, ladder, verdict.effect),
     )
-
-
-def _prints(case: Case, table: GroundTable, seed: int) -> tuple[Fingerprint, ...]:
-    """Fingerprints in the residuals of the calibrated base."""
-    rng = np.random.default_rng([seed, 61])
-    run = free_run(case, RunModel.of(case, table, None, None, seed), _REPLICATES)
-    steps = steps_of(case, table, run, observed_at_stations(case), rng)
-    return fingerprints(case, steps, rng=rng, group=case.group)
 
 
 def _hypotheses(

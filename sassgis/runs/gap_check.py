@@ -15,7 +15,6 @@ from typing import Any
 
 from sassgis.gap.check.blinded_labels import blinding_hash, labels_text, truth_of
 from sassgis.gap.check.check_scores import (
-    SHRINKAGE_ROCKS,
     Answer,
     CheckScores,
     Truth,
@@ -447,8 +446,7 @@ def _measure(
     due = [
         w
         for w in planned
-        if w.spec.n_rocks >= SHRINKAGE_ROCKS
-        and not answers[w.case].failure
+        if not answers[w.case].failure
         and (answers[w.case].shrinkage is not None or names_in(answers[w.case].effect))
     ]
     left = [w for w in due if not place.measured(w.case).exists()]

@@ -34,6 +34,7 @@ from sassgis.gap.diagnosis import Hypothesis
 from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
 from sassgis.gap.which.families import FAMILIES
@@ -478,8 +479,8 @@ def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
 
 
 def test_all_families_have_names() -> None:
-    assert set(FAMILIES) | {"none", "unknown"} == set(EFFECT_NAMES)
-    assert set(FAMILIES) == set(EFFECT_PHRASES)
+    assert {*FAMILIES, "contact_law", "none", "unknown"} == set(EFFECT_NAMES)
+    assert {*FAMILIES, "contact_law"} == set(EFFECT_PHRASES)
     assert effect_name("trees+air_drag") == "trees and air drag"
 
 
@@ -509,7 +510,7 @@ def test_quantities_in_words() -> None:
 
 def test_all_that_is_compared_has_a_name(few: Made) -> None:
     _, case = few
-    found = where(case, case.table, seed=1, replicates=4, draws=19)
+    found = where(case, residuals_of(case, case.table, seed=1, replicates=4), seed=1, draws=19)
     quantities = {f.quantity.removesuffix("_spread") for f in found}
     assert len(quantities) > 5
     assert quantities <= set(QUANTITY_NAMES)
@@ -535,9 +536,9 @@ def test_the_answer_comes_first_with_its_uncertainty(made: Made, written: Path) 
     places = [
         words.index(text)
         for text in (
+            "As configured, the model is 21 m long.",
             "The gap is best explained by trees that take energy from passing rocks.",
             "Confidence 71 %.",
-            "A confidence of 71 % is cautious",
             "These data do not separate it from: soft ground.",
             "Speeds of rocks of different mass in the stand.",
             "3 of 11 comparisons are significant after adjustment for their number",

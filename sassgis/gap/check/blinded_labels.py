@@ -23,6 +23,11 @@ def label_of(world: World, case: str) -> dict[str, Any]:
         "slope": spec.slope,
         "rocks": spec.n_rocks,
         "kind": spec.kind,
+        "law": spec.law,
+        "stations": spec.n_stations,
+        "named": spec.named,
+        "error_factor": spec.error_factor,
+        "disturbance": spec.disturbance,
         "asked": [[e.name, e.strength] for e in spec.effects],
         "verdict": spec.verdict,
         "reaches": list(world.segments),
@@ -58,6 +63,8 @@ def truth_of(label: dict[str, Any]) -> Truth:
         slope=label["slope"],
         rocks=label["rocks"],
         kind=label["kind"],
+        law=label["law"],
+        disturbance=label["disturbance"],
     )
 
 

@@ -10,19 +10,25 @@ from typing import Any
 
 import numpy as np
 
+from sassgis.gap.diagnosis import GapFinding
 from sassgis.gap.inference.intervals import Interval, share_interval
 from sassgis.gap.which.families import FAMILIES
+from sassgis.gap.which.verdict import CONTACT_LAW, GROUPS, adequate
 
 #: Least confidence with which an effect is named.
 NAMED_CONFIDENCE = 0.6
 #: How far a stated shrinkage may be from that on fresh rocks.
 SHRINKAGE_TOLERANCE = 0.15
-#: Fewest rocks of sites on which the shrinkage is checked.
-SHRINKAGE_ROCKS = 100
+#: Numbers of rocks for which the shrinkage is asked for.
+SHRINKAGE_ROCKS = (20, 40, 100)
 #: Limits of the bins of the table of reliability.
 CONFIDENCE_BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+#: Bins of the expected calibration error.
+_ECE_BINS = 10
+#: Law of the sites that obey the model.
+OWN_LAW = "own"
 #: Columns of the confusion matrix; rows are the first of them, without "no answer".
-ANSWERS: tuple[str, ...] = ("none", *FAMILIES, "pair", "unknown", "no answer")
+ANSWERS: tuple[str, ...] = ("none", *FAMILIES, "pair", "unknown", CONTACT_LAW, "no answer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +55,10 @@ class Truth:
     rocks : int
     kind : str
         What was observed: stations, stops, both, everything.
+    law : str
+        How rocks move.
+    disturbance : str
+        What nature does besides, and no effect; "" if nothing.
     """
 
     case: str
@@ -61,6 +71,20 @@ class Truth:
     slope: str
     rocks: int
     kind: str
+    law: str = OWN_LAW
+    disturbance: str = ""
+
+    @property
+    def right(self) -> tuple[str, ...]:
+        """Right answers: where the contact obeys another law, naming that is as right as none."""
+        if self.part == "none" and (self.law != OWN_LAW or self.disturbance):
+            return ("none", CONTACT_LAW)
+        return (_sorted(self.verdict),)
+
+    @property
+    def groups(self) -> frozenset[str]:
+        """Groups of the known effects."""
+        return frozenset(g for g, names in GROUPS.items() if {*self.effects} & {*names})
 
     @property
     def part(self) -> str:
@@ -92,6 +116,10 @@ class Answer:
     segments : tuple of str
     shrinkage : float or None
         None if withheld.
+    group : str
+        Of the cause; "" if none is stated.
+    large_findings : bool
+        Whether a gap of the calibrated base is both significant and large.
     failure : str
         Why there is no answer.
     """
@@ -103,6 +131,8 @@ class Answer:
     phase: str = ""
     segments: tuple[str, ...] = ()
     shrinkage: float | None = None
+    group: str = ""
+    large_findings: bool = False
     failure: str = ""
 
 
@@ -133,7 +163,7 @@ class Aim:
     Attributes
     ----------
     key : str
-        Of the measure among the scores.
+        Of the measure or number among the scores.
     title : str
     limit : float
     at_least : bool
@@ -146,15 +176,31 @@ class Aim:
     at_least: bool = True
 
 
+_CLEAR_FULL = "single effect, medium or strong, 100 rocks, everything observed"
+_CLEAR_MODEST = "single effect, medium or strong, 40 rocks, stations and stops"
 #: What is asked of a diagnosis on the full battery.
 AIMS: tuple[Aim, ...] = (
-    Aim("top1_full", "single effect named, medium or strong, 100 rocks, everything observed", 0.85),
-    Aim("top1_modest", "single effect named, medium or strong, 40 rocks, stations and stops", 0.65),
     Aim("false_alarm", "no effect, yet one is named", 0.05, at_least=False),
-    Aim("covered_single", "single effect is in the confusion set", 0.95),
-    Aim("confident_right", f"right where the confidence is {NAMED_CONFIDENCE} or more", 0.90),
-    Aim("unknown_not_named", "unknown effect, and no known one is named", 0.75),
-    Aim("shrinkage_near", f"shrinkage within {SHRINKAGE_TOLERANCE} of that on fresh rocks", 0.80),
+    Aim("family_full", f"{_CLEAR_FULL}: named", 0.80),
+    Aim("group_full", f"{_CLEAR_FULL}: group right", 0.90),
+    Aim("family_modest", f"{_CLEAR_MODEST}: named", 0.50),
+    Aim("group_modest", f"{_CLEAR_MODEST}: group right", 0.70),
+    Aim("none_while_large", "gap significant and large, yet “none” is answered", 0.0, False),
+    Aim("unknown_named", "unknown effect, yet a known one is named", 0.20, at_least=False),
+    Aim("covered_everything", "truth in the confusion set, everything observed", 0.95),
+    Aim("covered_otherwise", "truth in the confusion set, other observations", 0.90),
+    Aim("set_size_everything", "mean size of that set, everything observed", 2.5, False),
+    Aim("set_size_otherwise", "mean size of that set, other observations", 5.0, False),
+    Aim("calibration_error", "expected calibration error of the confidence", 0.10, False),
+    *(
+        Aim(
+            f"shrinkage_near_{n}",
+            f"shrinkage within {SHRINKAGE_TOLERANCE} of that on fresh rocks, {n} rocks",
+            0.80,
+        )
+        for n in SHRINKAGE_ROCKS
+    ),
+    Aim("pair_one_none_wrong", "pair: at least one right and none wrong", 0.75),
     Aim("location_hit", "single local effect: phase right and reaches overlap", 0.80),
 )
 
@@ -204,37 +250,59 @@ class ShrinkageCheck:
 
 
 @dataclass(frozen=True, slots=True)
+class Figures:
+    """Figures of some sites.
+
+    Attributes
+    ----------
+    worlds : int
+    measures : mapping of key to Share
+    numbers : mapping of key to float
+        What is no share: sizes of confusion sets, calibration error, overlap of reaches; NaN
+        without sites.
+    """
+
+    worlds: int
+    measures: Mapping[str, Share]
+    numbers: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
 class CheckScores:
     """All scores of a check.
 
     Attributes
     ----------
-    worlds : int
     failed : int
         Sites without an answer; they count as wrong.
-    measures : mapping of key to Share
+    figures : Figures
+        Of all sites.
+    by_law : mapping of law to Figures
     groups : mapping of title to tuple of Share
-        Accuracy on single effects by sample size, kind, strength, family and design.
+        Accuracy on single effects by sample size, kind, strength, family, law and design.
     reliability : tuple of ReliabilityRow
-    confusion : int64, shape (13, 14)
+    confusion : int64, shape (14, 15)
         Sites by truth (``ANSWERS`` without the last) and answer (``ANSWERS``).
     shrinkage : ShrinkageCheck
-    confusion_set_size : float
-        Mean number of names in a confusion set.
-    location_overlap : float
-        Mean share of the reaches named or touched that are both, over local effects; NaN without
-        any.
     """
 
-    worlds: int
     failed: int
-    measures: Mapping[str, Share]
+    figures: Figures
+    by_law: Mapping[str, Figures]
     groups: Mapping[str, tuple[Share, ...]]
     reliability: tuple[ReliabilityRow, ...]
     confusion: np.ndarray[Any, np.dtype[np.int64]] = field(repr=False)
     shrinkage: ShrinkageCheck
-    confusion_set_size: float
-    location_overlap: float
+
+    @property
+    def worlds(self) -> int:
+        """Number of sites."""
+        return self.figures.worlds
+
+    @property
+    def measures(self) -> Mapping[str, Share]:
+        """Shares of all sites."""
+        return self.figures.measures
 
 
 Pair = tuple[Truth, Answer]
@@ -265,23 +333,32 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
         phase=str(verdict.get("phase", "")),
         segments=tuple(str(name) for name in verdict.get("segments", ())),
         shrinkage=None if shrinkage is None else float(shrinkage),
+        group=str(verdict.get("group", "")),
+        large_findings=not adequate([f for f in map(_finding, diagnosis.get("where", ())) if f]),
     )
 
 
+def _finding(row: Mapping[str, Any]) -> GapFinding | None:
+    """A finding read back; None where its numbers are missing."""
+    if None in (row["gap"], row["p_adjusted"], *row["ci95"]):
+        return None
+    return GapFinding(**{**row, "ci95": tuple(row["ci95"])})
+
+
 def names_in(effect: str) -> frozenset[str]:
-    """The names that a verdict holds; empty for none, unknown and no answer."""
-    return frozenset(effect.split("+")) - {"none", "unknown", "no answer"}
+    """The effects that a verdict names; empty for none, unknown, contact law and no answer."""
+    return frozenset(effect.split("+")) - {"none", "unknown", CONTACT_LAW, "no answer"}
 
 
 def is_right(truth: Truth, answer: Answer) -> bool:
-    """Whether the answer is the true verdict; the order of a pair does not matter."""
-    return _sorted(answer.effect) == _sorted(truth.verdict)
+    """Whether the answer is a right one; the order of a pair does not matter."""
+    return _sorted(answer.effect) in truth.right
 
 
 def is_covered(truth: Truth, answer: Answer) -> bool:
     """Whether the truth is in the confusion set; of a pair, itself or both of its members."""
     sets = {_sorted(name) for name in answer.confusion_set}
-    return _sorted(truth.verdict) in sets or bool(
+    return bool(sets & {*truth.right}) or bool(
         truth.part == "pair" and names_in(truth.verdict) <= sets
     )
 
@@ -317,30 +394,63 @@ def score(
         odd = sorted(known.keys() ^ given.keys())
         raise ValueError(f"sites and answers differ: {', '.join(odd)}")
     pairs = [(known[case], given[case]) for case in sorted(known)]
-    singles = [p for p in pairs if p[0].part == "single"]
-    measures = _measures(pairs, singles)
-    checked = _shrinkage_pairs(pairs, measured or {})
-    measures["shrinkage_near"] = share(
-        "stated shrinkage near that on fresh rocks",
-        [abs(stated - found) <= SHRINKAGE_TOLERANCE + 1e-12 for stated, found in _both(checked)],
-    )
-    overlaps = [
-        len(set(a.segments) & set(t.segments)) / len(set(a.segments) | set(t.segments))
-        for t, a in pairs
-        if _locatable(t)
-    ]
-    sets = [len(a.confusion_set) for _, a in pairs if not a.failure]
+    fresh = measured or {}
+    laws = sorted({truth.law for truth, _ in pairs}, key=lambda law: (law != OWN_LAW, law))
     return CheckScores(
-        worlds=len(pairs),
         failed=sum(bool(a.failure) for _, a in pairs),
-        measures=measures,
-        groups=_groups(singles),
+        figures=_figures(pairs, fresh),
+        by_law={law: _figures([p for p in pairs if p[0].law == law], fresh) for law in laws},
+        groups=_groups([p for p in pairs if p[0].part == "single"]),
         reliability=reliability(pairs),
         confusion=confusion_matrix(pairs),
-        shrinkage=_shrinkage_check(checked),
-        confusion_set_size=float(np.mean(sets)) if sets else math.nan,
-        location_overlap=float(np.mean(overlaps)) if overlaps else math.nan,
+        shrinkage=_shrinkage_check(_shrinkage_pairs(pairs, fresh)),
     )
+
+
+def _figures(pairs: Sequence[Pair], fresh: Mapping[str, float | None]) -> Figures:
+    """All shares and numbers of some sites."""
+    measures = _measures(pairs)
+    for title, some in {
+        "": pairs,
+        **{f"_{n}": [p for p in pairs if p[0].rocks == n] for n in SHRINKAGE_ROCKS},
+    }.items():
+        measures[f"shrinkage_near{title}"] = share(
+            "stated shrinkage near that on fresh rocks" + title.replace("_", ", rocks: "),
+            [
+                abs(stated - found) <= SHRINKAGE_TOLERANCE + 1e-12
+                for stated, found in _both(_shrinkage_pairs(some, fresh))
+            ],
+        )
+    answered = [p for p in pairs if not p[1].failure]
+    sizes: dict[str, list[float]] = {
+        "set_size_everything": [
+            len(a.confusion_set) for t, a in answered if t.kind == "everything"
+        ],
+        "set_size_otherwise": [len(a.confusion_set) for t, a in answered if t.kind != "everything"],
+        "location_overlap": [
+            len({*a.segments} & {*t.segments}) / len({*a.segments} | {*t.segments})
+            for t, a in pairs
+            if _locatable(t)
+        ],
+    }
+    means = {key: float(np.mean(v)) if v else math.nan for key, v in sizes.items()}
+    return Figures(len(pairs), measures, {"calibration_error": calibration_error(pairs), **means})
+
+
+def calibration_error(pairs: Sequence[Pair]) -> float:
+    """Expected calibration error in ten equal bins (Guo, Pleiss, Sun and Weinberger 2017, eq. 3).
+
+    The mean, over the answers, of |share right − mean confidence| in the bin of each; NaN without
+    a stated confidence.
+    """
+    stated = [(a.confidence, is_right(t, a)) for t, a in pairs if math.isfinite(a.confidence)]
+    if not stated:
+        return math.nan
+    confidence, right = np.array(stated, float).T
+    # Bins are open below and closed above, as in the source.
+    within = np.clip(np.ceil(confidence * _ECE_BINS) - 1, 0, _ECE_BINS - 1).astype(int)
+    apart = np.bincount(within, right - confidence, minlength=_ECE_BINS)
+    return float(np.abs(apart).sum() / len(stated))
 
 
 def share(measure: str, hits: Iterable[bool]) -> Share:
@@ -375,45 +485,50 @@ def confusion_matrix(pairs: Sequence[Pair]) -> np.ndarray[Any, np.dtype[np.int64
     return matrix
 
 
-def acceptance(scores: CheckScores) -> list[dict[str, Any]]:
-    """What is asked for, and what is reached: one row for each aim.
+def acceptance(scores: CheckScores, law: str = "") -> list[dict[str, Any]]:
+    """What is asked for, and what is reached: one row for each aim, of all sites or of a law.
 
     ``met`` is None where no site decides; ``sure`` says whether the whole interval is on the right
-    side of the limit.
+    side of the limit. A number that is no share has no interval and no sites.
     """
-    rows: list[dict[str, Any]] = []
-    for aim in AIMS:
-        found = scores.measures[aim.key]
-        met: bool | None = None
-        sure = False
-        if found.trials:
-            met = found.value >= aim.limit if aim.at_least else found.value <= aim.limit
-            sure = found.low >= aim.limit if aim.at_least else found.high <= aim.limit
-        rows.append(
-            {
-                "key": aim.key,
-                "measure": aim.title,
-                "asked": aim.limit,
-                "asked_is": "at least" if aim.at_least else "at most",
-                "reached": found.value,
-                "ci95": [found.low, found.high],
-                "hits": found.hits,
-                "worlds": found.trials,
-                "met": met,
-                "sure": sure,
-            }
-        )
-    return rows
+    figures = scores.by_law[law] if law else scores.figures
+    return [_reached(aim, figures) for aim in AIMS]
+
+
+def _reached(aim: Aim, figures: Figures) -> dict[str, Any]:
+    found = figures.measures.get(aim.key)
+    value = figures.numbers[aim.key] if found is None else found.value
+    met = sure = None
+    if math.isfinite(value):
+        met = value >= aim.limit if aim.at_least else value <= aim.limit
+    if found is not None and found.trials:
+        sure = found.low >= aim.limit if aim.at_least else found.high <= aim.limit
+    return {
+        "key": aim.key,
+        "measure": aim.title,
+        "asked": aim.limit,
+        "asked_is": "at least" if aim.at_least else "at most",
+        "reached": value,
+        "ci95": None if found is None else [found.low, found.high],
+        "hits": None if found is None else found.hits,
+        "worlds": None if found is None else found.trials,
+        "met": met,
+        "sure": sure,
+        "is_share": found is not None,
+    }
 
 
 def scores_as_json(scores: CheckScores) -> dict[str, Any]:
     """The scores as plain values; missing numbers become None."""
     plain: dict[str, Any] = _clean(
         {
-            "worlds": scores.worlds,
             "failed": scores.failed,
             "acceptance": acceptance(scores),
-            "measures": {key: asdict(value) for key, value in scores.measures.items()},
+            **_plain(scores.figures),
+            "by_law": {
+                law: {**_plain(figures), "acceptance": acceptance(scores, law)}
+                for law, figures in scores.by_law.items()
+            },
             "single_effects_named_by": {
                 title: [asdict(s) for s in rows] for title, rows in scores.groups.items()
             },
@@ -424,71 +539,89 @@ def scores_as_json(scores: CheckScores) -> dict[str, Any]:
                 "worlds": scores.confusion.tolist(),
             },
             "shrinkage": asdict(scores.shrinkage),
-            "confusion_set_size": scores.confusion_set_size,
-            "location_overlap": scores.location_overlap,
         }
     )
     return plain
 
 
-def _measures(pairs: Sequence[Pair], singles: Sequence[Pair]) -> dict[str, Share]:
+def _plain(figures: Figures) -> dict[str, Any]:
+    return {
+        "worlds": figures.worlds,
+        "measures": {key: asdict(value) for key, value in figures.measures.items()},
+        "numbers": dict(figures.numbers),
+    }
+
+
+def _measures(pairs: Sequence[Pair]) -> dict[str, Share]:
+    singles = [p for p in pairs if p[0].part == "single"]
     nulls = [p for p in pairs if p[0].part == "none"]
     doubles = [p for p in pairs if p[0].part == "pair"]
     unknown = [p for p in pairs if p[0].part == "unknown"]
     clear = [p for p in singles if p[0].strengths[0] != "weak"]
     named = [p for p in pairs if names_in(p[1].effect)]
 
-    def at(rocks: int, kind: str) -> list[Pair]:
-        return [(t, a) for t, a in clear if t.rocks == rocks and t.kind == kind]
+    full = [p for p in clear if (p[0].rocks, p[0].kind) == (100, "everything")]
+    modest = [p for p in clear if (p[0].rocks, p[0].kind) == (40, "both")]
 
     def right(chosen: Sequence[Pair]) -> list[bool]:
         return [is_right(t, a) for t, a in chosen]
 
-    def both(t: Truth, a: Answer) -> bool:
-        return names_in(a.effect) == names_in(t.verdict)
+    def grouped(chosen: Sequence[Pair]) -> list[bool]:
+        return [a.group in t.groups for t, a in chosen]
 
+    def covered(chosen: Sequence[Pair]) -> list[bool]:
+        return [is_covered(t, a) for t, a in chosen]
+
+    everything = [p for p in pairs if p[0].kind == "everything"]
+    otherwise = [p for p in pairs if p[0].kind != "everything"]
+    hits = [(names_in(t.verdict), names_in(a.effect)) for t, a in doubles]
     located = [p for p in singles if _locatable(p[0])]
     confident = [p for p in pairs if p[1].confidence >= NAMED_CONFIDENCE]
     return {
-        "top1_full": share(
-            "single, medium or strong, 100 rocks, everything", right(at(100, "everything"))
-        ),
-        "top1_modest": share("single, medium or strong, 40 rocks, both", right(at(40, "both"))),
-        "top1_clear": share("single, medium or strong, all designs", right(clear)),
-        "top1_single": share("single, all strengths and designs", right(singles)),
-        "top1_all": share("all sites", right(pairs)),
+        "family_full": share("single, medium or strong, 100 rocks, everything", right(full)),
+        "group_full": share("the same, group right", grouped(full)),
+        "family_modest": share("single, medium or strong, 40 rocks, both", right(modest)),
+        "group_modest": share("the same, group right", grouped(modest)),
+        "family_clear": share("single, medium or strong, all designs", right(clear)),
+        "group_clear": share("the same, group right", grouped(clear)),
+        "family_single": share("single, all strengths and designs", right(singles)),
+        "group_single": share("the same, group right", grouped(singles)),
+        "all_right": share("all sites", right(pairs)),
         "false_alarm": share(
             "no effect, yet one is named", [bool(names_in(a.effect)) for _, a in nulls]
         ),
         "null_unknown": share(
             "no effect, answer unknown", [a.effect == "unknown" for _, a in nulls]
         ),
-        "null_right": share("no effect, answer none", right(nulls)),
-        "covered_single": share(
-            "single effect in the confusion set", [is_covered(t, a) for t, a in singles]
+        "null_right": share("no effect, answer none, or contact law where it is one", right(nulls)),
+        "none_while_large": share(
+            "gap significant and large, answer none",
+            [a.effect == "none" for _, a in pairs if a.large_findings],
         ),
-        "covered_all": share(
-            "truth in the confusion set, all sites", [is_covered(t, a) for t, a in pairs]
+        "covered_everything": share(
+            "truth in the confusion set, everything observed", covered(everything)
         ),
+        "covered_otherwise": share(
+            "truth in the confusion set, other observations", covered(otherwise)
+        ),
+        "covered_single": share("single effect in the confusion set", covered(singles)),
         "confident_right": share("right where confident", right(confident)),
         "named_right": share("right where an effect is named", right(named)),
         "confident_named_right": share(
             "right where an effect is named with confidence",
             right([p for p in confident if names_in(p[1].effect)]),
         ),
-        "unknown_not_named": share(
-            "unknown effect, no known one named",
-            [a.effect in ("none", "unknown") for _, a in unknown],
+        "unknown_named": share(
+            "unknown effect, a known one named", [bool(names_in(a.effect)) for _, a in unknown]
         ),
         "unknown_right": share("unknown effect, answer unknown", right(unknown)),
-        "pair_one": share(
-            "pair, at least one of it named",
-            [bool(names_in(a.effect) & names_in(t.verdict)) for t, a in doubles],
+        "pair_one_none_wrong": share(
+            "pair, at least one right and none wrong", [bool(n) and n <= t for t, n in hits]
         ),
-        "pair_both": share("pair, both named and no other", [both(t, a) for t, a in doubles]),
+        "pair_one": share("pair, at least one of it named", [bool(n & t) for t, n in hits]),
+        "pair_both": share("pair, both named and no other", [n == t for t, n in hits]),
         "pair_wrong": share(
-            "pair, an effect named that is not there",
-            [bool(names_in(a.effect) - names_in(t.verdict)) for t, a in doubles],
+            "pair, an effect named that is not there", [bool(n - t) for t, n in hits]
         ),
         "location_hit": share(
             "single local effect located", [is_located(t, a) for t, a in located]
@@ -511,6 +644,7 @@ def _groups(singles: Sequence[Pair]) -> dict[str, tuple[Share, ...]]:
         "kind of observations": lambda t: t.kind,
         "strength": lambda t: t.strengths[0],
         "family": lambda t: t.verdict,
+        "law": lambda t: t.law,
         "slope": lambda t: t.slope,
         "design": lambda t: f"{t.rocks} rocks, {t.kind}",
     }
@@ -540,9 +674,7 @@ def _shrinkage_pairs(
     pairs: Sequence[Pair], measured: Mapping[str, float | None]
 ) -> list[tuple[float | None, float | None]]:
     return [
-        (a.shrinkage, measured[t.case])
-        for t, a in pairs
-        if t.rocks >= SHRINKAGE_ROCKS and t.case in measured and not a.failure
+        (a.shrinkage, measured[t.case]) for t, a in pairs if t.case in measured and not a.failure
     ]
 
 

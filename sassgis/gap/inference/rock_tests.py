@@ -106,6 +106,21 @@ def max_t_adjusted(
     return p
 
 
+def holm_adjusted(p: FloatArray) -> FloatArray:
+    """P-values adjusted for their number by S. Holm (1979, A simple sequentially rejective multiple
+    test procedure, Scand. J. Stat. 6, 65-70), whatever their dependence.
+
+    Parameters
+    ----------
+    p : float64, shape (k,)
+    """
+    adjusted = np.empty(p.size)
+    order = np.argsort(p, kind="stable")
+    steps = np.minimum(p[order] * np.arange(p.size, 0, -1), 1.0)
+    adjusted[order] = np.maximum.accumulate(steps)
+    return adjusted
+
+
 def mean_gap_tests(
     values: FloatArray,
     *,

@@ -32,6 +32,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import LateralDeflection
+from sassgis.terrain.flatten import chainage_to_xy
 
 #: An impact counts as one after a flight if the normal speed is that of a fall from this height
 #: (m), or from twice what the semi-axes differ by. A rock that rolls into a hollow strikes in any
@@ -41,6 +42,8 @@ _FALL_M = 0.3
 _REACH, _REACH_M = 2.0, 1.0
 #: Normal speed below which a rock does not rebound (m/s).
 _REBOUND_MPS = 0.01
+#: Share of the turn of the fall line by which its chords may be wrong, and their least length (m).
+_LINE_SHARE, _CHORD_M = 0.5, 1.0
 #: Speed along the ground below which a ratio to it says nothing (m/s).
 _ALONG_MPS = 1.0
 #: Effects that act in impacts; the law that is compared here has none of them.
@@ -309,6 +312,30 @@ def _from_flight(
     return can
 
 
+def turn_of_lines(case: Case, rock: IntArray, s: FloatArray) -> FloatArray:
+    """Turn at each impact of rocks that fly straight and come down on their fall line (°).
+
+    From the chords of the fall line before and after it, positive to the right; zero at the first
+    and the last impact of a rock, and where chords are short.
+    """
+    turn = np.zeros(s.size)
+    order = np.lexsort((s, rock))
+    x, y = chainage_to_xy(case.traces, case.line[rock[order]], s[order])
+    dx, dy, same = np.diff(x), np.diff(y), np.diff(rock[order]) == 0
+    azimuth = np.arctan2(dy, dx)
+    known = same & (np.hypot(dx, dy) > _CHORD_M)
+    both = np.flatnonzero(known[:-1] & known[1:])
+    change = np.angle(np.exp(1j * (azimuth[both + 1] - azimuth[both])))
+    turn[order[both + 1]] = -np.degrees(change)
+    return turn
+
+
+def turn_error(case: Case, line_turn: FloatArray) -> FloatArray:
+    """Standard deviation of measured turns about those of the fall lines (°)."""
+    error: FloatArray = np.hypot(errors_of(case).turn_deg, _LINE_SHARE * line_turn)
+    return error
+
+
 def _turns(
     case: Case,
     edges: FloatArray,
@@ -317,35 +344,27 @@ def _turns(
     turn_deg: FloatArray,
     n_rocks: int,
 ) -> list[Residual]:
-    """Turns in plan, which the model does not have.
+    """Turns in plan beyond those of the fall lines, which the model has not.
 
     Their scatter is compared with what is usual in measured directions.
     """
-    usual = errors_of(case).turn_deg * math.sqrt(2.0 / math.pi)
+    line = turn_of_lines(case, rock, s)
+    away = np.abs(turn_deg - line)
+    usual = math.sqrt(2.0 / math.pi) * turn_error(case, line)
     found = []
     for place, inside, s0, s1 in _reach_places(case, edges, rock, s):
         of = np.where(inside, rock, -1)
-        mean = per_rock(turn_deg, of, n_rocks)
-        size = per_rock(np.abs(turn_deg), of, n_rocks)
-        none = np.where(np.isfinite(mean), 0.0, np.nan)
         count = rows_per_rock(turn_deg, of, n_rocks)
-        found.append(
-            Residual(place, "impact", "turn_deg", "one step", mean, none, s0, s1, weight=count)
-        )
-        found.append(
+        values = (turn_deg, line, away, usual, away - usual)
+        mean, by_line, size, expected, score = (per_rock(v, of, n_rocks) for v in values)
+        span = (s0, s1)
+        found += [
+            Residual(place, "impact", "turn_deg", "one step", mean, by_line, *span, weight=count),
             Residual(
-                place,
-                "impact",
-                "turn_deg_spread",
-                "one step",
-                size,
-                none + usual,
-                s0,
-                s1,
-                only_above(size - usual),
-                count,
-            )
-        )
+                place, "impact", "turn_deg_spread", "one step", size, expected, *span,
+                only_above(score), count,
+            ),
+        ]  # fmt: skip
     return found
 
 

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from sassgis.gap.observations.campaign import errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.free_run import AtStations, FreeRun, observed_end
-from sassgis.gap.residuals.one_step import impacts_in_flight, rebound_draws, usable_impacts
+from sassgis.gap.residuals.one_step import (
+    impacts_in_flight,
+    rebound_draws,
+    turn_error,
+    turn_of_lines,
+    usable_impacts,
+)
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 
@@ -156,9 +162,10 @@ def _impacts(
         out.append({
             **common, "quantity": np.array(name), "observed": observed, "predicted": mean, "sd": sd,
         })  # fmt: skip
+    line_turn = turn_of_lines(case, seen.rock, seen.s)
     turn = {
-        "quantity": np.array("turn_deg"), "observed": own.turn_deg,
-        "predicted": np.zeros(own.turn_deg.size), "sd": np.array(errors_of(case).turn_deg),
+        "quantity": np.array("turn_deg"), "observed": own.turn_deg, "predicted": line_turn,
+        "sd": turn_error(case, line_turn),
     }  # fmt: skip
     return [*out, {**common, **turn}]
 

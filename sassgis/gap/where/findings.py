@@ -16,27 +16,13 @@ import numpy as np
 from sassgis.gap.diagnosis import GapFinding, Range
 from sassgis.gap.inference.rock_tests import false_discovery_adjusted, mean_gap_tests
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.flights import path_residuals
-from sassgis.gap.residuals.free_run import (
-    FreeRun,
-    RunModel,
-    free_run,
-    free_run_residuals,
-    observed_at_stations,
-)
-from sassgis.gap.residuals.one_step import impact_residuals
-from sassgis.gap.residuals.reaches import reach_residuals
 from sassgis.gap.residuals.residuals import Residual
-from sassgis.model.effects import EffectSettings
+from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray
-from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest
 from sassgis.terrain.flatten import chainage_to_xy
 
 #: Findings that rest on fewer rocks are left out.
 LEAST_ROCKS = 5
-#: Orientations and slopes drawn for each observed impact.
-IMPACT_DRAWS = 64
 #: Chance of a false finding among all that is taken for the place of the gap.
 LEVEL = 0.05
 #: Reaches in which the gap is less sure than this share of the surest are not where it begins.
@@ -44,29 +30,15 @@ _SHARE = 0.4
 
 
 def where(
-    case: Case,
-    table: GroundTable,
-    *,
-    seed: int,
-    effects: EffectSettings | None = None,
-    forest: Forest | None = None,
-    replicates: int = 20,
-    draws: int = 999,
+    case: Case, residuals: ResidualTable, *, seed: int, draws: int = 999
 ) -> tuple[GapFinding, ...]:
     """Find where observation and model differ.
 
     Parameters
     ----------
     case : Case
-    table : GroundTable
-        Ground classes of the model, calibrated.
+    residuals : ResidualTable
     seed : int
-    effects : EffectSettings, optional
-        Of the model; default: those of the configuration.
-    forest : Forest, optional
-        On the cells of the grid, in place of that of the configuration.
-    replicates : int
-        Runs of each rock.
     draws : int
         For the tests and the intervals.
 
@@ -75,38 +47,8 @@ def where(
     tuple of GapFinding
         Most certain first; quantities that fewer than five rocks have are left out.
     """
-    rng = np.random.default_rng([seed, 31])
-    model = RunModel.of(case, table, effects, forest, seed)
-    run = free_run(case, model, replicates)
-    seen = observed_at_stations(case)
-    edges = reach_edges(case, run)
-    residuals = [
-        *free_run_residuals(case, model, seen, run, rng=rng),
-        *reach_residuals(case, model, seen, run, edges, rng=rng),
-        *path_residuals(case, model, edges, run.axes_m),
-    ]
-    residuals += impact_residuals(
-        case, table, run.axes_m, edges, model.effects, draws=IMPACT_DRAWS, rng=rng
-    )
-    return findings_of(case, residuals, draws=draws, rng=rng)
-
-
-def reach_edges(case: Case, run: FreeRun) -> FloatArray:
-    """Chainages between which reaches lie, mean over rocks (m), shape (n_reaches, 2).
-
-    The last reach ends where the last rock lies, observed or simulated.
-    """
-    start = float(case.start.mean())
-    s = case.station_s
-    known = np.isfinite(s)
-    middle = np.where(known, s, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    ends = [np.quantile(run.runout_m, 0.99)]
-    deposits = case.projected.get("deposits")
-    if deposits is not None and np.isfinite(deposits.s).any():
-        ends.append(np.nanmax(deposits.s))
-    last = max(float(max(ends)), float(middle[-1]) + 1.0 if middle.size else start + 1.0)
-    at = np.concatenate([[start], middle, [last]])
-    return np.column_stack([at[:-1], at[1:]])
+    rng = np.random.default_rng([seed, 33])
+    return findings_of(case, residuals.rows, draws=draws, rng=rng)
 
 
 def findings_of(

@@ -1,10 +1,9 @@
-"""What each cause leaves behind and no adjustment of the contact can imitate.
+"""What each cause leaves behind, as numbers whose mean is zero where the cause is absent.
 
-A fingerprint is one number per rock (or per group of rocks) whose mean is zero where its cause is
-absent. All are tested together by flips of the signs of whole groups, which needs no synthetic
-site; the p values are those of the largest among them (Westfall and Young 1993). Before that the
-ground and the contact have taken what they can: residuals of impacts are left over from a smooth
-function of the state before the impact, ground by ground.
+A fingerprint is one number per rock (or per group of rocks); its z is that of the mean over the
+groups, with the errors of measurement, of the comparison, and of stated errors that may be wrong
+taken off before. No synthetic site is needed for it. The p values are those of Student's t over
+groups, adjusted for the number of fingerprints (Holm 1979).
 """
 
 from __future__ import annotations
@@ -14,13 +13,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
 
 from sassgis.gap.diagnosis import Fingerprint
-from sassgis.gap.inference.rock_tests import max_t_adjusted, t_statistics
+from sassgis.gap.inference.rock_tests import holm_adjusted, t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.residuals import per_rock
+from sassgis.gap.residuals.residuals import Residual, per_rock
 from sassgis.gap.residuals.steps import StepTable
+from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Density of air (kg/m³), and the drag coefficient beyond which it is not air that brakes a rock.
@@ -33,9 +35,14 @@ _LEAST_DRAG = 1.0
 _FREE = 0.15
 #: Turn of the path that fall lines and straight flights make by themselves (m per m).
 _STRAIGHT = 0.06
-#: Share of rocks that may be missing, and extra blocks for each rock, that say nothing; blocks
-#: lighter than this share of a rock are chips, which do not count.
-_FEW_MISSING, _FEW_CHIPS, _CHIP = 0.03, 0.15, 0.005
+#: Least error of a mass, share of the released mass below which nothing is said, and draws of the
+#: errors.
+_LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.01, 200
+#: Share of the released mass that must lack before rocks are looked for that left the ground.
+_LOST = 0.01
+#: Shift, in standard deviations, up to which a comparison may be off by itself; product of
+#: neighbouring residuals that restarts from slightly wrong states make.
+_SHIFT, _MADE_UP = 0.15, 0.1
 #: Loss of the energy of a flight, and in standard deviations, from which something was struck.
 _STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
 #: Stated errors of measurement may be wrong by this share of themselves.
@@ -50,90 +57,98 @@ _HARD = ("rock", "asphalt")
 class _Scores:
     effect: str
     statistic: str
-    scores: FloatArray  # shape (n_rocks,)
+    scores: FloatArray  # shape (n_rocks,); or (1,): a z that has its own null
     value: float
 
 
-_Maker = Callable[[Case, StepTable], list[_Scores]]
+_Maker = Callable[[Case, ResidualTable], list[_Scores]]
 
 
 def fingerprints(
-    case: Case,
-    steps: StepTable,
-    *,
-    rng: np.random.Generator,
-    group: IntArray | None = None,
-    draws: int = 999,
+    case: Case, residuals: ResidualTable, *, group: IntArray | None = None
 ) -> tuple[Fingerprint, ...]:
-    """Test every fingerprint on a table of residuals.
+    """Test every fingerprint on the residuals of a case.
 
     Parameters
     ----------
     case : Case
-    steps : StepTable
-    rng : numpy.random.Generator
+    residuals : ResidualTable
+        Of the calibrated base.
     group : int64, shape (n_rocks,), optional
         What is resampled together (block, day, source); default: every rock by itself.
-    draws : int
 
     Returns
     -------
     tuple of Fingerprint
         The most certain first; those that cannot be seen last.
     """
-    found = [one for make in _MAKERS for one in make(case, steps)]
     cluster = np.arange(case.n_rocks) if group is None else group
     number = np.unique(cluster, return_inverse=True)[1]
-    columns = [per_rock(f.scores, number, int(number.max()) + 1) for f in found]
-    usable = [f for f, c in zip(found, columns, strict=True) if np.isfinite(c).sum() >= LEAST]
-    columns = [c for c in columns if np.isfinite(c).sum() >= LEAST]
-    out: list[Fingerprint] = []
-    if usable:
-        values = np.column_stack(columns)
-        z = np.nan_to_num(t_statistics(values), posinf=99.0, neginf=-99.0)
-        adjusted = _one_sided(values, z, draws, rng)
-        out = [
-            Fingerprint(
-                f.effect,
-                f.statistic,
-                f.value,
-                float(z[i]),
-                float(adjusted[i]),
-                True,
-                int(np.isfinite(values[:, i]).sum()),
-            )
-            for i, f in enumerate(usable)
-        ]
-    seen = {f.effect for f in out}
-    for effect, what in STATISTICS.items():
-        if effect not in seen:
-            out.append(Fingerprint(effect, what, math.nan, math.nan, math.nan, False, 0))
+    found: dict[str, tuple[_Scores, float, float, int]] = {}
+    for one in (f for make in _MAKERS for f in make(case, residuals)):
+        z, p, n = _tested(one, number)
+        if math.isfinite(z):
+            found[one.statistic] = one, z, p, n
+    adjusted = holm_adjusted(np.array([p for _, _, p, _ in found.values()]))
+    out = [
+        Fingerprint(one.effect, name, one.value, z, float(p), True, n)
+        for (name, (one, z, _, n)), p in zip(found.items(), adjusted, strict=True)
+    ]
+    for name, effect in STATISTICS.items():
+        if name not in found:
+            out.append(Fingerprint(effect, name, math.nan, math.nan, math.nan, False, 0))
     return tuple(sorted(out, key=lambda f: (not f.observable, f.p_adjusted, -f.z)))
 
 
-def _one_sided(
-    values: FloatArray, z: FloatArray, draws: int, rng: np.random.Generator
-) -> FloatArray:
-    """P values of the largest z, by flips of the signs of whole groups."""
-    signs = rng.choice((-1.0, 1.0), size=(draws, len(values)))
-    null = np.array([t_statistics(values * s[:, None]) for s in signs])
-    return max_t_adjusted(z, np.nan_to_num(null, nan=-np.inf))
+def _tested(one: _Scores, group: IntArray) -> tuple[float, float, int]:
+    """Z of the mean over groups, one-sided p, and groups that have a value."""
+    if one.scores.size == 1:
+        z = float(one.scores[0])
+        return z, float(stats.norm.sf(z)), int(group.max()) + 1
+    values = per_rock(one.scores, group, int(group.max()) + 1)
+    n = int(np.isfinite(values).sum())
+    if n < LEAST:
+        return math.nan, math.nan, n
+    t = float(np.clip(np.nan_to_num(t_statistics(values)[0], posinf=40.0, neginf=-40.0), -40, 40))
+    p = float(stats.t.sf(t, n - 1))
+    # The normal deviate of the same chance: a t of five rocks is not one of a hundred.
+    z = float(np.clip(stats.norm.isf(p), -12.0, 12.0)) if 0.0 < p < 1.0 else math.copysign(12.0, t)
+    return z, p, n
 
 
-#: What each effect is seen by.
+#: Every fingerprint, and the cause that it speaks for.
 STATISTICS: Mapping[str, str] = {
-    "measurement_error": "speeds against the distances between points of the path",
-    "release_error": "start, or first impact, against the stated start",
-    "air_drag": "energy lost in flight, over path and size, on every flight",
-    "trees": "energy lost at once, on few flights",
-    "fragmentation": "mass of whole rocks that is missing, and lies in pieces",
-    "entrainment": "mass that lies beyond what was released",
-    "lateral_deflection": "turn of the heading at impacts, or growth of the lateral offset",
-    "soft_ground": "rebound that is lost with the normal speed, on one ground alone",
-    "roughness": "scatter of the rebound, the more the smaller the rock",
-    "rock_shape": "energy kept, against the flatness of the rock",
-    "contact_law": "the same shift of the rebound for all sizes",
+    "speeds against distances in time, all rocks alike": "measurement_error",
+    "speeds against distances in time, each rock by its own share": "measurement_error",
+    "what is off at one station is made up for at the next": "measurement_error",
+    "first point of the path against the stated start": "release_error",
+    "offset at the first station, not growing below": "release_error",
+    "speed on the first reach, right on the others": "release_error",
+    "energy lost in flight, over path and size, on every flight": "air_drag",
+    "energy lost at once, on few flights": "trees",
+    "speed lost on one reach, right on the others": "trees",
+    "mass of whole rocks that is missing, and lies in pieces": "fragmentation",
+    "mass that lies beyond what was released": "entrainment",
+    "turn of the heading at impacts": "lateral_deflection",
+    "growth of the lateral offset between stations": "lateral_deflection",
+    "lateral offset of stops": "lateral_deflection",
+    "rebound lost with the normal speed, on one ground alone": "soft_ground",
+    "large rocks stop early at the foot": "soft_ground",
+    "scatter of the rebound": "roughness",
+    "scatter of the rebound, the more the smaller the rock": "roughness",
+    "small rocks slow on all reaches": "roughness",
+    "rebound against the flatness of the rock": "rock_shape",
+    "flat rocks slow and early to stop": "rock_shape",
+    "shift of the normal speed after impacts": "contact_law",
+    "shift of the tangential speed after impacts": "contact_law",
+    "shift of the spin after impacts": "contact_law",
+    "shift of the speed on reaches, for all sizes": "contact_law",
+    "shift of the height on reaches, for all sizes": "contact_law",
 }
+
+
+def _score(statistic: str, scores: FloatArray, value: float) -> _Scores:
+    return _Scores(STATISTICS[statistic], statistic, scores, float(value))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -154,7 +169,7 @@ def _paths(case: Case) -> dict[int, IntArray]:
     return {int(rock[rows[0]]): rows for rows in np.split(order, edges) if rows.size}
 
 
-def _measurement(case: Case, steps: StepTable) -> list[_Scores]:
+def _measurement(case: Case, residuals: ResidualTable) -> list[_Scores]:
     """Speeds as stated over those from positions and times: their mean, and their scatter."""
     track = case.observations.trajectories
     error = errors_of(case)
@@ -182,24 +197,21 @@ def _measurement(case: Case, steps: StepTable) -> list[_Scores]:
     middle = float(np.nanmedian(ratio))
     scale = np.abs(middle) - 0.05
     sign = math.copysign(1.0, middle)
-    scores = [
-        _Scores(
-            "measurement_error",
+    return [
+        _score(
             "speeds against distances in time, all rocks alike",
             sign * ratio - 0.05,
             scale,
         ),
-        _Scores(
-            "measurement_error",
+        _score(
             "speeds against distances in time, each rock by its own share",
             np.abs(ratio - middle) - (1.0 + _MISSTATED) * usual,
             float(np.nanstd(ratio)),
         ),
     ]
-    return scores
 
 
-def _release(case: Case, steps: StepTable) -> list[_Scores]:
+def _release(case: Case, residuals: ResidualTable) -> list[_Scores]:
     """Where a rock is at first, against where it is said to have been released."""
     rocks = case.observations.rocks
     n, error = case.n_rocks, errors_of(case)
@@ -217,15 +229,14 @@ def _release(case: Case, steps: StepTable) -> list[_Scores]:
     found = []
     if np.isfinite(off).sum() >= LEAST:
         found.append(
-            _Scores(
-                "release_error",
+            _score(
                 "first point of the path against the stated start",
                 off - usual,
                 float(np.nanmean(off)),
             )
         )
     # Offset at the first station, and how it grows from there: an error of the start does not.
-    seen = steps.of("run", "lateral_m")
+    seen = residuals.steps.of("run", "lateral_m")
     at = np.full((n, len(case.station_names)), np.nan)
     at[seen.rock, seen.station] = seen.observed
     if at.shape[1] >= 2:
@@ -248,9 +259,9 @@ def _release(case: Case, steps: StepTable) -> list[_Scores]:
 # Along the way
 
 
-def _flight(case: Case, steps: StepTable) -> list[_Scores]:
+def _flight(case: Case, residuals: ResidualTable) -> list[_Scores]:
     """Losses in flight: on every flight with path over size (air), at once on few (stems)."""
-    rows = steps.of("flight", "energy_jpkg")
+    rows = residuals.steps.of("flight", "energy_jpkg")
     if len(rows) < 2 * LEAST:
         return []
     n = case.n_rocks
@@ -268,9 +279,8 @@ def _flight(case: Case, steps: StepTable) -> list[_Scores]:
     middle = float(np.median(loss / rows.sd))
     struck = (share > _STRUCK_SHARE) & (usual - max(middle, 0.0) > _STRUCK_SD)
     found = [
-        _Scores(
-            "trees",
-            STATISTICS["trees"],
+        _score(
+            "energy lost at once, on few flights",
             per_rock(struck.astype(np.float64) - 0.01, rows.rock, n),
             float(struck.mean()),
         )
@@ -278,9 +288,8 @@ def _flight(case: Case, steps: StepTable) -> list[_Scores]:
     if kept.sum() >= 2 * LEAST and drag <= MOST_DRAG:
         left = weight * (loss - _LEAST_DRAG * pull)
         found.append(
-            _Scores(
-                "air_drag",
-                STATISTICS["air_drag"],
+            _score(
+                "energy lost in flight, over path and size, on every flight",
                 per_rock(np.where(kept, left, np.nan), np.where(kept, rows.rock, -1), n),
                 drag,
             )
@@ -288,16 +297,15 @@ def _flight(case: Case, steps: StepTable) -> list[_Scores]:
     return found
 
 
-def _lateral(case: Case, steps: StepTable) -> list[_Scores]:
-    n = case.n_rocks
+def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:
+    n, steps = case.n_rocks, residuals.steps
     rows = steps.of("impact", "turn_deg")
     found = []
     if len(rows) >= LEAST:
-        size = np.abs(rows.observed)
+        size = np.abs(rows.observed - rows.predicted)
         usual = (1.0 + _MISSTATED) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
         found.append(
-            _Scores(
-                "lateral_deflection",
+            _score(
                 "turn of the heading at impacts",
                 per_rock(size - usual, rows.rock, n),
                 float(size.mean()),
@@ -306,26 +314,24 @@ def _lateral(case: Case, steps: StepTable) -> list[_Scores]:
     rows = steps.of("run", "lateral_m")
     at = np.full((n, len(case.station_names)), np.nan)
     at[rows.rock, rows.station] = rows.observed
-    if at.shape[1] >= 2 and not found:
+    if len(rows) and at.shape[1] >= 2:
         # Between stations a path leaves its fall line also by flying straight.
         apart = np.diff(case.station_s, axis=1)
         step = np.maximum(np.abs(np.diff(at, axis=1)) - _STRAIGHT * apart, 0.0)
         side = float(rows.sd[0]) if len(rows) else math.nan
-        mean = np.nanmean(np.where(np.isfinite(step), step, np.nan), axis=1) if step.size else step
+        mean = _row_means(step)
         found.append(
-            _Scores(
-                "lateral_deflection",
+            _score(
                 "growth of the lateral offset between stations",
                 mean - 0.8 * math.sqrt(2.0) * (1.0 + _MISSTATED) * side,
                 float(np.nanmean(mean)),
             )
         )
     rows = steps.of("stop", "lateral_m")
-    if len(rows) and at.shape[1] == 0:
+    if len(rows):
         size = np.abs(rows.observed) - 0.8 * (1.0 + _MISSTATED) * rows.sd
         found.append(
-            _Scores(
-                "lateral_deflection",
+            _score(
                 "lateral offset of stops",
                 per_rock(size, rows.rock, n),
                 float(np.abs(rows.observed).mean()),
@@ -338,32 +344,30 @@ def _lateral(case: Case, steps: StepTable) -> list[_Scores]:
 # Mass budget
 
 
-def _masses(case: Case, steps: StepTable) -> list[_Scores]:
+def _masses(case: Case, residuals: ResidualTable) -> list[_Scores]:
     """Mass of the blocks that lie against that of the rocks, whatever they are called.
 
-    Blocks are matched with rocks by their masses alone, the largest first. A rock that finds no
-    block of its mass is missing; blocks that find no rock are extra. Pieces are extra mass up to
-    what is missing; beyond that, mass came from the slope.
+    Rocks and blocks are ranked by mass. Where rocks broke the blocks of their ranks are too light,
+    and what they lack lies in blocks beyond the number of rocks. Where blocks were set off there is
+    more mass than came down. The null is that of the errors of the masses alone.
     """
-    rows = observed_blocks(case)
-    mass = case.mass_kg
-    if rows is None or not np.isfinite(mass).all() or not np.isfinite(rows).all():
+    blocks, rocks = observed_blocks(case), case.mass_kg
+    if blocks is None or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
         return []
-    error = 3.0 * math.sqrt(2.0) * errors_of(case).mass_rel * (1.0 + _MISSTATED)
-    missing, extra = matched(mass, rows, error)
-    gone, loose = float(mass[missing].sum()), float(extra.sum())
-    # Pieces can explain a rock that is missing only if their masses are of its order.
-    in_pieces = min(1.0, loose / gone) if gone > 0.0 else 0.0
-    broken: FloatArray = missing * float(in_pieces) - _FEW_MISSING
-    # Of the extra blocks the largest ones may be what is left of missing rocks.
-    large = np.sort(extra[extra > _CHIP * float(np.median(mass))])[::-1]
-    spare = int((np.cumsum(large) > gone).sum())
-    added: FloatArray = (np.arange(case.n_rocks) < spare).astype(np.float64) - _FEW_CHIPS
+    if blocks.sum() < (1.0 - _LOST) * rocks.sum():
+        rocks = rocks[~_gone(case)]
+    if rocks.size < LEAST:
+        return []
+    error = max(errors_of(case).mass_rel * (1.0 + _MISSTATED), _LEAST_MASS_ERROR)
+    rng = np.random.default_rng(1986)
+    drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
+    null = np.array([mass_budget(rocks, one) for one in drawn])
+    middle, spread = null.mean(axis=0), null.std(axis=0) + _LEAST_MASS
+    z = np.clip((np.array(mass_budget(rocks, blocks)) - middle) / spread, -12.0, 12.0)
+    value = mass_budget(rocks, blocks)
     return [
-        _Scores("fragmentation", STATISTICS["fragmentation"], broken, float(missing.mean())),
-        _Scores(
-            "entrainment", STATISTICS["entrainment"], added, (loose - gone) / float(mass.sum())
-        ),
+        _score("mass of whole rocks that is missing, and lies in pieces", z[:1], value[0]),
+        _score("mass that lies beyond what was released", z[1:], value[1]),
     ]
 
 
@@ -376,108 +380,122 @@ def observed_blocks(case: Case) -> FloatArray | None:
     return mass
 
 
-def matched(rocks: FloatArray, blocks: FloatArray, error: float) -> tuple[np.ndarray, FloatArray]:
-    """Match blocks with rocks by mass.
+def _gone(case: Case) -> NDArray[np.bool_]:
+    """Rocks that passed the last station whole and lie nowhere: they left the surveyed ground."""
+    gone = np.zeros(case.n_rocks, bool)
+    seen = case.observations
+    if not case.station_names or not len(seen.passages):
+        return gone
+    tolerance = 3.0 * math.sqrt(2.0) * max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
+
+    def whole(table: str, mass: FloatArray) -> IntArray:
+        rock = seen.rock_of(table)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            same = np.abs(np.log(mass / case.mass_kg[np.maximum(rock, 0)])) < tolerance
+        return np.where((rock >= 0) & (same | ~np.isfinite(mass)), rock, -1)
+
+    last = seen.passages.station == case.station_names[-1]
+    passed = whole("passages", seen.passages.mass_kg)[last]
+    lying = whole("deposits", seen.deposits.mass_kg)
+    gone[passed[passed >= 0]] = True
+    gone[lying[lying >= 0]] = False
+    return gone
+
+
+def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
+    """Shares of the released mass that are missing and lie in pieces, and that came in addition.
 
     Parameters
     ----------
     rocks, blocks : float64
-        Masses (kg).
-    error : float
-        Largest difference of the logarithms of two masses that are the same.
-
-    Returns
-    -------
-    missing : bool, shape (n_rocks,)
-        Rocks without a block of their mass.
-    extra : float64
-        Masses of blocks without a rock (kg).
+        Masses (kg), in any order.
     """
-    missing = np.ones(rocks.size, bool)
-    order = np.argsort(-rocks)
-    free = np.sort(blocks)[::-1].tolist()
-    extra = []
-    k = 0
-    for block in free:
-        while k < order.size and math.log(rocks[order[k]] / block) > error:
-            k += 1
-        if k < order.size and abs(math.log(rocks[order[k]] / block)) <= error:
-            missing[order[k]] = False
-            k += 1
-        else:
-            extra.append(block)
-    return missing, np.array(extra)
+    if blocks.size <= rocks.size:
+        return 0.0, 0.0
+    n, total = rocks.size, float(rocks.sum())
+    released, lying = np.sort(rocks)[::-1], np.sort(blocks)[::-1]
+    lacking = float(np.maximum(released - lying[:n], 0.0).sum())
+    more = float(blocks.sum()) - total
+    # Of rocks that were not found the ranks lack as much as all blocks together. Five chips of a
+    # kilogram are no pieces of them.
+    broken = max(lacking - max(-more, 0.0), min(lacking, float(lying[n:].sum())))
+    return broken / total, more / total
 
 
 # ---------------------------------------------------------------------------------------------
 # Contact
 
 
-def _contact(case: Case, steps: StepTable) -> list[_Scores]:
+def _contact(case: Case, residuals: ResidualTable) -> list[_Scores]:
     """What is left of impacts after a smooth function of the state before them."""
-    n = case.n_rocks
-    found = []
+    n, steps = case.n_rocks, residuals.steps
     normal = steps.of("impact", "normal_speed_mps")
     if len(normal) < 4 * LEAST:
         return []
-    for name in ("normal_speed_mps", "tangential_speed_mps", "spin_out_radps"):
-        rows = steps.of("impact", name)
+    found = []
+    for quantity, name in (
+        ("normal_speed_mps", "normal speed"),
+        ("tangential_speed_mps", "tangential speed"),
+        ("spin_out_radps", "spin"),
+    ):
+        rows = steps.of("impact", quantity)
         if len(rows) < 4 * LEAST:
             continue
         z = np.clip(rows.z, -4.0, 4.0)
         mean = float(z.mean())
+        shifted = math.copysign(1.0, mean) * z - _SHIFT
         found.append(
-            _Scores(
-                "contact_law",
-                f"shift of {name.rsplit('_', 1)[0].replace('_', ' ')}",
-                per_rock(math.copysign(1.0, mean) * z - 0.15, rows.rock, n),
-                mean,
-            )
+            _score(f"shift of the {name} after impacts", per_rock(shifted, rows.rock, n), mean)
         )
-    own = steps.of("impact", "tangential_speed_mps")
-    z = np.clip(own.z, -4.0, 4.0)
-    left = z - _smooth(own, z)
-    flat = own.flatness - own.flatness.mean()
+    along = steps.of("impact", "tangential_speed_mps")
+    z = np.clip(along.z, -4.0, 4.0)
+    flat = _standardised(along.flatness)
+    left = (z - _smooth(along, z)) * flat
     found.append(
-        _Scores(
-            "rock_shape",
-            STATISTICS["rock_shape"],
-            per_rock(left * flat / max(flat.std(), 1e-9), own.rock, n),
-            float(np.mean(left * flat) / max(flat.std(), 1e-9)),
+        _score(
+            "rebound against the flatness of the rock", per_rock(left, along.rock, n), left.mean()
         )
     )
-    own = normal
-    z = np.clip(own.z, -4.0, 4.0)
-    left = z - _smooth(own, z)
+    z = np.clip(normal.z, -4.0, 4.0)
+    left = z - _smooth(normal, z)
     scatter = left**2 - 1.0
-    found.append(
-        _Scores(
-            "roughness",
-            STATISTICS["roughness"],
-            per_rock(scatter - 0.3, own.rock, n),
-            float(scatter.mean()),
-        )
-    )
-    # On one yielding ground alone: lost rebound that grows with the normal speed.
+    small = -_standardised(np.log(normal.radius_m))
+    found += [
+        _score("scatter of the rebound", per_rock(scatter - 0.3, normal.rock, n), scatter.mean()),
+        _score(
+            "scatter of the rebound, the more the smaller the rock",
+            per_rock((left**2 - np.mean(left**2)) * small, normal.rock, n),
+            float(np.mean(left**2 * small)),
+        ),
+    ]
+    return [*found, *_softer(case, normal, z)]
+
+
+def _softer(case: Case, normal: StepTable, z: FloatArray) -> list[_Scores]:
+    """On one yielding ground alone: lost rebound that grows with the normal speed."""
     best: _Scores | None = None
-    for k in np.unique(own.ground).tolist():
-        on = own.ground == k
+    for k in np.unique(normal.ground).tolist():
+        on = normal.ground == k
         if k < 0 or case.table.names[k] in _HARD or on.sum() < 3 * LEAST or on.all():
             continue
-        fast = np.log(np.maximum(own.vn_mps, 0.2))
-        fast = fast - fast[on].mean()
-        elsewhere = float(np.mean(z[~on])) if (~on).any() else 0.0
-        score = -(z - elsewhere)
-        lost = per_rock(np.where(on, score * np.exp(fast), np.nan), np.where(on, own.rock, -1), n)
-        one = _Scores(
-            "soft_ground",
-            f"lost rebound on {case.table.names[k]} alone",
-            lost - 0.3,
-            float(np.nanmean(score[on])),
+        fast = np.log(np.maximum(normal.vn_mps, 0.2))
+        score = -(z - float(np.mean(z[~on]))) * np.exp(fast - fast[on].mean())
+        own = np.where(on, normal.rock, -1)
+        lost = per_rock(np.where(on, score, np.nan), own, case.n_rocks) - 0.3
+        one = _score(
+            "rebound lost with the normal speed, on one ground alone", lost, score[on].mean()
         )
-        if best is None or one.value > best.value:
+        if best is None or np.nan_to_num(t_statistics(one.scores)[0]) > np.nan_to_num(
+            t_statistics(best.scores)[0]
+        ):
             best = one
-    return [*found, *([best] if best else [])]
+    return [best] if best else []
+
+
+def _standardised(values: FloatArray) -> FloatArray:
+    spread = float(np.nanstd(values))
+    result: FloatArray = (values - np.nanmean(values)) / spread if spread > 0.0 else 0.0 * values
+    return result
 
 
 def _smooth(rows: StepTable, z: FloatArray) -> FloatArray:
@@ -491,4 +509,133 @@ def _smooth(rows: StepTable, z: FloatArray) -> FloatArray:
     return fitted
 
 
-_MAKERS: Sequence[_Maker] = (_measurement, _release, _flight, _lateral, _masses, _contact)
+# ---------------------------------------------------------------------------------------------
+# Reaches
+
+
+def _reaches(case: Case, residuals: ResidualTable) -> list[_Scores]:
+    """Runs that start again at each station: what they lack there, and on which rocks."""
+    legs = [r for r in residuals.rows if r.test == "reach" and r.phase != "release"]
+    # Relative, so that fast reaches do not outweigh the others.
+    speed = _table(legs, "speed_mps", relative=True)
+    height = _table(legs, "height_m", relative=False)
+    foot = _table(legs, "runout_m", relative=False)
+    size = _standardised(np.log(residuals.run.radius_m))
+    axes = residuals.run.axes_m.mean(axis=1)
+    flat = -_standardised(axes[:, 2] / np.sqrt(axes[:, 0] * axes[:, 1]))
+    found: list[_Scores] = []
+    if speed.shape[1]:
+        own = speed / np.maximum(np.nanstd(speed, axis=0), 0.05)
+        mean = _row_means(own)
+        centred = own - np.nanmean(own, axis=0)
+        shift = float(np.nanmean(speed))
+        found += [
+            _score(
+                "shift of the speed on reaches, for all sizes",
+                math.copysign(1.0, shift) * mean - _SHIFT,
+                shift,
+            ),
+            _score(
+                "small rocks slow on all reaches",
+                _row_means(centred) * size,
+                float(np.nanmean(_row_means(centred) * size)),
+            ),
+        ]
+        found += _one_reach(own, size)
+        found += _made_up(_table(legs, "speed_mps", relative=True), "speed")
+    if height.shape[1]:
+        own = height / np.maximum(np.nanstd(height, axis=0), 0.05)
+        shift = float(np.nanmean(own))
+        found.append(
+            _score(
+                "shift of the height on reaches, for all sizes",
+                math.copysign(1.0, shift) * _row_means(own) - _SHIFT,
+                shift,
+            )
+        )
+    both = [t / np.maximum(np.nanstd(t, axis=0), 1e-3) for t in (speed, foot) if t.shape[1]]
+    if both:
+        all_ = np.column_stack(both)
+        late = _row_means(all_ - np.nanmean(all_, axis=0))
+        found.append(
+            _score(
+                "flat rocks slow and early to stop", -late * flat, float(-np.nanmean(late * flat))
+            )
+        )
+    if foot.shape[1]:
+        late = _row_means(foot / np.maximum(np.nanstd(foot, axis=0), 1.0))
+        late = (late - np.nanmean(late)) * size
+        found.append(_score("large rocks stop early at the foot", -late, float(-np.nanmean(late))))
+    return found
+
+
+def _table(rows: Sequence[Residual], quantity: str, *, relative: bool) -> FloatArray:
+    """Gaps of one quantity, shape (n_rocks, n_reaches), where enough rocks have one."""
+    own = [r for r in rows if r.quantity == quantity]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        columns = [r.gap / r.predicted if relative else r.gap for r in own]
+    columns = [np.clip(c, -2.0, 2.0) if relative else c for c in columns]
+    columns = [c for c in columns if np.isfinite(c).sum() >= LEAST]
+    return np.column_stack(columns) if columns else np.zeros((0, 0))
+
+
+def _row_means(values: FloatArray) -> FloatArray:
+    known = np.isfinite(values)
+    with np.errstate(invalid="ignore"):
+        means: FloatArray = np.where(known, values, 0.0).sum(axis=1) / known.sum(axis=1)
+    return means
+
+
+def _one_reach(speed: FloatArray, size: FloatArray) -> list[_Scores]:
+    """Speed that is lost on one reach alone; the first is that of the release."""
+    if speed.shape[1] < 2:
+        return []
+    found = []
+    best: tuple[float, FloatArray] | None = None
+    for k in range(speed.shape[1]):
+        others = _row_means(np.delete(speed, k, axis=1))
+        contrast = speed[:, k] - others
+        if k == 0:
+            sign = math.copysign(1.0, float(np.nanmean(contrast)))
+            found.append(
+                _score(
+                    "speed on the first reach, right on the others",
+                    sign * contrast - _SHIFT,
+                    float(np.nanmean(contrast)),
+                )
+            )
+            continue
+        t = float(np.nan_to_num(t_statistics(-contrast)[0]))
+        if best is None or t > best[0]:
+            best = t, -contrast - _SHIFT
+    if best is not None:
+        value = float(np.nanmean(best[1]))
+        found.append(_score("speed lost on one reach, right on the others", best[1], value))
+    return found
+
+
+def _made_up(gap: FloatArray, _name: str) -> list[_Scores]:
+    """An error of the measurement at a station is one of the start of the next reach as well."""
+    if gap.shape[1] < 2:
+        return []
+    own = gap - np.nanmean(gap, axis=0)
+    own = own / np.maximum(np.nanstd(own, axis=0), 0.02)
+    product = _row_means(-own[:, :-1] * own[:, 1:])
+    return [
+        _score(
+            "what is off at one station is made up for at the next",
+            product - _MADE_UP,
+            float(np.nanmean(product)),
+        )
+    ]
+
+
+_MAKERS: Sequence[_Maker] = (
+    _measurement,
+    _release,
+    _flight,
+    _lateral,
+    _masses,
+    _contact,
+    _reaches,
+)

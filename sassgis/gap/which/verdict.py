@@ -42,26 +42,27 @@ _LARGE = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Thresholds:
-    """What was set before worlds were looked at, and is frozen for all that is reported.
+    """What was set on sites of development, and is frozen for all that is reported.
 
     Attributes
     ----------
     level : float
-        Adjusted p value of a fingerprint up to which its cause may be named.
+        Adjusted p value up to which a fingerprint is significant.
+    named : float
+        Probability from which a family is named.
+    grouped : float
+        Probability of all families of a group together from which the group is certain.
     second : float
         z of a second fingerprint, of another group, from which two causes are named.
-    beside_contact : float
-        A cause at the contact is named only if its z exceeds that of a mere shift of the contact
-        law less this.
-    aside : float
-        Lateral deflection is named before the contact law if its z exceeds that by this: any law
-        of the contact turns paths a little.
+    covered : float
+        Probability of the causes in the confusion set together.
     """
 
     level: float = 0.01
+    named: float = 0.6
+    grouped: float = 0.7
     second: float = 6.0
-    beside_contact: float = 1.5
-    aside: float = 4.0
+    covered: float = 0.95
 
 
 def group_of(effect: str) -> str:
@@ -90,131 +91,138 @@ def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
     return best
 
 
-def causes_of(
-    prints: Sequence[Fingerprint], thresholds: Thresholds, tried: Sequence[str]
-) -> list[str]:
-    """Causes whose fingerprint is significant and no mere consequence of another cause.
+def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Fingerprint]:
+    """The surest fingerprint of each cause that has a significant one."""
+    return {n: f for n, f in strongest(prints).items() if f.p_adjusted <= level and f.z > 0.0}
+
+
+def second_of(
+    first: str, prints: Sequence[Fingerprint], thresholds: Thresholds, tried: Sequence[str]
+) -> str:
+    """A second cause beside the first, whose fingerprint is none of its consequences; "" if none.
 
     Parameters
     ----------
+    first : str
+        A family.
     prints : sequence of Fingerprint
     thresholds : Thresholds
     tried : sequence of str
         Families that may be named.
     """
-    best = {
+    sure = {
         name: one
-        for name, one in strongest(prints).items()
-        if one.p_adjusted <= thresholds.level and one.z > 0.0
-        and (name in tried or name == CONTACT_LAW)
-    }  # fmt: skip
-    law = best.get(CONTACT_LAW)
-    found: list[str] = []
-    hidden: set[str] = set()
-    for group, names in GROUPS.items():
-        own = sorted((n for n in names if n in best), key=lambda n: -best[n].z)
-        if group == "contact" and law is not None:
-            side = best.get("lateral_deflection")
-            if side is not None and side.z > law.z + thresholds.aside and "sideways" not in hidden:
-                continue
-            others = [n for n in own if n != CONTACT_LAW]
-            near = law.z - thresholds.beside_contact
-            own = [n for n in others if best[n].z >= near] or [CONTACT_LAW]
-        if own and group not in hidden:
-            found.append(own[0])
-            hidden.update(_FOLLOWS[group])
-    return found
+        for name, one in significant(prints, thresholds.level).items()
+        if one.z >= thresholds.second and name in tried
+    }
+    hidden = {group_of(first), *_FOLLOWS[group_of(first)]}
+    for name in sure:
+        # What another sure cause brings about by itself is no cause of its own either.
+        hidden |= set(_FOLLOWS[group_of(name)]) - {group_of(first)}
+    others = [n for n in sure if group_of(n) not in hidden]
+    return max(others, key=lambda n: sure[n].z, default="")
 
 
 def decide(
     prints: Sequence[Fingerprint],
+    shares: Mapping[str, float],
     findings: Sequence[GapFinding],
     closes_at_most: float | None,
     thresholds: Thresholds,
-    tried: Sequence[str],
-) -> tuple[str, str]:
-    """Answer and reason.
+) -> tuple[str, str, str]:
+    """Answer, its group, and the reason.
 
     Parameters
     ----------
     prints : sequence of Fingerprint
+    shares : mapping
+        Probability of each family that may be named and of "none".
     findings : sequence of GapFinding
         Of the calibrated base.
     closes_at_most : float or None
-        Upper limit of the shrinkage by the best cause, on held-out rocks; None where it is
-        withheld.
+        Upper limit of the shrinkage by the most probable family, on held-out rocks; None where it
+        is withheld.
     thresholds : Thresholds
-    tried : sequence of str
 
     Returns
     -------
     effect : str
         "none", "unknown", "contact_law", a family or a pair.
+    group : str
+        "" for none, and where not even the group is certain.
     reason : str
     """
-    causes = causes_of(prints, thresholds, tried)
-    if not causes:
-        if adequate(findings):
-            return NONE, (
-                "no cause leaves a fingerprint, and no gap of the calibrated base is both "
-                "significant and large"
+    tried = [name for name in shares if name != NONE]
+    best = strongest(prints)
+    first = max(tried, key=lambda n: shares[n], default="")
+    if first and shares[first] >= thresholds.named and first in best:
+        if closes_at_most is not None and closes_at_most < 0.0:
+            return (
+                UNKNOWN,
+                "",
+                (
+                    f"the fingerprints are those of {first.replace('_', ' ')}, but the effect "
+                    "certainly closes none of the gap on rocks that took no part in its calibration"
+                ),
             )
-        return UNKNOWN, (
-            "gaps are significant and large, and no known cause leaves its fingerprint: these data "
-            "cannot answer which"
+        second = second_of(first, prints, thresholds, tried)
+        named = "+".join(sorted([first, second])) if second else first
+        return (
+            named,
+            group_of(named),
+            (
+                f"{shares[first]:.0%} probable by its fingerprints; the surest of its own: "
+                f"{best[first].statistic} (z = {best[first].z:.1f})"
+            ),
         )
-    best = strongest(prints)
-    first = causes[0]
-    if first == CONTACT_LAW:
-        return CONTACT_LAW, (
-            "the rebound is shifted in the same way for all sizes, as no ground parameter in its "
-            "range gives it"
+    together = {g: sum(shares.get(n, 0.0) for n in names) for g, names in GROUPS.items()}
+    group = max(together, key=lambda g: together[g])
+    if together[group] >= thresholds.grouped:
+        return (
+            UNKNOWN,
+            group,
+            (
+                f"a cause of the group {group} is {together[group]:.0%} probable; these data "
+                "cannot answer which"
+            ),
         )
-    if closes_at_most is not None and closes_at_most < 0.0:
-        return UNKNOWN, (
-            f"the fingerprint is that of {first.replace('_', ' ')}, but the effect certainly "
-            "closes none of the gap on held-out rocks"
+    if adequate(findings):
+        return (
+            NONE,
+            "",
+            (
+                "no cause is probable, and no gap of the calibrated base is both significant and "
+                "large"
+            ),
         )
-    more = [n for n in causes[1:] if n != CONTACT_LAW and best[n].z >= thresholds.second]
-    named = "+".join(sorted([first, *more[:1]]))
-    return named, f"it leaves its fingerprint ({best[first].statistic}, z = {best[first].z:.1f})"
+    if CONTACT_LAW in significant(prints, thresholds.level):
+        return (
+            CONTACT_LAW,
+            group_of(CONTACT_LAW),
+            (
+                "the motion is shifted in the same way for all sizes, as no ground parameter in "
+                "its range gives it"
+            ),
+        )
+    return (
+        UNKNOWN,
+        "",
+        (
+            "gaps are significant and large, and no known cause is probable: these data cannot "
+            "answer which"
+        ),
+    )
 
 
-def shares_of(prints: Sequence[Fingerprint], tried: Sequence[str]) -> dict[str, float]:
-    """Weights of the causes by their fingerprints, most likely first; they sum to one.
-
-    A fingerprint of z weighs exp(z), up to 7; one that cannot be seen weighs 1. "none" weighs what
-    the largest of a dozen does by chance, "unknown" 1. The weights order the causes; they are not
-    calibrated probabilities.
-    """
-    best = strongest(prints)
-    weight = {NONE: math.exp(2.5), UNKNOWN: 1.0}
-    for name in (*tried, CONTACT_LAW):
-        z = best[name].z if name in best else 0.0
-        weight[name] = math.exp(min(max(z, -3.0), 7.0))
-    total = sum(weight.values())
-    return {n: w / total for n, w in sorted(weight.items(), key=lambda item: -item[1])}
-
-
-def confusion_set(
-    effect: str, prints: Sequence[Fingerprint], tried: Sequence[str], thresholds: Thresholds
-) -> tuple[str, ...]:
-    """What these data do not distinguish from the answer, itself first.
-
-    Causes of the same group with a fingerprint that is nearly as sure, or that cannot be seen; and
-    those of other groups with a significant fingerprint of their own.
-    """
-    best = strongest(prints)
+def confusion_set(effect: str, shares: Mapping[str, float], covered: float) -> tuple[str, ...]:
+    """The answer, and the most probable causes until they are together as probable as asked."""
     held = effect.split("+")
-    group = group_of(effect)
-    for name in (*tried, CONTACT_LAW):
-        one = best.get(name)
-        if name in held:
-            continue
-        if one is None:
-            if effect == UNKNOWN or group_of(name) == group:
-                held.append(name)
-        elif one.p_adjusted <= thresholds.level or (group_of(name) == group and one.z > 2.0):
+    total = 0.0
+    for name, share in shares.items():
+        if total >= covered:
+            break
+        total += share
+        if name not in held:
             held.append(name)
     return tuple(held)
 
@@ -297,31 +305,38 @@ def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in case.reaches if name in set(found))
 
 
+def confidence_of(effect: str, shares: Mapping[str, float]) -> float:
+    """Probability of an answer; of one that names no family, that none of them is the cause."""
+    if effect in (UNKNOWN, CONTACT_LAW):
+        share = 1.0 - max((p for n, p in shares.items() if n != NONE), default=0.0)
+    else:
+        share = max((shares.get(n, 0.0) for n in effect.split("+")), default=0.0)
+    return float(min(share, 0.99))
+
+
 def verdict_of(
     prints: Sequence[Fingerprint],
+    shares: Mapping[str, float],
     closes_at_most: float | None,
     thresholds: Thresholds,
     case: Case,
     fitted: Sequence[Draw],
     findings: Sequence[GapFinding],
-    tried: Sequence[str],
 ) -> Verdict:
     """Put the answer together; parameters as for ``decide`` and ``place_of``."""
-    effect, reason = decide(prints, findings, closes_at_most, thresholds, tried)
-    shares = shares_of(prints, tried)
+    effect, group, reason = decide(prints, shares, findings, closes_at_most, thresholds)
     phase, segments = place_of(effect, case, fitted, findings)
-    law = CONTACT_LAW in causes_of(prints, thresholds, ())
-    held = adequate(findings)
+    law = CONTACT_LAW in significant(prints, thresholds.level)
     return Verdict(
         effect,
-        float(min(shares.get(effect.split("+")[0], 0.0), 0.99)),
-        confusion_set(effect, prints, tried, thresholds),
+        confidence_of(effect, shares),
+        confusion_set(effect, shares, thresholds.covered),
         phase,
         segments,
         reason,
         dict(shares),
-        group_of(effect),
-        CONTACT_LAW if law else "ground" if held else "unresolved",
+        group,
+        CONTACT_LAW if law else "ground" if adequate(findings) else "unresolved",
     )
 
 

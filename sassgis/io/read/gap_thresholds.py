@@ -9,6 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from sassgis.gap.which.cause_weights import CauseWeights, weights_of
 from sassgis.gap.which.verdict import Thresholds
 from sassgis.model.errors import InputError
 
@@ -48,6 +49,25 @@ def thresholds_of(content: dict[str, Any]) -> Thresholds:
     """The thresholds in the content of their file; what it does not name keeps its default."""
     names = {field.name for field in fields(Thresholds)}
     return Thresholds(**{k: v for k, v in content.items() if k in names})
+
+
+def cause_weights_of(content: dict[str, Any], file: Path | None = None) -> CauseWeights:
+    """The weights in the content of their file.
+
+    Raises
+    ------
+    InputError
+        If they are missing or no weights.
+    """
+    try:
+        return weights_of(content["weights"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            "weights of the fingerprints cannot be read",
+            file=file or THRESHOLDS,
+            field="weights",
+            found=repr(error),
+        ) from None
 
 
 def frozen_digest(file: Path | None = None) -> str:

@@ -40,7 +40,7 @@ def confusion_figure(worlds: NDArray[np.int64]) -> Figure:
 
     Parameters
     ----------
-    worlds : int64, shape (13, 14)
+    worlds : int64, shape (14, 15)
         Truth (``sassgis.gap.check.check_scores.ANSWERS`` without the last) by answer (``ANSWERS``).
 
     Returns

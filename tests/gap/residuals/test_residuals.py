@@ -15,7 +15,7 @@ from sassgis.engine.impact import SCALE, impact
 from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
 from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
-from sassgis.gap.where.findings import reach_edges
+from sassgis.gap.residuals.table import reach_edges
 
 #: Restitution, its speed, rolling threshold and rolling friction of a ground.
 MORE = (0.0, 9.144, 0.1, 0.5, 0.2, 0.3)

@@ -12,6 +12,7 @@ from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.diagnosis import GapFinding
+from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import LEAST_ROCKS, locate, where
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
@@ -25,7 +26,11 @@ def changed(name: str, **values: float) -> GroundTable:
 
 
 def found(case: Any, **kwargs: Any) -> tuple[GapFinding, ...]:
-    return where(case, TABLE, seed=3, draws=499, **kwargs)
+    return gaps(case, seed=3, draws=499, **kwargs)
+
+
+def gaps(case: Any, *, seed: int, draws: int, **kwargs: Any) -> tuple[GapFinding, ...]:
+    return where(case, residuals_of(case, TABLE, seed=seed, **kwargs), seed=seed, draws=draws)
 
 
 def one(findings: tuple[GapFinding, ...], place: str, quantity: str, test: str) -> GapFinding:
@@ -144,7 +149,7 @@ def test_nothing_is_found_where_nothing_is():
     """False findings among all of them in about one case of twenty."""
     false = 0
     for seed in range(40):
-        f = where(observed(40, 3000 + seed), TABLE, seed=seed, draws=299)
+        f = gaps(observed(40, 3000 + seed), seed=seed, draws=299)
         assert len(f) > 80
         false += f[0].p_adjusted < 0.05
     # More than this has a chance of 3 in 1000 at the level of 5 %.

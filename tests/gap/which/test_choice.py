@@ -25,19 +25,19 @@ from sassgis.gap.which.ensemble import (
 )
 from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.features import rock_quantities
+from sassgis.gap.which.fingerprints import STATISTICS
 from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw, families_to_try
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     Thresholds,
     adequate,
-    causes_of,
     confusion_set,
     decide,
     group_of,
     measure_next,
     reaches_between,
-    shares_of,
 )
+from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
 from sassgis.model.effects import EffectSettings
 from sassgis.model.settings import LateralDeflection
 
@@ -113,7 +113,7 @@ def test_reaches_and_measurements(problem: CalibrationProblem) -> None:
 
 
 def printed(effect: str, z: float, p: float = 0.001) -> Fingerprint:
-    return Fingerprint(effect, "what was looked at", 1.0, z, p, True, 30)
+    return Fingerprint(effect, f"what shows {effect}", 1.0, z, p, True, 30)
 
 
 def gap(size: float, p: float = 0.001) -> GapFinding:
@@ -125,41 +125,67 @@ def gap(size: float, p: float = 0.001) -> GapFinding:
     )  # fmt: skip
 
 
+def shares(**p: float) -> dict[str, float]:
+    """Probabilities, the rest shared by all other families and "none" at most."""
+    rest = (1.0 - sum(p.values())) / (len(FAMILIES) + 1 - len(p))
+    own = {name: p.get(name, rest) for name in (*FAMILIES, NONE)}
+    return dict(sorted(own.items(), key=lambda item: -item[1]))
+
+
+FROZEN = Thresholds(named=0.6, grouped=0.7)
+
+
+def answer(prints: list[Fingerprint], p: dict[str, float], gaps: list[GapFinding],
+           most: float | None = None) -> tuple[str, str]:  # fmt: skip
+    return decide(prints, p, gaps, most, FROZEN)[:2]
+
+
 def test_none_is_answered_only_where_the_base_is_adequate() -> None:
-    frozen = Thresholds()
-    weak = [printed("trees", 2.0, 0.3)]
-    assert decide(weak, [gap(0.2)], None, frozen, FAMILIES)[0] == NONE
-    assert decide(weak, [gap(0.8, 0.2)], None, frozen, FAMILIES)[0] == NONE
-    effect, reason = decide(weak, [gap(0.8)], None, frozen, FAMILIES)
-    assert effect == "unknown" and "cannot answer which" in reason
+    nothing = shares(none=0.9)
+    assert answer([], nothing, [gap(0.2)]) == (NONE, "")
+    assert answer([], nothing, [gap(0.8, 0.2)]) == (NONE, "")
+    assert answer([], nothing, [gap(0.8)]) == ("unknown", "")
+    law = [printed(CONTACT_LAW, 6.0)]
+    assert answer(law, nothing, [gap(0.8)]) == (CONTACT_LAW, "contact")
+    assert answer(law, nothing, [gap(0.2)]) == (NONE, "")
     assert adequate([gap(0.2)]) and not adequate([gap(-0.8)])
 
 
-def test_a_cause_is_named_by_its_fingerprint_and_not_by_what_follows_from_it() -> None:
-    frozen = Thresholds()
-    trees = [printed("trees", 5.0), printed("lateral_deflection", 9.0), printed(CONTACT_LAW, 7.0)]
-    assert causes_of(trees, frozen, FAMILIES) == ["trees"]
-    assert decide(trees, [gap(1.0)], 0.5, frozen, FAMILIES)[0] == "trees"
-    # Neither what was not tried, nor what certainly closes none of the gap.
-    assert decide(trees[:1], [gap(1.0)], 0.5, frozen, ("air_drag",))[0] == "unknown"
-    assert decide(trees, [gap(1.0)], -0.1, frozen, FAMILIES)[0] == "unknown"
+def test_a_family_is_named_where_it_is_probable_and_could_be_seen() -> None:
+    trees = shares(trees=0.8)
+    assert answer([printed("trees", 5.0)], trees, [gap(1.0)], 0.5) == ("trees", "along the way")
+    # Neither where its fingerprint cannot be seen, nor where it certainly closes none of the gap.
+    assert answer([printed("air_drag", 5.0)], trees, [gap(1.0)])[0] == "unknown"
+    assert answer([printed("trees", 5.0)], trees, [gap(1.0)], -0.1) == ("unknown", "")
+    two = shares(trees=0.45, air_drag=0.4)
+    assert answer([printed("trees", 5.0)], two, [gap(1.0)]) == ("unknown", "along the way")
+
+
+def test_a_second_cause_is_named_if_it_is_none_of_the_consequences_of_the_first() -> None:
+    first = printed("fragmentation", 9.0)
+    start, side = printed("release_error", 8.0), printed("lateral_deflection", 11.0)
+    p = shares(fragmentation=0.9)
+    assert answer([first, start], p, [gap(1.0)]) == ("fragmentation+release_error", "extra blocks")
+    assert answer([first, side], p, [gap(1.0)]) == ("fragmentation", "extra blocks")
+    assert answer([first, printed("release_error", 5.0)], p, [gap(1.0)])[0] == "fragmentation"
     assert group_of("trees") == "along the way" and group_of("unknown") == ""
-    two = [printed("fragmentation", 8.0), printed("release_error", 9.0)]
-    assert decide(two, [gap(1.0)], 0.5, frozen, FAMILIES)[0] == "fragmentation+release_error"
 
 
-def test_a_shift_of_the_contact_is_no_effect_at_the_contact() -> None:
-    frozen = Thresholds()
-    law = [printed(CONTACT_LAW, 9.0), printed("roughness", 4.0), printed("soft_ground", 6.0)]
-    assert decide(law, [gap(1.0)], 0.5, frozen, FAMILIES)[0] == CONTACT_LAW
-    held = confusion_set(CONTACT_LAW, law, FAMILIES, frozen)
-    assert held[:1] == (CONTACT_LAW,) and {"roughness", "soft_ground"} <= set(held)
-    shape = [printed(CONTACT_LAW, 5.0), printed("rock_shape", 4.5)]
-    assert decide(shape, [gap(1.0)], 0.5, frozen, FAMILIES)[0] == "rock_shape"
+def test_the_confusion_set_holds_the_answer_and_what_is_probable() -> None:
+    p = shares(trees=0.7, air_drag=0.2)
+    assert confusion_set("trees", p, 0.85) == ("trees", "air_drag")
+    assert confusion_set("unknown", p, 0.6) == ("unknown", "trees")
 
 
-def test_weights_follow_the_fingerprints() -> None:
-    found = shares_of([printed("trees", 6.0), printed("air_drag", 1.0)], FAMILIES)
-    assert sum(found.values()) == pytest.approx(1.0)
-    assert next(iter(found)) == "trees"
-    assert found["trees"] / found["air_drag"] == pytest.approx(np.exp(5.0))
+def test_the_frozen_weights_follow_the_fingerprints() -> None:
+    weights = cause_weights_of(read_thresholds())
+    assert set(weights.causes) == {*FAMILIES, NONE} and set(weights.statistics) == set(STATISTICS)
+    nothing = [Fingerprint(e, s, 0.0, 0.0, 1.0, True, 30) for s, e in STATISTICS.items()]
+    base = weights.shares(nothing, FAMILIES)
+    assert sum(base.values()) == pytest.approx(1.0)
+    for effect in FAMILIES:
+        sure = [replace(f, z=8.0) if f.effect == effect else f for f in nothing]
+        found = weights.shares(sure, FAMILIES)
+        assert found[effect] > base[effect]
+        # What is not tried is not named.
+        assert effect not in weights.shares(sure, [n for n in FAMILIES if n != effect])

@@ -8,9 +8,13 @@ from typing import TypeVar
 import numpy as np
 
 from sassgis.gap.check.worlds.observe import KINDS
+from sassgis.gap.check.worlds.polygons import SUPPORTED
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
 from sassgis.gap.check.worlds.world import (
+    DISTURBANCES,
     FAMILIES,
+    LAWS,
+    MOST_STATIONS,
     UNKNOWNS,
     EffectSpec,
     Family,
@@ -33,6 +37,13 @@ MODEST: Design = (40, "both")
 _NONE, _SINGLE, _PAIR = 1 / 3, 2 / 5, 2 / 15
 # Shares of the single effects in the two designs, and of the unknown ones in the first.
 _SINGLE_FULL, _SINGLE_MODEST, _UNKNOWN_FULL = 2 / 5, 1 / 3, 7 / 10
+# A quarter of the sites obeys the model's own law, the others share the rest evenly.
+_LAWS = (LAWS[0],) * 4 + LAWS[1:] * 3
+# Half of the sites without an effect is disturbed otherwise; as many state wrong errors.
+_DISTURBANCES = ("", "", *DISTURBANCES[1:])
+_ERROR_FACTORS = (1.0, 1.0, 0.5, 1.5)
+# Observers of every third site know no names of pieces.
+_NAMED = (True, True, False)
 # A fifth of the single effects is weak.
 _STRENGTHS: tuple[Strength, ...] = ("weak", "medium", "strong", "medium", "strong")
 
@@ -47,6 +58,10 @@ def battery(seed: int, n: int) -> list[WorldSpec]:
     that run on from design to design, so that each comes as often as any other in all of them, to
     within one; in five cycles each of them is weak once, medium twice and strong twice. Pairs and
     unknown effects are medium or strong.
+
+    Laws of the motion, slopes, numbers of stations, names and stated errors go round all sites. A
+    law that does not know an effect gives its place to one that does. Half of the sites without an
+    effect has a patch of ground that no map shows, or a loss that grows with the speed.
 
     Parameters
     ----------
@@ -80,12 +95,37 @@ def battery(seed: int, n: int) -> list[WorldSpec]:
     designs = [FULL] * n_full + _cycle(rng, elsewhere, n_unknown - n_full)
     cells += zip(_unknown(rng, n_unknown), designs, strict=True)
 
-    slopes = _cycle(rng, SLOPE_TYPES, n)
-    order = rng.permutation(n)
-    return [
-        WorldSpec(slopes[k], cells[k][0], n_rocks=cells[k][1][0], kind=cells[k][1][1])
-        for k in order.tolist()
+    effects = [cell[0] for cell in cells]
+    disturbances = _cycle(rng, _DISTURBANCES, n_none) + [""] * (n - n_none)
+    circumstances = zip(
+        _cycle(rng, SLOPE_TYPES, n),
+        _laws(rng, effects),
+        _cycle(rng, range(1, MOST_STATIONS + 1), n),
+        _cycle(rng, _NAMED, n),
+        _cycle(rng, _ERROR_FACTORS, n),
+        disturbances,
+        strict=True,
+    )
+    specs = [
+        WorldSpec(slope, own, *design, *rest)
+        for (own, design), (slope, *rest) in zip(cells, circumstances, strict=True)
     ]
+    return [specs[k] for k in rng.permutation(n).tolist()]
+
+
+def _laws(rng: np.random.Generator, effects: Sequence[tuple[EffectSpec, ...]]) -> list[str]:
+    """Laws of the sites, each of which knows the effects of its site."""
+    laws = _cycle(rng, _LAWS, len(effects))
+    known = [all(e.name in SUPPORTED for e in own) for own in effects]
+    for k in range(len(laws)):
+        if laws[k] == "polygons" and not known[k]:
+            # The next site that any law can have.
+            others = [j for j in range(len(laws)) if known[j] and laws[j] != "polygons"]
+            other = min(others, key=lambda j: (j - k) % len(laws), default=None)
+            laws[k] = LAWS[0]
+            if other is not None:
+                laws[k], laws[other] = laws[other], "polygons"
+    return laws
 
 
 def quick_battery(seed: int) -> list[WorldSpec]:

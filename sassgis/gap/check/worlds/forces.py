@@ -52,6 +52,7 @@ class Forces(NamedTuple):
     ice: Local = Local()  # share of the ground under lenses of ice
     wet: Local = Local()  # share of η_max lost by the last rock of the campaign; less friction
     magnus: Local = Local()  # lift over spin times speed, in 1/50
+    loss: Local = Local()  # speed that a contact leaves, less a share q at 10 m/s; no effect
 
 
 @kernel
@@ -221,6 +222,13 @@ def strike(
 def snow_drag(snow: Local, speed: float) -> float:
     """Extra friction of snow, which grows with speed."""
     return snow.q * abs(speed) / 10.0
+
+
+@kernel
+def drained(loss: Local, vt: float, vn: float, spin: float) -> tuple[float, float, float]:
+    """What a loss that grows with the speed leaves of velocity and spin after a contact."""
+    held = 1.0 / (1.0 + loss.q * (vt * vt + vn * vn) / 100.0)
+    return held * vt, held * vn, held * spin
 
 
 @kernel

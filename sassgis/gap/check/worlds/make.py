@@ -11,7 +11,7 @@ import numpy as np
 
 from sassgis.gap.check.worlds.forces import FAR
 from sassgis.gap.check.worlds.simulation import draw_rocks, heights_of, simulate
-from sassgis.gap.check.worlds.slopes import CLASSES, make_relief
+from sassgis.gap.check.worlds.slopes import CLASSES, Relief, make_relief
 from sassgis.gap.check.worlds.strength import calibrated
 from sassgis.gap.check.worlds.world import (
     Blocks,
@@ -21,9 +21,8 @@ from sassgis.gap.check.worlds.world import (
     WorldSpec,
     with_effects,
 )
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, IntArray
 
-N_STATIONS = 4
 #: Columns of a law of the ground, by their names in the table of classes.
 LAW_KEYS = (
     "eta_max", "dp_min", "dp_max", "mu_f", "mu_0", "k", "d_star_m",
@@ -101,11 +100,15 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     c = np.linspace(-width, width, _N_RELEASES)
     x, y = relief.frame.xy(s, c)
     size = rng.uniform(0.8, 1.25)
+    density = (2600.0, 2750.0)
+    if any(e.name == "air_drag" for e in spec.effects):
+        # Air holds only what is small and light.
+        size, density = 0.25 * size, (1300.0, 1700.0)
     blocks = Blocks(
         axis_1_m=(0.45 * size, 0.65 * size),
         axis_2_m=(0.35 * size, 0.48 * size),
         axis_3_m=(0.18 * size, 0.40 * size),
-        density_kgm3=(2600.0, 2750.0),
+        density_kgm3=density,
         speed_mps=(0.5, 2.0),
         drop_m=(0.2, 1.0),
     )
@@ -115,6 +118,8 @@ def base_world(spec: WorldSpec, seed: int) -> World:
         relief=relief,
         true_grid=relief.grid,
         law=law,
+        speed_loss=float(rng.uniform(0.08, 0.25)) if spec.disturbance == "speed_loss" else 0.0,
+        ground=_patched(relief, rng) if spec.disturbance == "patch" else relief.ground,
         stations_s=np.zeros(0),
         releases=np.column_stack([x, y, heights_of(relief.grid, x, y)]),
         blocks=blocks,
@@ -124,7 +129,22 @@ def base_world(spec: WorldSpec, seed: int) -> World:
     ends = np.sort(relief.frame.s(run.deposits[:, 3], run.deposits[:, 4]))
     first = float(relief.breaks_m[2]) - rng.uniform(0.0, 6.0)
     last = max(float(np.quantile(ends, 0.65)), first + 30.0)
-    return replace(world, stations_s=np.linspace(first, last, N_STATIONS), _fields={})
+    return replace(world, stations_s=np.linspace(first, last, spec.n_stations), _fields={})
+
+
+def _patched(relief: Relief, rng: np.random.Generator) -> IntArray:
+    """Ground with a patch across the path that differs from the map: soft on hard, or hard on soft.
+
+    The patch takes a third of the slope below the second stretch.
+    """
+    x, y = relief.grid.cell_centres(np.arange(relief.ground.size))
+    low, high = relief.breaks_m[2], relief.breaks_m[-2]
+    start = low + rng.uniform(0.1, 0.6) * (high - low)
+    s = relief.frame.s(x, y).reshape(relief.ground.shape)
+    within = (s > start) & (s < start + 0.35 * (high - low))
+    soft = np.isin(relief.ground, [CLASSES.index(n) for n in ("soft_meadow", "forest_soil")])
+    other = np.where(soft, CLASSES.index("debris"), CLASSES.index("soft_meadow"))
+    return np.where(within, other, relief.ground)
 
 
 def place_effect(world: World, wanted: EffectSpec, seed: int) -> PlacedEffect:
@@ -134,26 +154,25 @@ def place_effect(world: World, wanted: EffectSpec, seed: int) -> PlacedEffect:
     grounds = world.relief.stretches
     low, high = -FAR, FAR
     ground = ""
-    # The stretches below the cliffs: where rocks lie, trees stand and ground is soft.
-    below = [k for k, name in enumerate(grounds) if name in ("debris", "talus", "forest_soil")]
-    meadow = next(k for k, name in enumerate(grounds) if name == "soft_meadow")
+    # Below the second stretch, where rocks are in motion, down to where the run-out begins.
+    top, foot = float(breaks[2]), float(breaks[-2])
     first, last = float(world.stations_s[0]), float(world.stations_s[-1])
     if wanted.name == "soft_ground":
-        # Wet meadow, and the foot of the slope above it.
-        low = min(float(breaks[meadow]) - 15.0, 0.5 * float(world.stations_s[1:3].sum()))
+        # The run-out, and the foot of the slope above it.
+        low = min(foot - 15.0, 0.5 * (first + last))
         high = FAR
-        ground = "soft_meadow"
+        ground = grounds[-1]
     elif wanted.name == "trees":
-        low = float(breaks[below[0]]) + rng.uniform(0.0, 25.0)
-        high = min(float(breaks[meadow]) + 10.0, low + rng.uniform(45.0, 90.0))
+        low = top + rng.uniform(0.0, 25.0)
+        high = min(foot + 10.0, low + rng.uniform(45.0, 90.0))
     elif wanted.name in ("entrainment", "roughness"):
-        low, high = float(breaks[below[0]]), float(breaks[meadow])
+        low, high = top, foot
         if wanted.name == "roughness":
-            # Blocks of the slope also strew the edge of the meadow.
+            # Blocks of the slope also strew the edge of the run-out.
             high += 20.0
-        ground = grounds[below[0]]
+        ground = grounds[2]
     elif wanted.name in ("snow", "ice", "collisions"):
-        low = rng.uniform(float(world.stations_s[0]), float(world.stations_s[1]))
+        low = rng.uniform(first, first + max(last - first, 30.0) / 3.0)
         high = FAR if wanted.name == "snow" else float(breaks[-1])
     elif wanted.name == "terrace":
         low = rng.uniform(first + 5.0, max(first + 6.0, 0.6 * first + 0.4 * last))

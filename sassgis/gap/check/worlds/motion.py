@@ -20,6 +20,7 @@ from sassgis.gap.check.worlds.forces import (
     air_acceleration,
     break_chance,
     cap_tilts,
+    drained,
     indent,
     on_ice,
     snow_drag,
@@ -51,6 +52,7 @@ from sassgis.gap.check.worlds.motion_state import (
     HX,
     HY,
     KIND,
+    MAX_PIECES,
     MODE,
     N_STATE,
     PHI,
@@ -77,7 +79,7 @@ from sassgis.gap.check.worlds.motion_state import (
     law_at,
     mass_of,
 )
-from sassgis.gap.check.worlds.new_blocks import MAX_PIECES, loosen, shatter
+from sassgis.gap.check.worlds.new_blocks import loosen, shatter
 from sassgis.gap.check.worlds.slopes import descent, fall_line_chord, height_at, surface_at
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
@@ -147,7 +149,7 @@ def _run_block(
         if st[MODE] == BROKEN:
             return
         if f.obstacles.shape[0] > 0 and st[MODE] != STOPPED:
-            _meet_obstacles(f, st, last_hit)
+            meet_obstacles(f, st, last_hit)
         u = (st[X] - f.west) / f.cell
         v = (f.north - st[Y]) / f.cell
         before = s
@@ -359,6 +361,8 @@ def _contact(
             vt, vn, spin = indent(
                 forces.soft, mass_of(st), radius, inertia, vn_in, spin_in, vt, vn, spin
             )
+    if forces.loss.q > 0.0:
+        vt, vn, spin = drained(forces.loss, vt, vn, spin)
     if active(forces.plates, s):
         flat = 1.0 - st[C] / b
         if draws.uniform(key, draws.PLATE, 2 * n) < min(0.95, forces.plates.q * flat):
@@ -635,7 +639,7 @@ def _leaves_upright(f: Field, st: FloatArray, v: float, slope: float, dt: float)
 
 
 @kernel
-def _meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
+def meet_obstacles(f: Field, st: FloatArray, last_hit: IntArray) -> None:
     """Blow against the first stem or lying block that a rock reaches."""
     n_rows, n_cols = f.ground.shape
     i = int((f.north - st[Y]) / f.cell)

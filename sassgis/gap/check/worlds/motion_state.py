@@ -30,6 +30,10 @@ FLY, ROLL, SLIDE, STOPPED, LEFT, BROKEN = range(6)
 ROCK, FRAGMENT, LOOSENED = range(3)
 
 
+#: Blocks that a rock may become.
+MAX_PIECES = 64
+
+
 # Columns of the tables; the first three are rock, number of the piece, kind of block.
 DEPOSIT_COLUMNS = ("x", "y", "z", "mass_kg", "volume_m3")
 

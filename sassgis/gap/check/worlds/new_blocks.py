@@ -20,6 +20,7 @@ from sassgis.gap.check.worlds.motion_state import (
     HY,
     KIND,
     LOOSENED,
+    MAX_PIECES,
     MODE,
     PIECE,
     SPIN,
@@ -40,8 +41,6 @@ from sassgis.gap.check.worlds.motion_state import (
 from sassgis.gap.check.worlds.slopes import descent, surface_at
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
-
-MAX_PIECES = 64
 
 
 @kernel

@@ -126,17 +126,26 @@ def _by_frames(rotation: FloatArray, fps: float) -> FloatArray:
     return np.where(folded > 0.5 * fps, np.abs(fps - folded), folded)
 
 
-def _names(table: FloatArray) -> NDArray[Any]:
-    """R7 for rocks, R7.2 for their pieces, U for blocks that nobody can attribute."""
-    rock = table[:, 0].astype(int)
-    piece = table[:, 1].astype(int)
-    kind = table[:, 2].astype(int)
+def _names(world: World, table: FloatArray, own: str = "") -> NDArray[Any]:
+    """R7 for rocks, R7.2 for their pieces, U for blocks that nobody can attribute.
+
+    Where observers know no names, only the rock itself keeps its own. A row of another block has a
+    name to itself that begins with ``own``; on film ("") a block is the same from row to row.
+    """
+    rock, piece, kind = (table[:, k].astype(int) for k in range(3))
+    other = kind != motion_state.ROCK
+    attributed = (kind == motion_state.FRAGMENT) & world.spec.named
+    number = rock * motion_state.MAX_PIECES + piece
+    if not world.spec.named:
+        # An odd factor permutes the numbers: they say nothing of the rock.
+        number = number * 40503 % 2**32
+        if own:
+            number[other] = np.arange(other.sum())
+    prefix = f"U{own}" if not world.spec.named else "U"
     return np.array(
         [
-            f"R{r + 1}"
-            if k == motion_state.ROCK
-            else (f"R{r + 1}.{p}" if k == motion_state.FRAGMENT else f"U{r * 64 + p}")
-            for r, p, k in zip(rock, piece, kind, strict=True)
+            (f"R{r + 1}.{p}" if known else f"{prefix}{n}") if away else f"R{r + 1}"
+            for r, p, n, known, away in zip(rock, piece, number, attributed, other, strict=True)
         ],
         dtype=np.str_,
     )
@@ -151,18 +160,22 @@ def write_down(world: World, run: Run, kind: Kind, rng: np.random.Generator) -> 
     if kind in ("stations", "both", "everything"):
         tables["passages"] = _passages(world, run, rng)
     if kind in ("stops", "both", "everything"):
-        tables["deposits"] = _deposits(run, rng)
+        tables["deposits"] = _deposits(world, run, rng)
     if kind == "everything":
-        tables["impacts"] = _impacts(run, rng)
-        tables["trajectories"] = _tracks(run, rng)
+        tables["impacts"] = _impacts(world, run, rng)
+        tables["trajectories"] = _tracks(world, run, rng)
     if kind == "stops":
         del tables["stations"]
-    metadata = {
-        "fps": FPS,
+    # What the observers believe of their own errors.
+    believed = {
         "speed_error_rel": SPEED_ERROR_REL,
         "rotation_error_rel": ROTATION_ERROR_REL,
         "height_error_m": HEIGHT_ERROR_M,
         "position_error_m": POSITION_ERROR_M,
+    }
+    metadata = {
+        "fps": FPS,
+        **{key: world.spec.error_factor * value for key, value in believed.items()},
     }
     return ObservedTables(tables, metadata, kind)
 
@@ -215,7 +228,7 @@ def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
     x, y, z = _place(rng, p, (4, 5, 6))
     names = np.array(world.station_names)
     return {
-        "rock_id": _names(p),
+        "rock_id": _names(world, p, "P"),
         "station": names[p[:, 3].astype(int)],
         "x": x,
         "y": y,
@@ -227,12 +240,12 @@ def _passages(world: World, run: Run, rng: np.random.Generator) -> Table:
     }
 
 
-def _deposits(run: Run, rng: np.random.Generator) -> Table:
+def _deposits(world: World, run: Run, rng: np.random.Generator) -> Table:
     d = run.deposits
     x, y, z = _place(rng, d, (3, 4, 5))
     error = _factor(rng, len(d), MASS_ERROR_REL)
     return {
-        "rock_id": _names(d),
+        "rock_id": _names(world, d, "D"),
         "x": x,
         "y": y,
         "z": z,
@@ -241,12 +254,12 @@ def _deposits(run: Run, rng: np.random.Generator) -> Table:
     }
 
 
-def _impacts(run: Run, rng: np.random.Generator) -> Table:
+def _impacts(world: World, run: Run, rng: np.random.Generator) -> Table:
     i = run.impacts
     n = len(i)
     x, y, z = _place(rng, i, (4, 5, 6))
     table: Table = {
-        "rock_id": _names(i),
+        "rock_id": _names(world, i),
         "impact": i[:, 3].astype(np.int64),
         "x": x,
         "y": y,
@@ -265,11 +278,11 @@ def _impacts(run: Run, rng: np.random.Generator) -> Table:
     return table
 
 
-def _tracks(run: Run, rng: np.random.Generator) -> Table:
+def _tracks(world: World, run: Run, rng: np.random.Generator) -> Table:
     t = run.tracks
     x, y, z = _place(rng, t, (4, 5, 6))
     return {
-        "rock_id": _names(t),
+        "rock_id": _names(world, t),
         "t_s": t[:, 3],
         "x": x,
         "y": y,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from sassgis.gap.check.worlds import motion, motion_state
+from sassgis.gap.check.worlds import motion, motion_state, polygons
 from sassgis.gap.check.worlds.forces import Forces, Local, SteadyWind
 from sassgis.gap.check.worlds.motion_state import Field, Tables
 from sassgis.gap.check.worlds.slopes import guide
@@ -107,15 +107,11 @@ def simulate(world: World, rocks: WorldRocks, dt: float = STEP_S) -> Run:
             used=np.zeros(4, np.int64),
             gain=np.full(n, -1.0),
         )
-        motion.run_rocks(
-            world._fields["field"],
-            forces_of(world),
-            rocks.state,
-            rocks.keys,
-            rocks.campaign,
-            dt,
-            tables,
-        )
+        ground, forces = world._fields["field"], forces_of(world)
+        if world.spec.law == "polygons":
+            polygons.run_rocks(ground, forces, rocks.state, rocks.keys, dt, tables)
+        else:
+            motion.run_rocks(ground, forces, rocks.state, rocks.keys, rocks.campaign, dt, tables)
         if (tables.used <= room).all():
             break
         room = np.maximum(room, tables.used)
@@ -162,7 +158,7 @@ def forces_of(world: World) -> Forces:
             c, s = math.cos(sign * turn), math.sin(sign * turn)
             x, y = c * frame.ux - s * frame.uy, s * frame.ux + c * frame.uy
             wind = SteadyWind(float(effect.magnitude), float(x), float(y))
-    return Forces(**found, wind=wind)
+    return Forces(**found, wind=wind, loss=Local(world.speed_loss))
 
 
 def _field(world: World) -> Field:
@@ -178,7 +174,7 @@ def _field(world: World) -> Field:
         float(grid.west),
         float(grid.north),
         float(grid.cell_size),
-        world.relief.ground,
+        world.ground,
         world.law,
         LAWS.index(world.spec.law),
         frame.x0,

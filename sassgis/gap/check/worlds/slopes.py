@@ -19,6 +19,7 @@ GUIDE_SD_M = 5.0
 _FLAT = math.tan(math.radians(8.0))
 
 # Each slope from top to foot: (length in plan, dip in degrees, ground) with ranges to draw from.
+# Rocks start at the lower end of the first stretch.
 # All end in a meadow that is long enough for the rocks to stop on it.
 _Stretch = tuple[tuple[float, float], tuple[float, float], str]
 _SLOPES: dict[str, tuple[_Stretch, ...]] = {
@@ -59,9 +60,26 @@ _SLOPES: dict[str, tuple[_Stretch, ...]] = {
         ((35.0, 55.0), (25.0, 28.0), "forest_soil"),
         ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
     ),
+    "grass_slope": (
+        ((12.0, 18.0), (36.0, 40.0), "soft_meadow"),
+        ((15.0, 25.0), (35.0, 38.0), "soft_meadow"),
+        ((40.0, 60.0), (33.0, 36.0), "soft_meadow"),
+        ((8.0, 12.0), (8.0, 14.0), "soft_meadow"),
+        ((45.0, 65.0), (32.0, 35.0), "soft_meadow"),
+        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
+    ),
+    "quarry": (
+        ((12.0, 18.0), (36.0, 41.0), "overgrown_slope"),
+        ((25.0, 40.0), (37.0, 41.0), "overgrown_slope"),
+        ((4.0, 6.0), (64.0, 70.0), "rock"),
+        ((7.0, 10.0), (6.0, 12.0), "rock"),
+        ((5.0, 8.0), (64.0, 70.0), "rock"),
+        ((12.0, 20.0), (14.0, 20.0), "debris"),
+        ((200.0, 250.0), (4.0, 9.0), "soft_meadow"),
+    ),
 }
 SLOPE_TYPES = tuple(_SLOPES)
-CLASSES = ("rock", "debris", "talus", "soft_meadow", "forest_soil")
+CLASSES = ("rock", "debris", "talus", "soft_meadow", "forest_soil", "overgrown_slope")
 _HALF_WIDTH = 75.0
 _MARGIN = 30.0
 

@@ -114,7 +114,7 @@ def effect_size(base: list[FloatArray], changed: list[FloatArray], first_station
         else:
             stations.append(sizes)
     passing = np.sqrt(np.mean(np.square(stations), axis=0)) if stations else np.zeros(1)
-    return max(*stops, float(passing.max()))
+    return max([*stops, float(passing.max())])
 
 
 def calibrated(world: World, effect: PlacedEffect) -> PlacedEffect:

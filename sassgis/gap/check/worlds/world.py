@@ -12,7 +12,7 @@ import numpy as np
 from sassgis.gap.check.worlds.motion_state import Field, KeyArray
 from sassgis.gap.check.worlds.slopes import Relief
 from sassgis.model.errors import InputError
-from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.grid import FloatArray, Grid, IntArray
 
 Family = Literal[
     "lateral_deflection",
@@ -29,10 +29,14 @@ Family = Literal[
 Unknown = Literal["wind", "snow", "ice", "wetting", "terrace", "magnus", "collisions"]
 Strength = Literal["weak", "medium", "strong"]
 FAMILIES: tuple[Family, ...] = get_args(Family)
-#: Laws of the contact, as ``contact_laws`` numbers them.
-LAWS: tuple[str, ...] = ("own", "elastic", "lumped", "penalty")
+#: Laws of the motion; the first four are those of the contact, as ``contact_laws`` numbers them.
+LAWS: tuple[str, ...] = ("own", "elastic", "lumped", "penalty", "polygons")
 UNKNOWNS: tuple[Unknown, ...] = get_args(Unknown)
 STRENGTHS: tuple[Strength, ...] = get_args(Strength)
+#: What nature does besides at a site, and no effect: a patch of ground that no map shows, and a
+#: loss at contacts that grows with the speed.
+DISTURBANCES: tuple[str, ...] = ("", "patch", "speed_loss")
+MOST_STATIONS = 8
 
 
 # Weakest and strongest magnitude that the search for a strength may try.
@@ -42,7 +46,8 @@ LIMITS: dict[str, tuple[float, float]] = {
     "soft_ground": (0.05, 30.0),
     "entrainment": (0.0005, 2.0),
     "trees": (0.01, 1.0),
-    "air_drag": (2.0, 150.0),
+    # Coefficients of drag up to 2: more is not in air.
+    "air_drag": (0.5, 2.5),
     "roughness": (0.05, 5.0),
     "rock_shape": (0.03, 6.0),
     "release_error": (0.1, 15.0),
@@ -100,7 +105,21 @@ class WorldSpec:
     kind : {"stations", "stops", "both", "everything"}
         What is observed.
     law : str
-        One of LAWS: what a contact does.
+        One of LAWS: how rocks move.
+    n_stations : int
+        1 to MOST_STATIONS.
+    named : bool
+        Whether observers know from which rock a piece or a loosened block comes, or whether it is
+        the rock itself.
+    error_factor : float
+        Stated errors of measurement over the true ones.
+    disturbance : str
+        One of DISTURBANCES.
+
+    Raises
+    ------
+    InputError
+        If there is no such law or disturbance, or no such number of stations.
     """
 
     slope: str
@@ -108,6 +127,23 @@ class WorldSpec:
     n_rocks: int = 100
     kind: str = "both"
     law: str = "own"
+    n_stations: int = 4
+    named: bool = True
+    error_factor: float = 1.0
+    disturbance: str = ""
+
+    def __post_init__(self) -> None:
+        counts = tuple(range(1, MOST_STATIONS + 1))
+        for name, known in (
+            ("law", LAWS), ("disturbance", DISTURBANCES), ("n_stations", counts)
+        ):  # fmt: skip
+            if getattr(self, name) not in known:
+                raise InputError(
+                    "no such site",
+                    field=name,
+                    found=getattr(self, name),
+                    expected=f"one of {', '.join(map(repr, known))}",
+                )
 
     @property
     def verdict(self) -> str:
@@ -184,7 +220,11 @@ class World:
     law : float64, shape (n_classes, 10)
         True parameters by class of ground: eta_max, dp_min, dp_max, mu_f, mu_0, k, d_star_m,
         restitution, restitution_speed_mps, rolling_threshold.
-    stations_s : float64, shape (4,)
+    speed_loss : float
+        Share of the speed that a contact at 10 m/s takes besides, about.
+    ground : int64, shape of the grid
+        Position in CLASSES of each cell, in truth.
+    stations_s : float64, shape (n_stations,)
         Stations (m down the slope).
     releases : float64, shape (n_releases, 3)
         Release points x, y, z (m).
@@ -198,6 +238,8 @@ class World:
     relief: Relief
     true_grid: Grid
     law: FloatArray
+    speed_loss: float
+    ground: IntArray
     stations_s: FloatArray
     releases: FloatArray
     blocks: Blocks
@@ -206,7 +248,7 @@ class World:
 
     @property
     def station_names(self) -> tuple[str, ...]:
-        """S1 to S4, from above."""
+        """S1, S2, ... from above."""
         return tuple(f"S{k + 1}" for k in range(len(self.stations_s)))
 
     @property
@@ -216,7 +258,7 @@ class World:
         return tuple(f"{a}-{b}" for a, b in pairwise(stops))
 
     def station_lines(self) -> FloatArray:
-        """Stations as lines across the slope: x0, y0, x1, y1 (m), shape (4, 4)."""
+        """Stations as lines across the slope: x0, y0, x1, y1 (m), a row for each."""
         half = 80.0
         ax, ay = self.relief.frame.xy(self.stations_s, np.full(len(self.stations_s), -half))
         bx, by = self.relief.frame.xy(self.stations_s, np.full(len(self.stations_s), half))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +21,13 @@ from sassgis.gap.check.worlds import (
     setup,
 )
 from sassgis.gap.check.worlds.battery import FULL, MODEST, quick_battery, world_seeds
-from sassgis.gap.check.worlds.make import base_world, nominal_law
+from sassgis.gap.check.worlds.forces import Forces, Local, air_acceleration, drained
+from sassgis.gap.check.worlds.make import base_world, nominal_law, place_effect
+from sassgis.gap.check.worlds.polygons import SUPPORTED
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.check.worlds.slopes import SLOPE_TYPES, descent, guide
-from sassgis.gap.check.worlds.strength import BANDS, inhomogeneity
-from sassgis.gap.check.worlds.world import FAMILIES, World, with_effects
+from sassgis.gap.check.worlds.strength import BANDS, effect_size, inhomogeneity
+from sassgis.gap.check.worlds.world import FAMILIES, LAWS, LIMITS, World, with_effects
 from sassgis.model.errors import InputError
 
 
@@ -169,7 +172,123 @@ def test_the_battery_has_the_mix() -> None:
     assert "weak" not in {e.strength for s in specs if len(s.effects) == 2 for e in s.effects}
     for spec in specs:
         assert len({e.name for e in spec.effects}) == len(spec.effects)
-    assert max(Counter(s.slope for s in specs).values()) == 30
+    slopes = Counter(s.slope for s in specs)
+    assert set(slopes) == set(SLOPE_TYPES)
+    assert max(slopes.values()) - min(slopes.values()) <= 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_battery_spreads_sites_over_laws_and_circumstances(seed: int) -> None:
+    specs = battery(seed, 160)
+    laws = Counter(s.law for s in specs)
+    assert laws["own"] == pytest.approx(40, abs=8)
+    for law in LAWS[1:]:
+        assert laws[law] == pytest.approx(30, abs=4)
+    for part in ("none", "single"):
+        assert set(Counter(s.law for s in specs if _part(s) == part)) == set(LAWS)
+    for spec in specs:
+        assert spec.law != "polygons" or all(e.name in SUPPORTED for e in spec.effects)
+        assert not (spec.disturbance and spec.effects)
+    assert set(Counter(s.n_stations for s in specs)) == set(range(1, 9))
+    assert Counter(s.named for s in specs)[False] == pytest.approx(160 / 3, abs=1)
+    factors = Counter(s.error_factor for s in specs)
+    assert [factors[f] for f in (0.5, 1.0, 1.5)] == [40, 80, 40]
+    nulls = Counter(s.disturbance for s in specs if not s.effects)
+    assert nulls[""] == pytest.approx(nulls["patch"] + nulls["speed_loss"], abs=1)
+
+
+def test_a_site_that_cannot_be_is_refused() -> None:
+    for changes in ({"law": "mine"}, {"n_stations": 0}, {"n_stations": 9}, {"disturbance": "x"}):
+        with pytest.raises(InputError, match=next(iter(changes))):
+            WorldSpec("gully", **changes)  # type: ignore[arg-type]
+
+
+def test_observers_without_names_link_no_pieces(null_world: World) -> None:
+    effect = replace(place_effect(null_world, EffectSpec("fragmentation"), 5), magnitude=2.0)
+    world = with_effects(null_world, (effect,))
+    nameless = replace(world, spec=replace(world.spec, named=False))
+    known, seen = (observe(w, "everything", 20, 1).tables for w in (world, nameless))
+    rocks = set(seen["rocks"]["rock_id"])
+    pieces = np.char.find(known["deposits"]["rock_id"], ".") > 0
+    assert pieces.sum() > 5
+    own = seen["deposits"]["rock_id"]
+    assert np.array_equal(own[~pieces], known["deposits"]["rock_id"][~pieces])
+    assert not rocks & set(own[pieces])
+    for name in ("deposits", "passages"):
+        away = [i for i in seen[name]["rock_id"] if i not in rocks]
+        assert len(away) == len(set(away)) > 0
+    assert not set(away) & set(own)
+    # On film a block is the same block from picture to picture.
+    film = [i for i in seen["trajectories"]["rock_id"] if i not in rocks]
+    assert len(set(film)) < len(film)
+    assert {i for i in seen["impacts"]["rock_id"] if i not in rocks} <= set(film)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_stated_errors_may_be_wrong_while_the_true_ones_stay(
+    null_world: World, factor: float
+) -> None:
+    wrong = replace(null_world, spec=replace(null_world.spec, error_factor=factor))
+    one, other = (observe(w, "stations", 12, 1) for w in (null_world, wrong))
+    assert other.metadata["speed_error_rel"] == pytest.approx(factor * 0.05)
+    assert other.metadata["fps"] == one.metadata["fps"]
+    np.testing.assert_array_equal(
+        one.tables["passages"]["speed_mps"], other.tables["passages"]["speed_mps"]
+    )
+
+
+def test_a_patch_is_on_no_map_and_takes_part_in_the_motion() -> None:
+    world = base_world(WorldSpec("cliff_talus_meadow", disturbance="patch"), 5)
+    changed = world.ground != world.relief.ground
+    assert 0.02 < changed.mean() < 0.4
+    assert np.array_equal(setup(world).class_codes, world.relief.ground)
+    rocks = draw_rocks(world, 40, 3)
+    plain = replace(world, ground=world.relief.ground, _fields={})
+    assert not np.array_equal(simulate(world, rocks).deposits, simulate(plain, rocks).deposits)
+
+
+def test_a_loss_that_grows_with_speed_takes_its_share(null_world: World) -> None:
+    """At 10 m/s after a contact, a loss of 0.25 leaves 1/(1 + 0.25) of speed and spin."""
+    assert drained(Local(0.25), 8.0, 6.0, 10.0) == pytest.approx((6.4, 4.8, 8.0))
+    lossy = replace(null_world, speed_loss=0.25, _fields={})
+    rocks = draw_rocks(null_world, 60, 3)
+    s = [
+        null_world.relief.frame.s(*simulate(w, rocks).deposits[:, 3:5].T).mean()
+        for w in (null_world, lossy)
+    ]
+    assert s[1] < s[0] - 10.0
+
+
+@pytest.mark.parametrize("count", [1, 8])
+@pytest.mark.parametrize("slope", ["grass_slope", "quarry"])
+def test_slopes_without_a_cliff_are_passed_and_hold_every_effect(slope: str, count: int) -> None:
+    world = base_world(WorldSpec(slope, n_stations=count), 6)
+    run = simulate(world, draw_rocks(world, 60, 3))
+    assert world.station_names == tuple(f"S{k + 1}" for k in range(count))
+    assert (run.passages[:, 3] == 0).sum() > 50
+    # Rocks come to rest on the slope; few leave it.
+    assert len(run.deposits) > 55
+    for name in LIMITS:
+        effect = place_effect(world, EffectSpec(name), 9)  # type: ignore[arg-type]
+        assert effect.s0_m < effect.s1_m
+        assert effect.segments
+
+
+def test_air_resists_by_no_more_than_air_does() -> None:
+    """C_d of a block that shows its widest side, at the strongest magnitude, is at most 2."""
+    forces = Forces(air=Local(LIMITS["air_drag"][1]))
+    for size in (0.2, 1.25):
+        axes = 0.65 * size, 0.35 * size, 0.18 * size
+        pull, _, _ = air_acceleration(forces, *axes, 1500.0, 0.5 * np.pi, 0.0, 20.0, 0.0, 0.0)
+        mass = 1500.0 * 4.0 / 3.0 * np.pi * np.prod(axes)
+        area = np.pi * axes[0] * axes[2]
+        assert 1.5 < -pull * mass / (0.5 * 1.2 * area * 20.0**2) <= 2.0
+
+
+def test_few_stops_have_a_size_too() -> None:
+    rng = np.random.default_rng(1)
+    few, many = rng.normal(size=(10, 3)), rng.normal(size=(60, 3))
+    assert 0.0 <= effect_size([few, many], [few, many + 1.0]) <= 1.0
 
 
 @pytest.mark.parametrize("seed", range(5))

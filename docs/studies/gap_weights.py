@@ -1,0 +1,456 @@
+"""Fit the weights of the fingerprints, and judge each law of motion by weights that never saw it.
+
+    python docs/studies/gap_weights.py rows -o ROWS --jobs 2   # hours on two cores
+    python docs/studies/gap_weights.py fit                     # seconds
+    python docs/studies/gap_weights.py page
+
+``rows`` makes synthetic sites of five laws of motion, calibrates the base model on what was
+observed in each, and writes the z of all fingerprints, one row per site, as
+``docs/studies/gap_weights/rows.csv``. Their seeds are no battery's. ``fit`` fits the weights to all
+rows (``sassgis/data/gap_thresholds.json``) and writes ``docs/studies/gap_weights/results.json``:
+scores of answers on the sites of each law by weights fitted to the others. ``page`` writes these
+into ``docs/studies/gap_weights.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import re
+import tempfile
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import minimize
+from scipy.special import log_softmax
+
+from sassgis.gap.check.check_scores import Answer, Truth, score, scores_as_json
+from sassgis.gap.check.worlds import EffectSpec, WorldSpec
+from sassgis.gap.check.worlds.observe import KINDS
+from sassgis.gap.check.worlds.polygons import SUPPORTED
+from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
+from sassgis.gap.check.worlds.world import DISTURBANCES, FAMILIES, LAWS, MOST_STATIONS, UNKNOWNS
+from sassgis.gap.diagnosis import Fingerprint, GapFinding
+from sassgis.gap.inference.rock_tests import holm_adjusted
+from sassgis.gap.which.cause_weights import CauseWeights, counts_of
+from sassgis.gap.which.fingerprints import STATISTICS
+from sassgis.gap.which.verdict import (
+    NONE,
+    Thresholds,
+    adequate,
+    confidence_of,
+    confusion_set,
+    decide,
+)
+from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
+from sassgis.model.grid import FloatArray
+from sassgis.runs.blinded_cases import make_case
+from sassgis.runs.diagnose import fingerprints_of
+
+SEED = 4711
+#: Worlds have the seeds from this on.
+FIRST_SEED = 900_000
+SITES = 420
+STUDY = Path(__file__).with_suffix("")
+ROWS, RESULTS, PAGE = STUDY / "rows.csv", STUDY / "results.json", STUDY.with_suffix(".md")
+CAUSES = (*FAMILIES, NONE)
+#: Before any site a fingerprint speaks for its own cause with this weight, and no cause is more
+#: likely than "none" by this; the ridge holds the weights there.
+OWN_WEIGHT, NONE_OFFSET, OFFSET_RIDGE = 2.0, 3.0, 0.1
+RIDGES = (1.0, 3.0, 10.0)
+SHARPNESS = (0.6, 0.8, 1.0, 1.3, 1.7)
+NAMED = (0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
+#: False alarms among sites without an effect, and sites with the truth in the confusion set.
+FALSE_ALARMS, COVERED = 0.05, 0.93
+FIXED = (
+    "site", "seed", "law", "slope", "effects", "strengths", "rocks", "kind", "stations", "named",
+    "error_factor", "disturbance", "adequate",
+)  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------
+# Rows
+
+
+def sites(n: int) -> list[tuple[int, WorldSpec]]:
+    """Numbers and specifications: a third without effect, one in twelve an unknown one."""
+    rng = np.random.default_rng(SEED)
+
+    def one_of(values: Sequence[Any]) -> Any:
+        return values[int(rng.integers(len(values)))]
+
+    found: list[tuple[int, WorldSpec]] = []
+    families: list[str] = []
+    for k in range(n):
+        law = (*LAWS, LAWS[0])[k % (len(LAWS) + 1)]
+        share = rng.random()
+        if share < 0.45:
+            rocks, kind = 100, "everything"
+        elif share < 0.85:
+            rocks, kind = 40, "both"
+        else:
+            rocks, kind = one_of((20, 40, 100)), one_of(KINDS)
+        share = rng.random()
+        effects: tuple[EffectSpec, ...] = ()
+        disturbance = ""
+        if share < 0.33:
+            if rng.random() < 0.3:
+                disturbance = one_of(DISTURBANCES[1:])
+        elif share < 0.92:
+            families = families or rng.permutation(FAMILIES).tolist()
+            strength = one_of(("weak", "medium", "strong", "medium", "strong"))
+            effects = (EffectSpec(families.pop(), strength),)  # type: ignore[arg-type]
+        else:
+            effects = (EffectSpec(one_of(UNKNOWNS), one_of(("medium", "strong"))),)
+        slope = one_of(SLOPE_TYPES)
+        stations = 4 if rng.random() < 0.5 else int(rng.integers(1, MOST_STATIONS + 1))
+        spec = WorldSpec(
+            slope, effects, n_rocks=rocks, kind=kind, law=law, n_stations=stations,
+            named=bool(rng.random() < 0.7), error_factor=one_of((0.5, 1.0, 1.0, 1.5)),
+            disturbance=disturbance,
+        )  # fmt: skip
+        if law != "polygons" or all(e.name in SUPPORTED for e in effects):
+            found.append((k, spec))
+    return found
+
+
+def row_of(task: tuple[int, WorldSpec]) -> dict[str, Any]:
+    """Fingerprints of one site."""
+    k, spec = task
+    seed = FIRST_SEED + k
+    with tempfile.TemporaryDirectory() as folder:
+        made = make_case(spec, seed, str(k), folder)
+        strengths = [str(e["strength"]) for e in made["label"]["effects"]]
+        prints, findings = fingerprints_of(
+            Path(folder) / "config.toml", Path(folder) / "observations"
+        )
+    return as_row(k, spec, strengths, prints, adequate(findings))
+
+
+def as_row(
+    k: int,
+    spec: WorldSpec,
+    strengths: Sequence[str],
+    prints: Sequence[Fingerprint],
+    is_adequate: bool,
+) -> dict[str, Any]:
+    """One row of the table."""
+    z = {f.statistic: round(f.z, 2) for f in prints if f.observable}
+    return {
+        "site": k,
+        "seed": FIRST_SEED + k,
+        "law": spec.law,
+        "slope": spec.slope,
+        "effects": "+".join(e.name for e in spec.effects),
+        "strengths": "+".join(strengths),
+        "rocks": spec.n_rocks,
+        "kind": spec.kind,
+        "stations": spec.n_stations,
+        "named": int(spec.named),
+        "error_factor": spec.error_factor,
+        "disturbance": spec.disturbance,
+        "adequate": int(is_adequate),
+        **{name: z.get(name, "") for name in STATISTICS},
+    }
+
+
+def write_rows(rows: Sequence[dict[str, Any]], file: Path) -> None:
+    """Rows as CSV, by site."""
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.DictWriter(stream, [*FIXED, *STATISTICS], lineterminator="\n")
+        table.writeheader()
+        table.writerows(sorted(rows, key=lambda r: int(r["site"])))
+
+
+def read_rows(file: Path = ROWS) -> list[dict[str, str]]:
+    """The committed rows."""
+    with file.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def make_rows(folder: Path, jobs: int, n: int) -> None:
+    """Rows of all sites; those that are there already are not made again."""
+    folder.mkdir(parents=True, exist_ok=True)
+    due = [(k, s) for k, s in sites(n) if not (folder / f"{k}.json").exists()]
+    with ProcessPoolExecutor(jobs) as pool:
+        for (k, _), row in zip(due, pool.map(row_of, due), strict=True):
+            (folder / f"{k}.json").write_text(json.dumps(row), encoding="utf-8")
+            print(k, flush=True)
+    made = [json.loads(f.read_text(encoding="utf-8")) for f in folder.glob("*.json")]
+    write_rows(made, ROWS)
+
+
+# ---------------------------------------------------------------------------------------------
+# Fit
+
+
+def fitted(counts: FloatArray, cause: np.ndarray, ridge: float) -> tuple[FloatArray, FloatArray]:
+    """Weights and offsets by penalised maximum likelihood; the ridge pulls towards the start."""
+    c, k = len(CAUSES), counts.shape[1]
+    start = np.array([[OWN_WEIGHT * (s == name) for s in STATISTICS.values()] for name in CAUSES])
+    first = np.array([NONE_OFFSET * (name == NONE) for name in CAUSES])
+    truth = np.eye(c)[cause]
+
+    def loss(x: FloatArray) -> tuple[float, FloatArray]:
+        weights, offset = x[: c * k].reshape(c, k), x[c * k :]
+        log_p = log_softmax(counts @ weights.T + offset, axis=1)
+        off, up = weights - start, offset - first
+        value = -(truth * log_p).sum() + 0.5 * (
+            ridge * (off**2).sum() + OFFSET_RIDGE * (up**2).sum()
+        )
+        slope = np.exp(log_p) - truth
+        gradient = slope.T @ counts + ridge * off
+        return float(value), np.concatenate(
+            [gradient.ravel(), slope.sum(axis=0) + OFFSET_RIDGE * up]
+        )
+
+    x = minimize(
+        loss, np.concatenate([start.ravel(), first]), jac=True, method="L-BFGS-B",
+        options={"maxiter": 2000},
+    ).x  # fmt: skip
+    return x[: c * k].reshape(c, k), x[c * k :]
+
+
+def prints_of(z: FloatArray) -> list[Fingerprint]:
+    """Fingerprints of a row."""
+    seen = np.flatnonzero(np.isfinite(z))
+    p = holm_adjusted(stats.norm.sf(z[seen]))
+    names = list(STATISTICS)
+    return [
+        Fingerprint(STATISTICS[names[i]], names[i], math.nan, float(z[i]), float(own), True, 0)
+        for i, own in zip(seen.tolist(), p, strict=True)
+    ]
+
+
+#: A gap that is significant and large, for rows whose base is not adequate.
+LARGE = GapFinding(
+    "all", "stopping", "runout_m", 9.0, "m", (8.0, 10.0), 0.0, 0.0, 9, 0.0, 0.0, "free run", 0.0,
+    0.0, 0.0, 0.0,
+)  # fmt: skip
+
+
+def answer_of(
+    row: dict[str, str], z: FloatArray, weights: CauseWeights, thresholds: Thresholds
+) -> Answer:
+    """What would be answered, were nothing known of how far the gap shrinks."""
+    prints = prints_of(z)
+    shares = weights.shares(prints, FAMILIES)
+    gaps = [] if int(row["adequate"]) else [LARGE]
+    effect, group, _ = decide(prints, shares, gaps, None, thresholds)
+    return Answer(
+        case=row["site"],
+        effect=effect,
+        confidence=confidence_of(effect, shares),
+        confusion_set=confusion_set(effect, shares, thresholds.covered),
+        group=group,
+        large_findings=bool(gaps),
+    )
+
+
+def truth_of(row: dict[str, str]) -> Truth:
+    """The truth of a row."""
+    effects = tuple(filter(None, row["effects"].split("+")))
+    unknown = any(name in UNKNOWNS for name in effects)
+    return Truth(
+        case=row["site"],
+        verdict="unknown" if unknown else "+".join(sorted(effects)) or NONE,
+        effects=effects,
+        strengths=tuple(filter(None, row["strengths"].split("+"))),
+        phase="",
+        segments=(),
+        reaches=(),
+        slope=row["slope"],
+        rocks=int(row["rocks"]),
+        kind=row["kind"],
+        law=row["law"],
+        disturbance=row["disturbance"],
+    )
+
+
+def z_of(rows: Sequence[dict[str, str]]) -> FloatArray:
+    """All z of the fingerprints, shape (n_rows, n_statistics); NaN where one was not seen."""
+    return np.array([[float(row[name] or "nan") for name in STATISTICS] for row in rows])
+
+
+def without_law(rows: Sequence[dict[str, str]], ridge: float) -> list[CauseWeights]:
+    """For each row, weights fitted to the rows of the other laws."""
+    law = np.array([row["law"] for row in rows])
+    counts, cause = counts_of(z_of(rows)), causes_of(rows)
+    by_law = {}
+    for name in np.unique(law).tolist():
+        own = (law != name) & (cause >= 0)
+        by_law[name] = CauseWeights(
+            CAUSES, tuple(STATISTICS), *fitted(counts[own], cause[own], ridge), 1.0
+        )
+    return [by_law[name] for name in law.tolist()]
+
+
+def causes_of(rows: Sequence[dict[str, str]]) -> np.ndarray:
+    """Number of the cause of each row; -1 for pairs and unknown effects."""
+    names = [truth_of(row).verdict for row in rows]
+    return np.array([CAUSES.index(n) if n in CAUSES else -1 for n in names])
+
+
+def cross_entropy(
+    rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights], sharpness: float
+) -> float:
+    """Mean of −log p of the true cause."""
+    z, cause = counts_of(z_of(rows)), causes_of(rows)
+    found = [
+        -log_softmax(sharpness * (w.offset + w.weights @ z[i]))[cause[i]]
+        for i, w in enumerate(weights)
+        if cause[i] >= 0
+    ]
+    return float(np.mean(found))
+
+
+def fit() -> None:
+    """Weights from all rows; scores by weights that never saw the law."""
+    rows = read_rows()
+    options = [
+        (cross_entropy(rows, found, sharpness), ridge, sharpness)
+        for ridge in RIDGES
+        for found in [without_law(rows, ridge)]
+        for sharpness in SHARPNESS
+    ]
+    entropy, ridge, sharpness = min(options)
+    left_out = [replace(w, sharpness=sharpness) for w in without_law(rows, ridge)]
+    thresholds = chosen(rows, left_out)
+    scored = scores_as_json(scores_with(rows, left_out, thresholds))
+    law = sorted({row["law"] for row in rows})
+    RESULTS.write_text(
+        json.dumps(
+            {
+                "sites": len(rows), "laws": law, "ridge": ridge, "sharpness": sharpness,
+                "cross_entropy": round(entropy, 3), "named": thresholds.named,
+                "covered": thresholds.covered, **scored,
+            },
+            indent=1,
+        )
+        + "\n",
+        encoding="utf-8",
+    )  # fmt: skip
+    cause = causes_of(rows)
+    weights, offset = fitted(counts_of(z_of(rows))[cause >= 0], cause[cause >= 0], ridge)
+    content = read_thresholds()
+    content |= {"named": thresholds.named, "covered": thresholds.covered}
+    content["weights"] = {
+        "statistics": list(STATISTICS),
+        "sharpness": sharpness,
+        "offset": {n: round(float(v), 2) for n, v in zip(CAUSES, offset, strict=True)},
+        "weights": {
+            name: {
+                s: round(float(v), 2)
+                for s, v in zip(STATISTICS, own, strict=True)
+                if abs(v) > 0.005
+            }
+            for name, own in zip(CAUSES, weights, strict=True)
+        },
+    }
+    THRESHOLDS.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def scores_with(
+    rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights], thresholds: Thresholds
+) -> Any:
+    """Scores of all rows."""
+    answers = [
+        answer_of(row, z, w, thresholds)
+        for row, z, w in zip(rows, z_of(rows), weights, strict=True)
+    ]
+    return score([truth_of(row) for row in rows], answers)
+
+
+def chosen(rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights]) -> Thresholds:
+    """The lowest threshold with few false alarms, the smallest sets that hold the truth."""
+    found = thresholds_of(read_thresholds())
+    for named in NAMED:
+        found = replace(found, named=named)
+        if scores_with(rows, weights, found).measures["false_alarm"].value <= FALSE_ALARMS:
+            break
+    for covered in (0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99):
+        found = replace(found, covered=covered)
+        if scores_with(rows, weights, found).measures["covered_single"].value >= COVERED:
+            break
+    return found
+
+
+# ---------------------------------------------------------------------------------------------
+# Page
+
+
+def table() -> str:
+    """Figures in all and by law."""
+    found = json.loads(RESULTS.read_text(encoding="utf-8"))
+    names = {
+        "false_alarm": "no effect, yet one is named",
+        "family_full": "family right: 100 rocks, everything",
+        "group_full": "group right: 100 rocks, everything",
+        "family_modest": "family right: 40 rocks, stations and stops",
+        "group_modest": "group right: 40 rocks, stations and stops",
+        "unknown_named": "unknown effect, a family is named",
+        "none_while_large": "large gaps, answer none",
+        "covered_everything": "truth in the confusion set, everything",
+        "covered_otherwise": "truth in the confusion set, otherwise",
+    }
+    laws = list(found["by_law"])
+
+    def cell(figures: dict[str, Any], key: str) -> str:
+        one = figures["measures"].get(key)
+        return "–" if not one or not one["trials"] else f"{one['hits']}/{one['trials']}"
+
+    lines = [["", "all", *laws], ["---"] * (2 + len(laws))]
+    for key, words in names.items():
+        if key in found["measures"]:
+            lines.append(
+                [words, cell(found, key), *(cell(found["by_law"][law], key) for law in laws)]
+            )
+    for key, words in (
+        ("set_size_everything", "size of the confusion set, everything"),
+        ("set_size_otherwise", "size of the confusion set, otherwise"),
+        ("calibration_error", "calibration error of the confidence"),
+    ):
+        values = [found, *(found["by_law"][law] for law in laws)]
+        shown = [v["numbers"].get(key) for v in values]
+        lines.append([words, *("–" if v is None else f"{v:.2f}" for v in shown)])
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def filled(text: str) -> str:
+    """The page with its table."""
+    return re.sub(
+        r"(<!-- table: laws -->\n).*?(\n<!-- end -->)",
+        lambda m: m[1] + table() + m[2],
+        text,
+        flags=re.DOTALL,
+    )
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    command = parser.add_subparsers(dest="command", required=True)
+    rows = command.add_parser("rows")
+    rows.add_argument("-o", "--out", type=Path, required=True)
+    rows.add_argument("--jobs", type=int, default=1)
+    rows.add_argument("--sites", type=int, default=SITES)
+    command.add_parser("fit")
+    command.add_parser("page")
+    given = parser.parse_args()
+    if given.command == "rows":
+        make_rows(given.out, given.jobs, given.sites)
+    elif given.command == "fit":
+        fit()
+    else:
+        PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

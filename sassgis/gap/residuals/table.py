@@ -1,0 +1,111 @@
+"""All residuals of a case against one model, made once: where, which and how far read these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.flights import path_residuals
+from sassgis.gap.residuals.free_run import (
+    AtStations,
+    FreeRun,
+    RunModel,
+    free_run,
+    free_run_residuals,
+    observed_at_stations,
+)
+from sassgis.gap.residuals.one_step import impact_residuals
+from sassgis.gap.residuals.reaches import reach_residuals
+from sassgis.gap.residuals.residuals import Residual
+from sassgis.gap.residuals.steps import StepTable, steps_of
+from sassgis.model.effects import EffectSettings
+from sassgis.model.grid import FloatArray
+from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import Forest
+
+#: Runs of each rock.
+REPLICATES = 20
+#: Orientations and slopes drawn for each observed impact.
+IMPACT_DRAWS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualTable:
+    """Observed against predicted.
+
+    Attributes
+    ----------
+    run : FreeRun
+        Replicates of the rocks in the model.
+    seen : AtStations
+        The rocks at the stations.
+    rows : tuple of Residual
+        By place and quantity, one value per rock.
+    steps : StepTable
+        Single impacts, flights and runs, one row each.
+    """
+
+    run: FreeRun
+    seen: AtStations
+    rows: tuple[Residual, ...]
+    steps: StepTable
+
+
+def residuals_of(
+    case: Case,
+    table: GroundTable,
+    *,
+    seed: int,
+    effects: EffectSettings | None = None,
+    forest: Forest | None = None,
+    replicates: int = REPLICATES,
+) -> ResidualTable:
+    """Compare a case with a model.
+
+    Parameters
+    ----------
+    case : Case
+    table : GroundTable
+        Ground classes of the model, calibrated.
+    seed : int
+    effects : EffectSettings, optional
+        Of the model; default: those of the configuration.
+    forest : Forest, optional
+        On the cells of the grid, in place of that of the configuration.
+    replicates : int
+        Runs of each rock.
+    """
+    rng = np.random.default_rng([seed, 31])
+    model = RunModel.of(case, table, effects, forest, seed)
+    run = free_run(case, model, replicates)
+    seen = observed_at_stations(case)
+    edges = reach_edges(case, run)
+    rows = [
+        *free_run_residuals(case, model, seen, run, rng=rng),
+        *reach_residuals(case, model, seen, run, edges, rng=rng),
+        *path_residuals(case, model, edges, run.axes_m),
+        *impact_residuals(
+            case, table, run.axes_m, edges, model.effects, draws=IMPACT_DRAWS, rng=rng
+        ),
+    ]
+    return ResidualTable(run, seen, tuple(rows), steps_of(case, table, run, seen, rng))
+
+
+def reach_edges(case: Case, run: FreeRun) -> FloatArray:
+    """Chainages between which reaches lie, mean over rocks (m), shape (n_reaches, 2).
+
+    The last reach ends where the last rock lies, observed or simulated.
+    """
+    start = float(case.start.mean())
+    s = case.station_s
+    known = np.isfinite(s)
+    middle = np.where(known, s, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    ends = [np.quantile(run.runout_m, 0.99)]
+    deposits = case.projected.get("deposits")
+    if deposits is not None and np.isfinite(deposits.s).any():
+        ends.append(np.nanmax(deposits.s))
+    last = max(float(max(ends)), float(middle[-1]) + 1.0 if middle.size else start + 1.0)
+    at = np.concatenate([[start], middle, [last]])
+    return np.column_stack([at[:-1], at[1:]])

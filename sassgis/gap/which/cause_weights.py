@@ -1,0 +1,90 @@
+"""How likely each cause is, from the z of its fingerprints: a logistic regression of few numbers.
+
+The fingerprints need no synthetic site. What they weigh against each other does: where stems stand,
+stops are early as well. The weights (``data/gap_thresholds.json``) were fitted on sites of several
+laws of motion; each law was judged by weights that never saw it (docs/studies/gap_weights.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import softmax
+
+from sassgis.gap.diagnosis import Fingerprint
+from sassgis.model.grid import FloatArray
+
+#: What z counts for: against a cause up to the first, for it up to the second; its unit.
+_LEAST, _MOST, _UNIT = -2.0, 8.0, 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class CauseWeights:
+    """Weights of fingerprints for causes.
+
+    Attributes
+    ----------
+    causes : tuple of str
+        Families, and "none": the base model, whatever the law of the contact.
+    statistics : tuple of str
+        Fingerprints, by their names.
+    weights : float64, shape (n_causes, n_statistics)
+    offset : float64, shape (n_causes,)
+    sharpness : float
+        Factor on the sum of the weights that makes the shares calibrated on laws that were left
+        out.
+    """
+
+    causes: tuple[str, ...]
+    statistics: tuple[str, ...]
+    weights: FloatArray
+    offset: FloatArray
+    sharpness: float
+
+    def shares(self, prints: Sequence[Fingerprint], tried: Sequence[str]) -> dict[str, float]:
+        """Probability of every cause that may be named and of "none", most likely first.
+
+        Parameters
+        ----------
+        prints : sequence of Fingerprint
+        tried : sequence of str
+            Families that may be named.
+        """
+        own = [i for i, name in enumerate(self.causes) if name == "none" or name in tried]
+        logits = self.offset + self.weights @ counted(prints, self.statistics)
+        p = softmax(self.sharpness * logits[own])
+        return {self.causes[own[k]]: float(p[k]) for k in np.argsort(-p, kind="stable").tolist()}
+
+
+def counted(prints: Sequence[Fingerprint], statistics: Sequence[str]) -> FloatArray:
+    """What each fingerprint counts; 0 where it cannot be seen."""
+    z = {one.statistic: one.z for one in prints if one.observable}
+    return counts_of(np.array([z.get(name, np.nan) for name in statistics]))
+
+
+def counts_of(z: FloatArray) -> FloatArray:
+    """Z as it counts, limited on both sides; NaN counts nothing."""
+    counts: FloatArray = np.nan_to_num(np.clip(z, _LEAST, _MOST)) / _UNIT
+    return counts
+
+
+def weights_of(content: Mapping[str, object]) -> CauseWeights:
+    """Weights from the content of their file: of each cause, those that are not zero by name.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If it is none of weights.
+    """
+    rows: dict[str, dict[str, float]] = content["weights"]  # type: ignore[assignment]
+    statistics: tuple[str, ...] = tuple(content["statistics"])  # type: ignore[arg-type]
+    offset: dict[str, float] = content["offset"]  # type: ignore[assignment]
+    return CauseWeights(
+        tuple(rows),
+        statistics,
+        np.array([[float(own.get(name, 0.0)) for name in statistics] for own in rows.values()]),
+        np.array([float(offset[name]) for name in rows]),
+        float(content["sharpness"]),  # type: ignore[arg-type]
+    )
