@@ -326,8 +326,8 @@ def _ladder_table(ladder: Sequence[Rung]) -> ReportTable:
             )
             for r in ladder
         ),
-        "Each rock is compared with a model that was drawn, chosen and fitted without it. The gap is "
-        "that of the configured model beyond chance. A dash: it may be chance.",
+        "Each rock is compared with a model that was drawn, chosen and fitted without it. Closes: "
+        "share of the gap of the configured model beyond chance. A dash: that gap may be chance.",
     )
 
 
@@ -336,8 +336,8 @@ def _consequence_table(consequences: Sequence[Consequence]) -> ReportTable:
         "What changes for these rocks",
         (("place", ""), ("quantity", ""), ("unit", ""), ("configured", ""), ("handed over", "")),
         tuple((c.place, c.quantity, c.unit, c.before, c.after) for c in consequences),
-        "The observed rocks, released with the configured model and with that of model/. Energy: of "
-        "translation, at the furthest station.",
+        "The observed rocks, released with the configured model and with that of model/. Energy: "
+        "of translation, at the furthest station.",
     )
 
 

@@ -179,7 +179,7 @@ def diagnose(
         try:
             with campaign_workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                made, wrong_ground = _base(problem, run, BASE_DRAWS, on_progress)
+                made, wrong_ground = _base(problem, run, draws, on_progress)
                 tell("Releasing them in every hypothesis")
                 made.ensemble = _ensemble(
                     made.problem, made.ensemble.tried, draws, made.run, work,
@@ -325,9 +325,10 @@ class _Calibration:
         problem: CalibrationProblem,
         ensemble: Ensemble,
         run: CampaignMap,
-        on_progress: OnProgress | None = None,
+        on_progress: OnProgress | None,
+        draws: int,
     ) -> None:
-        self.problem, self.ensemble = problem, ensemble
+        self.problem, self.ensemble, self._draws = problem, ensemble, draws
         self.fits: dict[str, FittedEffect] = {}
         self.run, self._on_progress = run, on_progress
 
@@ -336,7 +337,7 @@ class _Calibration:
         due = [e for e in dict.fromkeys(effects) if e not in self.fits]
         new = [e for e in due if not self.ensemble.of(e).size]
         if new:
-            made = list(self.run(_try, tasks_of(new, DRAWS)))
+            made = list(self.run(_try, tasks_of(new, self._draws)))
             self.ensemble = self.ensemble.with_more(self.problem, made)
         fits = self.problem.n_parts + 1
         total = len(due) * fits * (REPETITIONS * REFINED + TOP)
@@ -415,8 +416,8 @@ def _base(
             return run(partial(_in_range, case.ground_range, function), tasks)
 
         own = replace(problem, case=case)
-        tried = list(run_wider(_try, tasks_of([NONE], draws)))
-        made = _Calibration(own, ensemble_of(own, tried), run_wider, on_progress)
+        tried = list(run_wider(_try, tasks_of([NONE], BASE_DRAWS)))
+        made = _Calibration(own, ensemble_of(own, tried), run_wider, on_progress, draws)
         made.add(NONE)
         return made
 
@@ -519,12 +520,8 @@ def _diagnosis(
         consequences_of(problem, configured_model(case), model),
     )
     known = what_is_identifiable(case.observations)
-    tested = [
-        NONE,
-        CONTACT_LAW,
-        *families,
-        *([best] if "+" in best else []),
-    ]
+    both = [best] if "+" in best else []
+    tested = list(dict.fromkeys([NONE, CONTACT_LAW, *families, *both]))
     return Diagnosis(
         verdict=verdict,
         where=findings,
