@@ -179,14 +179,14 @@ def diagnose(
         try:
             with campaign_workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                made, wrong_ground = _base(problem, run, draws, on_progress)
+                made, wrong_ground, usual = _base(problem, run, draws, on_progress)
                 tell("Releasing them in every hypothesis")
                 made.ensemble = _ensemble(
                     made.problem, made.ensemble.tried, draws, made.run, work,
                     f"{fingerprint} {made.problem.case.ground_range:g}", on_progress,
                 )  # fmt: skip
                 tell("Calibrating the most probable hypotheses")
-                diagnosis = _diagnosis(made, wrong_ground, frozen, weights, fingerprint)
+                diagnosis = _diagnosis(made, wrong_ground, usual, frozen, weights, fingerprint)
         except KeyboardInterrupt:
             raise Interrupted(
                 "stopped by the user; campaigns of finished hypotheses are kept: the same command "
@@ -384,25 +384,44 @@ def fingerprints_of(
     def run(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
         return (function(problem, task) for task in tasks)
 
-    made, _ = _base(problem, run, BASE_DRAWS, None)
-    case = made.problem.case
-    residuals = _residuals(made, seed)
-    prints = fingerprints(case, residuals, group=case.group)
-    return prints, where(case, residuals, seed=seed)
+    # No rock is left out: what is asked for are no scores.
+    whole = replace(problem, part=np.full(problem.case.n_rocks, -1))
+    made = _calibrated(whole, run, DRAWS, None)
+    residuals = _residuals(made)
+    case = problem.case
+    return fingerprints(case, residuals, group=case.group), where(case, residuals, seed=seed)
 
 
-def _residuals(made: _Calibration, seed: int) -> ResidualTable:
+def _residuals(made: _Calibration) -> ResidualTable:
     """Residuals of the calibrated base."""
     case = made.problem.case
     return residuals_of(
-        case, made.model(NONE).model.table, seed=seed, effects=case.effects, forest=case.forest
+        case,
+        made.model(NONE).model.table,
+        seed=made.problem.seed,
+        effects=case.effects,
+        forest=case.forest,
     )
+
+
+def _calibrated(
+    problem: CalibrationProblem, run: CampaignMap, draws: int, on_progress: OnProgress | None
+) -> _Calibration:
+    """The base, calibrated within the range of the ground of the case."""
+
+    def run_here(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
+        return run(partial(_in_range, problem.case.ground_range, function), tasks)
+
+    tried = list(run_here(_try, tasks_of([NONE], BASE_DRAWS)))
+    made = _Calibration(problem, ensemble_of(problem, tried), run_here, on_progress, draws)
+    made.add(NONE)
+    return made
 
 
 def _base(
     problem: CalibrationProblem, run: CampaignMap, draws: int, on_progress: OnProgress | None
-) -> tuple[_Calibration, tuple[str, ...]]:
-    """The calibrated base, and the classes of ground whose usual range had to be widened.
+) -> tuple[_Calibration, tuple[str, ...], _Calibration]:
+    """The calibrated base, classes whose usual range had to be widened, and the base within it.
 
     Where the calibration runs into the limits of its range, a wider one is tried. It stays if it
     betters the score of rocks left out.
@@ -411,17 +430,9 @@ def _base(
 
     def calibrated(factor: int) -> _Calibration:
         case = replace(problem.case, ground_range=usual * factor)
+        return _calibrated(replace(problem, case=case), run, draws, on_progress)
 
-        def run_wider(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
-            return run(partial(_in_range, case.ground_range, function), tasks)
-
-        own = replace(problem, case=case)
-        tried = list(run_wider(_try, tasks_of([NONE], BASE_DRAWS)))
-        made = _Calibration(own, ensemble_of(own, tried), run_wider, on_progress, draws)
-        made.add(NONE)
-        return made
-
-    found = calibrated(1)
+    found = first = calibrated(1)
     wrong: list[str] = []
     for factor in WIDER:
         limits = classes_at_limit(found.problem.case, found.posterior(NONE))
@@ -433,7 +444,7 @@ def _base(
         if not gain.low > 0.0:
             break
         found, wrong = wider, [*wrong, *limits]
-    return found, tuple(dict.fromkeys(wrong))
+    return found, tuple(dict.fromkeys(wrong)), first
 
 
 def _in_range(
@@ -453,6 +464,7 @@ def _in_range(
 def _diagnosis(
     made: _Calibration,
     wrong_ground: tuple[str, ...],
+    usual: _Calibration,
     frozen: Thresholds,
     weights: CauseWeights,
     fingerprint: str,
@@ -460,8 +472,11 @@ def _diagnosis(
     """The answer, from a base that is calibrated and first draws of all effects."""
     problem, case, seed = made.problem, made.problem.case, made.problem.seed
     tried = families_to_try(case)
-    residuals = _residuals(made, seed)
+    # Fingerprints are of the base within the usual range of the ground, as the weights know them.
+    residuals = _residuals(usual)
     prints = fingerprints(case, residuals, group=case.group)
+    if usual is not made:
+        residuals = _residuals(made)
     shares = weights.shares(prints, tried)
     # An effect is added to the base that the contact asks for.
     law = CONTACT_LAW in significant(prints, frozen.level)
@@ -474,7 +489,7 @@ def _diagnosis(
     families = [n for n in shares if n != NONE]
     second = second_of(families[0], prints, frozen, tried)
     best = "+".join(sorted([families[0], second])) if second else families[0]
-    made.add(CONTACT_LAW, *families[:_FURTHER], with_base(families[0]), with_base(best))
+    made.add(CONTACT_LAW, *map(with_base, families[:_FURTHER]), with_base(best))
     shrinkage = shrinkage_of(problem, made.rows(base), best, made.rows(with_base(best)))
     findings = where(case, residuals, seed=seed)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]

@@ -312,7 +312,9 @@ def confidence_of(effect: str, shares: Mapping[str, float]) -> float:
     """
     if effect == UNKNOWN:
         return math.nan
-    own = NONE if effect == CONTACT_LAW else max(effect.split("+"), key=lambda n: shares.get(n, 0.0))
+    own = (
+        NONE if effect == CONTACT_LAW else max(effect.split("+"), key=lambda n: shares.get(n, 0.0))
+    )
     return float(min(shares.get(own, 0.0), 0.99))
 
 
