@@ -1,0 +1,180 @@
+"""Make the observations of the sample valley: ``python sample_dem/observed/make.py [FOLDER]``.
+
+Nobody released these rocks. They are blocks of the model of ``valley/config.toml``, followed over
+its terrain, on ground of which one class differs from what that file says. Errors of measurement
+are added, and the tables are rounded as one writes in the field.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.ellipse import mean_radius
+from sassgis.engine.simulate import Simulated
+from sassgis.engine.simulate_paths import PathTerrain, follow
+from sassgis.io.read.config import load_config
+from sassgis.model.grid import Grid
+from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import MapRun
+from sassgis.model.results import ControlLine
+from sassgis.runs.inputs import read_map_run
+from sassgis.terrain.heights import heights_at
+from sassgis.terrain.plan import plan
+from sassgis.terrain.release import take
+
+FloatArray = NDArray[np.float64]
+
+AREA, SCENARIO, ROCKS = "Sued", "rare", 40
+#: Further south some rocks would leave the terrain model.
+NORTH_OF_M = 1_120_260.0
+#: What the ground is made with; ``config.toml`` has the built-in debris, 0.55 and 0.52.
+TRUE_GROUND, TRUE_VALUES = "debris", {"eta_max": 0.68, "mu_0": 0.44}
+#: Ends of the stations (m), across the scree and at its end.
+STATIONS = {
+    "S1": ((2_700_336.0, 1_120_150.0), (2_700_392.0, 1_120_366.0)),
+    "S2": ((2_700_468.0, 1_120_116.0), (2_700_524.0, 1_120_332.0)),
+}
+#: Standard errors: two shares, two lengths (m).
+ERRORS = {"speed_error_rel": 0.05, "height_error_m": 0.15, "position_error_m": 0.5}
+MASS_ERROR_REL = 0.03
+SEED = 41
+_MOST_EVENTS = 4000
+
+
+def true_ground(table: GroundTable) -> GroundTable:
+    """The ground that the rocks meet."""
+    return GroundTable(
+        tuple(replace(c, **TRUE_VALUES) if c.name == TRUE_GROUND else c for c in table.classes)
+    )
+
+
+def released(run: MapRun) -> tuple[Simulated, FloatArray]:
+    """The rocks, from places all over the north of the release area, and these places."""
+    points = plan(run).points
+    own = np.flatnonzero((points.area == points.area_names.index(AREA)) & (points.y > NORTH_OF_M))
+    chosen = take(points, own[np.linspace(0, own.size - 1, ROCKS).round().astype(int)])
+    stations = [(ControlLine(name, "station"), np.array(ends)) for name, ends in STATIONS.items()]
+    done = follow(
+        PathTerrain(run.heights, run.ground, run.segment_tolerance_m, stations),
+        chosen,
+        true_ground(run.table),
+        next(b for b in run.blocks if b.name == SCENARIO),
+        run.engine,
+        seed=SEED,
+        rocks_per_point=1,
+        point_keys=chosen.key,
+        log_events=_MOST_EVENTS,
+    )
+    return done, np.column_stack([chosen.x, chosen.y])
+
+
+def passed_at(run: MapRun, done: Simulated) -> FloatArray:
+    """Where the blocks passed the stations (m), shape (n_passages, 2)."""
+    places = []
+    for row in done.passages:
+        log = done.event_logs[row["line"]]
+        # Between two events a path is straight in plan.
+        places.append([np.interp(row["chainage_m"], log["x_m"], log[name]) for name in ("u", "v")])
+    u, v = run.grid.cell_size * np.array(places).T
+    return np.column_stack([run.grid.west + u, run.grid.north - v])
+
+
+def dips(grid: Grid, places: FloatArray) -> FloatArray:
+    """Dip of the ground (rad), over two cells."""
+    step = grid.cell_size
+    (x, y) = places.T
+    east = heights_at(grid, x + step, y) - heights_at(grid, x - step, y)
+    north = heights_at(grid, x, y + step) - heights_at(grid, x, y - step)
+    return np.arctan(np.hypot(east, north) / (2.0 * step))
+
+
+def write_table(file: Path, header: str, rows: Sequence[Sequence[object]]) -> None:
+    """Write a CSV file; numbers have been rounded."""
+    lines = [header, *(",".join(str(v) for v in row) for row in rows)]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def make(folder: Path, config: Path) -> None:
+    """Write the tables."""
+    run = read_map_run(load_config(config), [AREA])
+    done, start = released(run)
+    rng = np.random.default_rng(SEED)
+
+    def off(values: FloatArray, relative: float) -> FloatArray:
+        wrong: FloatArray = values * (1.0 + relative * rng.standard_normal(values.shape))
+        return wrong
+
+    def placed(places: FloatArray) -> FloatArray:
+        error: FloatArray = ERRORS["position_error_m"] * rng.standard_normal(places.shape)
+        return (places + error).round(1)
+
+    rocks, passages = done.rocks, np.sort(done.passages, order=("line", "control_line"))
+    done = replace(done, passages=passages)
+    names = [f"R{k + 1:02d}" for k in range(ROCKS)]
+    axes = np.column_stack([rocks[f"{c}_m"] for c in "abc"]).round(2)
+    mass = off(rocks["mass_kg"], MASS_ERROR_REL)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_table(
+        folder / "rocks.csv",
+        "rock_id,x,y,mass_kg,semi_axis_a_m,semi_axis_b_m,semi_axis_c_m",
+        [
+            (name, *at, 10 * round(kg / 10), *own)
+            for name, at, kg, own in zip(
+                names, placed(start).tolist(), mass.tolist(), axes.tolist(), strict=True
+            )
+        ],
+    )
+    write_table(
+        folder / "stations.csv",
+        "station,x0,y0,x1,y1",
+        [(name, *first, *last) for name, (first, last) in STATIONS.items()],
+    )
+    at = passed_at(run, done)
+    own = passages["line"]
+    # The engine counts heights from that of a lying block; a rock that rolls lies on no axis.
+    a, b = rocks["a_m"][own], rocks["b_m"][own]
+    rolling = np.array([mean_radius(*pair) for pair in zip(a, b, strict=True)])
+    height = passages["height_m"]
+    height = height + np.where(height > 0.0, b, rolling) / np.cos(dips(run.heights, at))
+    height += ERRORS["height_error_m"] * rng.standard_normal(height.size)
+    write_table(
+        folder / "passages.csv",
+        "rock_id,station,x,y,speed_mps,height_m,mass_kg",
+        [
+            (names[k], list(STATIONS)[s], *xy, round(v, 1), max(round(h, 1), 0.0), 10 * round(kg / 10))
+            for k, s, xy, v, h, kg in zip(
+                own.tolist(),
+                passages["control_line"].tolist(),
+                placed(at).tolist(),
+                off(passages["speed_mps"], ERRORS["speed_error_rel"]).tolist(),
+                height.tolist(),
+                off(passages["mass_kg"], MASS_ERROR_REL).tolist(),
+                strict=True,
+            )
+        ],
+    )  # fmt: skip
+    write_table(
+        folder / "deposits.csv",
+        "rock_id,x,y,mass_kg",
+        [
+            (names[k], *xy, 10 * round(kg / 10))
+            for k, xy, kg in zip(
+                rocks["line"].tolist(),
+                placed(np.column_stack([done.x, done.y])).tolist(),
+                off(rocks["mass_kg"], MASS_ERROR_REL).tolist(),
+                strict=True,
+            )
+        ],
+    )
+    write_table(folder / "metadata.csv", "key,value", list(ERRORS.items()))
+
+
+if __name__ == "__main__":
+    here = Path(__file__).resolve().parent
+    make(Path(sys.argv[1]) if len(sys.argv) > 1 else here, here.parent / "valley" / "config.toml")
