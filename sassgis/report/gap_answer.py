@@ -187,7 +187,7 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
         )
         first = (
             f"With {effect_name(shrinkage.effect)} added, {_share(shrinkage.value)} of the gap "
-            f"that is not chance closes{span}, on rocks that were not used in the calibration."
+            f"that is not chance closes{span}, on rocks that had no say in it."
         )
     return ReportAnswer(heading, (first, left, *note))
 
