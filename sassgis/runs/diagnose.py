@@ -6,7 +6,7 @@ import json
 import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -179,12 +179,9 @@ def diagnose(
         try:
             with campaign_workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                made, wrong_ground, usual = _base(problem, run, draws, on_progress)
-                tell("Releasing them in every hypothesis")
-                made.ensemble = _ensemble(
-                    made.problem, made.ensemble.tried, draws, made.run, work,
-                    f"{fingerprint} {made.problem.case.ground_range:g}", on_progress,
-                )  # fmt: skip
+                made, wrong_ground, usual = _base(
+                    problem, run, draws, on_progress, _Kept(work, fingerprint)
+                )
                 tell("Calibrating the most probable hypotheses")
                 diagnosis = _diagnosis(made, wrong_ground, usual, frozen, weights, fingerprint)
         except KeyboardInterrupt:
@@ -243,32 +240,33 @@ def _try(problem: CalibrationProblem, task: tuple[str, int]) -> Tried:
     return try_task(problem, task, _ORDER)
 
 
-def _ensemble(
-    problem: CalibrationProblem,
-    base: Sequence[Tried],
-    draws: int,
-    run: CampaignMap,
-    work: Path,
-    fingerprint: str,
-    on_progress: OnProgress | None,
-) -> Ensemble:
-    """First round of campaigns; effects that were finished before are not made again.
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """First draws of effects that an earlier attempt with the same settings finished.
 
-    One draw of each effect goes ahead uncounted: it waits until its kernels are compiled, which
-    would make the time left look like hours.
+    Attributes
+    ----------
+    work : Path or None
+        Folder of the diagnosis; None: nothing is kept.
+    fingerprint : str
+        Of the settings.
     """
-    families = families_to_try(problem.case)
-    files = {effect: work / f"{CHECKPOINT_STEM}.{effect}.pkl" for effect in families}
-    made = {effect: _saved(file, fingerprint) for effect, file in files.items()}
-    due = [effect for effect in families if made[effect] is None]
-    first = dict(zip(due, run(_try, tasks_of(due, 1)), strict=True))
-    counter = _Counter(on_progress, draws * len(families), problem.case.n_rocks)
-    counter.step(draws * (len(families) - len(due)) + len(due))
-    for effect in due:
-        rest = counter.counted(run(_try, tasks_of([effect], draws)[1:]))
-        made[effect] = [first[effect], *rest]
-        _save(files[effect], fingerprint, made[effect] or [])
-    return ensemble_of(problem, [*base, *(one for own in made.values() for one in own or [])])
+
+    work: Path | None
+    fingerprint: str
+
+    def first_draws(
+        self, problem: CalibrationProblem, effect: str, draws: int, run: CampaignMap
+    ) -> list[Tried]:
+        """Draws of an effect, made now or before."""
+        if self.work is None:
+            return list(run(_try, tasks_of([effect], draws)))
+        file = self.work / f"{CHECKPOINT_STEM}.{effect}.{problem.case.ground_range:g}.pkl"
+        made = _saved(file, self.fingerprint)
+        if made is None:
+            made = list(run(_try, tasks_of([effect], draws)))
+            _save(file, self.fingerprint, made)
+        return made
 
 
 class _Counter:
@@ -327,18 +325,20 @@ class _Calibration:
         run: CampaignMap,
         on_progress: OnProgress | None,
         draws: int,
+        kept: _Kept,
     ) -> None:
         self.problem, self.ensemble, self._draws = problem, ensemble, draws
+        self._kept = kept
         self.fits: dict[str, FittedEffect] = {}
         self.run, self._on_progress = run, on_progress
 
     def add(self, *effects: str) -> None:
         """Calibrate effects; draws of those that were never tried are made first."""
         due = [e for e in dict.fromkeys(effects) if e not in self.fits]
-        new = [e for e in due if not self.ensemble.of(e).size]
-        if new:
-            made = list(self.run(_try, tasks_of(new, self._draws)))
-            self.ensemble = self.ensemble.with_more(self.problem, made)
+        for effect in due:
+            if not self.ensemble.of(effect).size:
+                made = self._kept.first_draws(self.problem, effect, self._draws, self.run)
+                self.ensemble = self.ensemble.with_more(self.problem, made)
         fits = self.problem.n_parts + 1
         total = len(due) * fits * (REPETITIONS * REFINED + TOP)
         counter = _Counter(self._on_progress, total, self.problem.case.n_rocks)
@@ -386,7 +386,7 @@ def fingerprints_of(
 
     # No rock is left out: what is asked for are no scores.
     whole = replace(problem, part=np.full(problem.case.n_rocks, -1))
-    made = _calibrated(whole, run, DRAWS, None)
+    made = _calibrated(whole, run, DRAWS, None, _Kept(None, ""))
     residuals = _residuals(made)
     case = problem.case
     return fingerprints(case, residuals, group=case.group), where(case, residuals, seed=seed)
@@ -405,21 +405,29 @@ def _residuals(made: _Calibration) -> ResidualTable:
 
 
 def _calibrated(
-    problem: CalibrationProblem, run: CampaignMap, draws: int, on_progress: OnProgress | None
+    problem: CalibrationProblem,
+    run: CampaignMap,
+    draws: int,
+    on_progress: OnProgress | None,
+    kept: _Kept,
 ) -> _Calibration:
     """The base, calibrated within the range of the ground of the case."""
 
     def run_here(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
         return run(partial(_in_range, problem.case.ground_range, function), tasks)
 
-    tried = list(run_here(_try, tasks_of([NONE], BASE_DRAWS)))
-    made = _Calibration(problem, ensemble_of(problem, tried), run_here, on_progress, draws)
+    tried = kept.first_draws(problem, NONE, BASE_DRAWS, run_here)
+    made = _Calibration(problem, ensemble_of(problem, tried), run_here, on_progress, draws, kept)
     made.add(NONE)
     return made
 
 
 def _base(
-    problem: CalibrationProblem, run: CampaignMap, draws: int, on_progress: OnProgress | None
+    problem: CalibrationProblem,
+    run: CampaignMap,
+    draws: int,
+    on_progress: OnProgress | None,
+    kept: _Kept,
 ) -> tuple[_Calibration, tuple[str, ...], _Calibration]:
     """The calibrated base, classes whose usual range had to be widened, and the base within it.
 
@@ -430,7 +438,7 @@ def _base(
 
     def calibrated(factor: int) -> _Calibration:
         case = replace(problem.case, ground_range=usual * factor)
-        return _calibrated(replace(problem, case=case), run, draws, on_progress)
+        return _calibrated(replace(problem, case=case), run, draws, on_progress, kept)
 
     found = first = calibrated(1)
     wrong: list[str] = []
@@ -535,8 +543,8 @@ def _diagnosis(
         consequences_of(problem, configured_model(case), model),
     )
     known = what_is_identifiable(case.observations)
-    both = [best] if "+" in best else []
-    tested = list(dict.fromkeys([NONE, CONTACT_LAW, *families, *both]))
+    calibrated = (e for e in (*families, best) if with_base(e) in made.fits)
+    tested = list(dict.fromkeys([NONE, CONTACT_LAW, *calibrated]))
     return Diagnosis(
         verdict=verdict,
         where=findings,
