@@ -358,9 +358,10 @@ def gap_ladder_figure(ladder: Sequence[Rung], *, title: str = "How far the gap s
                 else f" ({100 * rung.ci95[0]:.0f} to {100 * rung.ci95[1]:.0f})"
             )
             ax.text(
-                max(rung.distance, 0.0), i, f" closes {100 * rung.share:.0f} %{span}",
+                max(rung.distance, 0.0), i, f" closes {100 * rung.share:.0f} %{span}".replace("-", "\u2212"),
                 va="center", size=SMALL,
             )  # fmt: skip
+    ax.grid(visible=False)
     ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
     ax.set_yticks(
         range(len(ladder)),
