@@ -28,18 +28,18 @@ MATTERS = ("speed_mps", "runout_m", "energy_kept", "height_m", "rotation_hz", "l
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The answer in one or two sentences."""
     verdict = diagnosis.verdict
-    sure = f"Confidence {100 * verdict.confidence:.0f} %."
+    sure = f"Confidence {100 * verdict.confidence:.0f} %." if verdict.confidence >= 0.0 else ""
     if verdict.effect == "none":
         return (
             "No effect has to be added: once the ground is calibrated, what is left between "
             f"observed and simulated rocks is no more than chance among {diagnosis.rocks} rocks. "
             f"{sure}"
-        )
+        ).strip()
     if verdict.effect == "unknown":
         return (
             "There is a gap that calibrating the ground does not close, and none of the known "
             f"effects can be named as its cause. {sure}"
-        )
+        ).strip()
     return f"The gap is best explained by {effect_phrase(verdict.effect)}. {sure}"
 
 
@@ -187,7 +187,7 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
         )
         first = (
             f"With {effect_name(shrinkage.effect)} added, {_share(shrinkage.value)} of the gap "
-            f"that is not chance closes{span}, on rocks that were not used in the calibration."
+            f"that is not chance closes{span}, on rocks that had no say in it."
         )
     return ReportAnswer(heading, (first, left, *note))
 

@@ -224,7 +224,7 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], answer: str) -> str:
 def _closed(rung: Rung) -> str:
     span = ""
     if rung.ci95 is not None:
-        low, high = (f"{100.0 * v:.0f}" for v in rung.ci95)
+        low, high = (f"{100.0 * v:.0f}".replace("-", "\u2212") for v in rung.ci95)
         span = f" (95 %: {low} to {high} %)"
     return f"{100.0 * (rung.share or 0.0):.0f} %{span}"
 
@@ -271,4 +271,5 @@ def _what_to_set(advice: Advice) -> list[str]:
 
 def _number(value: float) -> str:
     """Two digits for large numbers, as many decimals as a setting needs for small ones."""
-    return f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
+    text = f"{value:.0f}" if abs(value) >= 10.0 else f"{value:.2g}"
+    return text.replace("-", "\u2212")

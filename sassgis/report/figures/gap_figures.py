@@ -357,10 +357,9 @@ def gap_ladder_figure(ladder: Sequence[Rung], *, title: str = "How far the gap s
                 if rung.ci95 is None
                 else f" ({100 * rung.ci95[0]:.0f} to {100 * rung.ci95[1]:.0f})"
             )
-            ax.text(
-                max(rung.distance, 0.0), i, f" closes {100 * rung.share:.0f} %{span}",
-                va="center", size=SMALL,
-            )  # fmt: skip
+            text = f" closes {100 * rung.share:.0f} %{span}".replace("-", "\u2212")
+            ax.text(max(rung.distance, 0.0), i, text, va="center", size=SMALL)
+    ax.grid(visible=False)
     ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
     ax.set_yticks(
         range(len(ladder)),
