@@ -1,6 +1,6 @@
 """Make the observations of the sample valley: ``python sample_dem/observed/make.py [FOLDER]``.
 
-Nobody released these rocks. They are blocks of the model of ``valley/config.toml``, followed over
+Nobody released these rocks. They are blocks of the model of ``valley/config.toml`` on fall lines of
 its terrain, on ground of which one class differs from what that file says. Errors of measurement
 are added, and the tables are rounded as one writes in the field.
 """
@@ -13,22 +13,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.simulate import Simulated
-from sassgis.engine.simulate_paths import PathTerrain, follow
+from sassgis.engine.simulate import Simulated, simulate
 from sassgis.io.read.config import load_config
-from sassgis.model.grid import Grid
+from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import ControlLine
 from sassgis.runs.inputs import read_map_run
+from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.plan import plan
+from sassgis.terrain.prepare import PreparedLines, prepare_lines, trace_lines
 from sassgis.terrain.release import take
-
-FloatArray = NDArray[np.float64]
 
 AREA, SCENARIO, ROCKS = "Sued", "rare", 40
 #: Further south some rocks would leave the terrain model.
@@ -44,7 +42,6 @@ STATIONS = {
 ERRORS = {"speed_error_rel": 0.05, "height_error_m": 0.15, "position_error_m": 0.5}
 MASS_ERROR_REL = 0.03
 SEED = 41
-_MOST_EVENTS = 4000
 
 
 def true_ground(table: GroundTable) -> GroundTable:
@@ -54,35 +51,26 @@ def true_ground(table: GroundTable) -> GroundTable:
     )
 
 
-def released(run: MapRun) -> tuple[Simulated, FloatArray]:
-    """The rocks, from places all over the north of the release area, and these places."""
-    points = plan(run).points
+def released(run: MapRun) -> tuple[Simulated, PreparedLines]:
+    """The rocks, from places all over the north of the release area, and their fall lines."""
+    planned = plan(run)
+    points = planned.points
     own = np.flatnonzero((points.area == points.area_names.index(AREA)) & (points.y > NORTH_OF_M))
-    chosen = take(points, own[np.linspace(0, own.size - 1, ROCKS).round().astype(int)])
-    stations = [(ControlLine(name, "station"), np.array(ends)) for name, ends in STATIONS.items()]
-    done = follow(
-        PathTerrain(run.heights, run.ground, run.segment_tolerance_m, stations),
-        chosen,
+    chosen = own[np.linspace(0, own.size - 1, ROCKS).round().astype(int)]
+    starts = take(planned.starts, chosen)
+    prepared = prepare_lines(run, trace_lines(run, planned.surface, starts))
+    done = simulate(
+        prepared.profiles,
         true_ground(run.table),
         next(b for b in run.blocks if b.name == SCENARIO),
         run.engine,
         seed=SEED,
-        rocks_per_point=1,
-        point_keys=chosen.key,
-        log_events=_MOST_EVENTS,
+        rocks_per_line=1,
+        line_keys=starts.key,
+        starts=prepared.starts(planned.moved[chosen]),
+        control_lines=prepared.crossings,
     )
-    return done, np.column_stack([chosen.x, chosen.y])
-
-
-def passed_at(run: MapRun, done: Simulated) -> FloatArray:
-    """Where the blocks passed the stations (m), shape (n_passages, 2)."""
-    places = []
-    for row in done.passages:
-        log = done.event_logs[row["line"]]
-        # Between two events a path is straight in plan.
-        places.append([np.interp(row["chainage_m"], log["x_m"], log[name]) for name in ("u", "v")])
-    u, v = run.grid.cell_size * np.array(places).T
-    return np.column_stack([run.grid.west + u, run.grid.north - v])
+    return done, prepared
 
 
 def dips(grid: Grid, places: FloatArray) -> FloatArray:
@@ -102,20 +90,24 @@ def write_table(file: Path, header: str, rows: Sequence[Sequence[object]]) -> No
 
 def make(folder: Path, config: Path) -> None:
     """Write the tables."""
-    run = read_map_run(load_config(config), [AREA])
-    done, start = released(run)
+    stations = [(ControlLine(name, "station"), np.array(ends)) for name, ends in STATIONS.items()]
+    run = replace(read_map_run(load_config(config), [AREA]), control_lines=stations)
+    done, prepared = released(run)
     rng = np.random.default_rng(SEED)
 
     def off(values: FloatArray, relative: float) -> FloatArray:
         wrong: FloatArray = values * (1.0 + relative * rng.standard_normal(values.shape))
         return wrong
 
-    def placed(places: FloatArray) -> FloatArray:
-        error: FloatArray = ERRORS["position_error_m"] * rng.standard_normal(places.shape)
-        return (places + error).round(1)
+    def at(line: IntArray, chainage_m: FloatArray) -> FloatArray:
+        return np.column_stack(chainage_to_xy(prepared.lines, line, chainage_m))
+
+    def placed(places: FloatArray) -> list[list[float]]:
+        error = ERRORS["position_error_m"] * rng.standard_normal(places.shape)
+        found: list[list[float]] = (places + error).round(1).tolist()
+        return found
 
     rocks, passages = done.rocks, np.sort(done.passages, order=("line", "control_line"))
-    done = replace(done, passages=passages)
     names = [f"R{k + 1:02d}" for k in range(ROCKS)]
     axes = np.column_stack([rocks[f"{c}_m"] for c in "abc"]).round(2)
     mass = off(rocks["mass_kg"], MASS_ERROR_REL)
@@ -124,9 +116,13 @@ def make(folder: Path, config: Path) -> None:
         folder / "rocks.csv",
         "rock_id,x,y,mass_kg,semi_axis_a_m,semi_axis_b_m,semi_axis_c_m",
         [
-            (name, *at, 10 * round(kg / 10), *own)
-            for name, at, kg, own in zip(
-                names, placed(start).tolist(), mass.tolist(), axes.tolist(), strict=True
+            (name, *xy, 10 * round(kg / 10), *own)
+            for name, xy, kg, own in zip(
+                names,
+                placed(at(rocks["line"], rocks["start_m"])),
+                mass.tolist(),
+                axes.tolist(),
+                strict=True,
             )
         ],
     )
@@ -135,30 +131,30 @@ def make(folder: Path, config: Path) -> None:
         "station,x0,y0,x1,y1",
         [(name, *first, *last) for name, (first, last) in STATIONS.items()],
     )
-    at = passed_at(run, done)
     own = passages["line"]
+    places = at(own, passages["chainage_m"])
     # The engine counts heights from that of a lying block; a rock that rolls lies on no axis.
     a, b = rocks["a_m"][own], rocks["b_m"][own]
     rolling = np.array([mean_radius(*pair) for pair in zip(a, b, strict=True)])
     height = passages["height_m"]
-    height = height + np.where(height > 0.0, b, rolling) / np.cos(dips(run.heights, at))
+    height = height + np.where(height > 0.0, b, rolling) / np.cos(dips(run.heights, places))
     height += ERRORS["height_error_m"] * rng.standard_normal(height.size)
     write_table(
         folder / "passages.csv",
         "rock_id,station,x,y,speed_mps,height_m,mass_kg",
         [
-            (names[k], list(STATIONS)[s], *xy, round(v, 1), max(round(h, 1), 0.0), 10 * round(kg / 10))
-            for k, s, xy, v, h, kg in zip(
+            (names[k], station, *xy, round(v, 1), max(round(h, 1), 0.0), 10 * round(kg / 10))
+            for k, station, xy, v, h, kg in zip(
                 own.tolist(),
-                passages["control_line"].tolist(),
-                placed(at).tolist(),
+                np.array(list(STATIONS))[passages["control_line"]].tolist(),
+                placed(places),
                 off(passages["speed_mps"], ERRORS["speed_error_rel"]).tolist(),
                 height.tolist(),
                 off(passages["mass_kg"], MASS_ERROR_REL).tolist(),
                 strict=True,
             )
         ],
-    )  # fmt: skip
+    )
     write_table(
         folder / "deposits.csv",
         "rock_id,x,y,mass_kg",
@@ -166,7 +162,7 @@ def make(folder: Path, config: Path) -> None:
             (names[k], *xy, 10 * round(kg / 10))
             for k, xy, kg in zip(
                 rocks["line"].tolist(),
-                placed(np.column_stack([done.x, done.y])).tolist(),
+                placed(at(rocks["line"], rocks["runout_m"])),
                 off(rocks["mass_kg"], MASS_ERROR_REL).tolist(),
                 strict=True,
             )
