@@ -96,7 +96,7 @@ _FEWEST_GROUPS = 4
 #: Draws of each hypothesis in the first round, and of the base.
 DRAWS, BASE_DRAWS = 40, 80
 #: Repetitions of the refinement, and draws in each of them and each fit.
-REPETITIONS, REFINED = 3, 16
+REPETITIONS, REFINED = 2, 12
 #: Effects that are calibrated further, the most probable ones.
 _FURTHER = 2
 #: Factors on the range of the ground where the calibration runs into its limits.

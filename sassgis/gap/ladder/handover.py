@@ -204,7 +204,12 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], answer: str) -> str:
     named = answer not in ("none", "unknown")
     if not (gap.significant or advice.wrong_ground or named):
         return " ".join(said)
-    closed = {r.rung: _closed(r) for r in ladder if r.share is not None}
+    # A share whose interval holds zero may be chance.
+    closed = {
+        r.rung: _closed(r)
+        for r in ladder
+        if r.share is not None and (r.ci95 is None or r.ci95[0] > 0.0)
+    }
     if named:
         what = " and ".join(effect_name(e) for e in answer.split("+"))
         share = closed.get(answer, "")
@@ -216,8 +221,12 @@ def first_sentence(advice: Advice, ladder: Sequence[Rung], answer: str) -> str:
         )
         return " ".join(said)
     said += _what_to_set(advice)
-    if share := closed.get("ground", ""):
-        said.append(f"On rocks that had no say in the values, this closes {share} of the gap.")
+    share = closed.get("ground", "")
+    said.append(
+        f"On rocks that had no say in the values, this closes {share} of the gap."
+        if share
+        else "Whether these values hold for rocks that had no say in them is not certain."
+    )
     return " ".join(said)
 
 

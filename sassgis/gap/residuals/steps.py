@@ -156,9 +156,7 @@ def _impacts(
         "spin_out_radps": (own.omega_out_radps, draws[..., 2]),
     }
     for name, (observed, drawn) in quantities.items():
-        with np.errstate(invalid="ignore"):
-            mean = np.where(enough, np.nanmean(np.where(known, drawn, np.nan), axis=1), np.nan)
-            sd = np.where(enough, np.nanstd(np.where(known, drawn, np.nan), axis=1), np.nan)
+        mean, sd = _mean_and_sd(np.where(enough[:, None], drawn, np.nan))
         out.append({
             **common, "quantity": np.array(name), "observed": observed, "predicted": mean, "sd": sd,
         })  # fmt: skip
@@ -168,6 +166,18 @@ def _impacts(
         "sd": turn_error(case, line_turn),
     }  # fmt: skip
     return [*out, {**common, **turn}]
+
+
+def _mean_and_sd(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Over the last axis, missing ones left out; NaN where there are none."""
+    known = np.isfinite(draws)
+    count = known.sum(axis=-1)
+    filled = np.where(known, draws, 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean: FloatArray = filled.sum(axis=-1) / count
+        away = np.where(known, draws - mean[..., None], 0.0)
+        sd: FloatArray = np.sqrt((away**2).sum(axis=-1) / count)
+    return mean, sd
 
 
 def _flights(case: Case) -> list[_Part]:
@@ -219,7 +229,7 @@ def _runs(case: Case, run: FreeRun, seen: AtStations) -> list[_Part]:
             if not known.any():
                 continue
             rock = np.flatnonzero(known)
-            mean, sd = np.nanmean(draws[rock], axis=1), np.nanstd(draws[rock], axis=1)
+            mean, sd = _mean_and_sd(draws[rock])
             found.append({
                 "rock": rock, "step": np.array("run"), "quantity": np.array(name),
                 "observed": getattr(seen, name)[rock, k], "predicted": mean,

@@ -554,7 +554,8 @@ def _reaches(case: Case, residuals: ResidualTable) -> list[_Scores]:
             )
         )
     both = [t / np.maximum(np.nanstd(t, axis=0), 1e-3) for t in (speed, foot) if t.shape[1]]
-    if both:
+    # Stops alone say nothing of the shape: flat rocks are also those that start or break otherwise.
+    if speed.shape[1]:
         all_ = np.column_stack(both)
         late = _row_means(all_ - np.nanmean(all_, axis=0))
         found.append(

@@ -195,7 +195,8 @@ def decide(
                 "large"
             ),
         )
-    if CONTACT_LAW in significant(prints, thresholds.level):
+    likely = max((shares[name] for name in tried), default=0.0)
+    if CONTACT_LAW in significant(prints, thresholds.level) and shares[NONE] > likely:
         return (
             CONTACT_LAW,
             group_of(CONTACT_LAW),
