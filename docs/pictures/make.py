@@ -1,4 +1,4 @@
-"""Make the pictures of the README from the samples.
+"""Make the pictures of the README and of the page on one case from the samples.
 
 ``python docs/pictures/make.py`` rewrites the PNG files of this folder;
 ``python docs/pictures/make.py FOLDER`` writes them somewhere else.
@@ -16,6 +16,8 @@ from sassgis.io.read.config import load_config
 from sassgis.model.results import StopReason
 from sassgis.report.figures import profile_comparison_figure, save
 from sassgis.report.profile_report import profile_panel
+from sassgis.runs import gap_map_change
+from sassgis.runs.diagnose import diagnose
 from sassgis.runs.profile_run import profile_from_csv, simulate_profile
 from sassgis.runs.samples import sample_folder
 from sassgis.runs.zone import zone
@@ -42,12 +44,24 @@ def before_and_after(folder: Path) -> None:
     save(profile_comparison_figure(panels), folder / "before_after.png")
 
 
+def map_change(folder: Path) -> None:
+    """What the ground that is calibrated to the observations of the sample makes of its map."""
+    with tempfile.TemporaryDirectory() as work:
+        samples, out = sample_folder(), Path(work) / "diagnosis"
+        config = samples / "valley" / "config.toml"
+        diagnose(config, samples / "observed", out, jobs=0)
+        change = gap_map_change.map_change(config, out / "model" / "config.toml", out / "map")
+        picture = change.folder / "figures" / "reach_probability_change.png"
+        shutil.copyfile(picture, folder / "gap_map_change.png")
+
+
 def main() -> None:
     """Write all pictures."""
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
     folder.mkdir(parents=True, exist_ok=True)
     before_and_after(folder)
     level_and_energy(folder)
+    map_change(folder)
 
 
 if __name__ == "__main__":
