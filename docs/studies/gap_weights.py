@@ -444,7 +444,7 @@ def table() -> str:
 def filled(text: str) -> str:
     """The page with its table."""
     return re.sub(
-        r"(<!-- table: laws -->\n).*?(\n<!-- end -->)",
+        r"(<!-- laws -->\n).*?(\n<!-- end laws -->)",
         lambda m: m[1] + table() + m[2],
         text,
         flags=re.DOTALL,

@@ -94,8 +94,7 @@ class Effect:
     place : type or None
         More declared settings of its section, which say where it acts and are read into a map.
     calibration : Calibration or None
-        None if the diagnosis does not try it: its classifiers know only the effects that they were
-        learned with.
+        None if the diagnosis does not try it: no fingerprint speaks for it.
     """
 
     settings: type[EffectSection]
@@ -128,7 +127,7 @@ _ROWS = (
         calibration=Calibration(
             order=5,
             phase="flight",
-            ranges={"drag_coefficient": Range(2.0, 150.0, "log")},
+            ranges={"drag_coefficient": Range(0.3, 2.0, "log")},
             forms={"constant": 1.0, "sphericity": 1.0},
             parameters={},
         ),

@@ -38,6 +38,8 @@ _STRAIGHT = 0.06
 #: Least error of a mass, share of the released mass below which nothing is said, and draws of the
 #: errors.
 _LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
+#: Share of the median rock up to which a block is a chip, which says nothing.
+_CHIP = 0.01
 #: Share of the released mass that must lack before rocks are looked for that left the ground.
 _LOST = 0.01
 #: Shift, in standard deviations, up to which a comparison may be off by itself; product of
@@ -102,13 +104,14 @@ def fingerprints(
 
 def _tested(one: _Scores, group: IntArray) -> tuple[float, float, int]:
     """Z of the mean over groups, one-sided p, and groups that have a value."""
-    if one.scores.size == 1:
-        z = float(one.scores[0])
-        return z, float(stats.norm.sf(z)), int(group.max()) + 1
-    values = per_rock(one.scores, group, int(group.max()) + 1)
+    groups = int(group.max()) + 1
+    own_null = one.scores.size == 1
+    values = np.zeros(groups) if own_null else per_rock(one.scores, group, groups)
     n = int(np.isfinite(values).sum())
     if n < LEAST:
         return math.nan, math.nan, n
+    if own_null:
+        return float(one.scores[0]), float(stats.norm.sf(one.scores[0])), n
     t = float(np.clip(np.nan_to_num(t_statistics(values)[0], posinf=40.0, neginf=-40.0), -40, 40))
     p = float(stats.t.sf(t, n - 1))
     # The normal deviate of the same chance: a t of five rocks is not one of a hundred.
@@ -354,6 +357,7 @@ def _masses(case: Case, residuals: ResidualTable) -> list[_Scores]:
     blocks, rocks = observed_blocks(case), case.mass_kg
     if blocks is None or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
         return []
+    blocks = blocks[blocks > _CHIP * np.median(rocks)]
     if blocks.sum() < (1.0 - _LOST) * rocks.sum():
         rocks = rocks[~_gone(case)]
     if rocks.size < LEAST:
