@@ -37,10 +37,14 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         ).strip()
     if verdict.effect == "unknown":
         return (
-            "There is a gap that calibrating the ground does not close, and none of the known "
-            f"effects can be named as its cause. {sure}"
+            "After calibration gaps are left that are significant and large, and these data cannot "
+            f"answer which cause they have{_group(verdict.group)}. {sure}"
         ).strip()
     return f"The gap is best explained by {effect_phrase(verdict.effect)}. {sure}"
+
+
+def _group(group: str) -> str:
+    return f"; it belongs to the group “{group}”" if group else ""
 
 
 def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
@@ -61,11 +65,11 @@ def _why(diagnosis: Diagnosis) -> ReportAnswer:
         place = " and ".join(place_words(s) for s in verdict.segments)
         acts = f"It acts in the phase “{verdict.phase}”" if verdict.phase else "It acts"
         out.append(f"{acts}{' ' + place if place else ''}.")
-    group = f" and of its group ({verdict.group})" if verdict.group else ""
-    out.append(
-        f"The weight of this answer{group} follows from fingerprints; it is not a calibrated "
-        "probability. Take it as what to look at first, not as found."
-    )
+    if verdict.effect != "unknown":
+        out.append(
+            "The confidence is that of synthetic sites of several laws of motion. Take the answer "
+            "as what to look at first, not as found."
+        )
     named = hypothesis_of(diagnosis.which, verdict.effect)
     if named is not None and verdict.effect not in ("none", "unknown", "contact_law"):
         interval = (
@@ -167,13 +171,13 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
         "chance leaves."
     )
     note = (_sentence(shrinkage.note),) if shrinkage.note else ()
-    if effect in ("none", "unknown") and shrinkage.effect in ("none", "unknown", ""):
+    if effect in ("none", "unknown"):
         base = (
             f"No effect was named that could be added. The energy distance of the calibrated base "
             f"model to the observed rocks is {sensible(shrinkage.distance_base)}; "
             f"{sensible(shrinkage.distance_floor)} is the least that chance leaves."
         )
-        return ReportAnswer(heading, (base, *note))
+        return ReportAnswer(heading, (base, *(note if effect == "none" else ())))
     if shrinkage.value is None:
         first = (
             "By what share the gap shrinks is not given, as the gap itself is not certainly above "

@@ -289,7 +289,7 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
             for c in diagnosis.which
         ),
         "Score: energy score of rocks held out of the calibration; less is better. Gain: score of "
-        "the calibrated base less this one. Weight: by fingerprints, not a calibrated probability.",
+        "the calibrated base less this one. Probability: by the fingerprints.",
     )  # fmt: skip
 
 

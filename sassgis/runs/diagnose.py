@@ -432,7 +432,7 @@ def _base(
     """The calibrated base, classes whose usual range had to be widened, and the base within it.
 
     Where the calibration runs into the limits of its range, a wider one is tried. It stays if it
-    betters the score of rocks left out.
+    betters the score of rocks left out; if it certainly does, the usual range is wrong.
     """
     usual = problem.case.ground_range
 
@@ -449,9 +449,11 @@ def _base(
         wider = calibrated(factor)
         rng = np.random.default_rng([problem.seed, 83, factor])
         gain = gain_of(found.scores(NONE), wider.scores(NONE), problem.case.group, rng)
-        if not gain.low > 0.0:
+        if not gain.value > 0.0:
             break
-        found, wrong = wider, [*wrong, *limits]
+        found = wider
+        if gain.low > 0.0:
+            wrong += limits
     return found, tuple(dict.fromkeys(wrong)), first
 
 

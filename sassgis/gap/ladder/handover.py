@@ -270,11 +270,13 @@ def _what_to_set(advice: Advice) -> list[str]:
             "Set the ground as in model/ground_classes.csv; these data identify none of its "
             "parameters alone."
         ]
+    known = {f"{s.ground}.{s.parameter}" for s in advice.settings if s.identified}
     said = [f"Set {name}: {', '.join(values)}." for name, values in by_class.items()]
     said += [
         f"{one} and {other} make up for each other: change one only with the other."
-        for one, other, _ in advice.trade_offs[:1]
-    ]
+        for one, other, _ in advice.trade_offs
+        if {one, other} <= known
+    ][:1]
     return said
 
 

@@ -36,8 +36,9 @@ _FOLLOWS: Mapping[str, tuple[str, ...]] = {
     "contact": ("sideways",),
     "sideways": ("contact",),
 }
-#: A gap is large from this share of the scatter of the rocks on.
-_LARGE = 0.5
+#: A gap is large from this share of the scatter of the rocks on (J. Cohen, 1988, Statistical power
+#: analysis for the behavioral sciences, p. 26: d = 0.8).
+_LARGE = 0.8
 
 
 @dataclass(frozen=True, slots=True)
