@@ -77,7 +77,7 @@ def test_softer_ground_shows_without_impacts():
 
 def test_drag_shows_in_flight():
     drag = EffectSettings(AirDrag(drag_coefficient=10.0, air_density_kgm3=2.0))
-    f = found(observed(50, 13, effects=drag))
+    f = found(observed(70, 13, effects=drag))
     for quantity, sign in (
         ("speed_change_mps", -1.0),
         ("horizontal_acceleration_mps2", -1.0),
