@@ -42,12 +42,14 @@ from sassgis.gap.inference.rock_tests import holm_adjusted
 from sassgis.gap.which.cause_weights import CauseWeights, counts_of
 from sassgis.gap.which.fingerprints import STATISTICS
 from sassgis.gap.which.verdict import (
+    CONTACT_LAW,
     NONE,
     Thresholds,
     adequate,
     confidence_of,
     confusion_set,
     decide,
+    significant,
 )
 from sassgis.io.read.gap_thresholds import THRESHOLDS, read_thresholds, thresholds_of
 from sassgis.model.grid import FloatArray
@@ -261,7 +263,8 @@ def answer_of(
     prints = prints_of(z)
     shares = weights.shares(prints, FAMILIES)
     gaps = [] if int(row["adequate"]) else [LARGE]
-    effect, group, _ = decide(prints, shares, gaps, None, thresholds)
+    law = CONTACT_LAW in significant(prints, thresholds.level)
+    effect, group, _ = decide(prints, shares, gaps, None, thresholds, law)
     return Answer(
         case=row["site"],
         effect=effect,

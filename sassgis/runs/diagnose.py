@@ -46,7 +46,13 @@ from sassgis.gap.ladder.handover import (
     values_of,
 )
 from sassgis.gap.ladder.parameter_posterior import ParameterPosterior, parameter_posterior
-from sassgis.gap.ladder.rungs import RockDistances, ladder_of, shrinkage_of
+from sassgis.gap.ladder.rungs import (
+    RockDistances,
+    ground_is_enough,
+    ladder_of,
+    needs_contact_law,
+    shrinkage_of,
+)
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.model_json import model_as_json
@@ -488,8 +494,16 @@ def _diagnosis(
     if usual is not made:
         residuals = _residuals(made)
     shares = weights.shares(prints, tried)
+    made.add(CONTACT_LAW)
+    configured = model_rows(problem, configured_model(case), CONFIGURED_NUMBER, FRESH)
+    bases = [
+        ("configured", configured.astype(np.float64)),
+        ("ground", made.rows(NONE)),
+        (CONTACT_LAW, made.rows(CONTACT_LAW)),
+    ]
     # An effect is added to the base that the contact asks for.
-    law = CONTACT_LAW in significant(prints, frozen.level)
+    first_rungs = ladder_of(problem, bases)
+    law = CONTACT_LAW in significant(prints, frozen.level) or needs_contact_law(first_rungs)
     base = CONTACT_LAW if law else NONE
 
     def with_base(effect: str) -> str:
@@ -499,12 +513,13 @@ def _diagnosis(
     families = [n for n in shares if n != NONE]
     second = second_of(families[0], prints, frozen, tried)
     best = "+".join(sorted([families[0], second])) if second else families[0]
-    made.add(CONTACT_LAW, *map(with_base, families[:_FURTHER]), with_base(best))
+    made.add(*map(with_base, families[:_FURTHER]), with_base(best))
     shrinkage = shrinkage_of(problem, made.rows(base), best, made.rows(with_base(best)))
     findings = where(case, residuals, seed=seed)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
     draws = [t.draw for t in made.fits[with_base(best)].models]
-    verdict = verdict_of(prints, shares, most, frozen, case, draws, findings)
+    enough = ground_is_enough(first_rungs)
+    verdict = verdict_of(prints, shares, most, frozen, law, enough, case, draws, findings)
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
     if named and named != best:
         made.add(with_base(named))
@@ -520,16 +535,7 @@ def _diagnosis(
     parts = sorted(named.split("+"), key=lambda n: -shares.get(n, 0.0)) if named else []
     steps = list(dict.fromkeys([*parts[:1], *([named] if named else [])]))
     made.add(final, *map(with_base, steps))
-    configured = model_rows(problem, configured_model(case), CONFIGURED_NUMBER, FRESH)
-    ladder = ladder_of(
-        problem,
-        [
-            ("configured", configured.astype(np.float64)),
-            ("ground", made.rows(NONE)),
-            (CONTACT_LAW, made.rows(CONTACT_LAW)),
-            *((step, made.rows(with_base(step))) for step in steps),
-        ],
-    )
+    ladder = ladder_of(problem, [*bases, *((step, made.rows(with_base(step))) for step in steps)])
     left = {e: made.posterior(e) for e in dict.fromkeys([NONE, final])}
     intervals = {
         e: own.intervals(problem, made.model(e)) for e, own in left.items() if own is not None

@@ -149,6 +149,18 @@ def ladder_of(
     return (*out, Rung(FLOOR, floor))
 
 
+def needs_contact_law(ladder: Sequence[Rung]) -> bool:
+    """Whether another law of the contact certainly closes more of the gap than ground alone."""
+    span = {rung.rung: rung.ci95 for rung in ladder}
+    ground, law = span.get("ground"), span.get("contact_law")
+    return ground is not None and law is not None and law[0] > ground[1]
+
+
+def ground_is_enough(ladder: Sequence[Rung]) -> bool:
+    """Whether what calibrated ground leaves of the gap may be chance."""
+    return any(r.rung == "ground" and r.ci95 is not None and r.ci95[1] >= 1.0 for r in ladder)
+
+
 def shrinkage_of(
     problem: CalibrationProblem, base: FloatArray, effect: str, rows: FloatArray
 ) -> Shrinkage:

@@ -130,6 +130,7 @@ def decide(
     findings: Sequence[GapFinding],
     closes_at_most: float | None,
     thresholds: Thresholds,
+    law: bool,
 ) -> tuple[str, str, str]:
     """Answer, its group, and the reason.
 
@@ -144,6 +145,8 @@ def decide(
         Upper limit of the shrinkage by the most probable family, on held-out rocks; None where it
         is withheld.
     thresholds : Thresholds
+    law : bool
+        Whether the base needs another law of the contact.
 
     Returns
     -------
@@ -197,13 +200,13 @@ def decide(
             ),
         )
     likely = max((shares[name] for name in tried), default=0.0)
-    if CONTACT_LAW in significant(prints, thresholds.level) and shares[NONE] > likely:
+    if law and shares[NONE] > likely:
         return (
             CONTACT_LAW,
             group_of(CONTACT_LAW),
             (
-                "the motion is shifted in the same way for all sizes, as no ground parameter in "
-                "its range gives it"
+                "the contact follows another law: the motion is shifted in the same way for all "
+                "sizes, or it certainly closes more of the gap than any values of the ground"
             ),
         )
     return (
@@ -325,14 +328,18 @@ def verdict_of(
     shares: Mapping[str, float],
     closes_at_most: float | None,
     thresholds: Thresholds,
+    law: bool,
+    enough: bool,
     case: Case,
     fitted: Sequence[Draw],
     findings: Sequence[GapFinding],
 ) -> Verdict:
-    """Put the answer together; parameters as for ``decide`` and ``place_of``."""
-    effect, group, reason = decide(prints, shares, findings, closes_at_most, thresholds)
+    """Put the answer together; parameters as for ``decide`` and ``place_of``.
+
+    ``enough``: whether what calibrated ground leaves of the gap may be chance.
+    """
+    effect, group, reason = decide(prints, shares, findings, closes_at_most, thresholds, law)
     phase, segments = place_of(effect, case, fitted, findings)
-    law = CONTACT_LAW in significant(prints, thresholds.level)
     return Verdict(
         effect,
         confidence_of(effect, shares),
@@ -342,7 +349,7 @@ def verdict_of(
         reason,
         dict(shares),
         group,
-        CONTACT_LAW if law else "ground" if adequate(findings) else "unresolved",
+        CONTACT_LAW if law else "ground" if enough or adequate(findings) else "unresolved",
     )
 
 

@@ -9,10 +9,13 @@ import pytest
 from helpers.simulated_slope import ORDER, observed
 from scipy.spatial.distance import euclidean
 
+from sassgis.gap.diagnosis import Rung
 from sassgis.gap.ladder.rungs import (
     RockDistances,
+    ground_is_enough,
     group_weights,
     ladder_of,
+    needs_contact_law,
     share_of,
     shrinkage_of,
 )
@@ -146,3 +149,18 @@ def test_a_stop_that_is_not_known_is_no_stop_that_did_not_happen() -> None:
     # Replicas have them no more than nature: no distance comes of it.
     np.testing.assert_allclose(made[:, own.unseen], own.rows[own.unseen][None].repeat(2, axis=0))
     assert not problem_of(case, 1).unseen.any()
+
+
+def test_a_law_of_the_contact_is_needed_where_it_certainly_closes_more() -> None:
+    def rungs(ground: tuple[float, float], law: tuple[float, float]) -> list[Rung]:
+        return [
+            Rung("configured", 3.0),
+            Rung("ground", 1.0, sum(ground) / 2.0, ground),
+            Rung("contact_law", 0.5, sum(law) / 2.0, law),
+        ]
+
+    assert needs_contact_law(rungs((0.3, 0.5), (0.6, 0.9)))
+    assert not needs_contact_law(rungs((0.3, 0.7), (0.6, 0.9)))
+    assert not needs_contact_law([Rung("configured", 3.0), Rung("ground", 1.0)])
+    assert ground_is_enough(rungs((0.6, 1.02), (0.6, 0.9)))
+    assert not ground_is_enough(rungs((0.3, 0.5), (0.6, 1.1)))

@@ -137,7 +137,8 @@ FROZEN = Thresholds(named=0.6, grouped=0.7)
 
 def answer(prints: list[Fingerprint], p: dict[str, float], gaps: list[GapFinding],
            most: float | None = None) -> tuple[str, str]:  # fmt: skip
-    return decide(prints, p, gaps, most, FROZEN)[:2]
+    law = any(f.effect == CONTACT_LAW for f in prints)
+    return decide(prints, p, gaps, most, FROZEN, law)[:2]
 
 
 def test_none_is_answered_only_where_the_base_is_adequate() -> None:
