@@ -136,21 +136,43 @@ def which(case: str, split: str) -> str:
 
 
 def verdict(case: str) -> str:
-    """Named effect of each split."""
-    found = results(case)
+    """First sentences, and the answer of each split."""
+    splits = results(case).get("splits", {})
+    if not splits:
+        return "*Not diagnosed.*"
+    said = [f"> *{split}*: {one['first_sentence']}" for split, one in splits.items()]
     body = [
         [
             split,
             str(one["fitted_on"]),
+            one["base"],
             one["verdict"],
             number(one["confidence"], 2),
             ", ".join(one["confusion_set"]),
         ]
-        for split, one in found.get("splits", {}).items()
+        for split, one in splits.items()
+    ]
+    head = ["split", "rocks fitted", "base", "answer", "confidence", "confusion set"]
+    return "\n>\n".join(said) + "\n\n" + markdown(head, body)
+
+
+def ladder(case: str) -> str:
+    """Rungs of each split, on rocks that had no say in the models."""
+
+    def share(one: dict[str, Any]) -> str:
+        if one["share"] is None:
+            return "–"
+        low, high = one["ci95"]
+        return f"{100 * one['share']:.0f} % ({100 * low:.0f} to {100 * high:.0f})".replace("-", "−")
+
+    body = [
+        [split if k == 0 else "", r["rung"].replace("_", " "), number(r["distance"]), share(r)]
+        for split, one in results(case).get("splits", {}).items()
+        for k, r in enumerate(one["ladder"])
     ]
     if not body:
         return "*Not diagnosed.*"
-    return markdown(["split", "rocks fitted", "named", "confidence", "confusion set"], body)
+    return markdown(["split", "rung", "energy distance", "share of the gap (95 %)"], body)
 
 
 def left_out(case: str) -> str:
@@ -173,7 +195,7 @@ def left_out(case: str) -> str:
             word = {
                 "untuned": "uncalibrated",
                 "base": "base, calibrated",
-                "effect": f"with {one['verdict']}",
+                "effect": "handed over",
                 "floor": "replicates of the last",
             }[model]
             body.append([name, word, f"{number(distance)}", *cells])
@@ -223,6 +245,7 @@ def scars() -> str:
 TABLES = {
     **{f"{c} uncalibrated": (lambda c=c: untuned(c)) for c in ("tschamut", "authume")},
     **{f"{c} verdict": (lambda c=c: verdict(c)) for c in ("tschamut", "authume", "chant_sura")},
+    **{f"{c} ladder": (lambda c=c: ladder(c)) for c in ("tschamut", "authume", "chant_sura")},
     **{f"{c} recalibrated": (lambda c=c: recalibrated(c)) for c in ("tschamut", "authume")},
     **{f"{c} lateral offset": (lambda c=c: deflected(c)) for c in ("tschamut", "authume")},
     **{f"{c} held out": (lambda c=c: left_out(c)) for c in ("tschamut", "authume")},

@@ -320,13 +320,19 @@ def diagnosed(
     verdict, shrinkage = answer.verdict, answer.shrinkage
     report: dict[str, Any] = {
         "fitted_on": answer.rocks,
+        "first_sentence": answer.first_sentence,
         "verdict": verdict.effect,
+        "base": verdict.base,
         "confidence": verdict.confidence,
         "confusion_set": verdict.confusion_set,
         "reason": verdict.reason,
         "which": [
             {"effect": c.effect, "form": c.form, "gain": c.gain, "probability": c.probability}
             for c in answer.which
+        ],
+        "ladder": [
+            {"rung": r.rung, "distance": r.distance, "share": r.share, "ci95": r.ci95}
+            for r in answer.ladder
         ],
         "shrinkage": {"value": shrinkage.value, "ci95": shrinkage.ci95, "note": shrinkage.note},
         "where": [_finding(f) for f in answer.where[:SHOWN]],
