@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -186,28 +186,6 @@ def _number(name: str) -> float:
         return float(name)
     except ValueError:
         return float("nan")
-
-
-def as_seen(sample: Campaign, observed: Campaign) -> Campaign:
-    """A simulated campaign without the columns that were not measured in the observed one."""
-
-    def masked(rows: _Rows | None, seen: _Rows | None) -> _Rows | None:
-        if rows is None or seen is None:
-            return rows
-        blind = {
-            field.name: np.full(len(rows.rock), np.nan)
-            for field in fields(rows)
-            if getattr(seen, field.name).dtype.kind == "f"
-            and not np.isfinite(getattr(seen, field.name)).any()
-        }
-        return replace(rows, **blind) if blind else rows
-
-    return Campaign(
-        sample.n_rocks,
-        masked(sample.passages, observed.passages),
-        masked(sample.deposits, observed.deposits),
-        masked(sample.impacts, observed.impacts),
-    )
 
 
 def main_blocks(rows: DepositRows, n_rocks: int) -> NDArray[np.int64]:

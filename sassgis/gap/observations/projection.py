@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from sassgis.gap.observations.observed import Observations
-from sassgis.gap.observations.tables import Stations, Trajectories
+from sassgis.gap.observations.tables import Stations
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.flatten import crossings, xy_to_chainage
@@ -351,34 +351,3 @@ def prolonged(vertices: FloatArray, by_m: float) -> FloatArray:
 
 # ---------------------------------------------------------------------------------------------
 # Paths
-
-
-def path_lengths(trajectories: Trajectories) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Plan length of paths, and the straight distance between their ends.
-
-    Their ratio is a mark of lateral deflection: of a rock that stays in one vertical plane it is 1.
-
-    Parameters
-    ----------
-    trajectories : Trajectories
-
-    Returns
-    -------
-    names : tuple of str
-        Names in the order of the table, pieces by themselves; those with two points or more.
-    path, straight : float64, shape (len(names),)
-        Metres.
-    """
-    names, path, straight = [], [], []
-    ids = trajectories.rock_id
-    known = np.isfinite(trajectories.x) & np.isfinite(trajectories.y)
-    for name in dict.fromkeys(ids.tolist()):
-        rows = np.flatnonzero((ids == name) & known)
-        if rows.size < 2:
-            continue
-        rows = rows[np.argsort(trajectories.t_s[rows], kind="stable")]
-        x, y = trajectories.x[rows], trajectories.y[rows]
-        names.append(str(name))
-        path.append(float(np.hypot(np.diff(x), np.diff(y)).sum()))
-        straight.append(float(np.hypot(x[-1] - x[0], y[-1] - y[0])))
-    return tuple(names), np.array(path, np.float64), np.array(straight, np.float64)

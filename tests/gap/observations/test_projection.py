@@ -13,12 +13,11 @@ from sassgis.gap.observations.projection import (
     lines_of_rocks,
     nearest_lines,
     observed_release_points,
-    path_lengths,
     project,
     project_observations,
     station_chainages,
 )
-from sassgis.gap.observations.tables import Stations, Trajectories
+from sassgis.gap.observations.tables import Stations
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import TraceSet
@@ -189,19 +188,6 @@ def test_stations_that_a_line_misses_or_crosses_twice():
     longer = station_chainages(traces, stations, prolong_m=10.0)
     assert longer.s[1, 1] == pytest.approx(20.0)
     np.testing.assert_allclose(longer.along_m[:, 1], [5.0, 35.0])
-
-
-def test_path_lengths():
-    path = Trajectories.of(
-        rock_id=["A", "A", "A", "B", "C", "C"],
-        t_s=[2.0, 0.0, 1.0, 0.0, 0.0, 1.0],
-        x=[6.0, 0.0, 3.0, 1.0, 0.0, 3.0],
-        y=[0.0, 0.0, 4.0, 1.0, 0.0, 4.0],
-    )
-    names, length, apart = path_lengths(path)
-    assert names == ("A", "C")
-    np.testing.assert_allclose(length, [10.0, 5.0])
-    np.testing.assert_allclose(apart, [6.0, 5.0])
 
 
 def test_heights_of_the_dem(slope):
