@@ -39,7 +39,7 @@ from sassgis.gap.check.worlds.slopes import SLOPE_TYPES
 from sassgis.gap.check.worlds.world import DISTURBANCES, FAMILIES, LAWS, MOST_STATIONS, UNKNOWNS
 from sassgis.gap.diagnosis import Fingerprint, GapFinding
 from sassgis.gap.inference.rock_tests import holm_adjusted
-from sassgis.gap.which.cause_weights import CauseWeights, counts_of
+from sassgis.gap.which.cause_weights import CauseWeights, counts_of, distance
 from sassgis.gap.which.fingerprints import STATISTICS
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
@@ -307,10 +307,19 @@ def without_law(rows: Sequence[dict[str, str]], ridge: float) -> list[CauseWeigh
     by_law = {}
     for name in np.unique(law).tolist():
         own = (law != name) & (cause >= 0)
-        by_law[name] = CauseWeights(
-            CAUSES, tuple(STATISTICS), *fitted(counts[own], cause[own], ridge), 1.0
-        )
+        parts = fitted(counts[own], cause[own], ridge)
+        by_law[name] = CauseWeights(CAUSES, tuple(STATISTICS), *parts, 1.0, *usual_of(rows))
     return [by_law[name] for name in law.tolist()]
+
+
+def usual_of(rows: Sequence[dict[str, str]]) -> tuple[FloatArray, FloatArray, float]:
+    """Mean and spread of what fingerprints count, and the distance that 1 % of the rows exceed."""
+    z = z_of(rows)
+    seen, counts = np.isfinite(z), counts_of(z)
+    usual = np.array([counts[seen[:, k], k].mean() for k in range(counts.shape[1])])
+    spread = np.array([max(counts[seen[:, k], k].std(), 0.05) for k in range(counts.shape[1])])
+    far = [distance(c, own, usual, spread) for c, own in zip(counts, seen, strict=True)]
+    return usual, spread, float(np.quantile(far, 0.99))
 
 
 def causes_of(rows: Sequence[dict[str, str]]) -> np.ndarray:
@@ -359,12 +368,16 @@ def fit() -> None:
         encoding="utf-8",
     )  # fmt: skip
     cause = causes_of(rows)
+    usual, spread, farthest = usual_of(rows)
     weights, offset = fitted(counts_of(z_of(rows))[cause >= 0], cause[cause >= 0], ridge)
     content = read_thresholds()
     content |= {"named": thresholds.named, "covered": thresholds.covered}
     content["weights"] = {
         "statistics": list(STATISTICS),
         "sharpness": sharpness,
+        "farthest": round(farthest, 2),
+        "usual": {n: round(float(v), 2) for n, v in zip(STATISTICS, usual, strict=True)},
+        "spread": {n: round(float(v), 2) for n, v in zip(STATISTICS, spread, strict=True)},
         "offset": {n: round(float(v), 2) for n, v in zip(CAUSES, offset, strict=True)},
         "weights": {
             name: {

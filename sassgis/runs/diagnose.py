@@ -109,6 +109,11 @@ _FURTHER = 2
 WIDER = (2, 3)
 _ORDER: Mapping[str, int] = {name: i for i, name in enumerate((*FAMILIES, CONTACT_LAW))}
 
+_ATYPICAL = (
+    "The fingerprints are unlike those of any synthetic site: the probabilities of the causes may "
+    "not hold here."
+)
+
 OnProgress = Callable[[int, int, int], None]
 
 
@@ -568,7 +573,10 @@ def _diagnosis(
         settings_hash=fingerprint,
         seed=seed,
         # Errors were logged while reading.
-        warnings=tuple(str(f) for f in case.observations.findings if f.level == "warning"),
+        warnings=(
+            *(str(f) for f in case.observations.findings if f.level == "warning"),
+            *(() if weights.is_typical(prints) else (_ATYPICAL,)),
+        ),
         fingerprints=prints,
         ladder=ladder,
         advice=advice,

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import softmax
 
 from sassgis.gap.diagnosis import Fingerprint
@@ -35,6 +36,10 @@ class CauseWeights:
     sharpness : float
         Factor on the sum of the weights that makes the shares calibrated on laws that were left
         out.
+    usual, spread : float64, shape (n_statistics,)
+        Mean and standard deviation of what the fingerprints count on the sites.
+    farthest : float
+        Distance from the usual that one site of a hundred exceeds.
     """
 
     causes: tuple[str, ...]
@@ -42,6 +47,16 @@ class CauseWeights:
     weights: FloatArray
     offset: FloatArray
     sharpness: float
+    usual: FloatArray
+    spread: FloatArray
+    farthest: float
+
+    def is_typical(self, prints: Sequence[Fingerprint]) -> bool:
+        """Whether fingerprints are no farther from the usual than those of the sites."""
+        z = {one.statistic: one.z for one in prints if one.observable}
+        seen = np.array([name in z for name in self.statistics])
+        counts = counted(prints, self.statistics)
+        return distance(counts, seen, self.usual, self.spread) <= self.farthest
 
     def shares(self, prints: Sequence[Fingerprint], tried: Sequence[str]) -> dict[str, float]:
         """Probability of every cause that may be named and of "none", most likely first.
@@ -64,6 +79,15 @@ def counted(prints: Sequence[Fingerprint], statistics: Sequence[str]) -> FloatAr
     return counts_of(np.array([z.get(name, np.nan) for name in statistics]))
 
 
+def distance(
+    counts: FloatArray, seen: NDArray[np.bool_], usual: FloatArray, spread: FloatArray
+) -> float:
+    """Root mean square of the distances from the usual, in spreads, of the fingerprints seen."""
+    if not seen.any():
+        return 0.0
+    return float(np.sqrt(np.mean(((counts - usual)[seen] / spread[seen]) ** 2)))
+
+
 def counts_of(z: FloatArray) -> FloatArray:
     """Z as it counts, limited on both sides; NaN counts nothing."""
     counts: FloatArray = np.nan_to_num(np.clip(z, _LEAST, _MOST)) / _UNIT
@@ -81,10 +105,15 @@ def weights_of(content: Mapping[str, object]) -> CauseWeights:
     rows: dict[str, dict[str, float]] = content["weights"]  # type: ignore[assignment]
     statistics: tuple[str, ...] = tuple(content["statistics"])  # type: ignore[arg-type]
     offset: dict[str, float] = content["offset"]  # type: ignore[assignment]
+    usual: dict[str, float] = content["usual"]  # type: ignore[assignment]
+    spread: dict[str, float] = content["spread"]  # type: ignore[assignment]
     return CauseWeights(
         tuple(rows),
         statistics,
         np.array([[float(own.get(name, 0.0)) for name in statistics] for own in rows.values()]),
         np.array([float(offset[name]) for name in rows]),
         float(content["sharpness"]),  # type: ignore[arg-type]
+        np.array([float(usual[name]) for name in statistics]),
+        np.array([float(spread[name]) for name in statistics]),
+        float(content["farthest"]),  # type: ignore[arg-type]
     )

@@ -190,3 +190,11 @@ def test_the_frozen_weights_follow_the_fingerprints() -> None:
         assert found[effect] > base[effect]
         # What is not tried is not named.
         assert effect not in weights.shares(sure, [n for n in FAMILIES if n != effect])
+
+
+def test_what_is_unlike_every_site_is_told() -> None:
+    weights = cause_weights_of(read_thresholds())
+    z = {name: 4.0 * v for name, v in zip(weights.statistics, weights.usual, strict=True)}
+    usual = [Fingerprint(e, s, 0.0, z[s], 1.0, True, 30) for s, e in STATISTICS.items()]
+    assert weights.is_typical(usual) and weights.is_typical([])
+    assert not weights.is_typical([replace(f, z=8.0) for f in usual])
