@@ -245,7 +245,7 @@ def scars() -> str:
 TABLES = {
     **{f"{c} uncalibrated": (lambda c=c: untuned(c)) for c in ("tschamut", "authume")},
     **{f"{c} verdict": (lambda c=c: verdict(c)) for c in ("tschamut", "authume", "chant_sura")},
-    **{f"{c} ladder": (lambda c=c: ladder(c)) for c in ("tschamut", "authume", "chant_sura")},
+    **{f"{c} ladder": (lambda c=c: ladder(c)) for c in ("tschamut", "authume")},
     **{f"{c} recalibrated": (lambda c=c: recalibrated(c)) for c in ("tschamut", "authume")},
     **{f"{c} lateral offset": (lambda c=c: deflected(c)) for c in ("tschamut", "authume")},
     **{f"{c} held out": (lambda c=c: left_out(c)) for c in ("tschamut", "authume")},

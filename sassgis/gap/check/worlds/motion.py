@@ -324,14 +324,7 @@ def _contact(
     size = (a * b * st[C]) ** (1.0 / 3.0)
     soft = 2.0 * weight_on(slope) * law[laws.SOFT] * size
     if vn_in * vn_in < soft:
-        # As soft as it is on the mean slope: the bumps that vary it are part of rolling.
-        x, y = lever(a, b, st[PHI] + slope)
-        vt, vn, spin, _ = rebound(x, y, inertia, vt_in, vn_in, spin_in, 1.0)
-        taken = laws.rolling_charge(a, b, st[C], law) * abs(vn - vn_in) * abs(vt_in)
-        held = math.sqrt(
-            min(1.0, max(before - taken, 0.0) / max(kinetic(inertia, vt, vn, spin), 1e-12))
-        )
-        _land(f, st, slope, held * vt, held * vn, held * spin)
+        _settle(f, st, law, slope, vt_in, vn_in)
         return
     st[COUNT] += 1.0
     n = int(st[COUNT])
@@ -428,6 +421,23 @@ def _contact(
     # Where P is behind the centre a rock flies only if the ground cannot push it.
     if not (flies or thrown_off(a, b, theta, st[SPIN], slope)):
         _land(f, st, slope, vt_out, vn_out, spin)
+
+
+@kernel
+def _settle(
+    f: Field, st: FloatArray, law: FloatArray, slope: float, vt_in: float, vn_in: float
+) -> None:
+    """Soft landing, on the mean slope: the bumps that vary it are part of rolling."""
+    a, b = st[A], st[B]
+    inertia = (a * a + b * b) / 5.0
+    x, y = lever(a, b, st[PHI] + slope)
+    vt, vn, spin, _ = rebound(x, y, inertia, vt_in, vn_in, st[SPIN], 1.0)
+    before = kinetic(inertia, vt_in, vn_in, st[SPIN])
+    taken = laws.rolling_charge(a, b, st[C], law) * abs(vn - vn_in) * abs(vt_in)
+    held = math.sqrt(
+        min(1.0, max(before - taken, 0.0) / max(kinetic(inertia, vt, vn, spin), 1e-12))
+    )
+    _land(f, st, slope, held * vt, held * vn, held * spin)
 
 
 @kernel
