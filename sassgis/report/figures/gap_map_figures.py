@@ -260,7 +260,7 @@ def map_change_figure(
             alpha=0.9, zorder=2, gid="layer",
         )  # fmt: skip
         draw_release(ax, release)
-        relief.map_axes(ax, box, parts=3)
+        relief.map_axes(ax, box, parts=2)
         ax.set_title(name, size=TEXT, pad=3)
         if i:
             ax.set_ylabel("")
