@@ -23,6 +23,7 @@ from sassgis.gap.residuals.one_step import (
     turn_of_lines,
     usable_impacts,
 )
+from sassgis.gap.residuals.residuals import mean_of_draws
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
 
@@ -170,14 +171,8 @@ def _impacts(
 
 def _mean_and_sd(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Over the last axis, missing ones left out; NaN where there are none."""
-    known = np.isfinite(draws)
-    count = known.sum(axis=-1)
-    filled = np.where(known, draws, 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean: FloatArray = filled.sum(axis=-1) / count
-        away = np.where(known, draws - mean[..., None], 0.0)
-        sd: FloatArray = np.sqrt((away**2).sum(axis=-1) / count)
-    return mean, sd
+    mean = mean_of_draws(draws, least=1)
+    return mean, np.sqrt(mean_of_draws((draws - mean[..., None]) ** 2, least=1))
 
 
 def _flights(case: Case) -> list[_Part]:
