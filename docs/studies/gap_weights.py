@@ -318,7 +318,7 @@ def usual_of(rows: Sequence[dict[str, str]]) -> tuple[FloatArray, FloatArray, fl
     seen, counts = np.isfinite(z), counts_of(z)
     usual = np.array([counts[seen[:, k], k].mean() for k in range(counts.shape[1])])
     spread = np.array([max(counts[seen[:, k], k].std(), 0.05) for k in range(counts.shape[1])])
-    far = [distance(c, own, usual, spread) for c, own in zip(counts, seen, strict=True)]
+    far = [distance(row, usual, spread) for row in z]
     return usual, spread, float(np.quantile(far, 0.99))
 
 

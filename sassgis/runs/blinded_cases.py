@@ -8,6 +8,7 @@ from typing import Any
 
 from sassgis.gap.check.blinded_labels import label_of
 from sassgis.gap.check.worlds import World, WorldSpec, fresh_rocks, make_world, observe, setup
+from sassgis.gap.check.worlds.observe import ObservedTables
 from sassgis.io.write.gap_case_files import folder_digest, write_case, write_observations
 
 #: The campaign that is observed; fresh rocks are another one.
@@ -39,10 +40,15 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
 def write_world(world: World, folder: Path, case: str, kind: str, n_rocks: int) -> None:
     """Release rocks in a synthetic site and write what its observers have and know."""
     seen = observe(world, kind, n_rocks, _CAMPAIGN)  # type: ignore[arg-type]
+    write_seen(world, folder, f"World {case}", seen)
+
+
+def write_seen(world: World, folder: Path, title: str, seen: ObservedTables) -> Path:
+    """Write what was seen at a synthetic site, with what its observers know; the configuration."""
     known = setup(world)
-    write_case(
+    return write_case(
         folder,
-        title=f"World {case}",
+        title=title,
         dem=known.dem,
         class_names=known.class_names,
         class_codes=known.class_codes,

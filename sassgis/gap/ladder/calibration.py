@@ -47,11 +47,13 @@ class FitTask:
 Run = Callable[[Sequence[FitTask]], Sequence[Tried]]
 
 
-def best_draws(ensemble: Ensemble, effect: str, rocks: IntArray, fit: int) -> IntArray:
-    """Draws of a fit with the best mean score over some rocks, best first, TOP of them."""
+def best_draws(
+    ensemble: Ensemble, effect: str, rocks: IntArray, fit: int, most: int = TOP
+) -> IntArray:
+    """Draws of a fit with the best mean score over some rocks, best first, at most so many."""
     own = ensemble.of(effect, fit)
     order = np.argsort(np.nanmean(ensemble.scores[np.ix_(own, rocks)], axis=1), kind="stable")
-    return own[order[:TOP]]
+    return own[order[:most]]
 
 
 def refine(
@@ -99,9 +101,9 @@ def _next_draws(
     rng: np.random.Generator,
 ) -> list[dict[str, float]]:
     rocks = problem.rocks_of(fit)
-    own = ensemble.of(effect, fit)
-    order = np.argsort(np.nanmean(ensemble.scores[np.ix_(own, rocks)], axis=1), kind="stable")
-    elite = [ensemble.tried[i].draw.parameter_draws for i in own[order[: max(TOP, own.size // 8)]]]
+    most = max(TOP, ensemble.of(effect, fit).size // 8)
+    good = best_draws(ensemble, effect, rocks, fit, most)
+    elite = [ensemble.tried[i].draw.parameter_draws for i in good.tolist()]
     base = best_draws(ensemble, NONE, rocks, fit)
     made = []
     for k in range(draws):

@@ -272,8 +272,6 @@ def free_run_residuals(
         found += residuals_at_station(case, seen, run, run.at, k, name, "free run", where)
     sides = model.effects.get(LateralDeflection) is None
     error = errors_of(case)
-    # The fall line starts where the rock was seen to start, and is known to half a cell.
-    side_error = math.hypot(math.sqrt(2.0) * error.position_m, 0.5 * case.grid.cell_size)
     passages = observed_campaign(case).passages
     if sides and passages is not None:
         lateral = np.full((case.n_rocks, len(case.station_names)), np.nan)
@@ -281,7 +279,7 @@ def free_run_residuals(
         lateral[passages.rock[own], passages.station[own]] = passages.lateral_m[own]
         for k, name in enumerate(case.station_names):
             phase = _phase(case, run, seen, k)
-            found += _sides(lateral[:, k], name, phase, (mean_s[k], mean_s[k]), side_error)
+            found += _sides(lateral[:, k], name, phase, (mean_s[k], mean_s[k]), side_error(case))
     runout, aside_end, stops, largest = observed_end(case)
     if np.isfinite(runout).any():
         span = (float(np.nanmin(runout)), float(np.nanmax(runout)))
@@ -296,7 +294,7 @@ def free_run_residuals(
             Residual("all", "stopping", "runout_m_spread", "free run", away, usual, *span, score)
         )
         if sides:
-            found += _sides(aside_end, "all", "stopping", span, side_error)
+            found += _sides(aside_end, "all", "stopping", span, side_error(case))
         found += [
             Residual("all", "impact", name, "free run", values, mean_of_draws(draws), *span)
             for name, values, draws in (
@@ -305,6 +303,14 @@ def free_run_residuals(
             )
         ]
     return found
+
+
+def side_error(case: Case) -> float:
+    """Error of an offset from the fall line (m).
+
+    The line starts where the rock was seen to start, and is known to half a cell.
+    """
+    return math.hypot(math.sqrt(2.0) * errors_of(case).position_m, 0.5 * case.grid.cell_size)
 
 
 def _sides(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sassgis.gap.observations.campaign import errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.free_run import AtStations, FreeRun, observed_end
+from sassgis.gap.residuals.free_run import FreeRun, observed_end, side_error
 from sassgis.gap.residuals.one_step import (
     impacts_in_flight,
     rebound_draws,
@@ -48,8 +48,6 @@ class StepTable:
     quantity : str, shape (n,)
     observed, predicted, sd : float64, shape (n,)
         ``sd`` is that of the prediction, with errors of measurement.
-    s_m : float64, shape (n,)
-        Chainage (m).
     ground : int64, shape (n,)
         Class; -1 where it does not matter.
     station : int64, shape (n,)
@@ -65,7 +63,6 @@ class StepTable:
     observed: FloatArray
     predicted: FloatArray
     sd: FloatArray
-    s_m: FloatArray
     ground: IntArray
     station: IntArray
     vn_mps: FloatArray
@@ -90,9 +87,7 @@ class StepTable:
         return values
 
 
-def steps_of(
-    case: Case, table: GroundTable, run: FreeRun, seen: AtStations, rng: np.random.Generator
-) -> StepTable:
+def steps_of(case: Case, table: GroundTable, run: FreeRun, rng: np.random.Generator) -> StepTable:
     """The table of residuals of a case.
 
     Parameters
@@ -102,15 +97,14 @@ def steps_of(
         Of the model.
     run : FreeRun
         Its replicates of the rocks.
-    seen : AtStations
     rng : numpy.random.Generator
     """
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
         *_impacts(case, table, run.axes_m, rng),
         *_flights(case),
-        *_runs(case, run, seen),
-        *_stops(case, run),
+        *_runs(case),
+        *_stops(case),
     ]
     columns: dict[str, list[FloatArray]] = {f.name: [] for f in fields(StepTable)}
     for part in parts:
@@ -145,7 +139,7 @@ def _impacts(
     draws = rebound_draws(case, table, seen, rng)
     own = seen.impacts
     common: _Part = {
-        "rock": seen.rock, "step": np.array("impact"), "s_m": seen.s, "ground": seen.kind,
+        "rock": seen.rock, "step": np.array("impact"), "ground": seen.kind,
         "vn_mps": -own.vn_in_mps,
     }  # fmt: skip
     known = np.isfinite(draws[..., 0])
@@ -204,63 +198,35 @@ def _flights(case: Case) -> list[_Part]:
         {
             "rock": rows.rock[first][flown], "step": np.array("flight"),
             "quantity": np.array("energy_jpkg"), "observed": into[flown],
-            "predicted": (out + g * fall)[flown], "sd": sd[flown], "s_m": rows.s[last][flown],
+            "predicted": (out + g * fall)[flown], "sd": sd[flown],
             "way_m": length[flown], "reach": share[flown],
         }
     ]  # fmt: skip
 
 
-def _runs(case: Case, run: FreeRun, seen: AtStations) -> list[_Part]:
+def _runs(case: Case) -> list[_Part]:
     rows = observed_campaign(case).passages
-    errors = errors_of(case)
-    noise = {
-        "speed_mps": errors.speed_rel, "rotation_hz": errors.rotation_rel, "height_m": 0.0,
-    }  # fmt: skip
-    found = []
-    for k in range(len(case.station_names)):
-        for name, relative in noise.items():
-            draws = getattr(run.at, name)[:, :, k]
-            known = np.isfinite(draws).sum(axis=1) >= 3
-            if not known.any():
-                continue
-            rock = np.flatnonzero(known)
-            mean, sd = _mean_and_sd(draws[rock])
-            found.append({
-                "rock": rock, "step": np.array("run"), "quantity": np.array(name),
-                "observed": getattr(seen, name)[rock, k], "predicted": mean,
-                "sd": np.hypot(sd, relative * mean) + 1e-9, "s_m": case.station_s[rock, k],
-                "station": np.array(k),
-            })  # fmt: skip
-    if rows is not None:
-        own = np.flatnonzero(rows.rock >= 0)
-        found.append({
+    if rows is None:
+        return []
+    own = np.flatnonzero(rows.rock >= 0)
+    return [
+        {
             "rock": rows.rock[own], "step": np.array("run"), "quantity": np.array("lateral_m"),
             "observed": rows.lateral_m[own], "predicted": np.zeros(own.size),
-            "sd": np.array(_side_error(case)), "station": rows.station[own],
-            "s_m": case.station_s[rows.rock[own], rows.station[own]],
-        })  # fmt: skip
-    return found
+            "sd": np.array(side_error(case)), "station": rows.station[own],
+        }
+    ]  # fmt: skip
 
 
-def _side_error(case: Case) -> float:
-    """Error of an offset from the fall line, which is known to half a cell (m)."""
-    return float(np.hypot(np.sqrt(2.0) * errors_of(case).position_m, 0.5 * case.grid.cell_size))
-
-
-def _stops(case: Case, run: FreeRun) -> list[_Part]:
+def _stops(case: Case) -> list[_Part]:
     runout, lateral, _, _ = observed_end(case)
     rock = np.flatnonzero(np.isfinite(runout))
     if not rock.size:
         return []
-    common: _Part = {"rock": rock, "step": np.array("stop"), "s_m": runout[rock]}
-    draws = run.runout_m[rock]
     return [
         {
-            **common, "quantity": np.array("runout_m"), "observed": runout[rock],
-            "predicted": draws.mean(axis=1), "sd": draws.std(axis=1) + 1.0,
-        },
-        {
-            **common, "quantity": np.array("lateral_m"), "observed": lateral[rock],
-            "predicted": np.zeros(rock.size), "sd": np.array(_side_error(case)),
-        },
+            "rock": rock, "step": np.array("stop"), "quantity": np.array("lateral_m"),
+            "observed": lateral[rock], "predicted": np.zeros(rock.size),
+            "sd": np.array(side_error(case)),
+        }
     ]  # fmt: skip

@@ -90,7 +90,7 @@ def residuals_of(
             case, table, run.axes_m, edges, model.effects, draws=IMPACT_DRAWS, rng=rng
         ),
     ]
-    return ResidualTable(run, seen, tuple(rows), steps_of(case, table, run, seen, rng))
+    return ResidualTable(run, seen, tuple(rows), steps_of(case, table, run, rng))
 
 
 def reach_edges(case: Case, run: FreeRun) -> FloatArray:

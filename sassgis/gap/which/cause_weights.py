@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import softmax
 
 from sassgis.gap.diagnosis import Fingerprint
@@ -53,10 +52,7 @@ class CauseWeights:
 
     def is_typical(self, prints: Sequence[Fingerprint]) -> bool:
         """Whether fingerprints are no farther from the usual than those of the sites."""
-        z = {one.statistic: one.z for one in prints if one.observable}
-        seen = np.array([name in z for name in self.statistics])
-        counts = counted(prints, self.statistics)
-        return distance(counts, seen, self.usual, self.spread) <= self.farthest
+        return distance(z_of(prints, self.statistics), self.usual, self.spread) <= self.farthest
 
     def shares(self, prints: Sequence[Fingerprint], tried: Sequence[str]) -> dict[str, float]:
         """Probability of every cause that may be named and of "none", most likely first.
@@ -68,24 +64,23 @@ class CauseWeights:
             Families that may be named.
         """
         own = [i for i, name in enumerate(self.causes) if name == "none" or name in tried]
-        logits = self.offset + self.weights @ counted(prints, self.statistics)
+        logits = self.offset + self.weights @ counts_of(z_of(prints, self.statistics))
         p = softmax(self.sharpness * logits[own])
         return {self.causes[own[k]]: float(p[k]) for k in np.argsort(-p, kind="stable").tolist()}
 
 
-def counted(prints: Sequence[Fingerprint], statistics: Sequence[str]) -> FloatArray:
-    """What each fingerprint counts; 0 where it cannot be seen."""
+def z_of(prints: Sequence[Fingerprint], statistics: Sequence[str]) -> FloatArray:
+    """Z of each fingerprint; NaN where it cannot be seen."""
     z = {one.statistic: one.z for one in prints if one.observable}
-    return counts_of(np.array([z.get(name, np.nan) for name in statistics]))
+    return np.array([z.get(name, np.nan) for name in statistics])
 
 
-def distance(
-    counts: FloatArray, seen: NDArray[np.bool_], usual: FloatArray, spread: FloatArray
-) -> float:
+def distance(z: FloatArray, usual: FloatArray, spread: FloatArray) -> float:
     """Root mean square of the distances from the usual, in spreads, of the fingerprints seen."""
+    seen = np.isfinite(z)
     if not seen.any():
         return 0.0
-    return float(np.sqrt(np.mean(((counts - usual)[seen] / spread[seen]) ** 2)))
+    return float(np.sqrt(np.mean(((counts_of(z) - usual)[seen] / spread[seen]) ** 2)))
 
 
 def counts_of(z: FloatArray) -> FloatArray:

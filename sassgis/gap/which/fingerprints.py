@@ -20,7 +20,7 @@ from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.inference.rock_tests import holm_adjusted, t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.residuals.residuals import Residual, per_rock
+from sassgis.gap.residuals.residuals import Residual, mean_of_draws, per_rock
 from sassgis.gap.residuals.steps import StepTable
 from sassgis.gap.residuals.table import ResidualTable
 from sassgis.model.grid import FloatArray, IntArray
@@ -214,6 +214,14 @@ def _measurement(case: Case, residuals: ResidualTable) -> list[_Scores]:
     ]
 
 
+def _offsets(case: Case, steps: StepTable) -> tuple[StepTable, FloatArray]:
+    """Lateral offsets at stations (m): rows, and the same as shape (n_rocks, n_stations)."""
+    rows = steps.of("run", "lateral_m")
+    at = np.full((case.n_rocks, len(case.station_names)), np.nan)
+    at[rows.rock, rows.station] = rows.observed
+    return rows, at
+
+
 def _release(case: Case, residuals: ResidualTable) -> list[_Scores]:
     """Where a rock is at first, against where it is said to have been released."""
     rocks = case.observations.rocks
@@ -239,17 +247,14 @@ def _release(case: Case, residuals: ResidualTable) -> list[_Scores]:
             )
         )
     # Offset at the first station, and how it grows from there: an error of the start does not.
-    seen = residuals.steps.of("run", "lateral_m")
-    at = np.full((n, len(case.station_names)), np.nan)
-    at[seen.rock, seen.station] = seen.observed
+    seen, at = _offsets(case, residuals.steps)
     if at.shape[1] >= 2:
         side = float(seen.sd[0]) if len(seen) else math.nan
         growth = np.nanmax(np.abs(at[:, 1:] - at[:, :1]), axis=1, initial=0.0)
         first = np.abs(at[:, 0]) - np.maximum(growth, 0.8 * (1.0 + _MISSTATED) * side)
         if np.isfinite(first).sum() >= LEAST:
             found.append(
-                _Scores(
-                    "release_error",
+                _score(
                     "offset at the first station, not growing below",
                     first,
                     float(np.nanmean(np.abs(at[:, 0]))),
@@ -314,15 +319,13 @@ def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:
                 float(size.mean()),
             )
         )
-    rows = steps.of("run", "lateral_m")
-    at = np.full((n, len(case.station_names)), np.nan)
-    at[rows.rock, rows.station] = rows.observed
+    rows, at = _offsets(case, steps)
     if len(rows) and at.shape[1] >= 2:
         # Between stations a path leaves its fall line also by flying straight.
         apart = np.diff(case.station_s, axis=1)
         step = np.maximum(np.abs(np.diff(at, axis=1)) - _STRAIGHT * apart, 0.0)
-        side = float(rows.sd[0]) if len(rows) else math.nan
-        mean = _row_means(step)
+        side = float(rows.sd[0])
+        mean = mean_of_draws(step, least=1)
         found.append(
             _score(
                 "growth of the lateral offset between stations",
@@ -367,8 +370,8 @@ def _masses(case: Case, residuals: ResidualTable) -> list[_Scores]:
     drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
     null = np.array([mass_budget(rocks, one) for one in drawn])
     middle, spread = null.mean(axis=0), null.std(axis=0) + _LEAST_MASS
-    z = np.clip((np.array(mass_budget(rocks, blocks)) - middle) / spread, -12.0, 12.0)
     value = mass_budget(rocks, blocks)
+    z = np.clip((np.array(value) - middle) / spread, -12.0, 12.0)
     return [
         _score("mass of whole rocks that is missing, and lies in pieces", z[:1], value[0]),
         _score("mass that lies beyond what was released", z[1:], value[1]),
@@ -530,8 +533,8 @@ def _reaches(case: Case, residuals: ResidualTable) -> list[_Scores]:
     found: list[_Scores] = []
     if speed.shape[1]:
         own = speed / np.maximum(np.nanstd(speed, axis=0), 0.05)
-        mean = _row_means(own)
-        centred = own - np.nanmean(own, axis=0)
+        mean = mean_of_draws(own, least=1)
+        slow = mean_of_draws(own - np.nanmean(own, axis=0), least=1) * size
         shift = float(np.nanmean(speed))
         found += [
             _score(
@@ -541,19 +544,19 @@ def _reaches(case: Case, residuals: ResidualTable) -> list[_Scores]:
             ),
             _score(
                 "small rocks slow on all reaches",
-                _row_means(centred) * size,
-                float(np.nanmean(_row_means(centred) * size)),
+                slow,
+                float(np.nanmean(slow)),
             ),
         ]
         found += _one_reach(own, size)
-        found += _made_up(_table(legs, "speed_mps", relative=True), "speed")
+        found += _made_up(speed)
     if height.shape[1]:
         own = height / np.maximum(np.nanstd(height, axis=0), 0.05)
         shift = float(np.nanmean(own))
         found.append(
             _score(
                 "shift of the height on reaches, for all sizes",
-                math.copysign(1.0, shift) * _row_means(own) - _SHIFT,
+                math.copysign(1.0, shift) * mean_of_draws(own, least=1) - _SHIFT,
                 shift,
             )
         )
@@ -561,14 +564,14 @@ def _reaches(case: Case, residuals: ResidualTable) -> list[_Scores]:
     # Stops alone say nothing of the shape: flat rocks are also those that start or break otherwise.
     if speed.shape[1]:
         all_ = np.column_stack(both)
-        late = _row_means(all_ - np.nanmean(all_, axis=0))
+        late = mean_of_draws(all_ - np.nanmean(all_, axis=0), least=1)
         found.append(
             _score(
                 "flat rocks slow and early to stop", -late * flat, float(-np.nanmean(late * flat))
             )
         )
     if foot.shape[1]:
-        late = _row_means(foot / np.maximum(np.nanstd(foot, axis=0), 1.0))
+        late = mean_of_draws(foot / np.maximum(np.nanstd(foot, axis=0), 1.0), least=1)
         late = (late - np.nanmean(late)) * size
         found.append(_score("large rocks stop early at the foot", -late, float(-np.nanmean(late))))
     return found
@@ -584,13 +587,6 @@ def _table(rows: Sequence[Residual], quantity: str, *, relative: bool) -> FloatA
     return np.column_stack(columns) if columns else np.zeros((0, 0))
 
 
-def _row_means(values: FloatArray) -> FloatArray:
-    known = np.isfinite(values)
-    with np.errstate(invalid="ignore"):
-        means: FloatArray = np.where(known, values, 0.0).sum(axis=1) / known.sum(axis=1)
-    return means
-
-
 def _one_reach(speed: FloatArray, size: FloatArray) -> list[_Scores]:
     """Speed that is lost on one reach alone; the first is that of the release."""
     if speed.shape[1] < 2:
@@ -598,7 +594,7 @@ def _one_reach(speed: FloatArray, size: FloatArray) -> list[_Scores]:
     found = []
     best: tuple[float, FloatArray] | None = None
     for k in range(speed.shape[1]):
-        others = _row_means(np.delete(speed, k, axis=1))
+        others = mean_of_draws(np.delete(speed, k, axis=1), least=1)
         contrast = speed[:, k] - others
         if k == 0:
             sign = math.copysign(1.0, float(np.nanmean(contrast)))
@@ -619,13 +615,13 @@ def _one_reach(speed: FloatArray, size: FloatArray) -> list[_Scores]:
     return found
 
 
-def _made_up(gap: FloatArray, _name: str) -> list[_Scores]:
+def _made_up(gap: FloatArray) -> list[_Scores]:
     """An error of the measurement at a station is one of the start of the next reach as well."""
     if gap.shape[1] < 2:
         return []
     own = gap - np.nanmean(gap, axis=0)
     own = own / np.maximum(np.nanstd(own, axis=0), 0.02)
-    product = _row_means(-own[:, :-1] * own[:, 1:])
+    product = mean_of_draws(-own[:, :-1] * own[:, 1:], least=1)
     return [
         _score(
             "what is off at one station is made up for at the next",

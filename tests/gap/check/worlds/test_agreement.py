@@ -14,8 +14,8 @@ from sassgis.gap.check.worlds.observe import write_down
 from sassgis.gap.check.worlds.simulation import draw_rocks, simulate
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
-from sassgis.io.write.gap_case_files import write_case
 from sassgis.model.ground import GroundTable
+from sassgis.runs.blinded_cases import write_seen
 from sassgis.runs.gap_case import read_case
 
 #: Sampling errors of the difference of two means are near 0.1 standard deviations.
@@ -30,17 +30,8 @@ def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     seen = write_down(
         world, simulate(world, draw_rocks(world, ROCKS, 77)), "both", np.random.default_rng(1)
     )
-    config = write_case(
-        Path(tmp_path_factory.mktemp("agreement")) / "case",
-        title="agreement",
-        dem=known.dem,
-        class_names=known.class_names,
-        class_codes=known.class_codes,
-        releases=known.releases,
-        blocks=known.blocks,
-        tables=seen.tables,
-        metadata=seen.metadata,
-    )
+    folder = Path(tmp_path_factory.mktemp("agreement")) / "case"
+    config = write_seen(world, folder, "agreement", seen)
     case = read_case(config, config.parent / "observations")
     law = {
         name: dict(zip(LAW_KEYS, row.tolist(), strict=True))
