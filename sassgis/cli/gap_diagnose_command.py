@@ -51,8 +51,8 @@ def diagnose(
     The same command goes on after an interruption.
     """
     from sassgis.report.gap_answer import verdict_sentence
-    from sassgis.runs.diagnose import DRAWS
     from sassgis.runs.diagnose import diagnose as run_diagnosis
+    from sassgis.runs.hypothesis_fits import DRAWS
 
     with ProgressBar() as progress:
         result = run_diagnosis(

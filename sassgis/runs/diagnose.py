@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import pickle
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +20,15 @@ from sassgis.gap.diagnosis import (
     GapFinding,
     Hypothesis,
     Range,
+    Verdict,
 )
 from sassgis.gap.ladder.calibration import (
     FRESH,
-    TOP,
-    FitTask,
-    FittedEffect,
     best_draws,
-    fitted,
     gain_of,
-    held_out_scores,
-    refine,
-    run_task,
 )
 from sassgis.gap.ladder.handover import (
     CONFIGURED_NUMBER,
-    classes_at_limit,
     configured_gap,
     configured_model,
     consequences_of,
@@ -45,7 +36,6 @@ from sassgis.gap.ladder.handover import (
     settings_of,
     values_of,
 )
-from sassgis.gap.ladder.parameter_posterior import ParameterPosterior, parameter_posterior
 from sassgis.gap.ladder.rungs import (
     RockDistances,
     ground_is_enough,
@@ -60,61 +50,53 @@ from sassgis.gap.residuals.table import ResidualTable, residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.ensemble import (
-    COUNT,
     CalibrationProblem,
-    Ensemble,
-    Tried,
-    ensemble_of,
     model_rows,
     problem_of,
-    tasks_of,
-    try_task,
 )
-from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.fingerprints import fingerprints
-from sassgis.gap.which.hypotheses import NONE, Draw, families_to_try
+from sassgis.gap.which.hypotheses import NONE, families_to_try
+from sassgis.gap.which.measure_next import separations
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     UNKNOWN,
     Thresholds,
-    measure_next,
     second_of,
     significant,
     verdict_of,
 )
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
-from sassgis.io.staging import CHECKPOINT_STEM, staged_output
+from sassgis.io.staging import staged_output
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
 from sassgis.model.run_config import Config
-from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
+from sassgis.runs.campaign_workers import campaign_workers, fingerprint_of
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_outputs import write_outputs
+from sassgis.runs.hypothesis_fits import (
+    DRAWS,
+    HypothesisFits,
+    KeptDraws,
+    OnProgress,
+    best_base,
+    calibrated_base,
+)
 from sassgis.runs.job import job_count
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
 #: With fewer groups of rocks a warning is given.
 _FEWEST_GROUPS = 4
-#: Draws of each hypothesis in the first round, and of the base.
-DRAWS, BASE_DRAWS = 40, 80
-#: Repetitions of the refinement, and draws in each of them and each fit.
-REPETITIONS, REFINED = 2, 12
 #: Effects that are calibrated further, the most probable ones.
 _FURTHER = 2
-#: Factors on the range of the ground where the calibration runs into its limits.
-WIDER = (2, 3)
-_ORDER: Mapping[str, int] = {name: i for i, name in enumerate((*FAMILIES, CONTACT_LAW))}
 
 _ATYPICAL = (
     "The fingerprints are unlike those of any synthetic site: the probabilities of the causes may "
     "not hold here."
 )
-
-OnProgress = Callable[[int, int, int], None]
 
 
 def diagnose(
@@ -190,8 +172,8 @@ def diagnose(
         try:
             with campaign_workers(problem, job_count(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
-                made, wrong_ground, usual = _base(
-                    problem, run, draws, on_progress, _Kept(work, fingerprint)
+                made, wrong_ground, usual = best_base(
+                    problem, run, draws, on_progress, KeptDraws(work, fingerprint)
                 )
                 tell("Calibrating the most probable hypotheses")
                 diagnosis = _diagnosis(made, wrong_ground, usual, frozen, weights, fingerprint)
@@ -243,142 +225,6 @@ def _group_warnings(case: Case) -> tuple[str, ...]:
     )
 
 
-# ---------------------------------------------------------------------------------------------
-# Campaigns
-
-
-def _try(problem: CalibrationProblem, task: tuple[str, int]) -> Tried:
-    return try_task(problem, task, _ORDER)
-
-
-@dataclass(frozen=True, slots=True)
-class _Kept:
-    """First draws of effects that an earlier attempt with the same settings finished.
-
-    Attributes
-    ----------
-    work : Path or None
-        Folder of the diagnosis; None: nothing is kept.
-    fingerprint : str
-        Of the settings.
-    """
-
-    work: Path | None
-    fingerprint: str
-
-    def first_draws(
-        self, problem: CalibrationProblem, effect: str, draws: int, run: CampaignMap
-    ) -> list[Tried]:
-        """Draws of an effect, made now or before."""
-        if self.work is None:
-            return list(run(_try, tasks_of([effect], draws)))
-        file = self.work / f"{CHECKPOINT_STEM}.{effect}.{problem.case.ground_range:g}.pkl"
-        made = _saved(file, self.fingerprint)
-        if made is None:
-            made = list(run(_try, tasks_of([effect], draws)))
-            _save(file, self.fingerprint, made)
-        return made
-
-
-class _Counter:
-    """Reports how many draws are done, of how many, and the rocks simulated for them."""
-
-    def __init__(self, on_progress: OnProgress | None, total: int, n_rocks: int) -> None:
-        self._on_progress, self._total, self._rocks = on_progress, total, COUNT * n_rocks
-        self._done = 0
-
-    def step(self, number: int = 1) -> None:
-        self._done += number
-        if self._on_progress is not None:
-            self._on_progress(self._done, self._total, self._rocks * self._done)
-
-    def counted(self, results: Iterable[Tried]) -> Iterator[Tried]:
-        for one in results:
-            self.step()
-            yield one
-
-
-def _saved(file: Path, fingerprint: str) -> list[Tried] | None:
-    """Campaigns of an earlier attempt with the same settings; our own file, in our own folder."""
-    try:
-        known, made = pickle.loads(file.read_bytes())
-    except (
-        OSError,
-        EOFError,
-        pickle.UnpicklingError,
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        ImportError,
-    ):
-        return None
-    return list(made) if known == fingerprint else None
-
-
-def _save(file: Path, fingerprint: str, made: Sequence[Tried]) -> None:
-    part = file.with_suffix(".part")
-    part.write_bytes(pickle.dumps((fingerprint, list(made))))
-    part.replace(file)
-
-
-# ---------------------------------------------------------------------------------------------
-# Calibrating
-
-
-class _Calibration:
-    """Hypotheses that are calibrated when they are asked for, in every fit by itself."""
-
-    def __init__(
-        self,
-        problem: CalibrationProblem,
-        ensemble: Ensemble,
-        run: CampaignMap,
-        on_progress: OnProgress | None,
-        draws: int,
-        kept: _Kept,
-    ) -> None:
-        self.problem, self.ensemble, self._draws = problem, ensemble, draws
-        self._kept = kept
-        self.fits: dict[str, FittedEffect] = {}
-        self.run, self._on_progress = run, on_progress
-
-    def add(self, *effects: str) -> None:
-        """Calibrate effects; draws of those that were never tried are made first."""
-        due = [e for e in dict.fromkeys(effects) if e not in self.fits]
-        for effect in due:
-            if not self.ensemble.of(effect).size:
-                made = self._kept.first_draws(self.problem, effect, self._draws, self.run)
-                self.ensemble = self.ensemble.with_more(self.problem, made)
-        fits = self.problem.n_parts + 1
-        total = len(due) * fits * (REPETITIONS * REFINED + TOP)
-        counter = _Counter(self._on_progress, total, self.problem.case.n_rocks)
-
-        def again(tasks: Sequence[FitTask]) -> list[Tried]:
-            return list(counter.counted(self.run(run_task, tasks)))
-
-        self.ensemble = refine(
-            self.problem, self.ensemble, due, again, repetitions=REPETITIONS, draws=REFINED
-        )
-        self.fits |= fitted(self.problem, self.ensemble, due, again)
-
-    def rows(self, effect: str) -> FloatArray:
-        """Rows of every rock by the model it had no say in."""
-        return self.fits[effect].held_out_rows(self.problem.part)
-
-    def model(self, effect: str) -> Draw:
-        """The draw that is handed over."""
-        return self.fits[effect].handed_over.draw
-
-    def posterior(self, effect: str) -> ParameterPosterior | None:
-        """What all rocks leave of the parameters."""
-        return parameter_posterior(self.problem, self.ensemble, effect, self.problem.n_parts)
-
-    def scores(self, effect: str) -> FloatArray:
-        """Energy scores of rocks by the best draws of the fits they had no say in."""
-        return held_out_scores(self.problem, self.ensemble, effect)
-
-
 def fingerprints_of(
     config: str | Path, observations: str | Path, seed: int = 1
 ) -> tuple[tuple[Fingerprint, ...], tuple[GapFinding, ...]]:
@@ -397,13 +243,13 @@ def fingerprints_of(
 
     # No rock is left out: what is asked for are no scores.
     whole = replace(problem, part=np.full(problem.case.n_rocks, -1))
-    made = _calibrated(whole, run, DRAWS, None, _Kept(None, ""))
+    made = calibrated_base(whole, run, DRAWS, None, KeptDraws(None, ""))
     residuals = _residuals(made)
     case = problem.case
     return fingerprints(case, residuals, group=case.group), where(case, residuals, seed=seed)
 
 
-def _residuals(made: _Calibration) -> ResidualTable:
+def _residuals(made: HypothesisFits) -> ResidualTable:
     """Residuals of the calibrated base."""
     case = made.problem.case
     return residuals_of(
@@ -415,77 +261,14 @@ def _residuals(made: _Calibration) -> ResidualTable:
     )
 
 
-def _calibrated(
-    problem: CalibrationProblem,
-    run: CampaignMap,
-    draws: int,
-    on_progress: OnProgress | None,
-    kept: _Kept,
-) -> _Calibration:
-    """The base, calibrated within the range of the ground of the case."""
-
-    def run_here(function: Callable[[Any, Any], Any], tasks: Sequence[Any]) -> Iterator[Any]:
-        return run(partial(_in_range, problem.case.ground_range, function), tasks)
-
-    tried = kept.first_draws(problem, NONE, BASE_DRAWS, run_here)
-    made = _Calibration(problem, ensemble_of(problem, tried), run_here, on_progress, draws, kept)
-    made.add(NONE)
-    return made
-
-
-def _base(
-    problem: CalibrationProblem,
-    run: CampaignMap,
-    draws: int,
-    on_progress: OnProgress | None,
-    kept: _Kept,
-) -> tuple[_Calibration, tuple[str, ...], _Calibration]:
-    """The calibrated base, classes whose usual range had to be widened, and the base within it.
-
-    Where the calibration runs into the limits of its range, a wider one is tried. It stays if it
-    betters the score of rocks left out; if it certainly does, the usual range is wrong.
-    """
-    usual = problem.case.ground_range
-
-    def calibrated(factor: int) -> _Calibration:
-        case = replace(problem.case, ground_range=usual * factor)
-        return _calibrated(replace(problem, case=case), run, draws, on_progress, kept)
-
-    found = first = calibrated(1)
-    wrong: list[str] = []
-    for factor in WIDER:
-        limits = classes_at_limit(found.problem.case, found.posterior(NONE))
-        if not limits:
-            break
-        wider = calibrated(factor)
-        rng = np.random.default_rng([problem.seed, 83, factor])
-        gain = gain_of(found.scores(NONE), wider.scores(NONE), problem.case.group, rng)
-        if not gain.value > 0.0:
-            break
-        found = wider
-        if gain.low > 0.0:
-            wrong += limits
-    return found, tuple(dict.fromkeys(wrong)), first
-
-
-def _in_range(
-    ground_range: float,
-    function: Callable[[Any, Any], Any],
-    problem: CalibrationProblem,
-    task: Any,
-) -> Any:
-    """A task with another range of the calibration than that of the prepared problem."""
-    return function(replace(problem, case=replace(problem.case, ground_range=ground_range)), task)
-
-
 # ---------------------------------------------------------------------------------------------
 # Comparing
 
 
 def _diagnosis(
-    made: _Calibration,
+    made: HypothesisFits,
     wrong_ground: tuple[str, ...],
-    usual: _Calibration,
+    usual: HypothesisFits,
     frozen: Thresholds,
     weights: CauseWeights,
     fingerprint: str,
@@ -516,7 +299,7 @@ def _diagnosis(
         return "+".join(sorted(names - {NONE})) or NONE
 
     families = [n for n in shares if n != NONE]
-    second = second_of(families[0], prints, frozen, tried)
+    second = second_of(families[0], prints, shares, frozen, tried)
     best = "+".join(sorted([families[0], second])) if second else families[0]
     made.add(*map(with_base, families[:_FURTHER]), with_base(best))
     shrinkage = shrinkage_of(problem, made.rows(base), best, made.rows(with_base(best)))
@@ -566,7 +349,7 @@ def _diagnosis(
         rocks=case.n_rocks,
         tables={name: len(table) for name, table in case.observations.tables.items()},
         not_identifiable=known.not_identifiable,
-        measure_next=measure_next(case, verdict.confusion_set),
+        measure_next=_measure_next(made, verdict, base, with_base),
         comparisons=_comparisons(problem, made.rows(base), made.rows(final) if named else None),
         base=made.model(base).model,
         effect=model,
@@ -584,8 +367,23 @@ def _diagnosis(
     )
 
 
+def _measure_next(
+    made: HypothesisFits, verdict: Verdict, base: str, with_base: Callable[[str], str]
+) -> tuple[str, ...]:
+    """What would tell the causes apart that remain possible and were calibrated."""
+    possible = {c: base if c == NONE else with_base(c) for c in verdict.confusion_set}
+    models = {
+        (base if c == NONE else c): [t.draw.model for t in made.fits[own].models]
+        for c, own in possible.items()
+        if own in made.fits
+    }
+    case, lines = made.problem.case, made.problem.rock_lines
+    found = separations(case, lines, models, made.problem.seed)
+    return tuple(one.sentence for one in found)
+
+
 def _hypotheses(
-    made: _Calibration,
+    made: HypothesisFits,
     effects: Sequence[str],
     with_base: Callable[[str], str],
     shares: Mapping[str, float],
@@ -649,7 +447,7 @@ def _finite(values: FloatArray) -> tuple[float, ...]:
     return tuple(np.round(values[np.isfinite(values)], 4).tolist())
 
 
-def _write_models(file: Path, made: _Calibration, diagnosis: Diagnosis) -> None:
+def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> None:
     """The models that are handed over, whole, and the scale on which their rocks are compared.
 
     ``number`` and ``count`` are those of the campaigns by which each was chosen and scored,

@@ -46,6 +46,7 @@ def campaigns(
     seed: int,
     number: int = 0,
     impacts: bool = True,
+    tables: frozenset[str] | None = None,
 ) -> list[Campaign]:
     """Release the rocks of a case ``count`` times in a model.
 
@@ -60,15 +61,21 @@ def campaigns(
         Campaigns of other numbers are other draws.
     impacts : bool
         Whether impacts are given, where the case has any.
+    tables : frozenset of str, optional
+        Of "passages", "deposits" and "impacts"; default: those that the case has.
 
     Returns
     -------
     list of Campaign
-        With the tables that the case has; errors of measurement as stated are in them.
+        With these tables; errors of measurement as stated are in them.
     """
-    seen = case.observations
+    if tables is None:
+        tables = frozenset(
+            name
+            for name in ("passages", "deposits", "impacts")
+            if len(case.observations.tables[name]) and (impacts or name != "impacts")
+        )
     rng = np.random.default_rng([seed, number, 77])
-    with_impacts = impacts and len(seen.impacts) > 0
     wood = _wood(rock_lines, model)
     release = model.release
     blocks = [
@@ -88,14 +95,15 @@ def campaigns(
         starts=start,
         control_lines=rock_lines.control_lines,
         first_rock=number * 64,
-        log_events=_MOST_EVENTS if with_impacts else 0,
+        log_events=_MOST_EVENTS if "impacts" in tables else 0,
         effects=model.effects,
         forest=wood,
     )
     paths = _Paths(case, rock_lines, model, result, count, rng)
-    passages = paths.passages() if len(seen.passages) and case.station_names else None
-    deposits = paths.deposits() if len(seen.deposits) else None
-    hits = paths.impacts(case) if with_impacts else None
+    stations = len(rock_lines.control_lines.control_lines) > 0
+    passages = paths.passages() if "passages" in tables and stations else None
+    deposits = paths.deposits() if "deposits" in tables else None
+    hits = paths.impacts(case) if "impacts" in tables else None
     n = case.n_rocks
     return [
         Campaign(

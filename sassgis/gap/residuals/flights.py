@@ -38,8 +38,14 @@ _LEAST_ROLLING_S = 0.8
 _LEAST_WAY_M, _LEAST_SPEED_MPS = 2.0, 0.5
 #: A rock that turns by less than this share of rolling slides.
 _SLIDES = 0.3
+#: Height above the resting position from which no contact that was not noted is meant (m); upward
+#: speed that a contact gives and a stem does not (m/s); share of stated errors that is certain.
+_ALOFT_M, _UPWARD_MPS, _CERTAIN = 1.5, 1.0, 0.5
 #: Runs of each stretch along the ground, in each of two orientations.
 _ROLLED = 5
+
+
+_Bounds = tuple[IntArray, IntArray]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,21 +79,83 @@ def path_residuals(
     if not len(case.observations.trajectories):
         return []
     flights: list[_Piece] = []
-    # A rolling rock stands on a circle between its two longer axes.
-    round_m = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
+    round_m = _rolling_radius(axes_m)
     rolling: list[_Stretch] = []
-    hit, none = _impact_points(case), np.empty(0)
-    for rock, rows, impacted in _paths(case):
-        own = _Path.of(case, rock, rows, float(round_m[rock]))
-        bounds = _bounds(own, *hit.get(rock, (none, none)), errors_of(case).position_m)
-        flights += _flights(case, own, bounds, impacted)
-        rolling += _along_ground(own, bounds, float(round_m[rock]))
+    for path, bounds, impacted in _bounded(case, round_m):
+        flights += [_fitted(case, path, own) for own in _flights(path, bounds, impacted)]
+        rolling += _along_ground(path, bounds, float(round_m[path.rock]))
     found = []
     if not any(e in model.effects.names for e in FLIGHT_EFFECTS):
         found += _by_reach(case, edges, flights, "flight")
     if not model.effects.get(Trees):
         found += _by_reach(case, edges, _rolled(case, model, rolling, round_m), "rolling")
     return found
+
+
+def sudden_losses(
+    case: Case, axes_m: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """The largest sudden loss of energy on each flight, far above the ground.
+
+    The energy along a flight is a line in time, whatever the air does. A stem takes some of it at
+    one point, and gives no upward speed, as a contact that was not noted does.
+
+    Parameters
+    ----------
+    case : Case
+    axes_m : float64, shape (n_rocks, k, 3)
+        Semi-axes of each rock as the model draws them, longest first (m).
+
+    Returns
+    -------
+    rock : int64, shape (n_flights,)
+    before, after : float64, shape (n_flights,)
+        Kinetic energy per mass on both sides of that point (J/kg).
+    sd : float64, shape (n_flights,)
+        Standard deviation of the difference.
+    """
+    found = [
+        (path.rock, *loss)
+        for path, bounds, impacted in _bounded(case, _rolling_radius(axes_m))
+        if impacted
+        for own in _flights(path, bounds, impacted)
+        if (loss := _sudden_loss(case, path, own)) is not None
+    ]
+    rock = np.array([row[0] for row in found], np.int64)
+    before, after, sd = np.array([row[1:] for row in found], np.float64).reshape(-1, 3).T
+    return rock, before, after, sd
+
+
+def _sudden_loss(case: Case, path: _Path, own: slice) -> tuple[float, float, float] | None:
+    """Kinetic energy before and after the largest step (J/kg), and the error of that."""
+    error, g = errors_of(case), case.engine.gravity_mps2
+    t, v, z = path.t[own] - path.t[own].mean(), path.speed[own], path.z[own]
+    n = t.size
+    above = path.above[own]
+    # Between point i − 1 and i, with two points on both sides.
+    aloft = [above[i - 2 : i + 2].min() > _ALOFT_M for i in range(2, n - 1)]
+    if not any(aloft) or not np.isfinite(v).all():
+        return None
+    line = np.linalg.qr(np.column_stack([np.ones(n), t]))[0]
+    steps = (np.arange(n)[:, None] < np.arange(2, n - 1)).astype(np.float64)
+    steps -= line @ (line.T @ steps)
+    energy = 0.5 * v * v + g * z
+    rest = energy - line @ (line.T @ energy)
+    length = (steps**2).sum(axis=0)
+    height = steps.T @ rest / length
+    left = np.maximum((rest**2).sum() - height**2 * length, 0.0) / (n - 3)
+    stated = math.hypot(g * error.position_m, error.speed_rel * float(np.mean(v * v)))
+    sd = np.sqrt(np.maximum(left, (_CERTAIN * stated) ** 2) / length)
+    best = int(np.argmax(np.where(aloft, height / sd, -np.inf)))
+    k = best + 2
+    # Vertical motion with a kink at that point.
+    kink = np.maximum(t - 0.5 * (t[k - 1] + t[k]), 0.0)
+    design = np.column_stack([np.ones(n), t, kink])
+    upward = np.linalg.lstsq(design, z + 0.5 * g * t * t)[0][2]
+    if upward > _UPWARD_MPS:
+        return None
+    before = 0.5 * float(np.mean(v[:k] ** 2))
+    return before, before - float(height[best]), float(sd[best])
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +210,23 @@ def _paths(case: Case) -> Iterator[tuple[int, IntArray, bool]]:
             yield i, rows, i in hit
 
 
+def _rolling_radius(axes_m: FloatArray) -> FloatArray:
+    """Radius of each rock on which it rolls: it stands on a circle between its longer axes (m)."""
+    radius: FloatArray = 0.5 * (axes_m[:, :, 0] + axes_m[:, :, 1]).mean(axis=1)
+    return radius
+
+
+def _bounded(case: Case, round_m: FloatArray) -> Iterator[tuple[_Path, _Bounds, bool]]:
+    """Each path, the points between which its impacts happened, and whether these are known."""
+    if not len(case.observations.trajectories):
+        return
+    hit, none = _impact_points(case), np.empty(0)
+    for rock, rows, impacted in _paths(case):
+        path = _Path.of(case, rock, rows, float(round_m[rock]))
+        error_m = errors_of(case).position_m
+        yield path, _bounds(path, *hit.get(rock, (none, none)), error_m), impacted
+
+
 def _smooth(values: FloatArray) -> FloatArray:
     """Mean over five points, fewer at the ends."""
     n = values.size
@@ -166,7 +251,7 @@ def _impact_points(case: Case) -> dict[int, tuple[FloatArray, FloatArray]]:
     }
 
 
-def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> tuple[IntArray, IntArray]:
+def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> _Bounds:
     """Points of a path between which its impacts happened, rising; empty if none are known.
 
     An impact is known by its position: among points that lie closer than the error of positions it
@@ -186,9 +271,7 @@ def _bounds(path: _Path, x: FloatArray, y: FloatArray, error_m: float) -> tuple[
     return np.maximum(at - reach, 0), np.minimum(at + reach, path.t.size - 1)
 
 
-def _flights(
-    case: Case, path: _Path, bounds: tuple[IntArray, IntArray], impacted: bool
-) -> list[_Piece]:
+def _flights(path: _Path, bounds: _Bounds, impacted: bool) -> list[slice]:
     """Flights between impacts; where none are known, stretches high enough above the ground."""
     if impacted:
         first, last = bounds
@@ -198,7 +281,7 @@ def _flights(
     found = []
     for a, b in spans:
         if b - a >= _LEAST_POINTS and np.median(path.above[a:b]) > CLEAR_M:
-            found.append(_fitted(case, path, slice(int(a), int(b))))
+            found.append(slice(int(a), int(b)))
     return found
 
 
@@ -246,9 +329,7 @@ class _Stretch:
     sliding: bool
 
 
-def _along_ground(
-    path: _Path, bounds: tuple[IntArray, IntArray], radius_m: float
-) -> list[_Stretch]:
+def _along_ground(path: _Path, bounds: _Bounds, radius_m: float) -> list[_Stretch]:
     """Stretches on which a rock stays low and does not strike."""
     low = np.abs(path.above) < CLEAR_M
     low &= np.isfinite(path.speed) & (path.speed > _LEAST_SPEED_MPS)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sassgis.gap.observations.campaign import errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.flights import sudden_losses
 from sassgis.gap.residuals.free_run import FreeRun, observed_end, side_error
 from sassgis.gap.residuals.one_step import (
     impacts_in_flight,
@@ -44,7 +45,8 @@ class StepTable:
     ----------
     rock : int64, shape (n,)
     step : str, shape (n,)
-        "impact", "flight", "run" (from the release to a station) or "stop".
+        "impact", "flight", "aloft" (the largest sudden loss on a flight), "run" (from the release
+        to a station) or "stop".
     quantity : str, shape (n,)
     observed, predicted, sd : float64, shape (n,)
         ``sd`` is that of the prediction, with errors of measurement.
@@ -103,6 +105,7 @@ def steps_of(case: Case, table: GroundTable, run: FreeRun, rng: np.random.Genera
     parts = [
         *_impacts(case, table, run.axes_m, rng),
         *_flights(case),
+        *_aloft(case, run.axes_m),
         *_runs(case),
         *_stops(case),
     ]
@@ -200,6 +203,16 @@ def _flights(case: Case) -> list[_Part]:
             "quantity": np.array("energy_jpkg"), "observed": into[flown],
             "predicted": (out + g * fall)[flown], "sd": sd[flown],
             "way_m": length[flown], "reach": share[flown],
+        }
+    ]  # fmt: skip
+
+
+def _aloft(case: Case, axes_m: FloatArray) -> list[_Part]:
+    rock, before, after, sd = sudden_losses(case, axes_m)
+    return [
+        {
+            "rock": rock, "step": np.array("aloft"), "quantity": np.array("energy_jpkg"),
+            "observed": after, "predicted": before, "sd": sd,
         }
     ]  # fmt: skip
 

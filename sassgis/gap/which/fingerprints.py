@@ -30,7 +30,7 @@ _AIR_KGM3, MOST_DRAG = 1.2, 2.0
 #: A fingerprint rests on at least this many rocks or groups.
 LEAST = 5
 #: Errors of the comparison itself, as a drag coefficient: what is more than that can be seen.
-_LEAST_DRAG = 1.0
+_LEAST_DRAG = 0.8
 #: A flight that kept its length to this share was free of anything but air.
 _FREE = 0.15
 #: Turn of the path that fall lines and straight flights make by themselves (m per m).
@@ -47,6 +47,10 @@ _LOST = 0.01
 _SHIFT, _MADE_UP = 0.15, 0.1
 #: Loss of the energy of a flight, and in standard deviations, from which something was struck.
 _STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
+#: The same far above the ground, in standard deviations, and share of flights that seem so without.
+_STRUCK_ALOFT_SD, _SEEM_STRUCK = 5.0, 0.004
+#: Errors as they scatter are exceeded by this; median of the size of a standard normal number.
+_MORE, _MEDIAN_OF_NORMAL = 1.25, 0.6745
 #: Stated errors of measurement may be wrong by this share of themselves.
 _MISSTATED = 0.5
 #: Time between two points of a path whose distance gives a speed (s), and least speed (m/s).
@@ -91,6 +95,10 @@ def fingerprints(
         z, p, n = _tested(one, number)
         if math.isfinite(z):
             found[one.statistic] = one, z, p, n
+    if _SCATTER in found and _TURN in found:
+        # The less certain of the two, so that both must be seen.
+        least = max((found[_SCATTER], found[_TURN]), key=lambda own: own[2])
+        found[_BOTH] = _score(_BOTH, least[0].scores, least[0].value), *least[1:]
     adjusted = holm_adjusted(np.array([p for _, _, p, _ in found.values()]))
     out = [
         Fingerprint(one.effect, name, one.value, z, float(p), True, n)
@@ -119,6 +127,10 @@ def _tested(one: _Scores, group: IntArray) -> tuple[float, float, int]:
     return z, p, n
 
 
+#: Rough ground tilts the contact in both directions; what scatters the rebound alone may be edges
+#: of the rock.
+_SCATTER, _TURN = "scatter of the rebound", "turn of the heading at impacts"
+_BOTH = "scatter of the rebound, and turn of the heading"
 #: Every fingerprint, and the cause that it speaks for.
 STATISTICS: Mapping[str, str] = {
     "speeds against distances in time, all rocks alike": "measurement_error",
@@ -129,15 +141,17 @@ STATISTICS: Mapping[str, str] = {
     "speed on the first reach, right on the others": "release_error",
     "energy lost in flight, over path and size, on every flight": "air_drag",
     "energy lost at once, on few flights": "trees",
+    "energy lost at once, far above the ground": "trees",
     "speed lost on one reach, right on the others": "trees",
     "mass of whole rocks that is missing, and lies in pieces": "fragmentation",
     "mass that lies beyond what was released": "entrainment",
-    "turn of the heading at impacts": "lateral_deflection",
+    _TURN: "lateral_deflection",
     "growth of the lateral offset between stations": "lateral_deflection",
     "lateral offset of stops": "lateral_deflection",
     "rebound lost with the normal speed, on one ground alone": "soft_ground",
     "large rocks stop early at the foot": "soft_ground",
-    "scatter of the rebound": "roughness",
+    _SCATTER: "roughness",
+    _BOTH: "roughness",
     "scatter of the rebound, the more the smaller the rock": "roughness",
     "small rocks slow on all reaches": "roughness",
     "rebound against the flatness of the rock": "rock_shape",
@@ -222,16 +236,29 @@ def _offsets(case: Case, steps: StepTable) -> tuple[StepTable, FloatArray]:
     return rows, at
 
 
+def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
+    """Standard error of a coordinate (m), as stated or, if more, as paths in time scatter.
+
+    Third differences of a flight are those of the errors alone, with variance 20 σ².
+    """
+    track = case.observations.trajectories
+    jumps = [np.abs(np.diff(getattr(track, c)[rows], n=3)) for rows in paths.values() for c in "xy"]
+    seen = np.concatenate([np.empty(0), *jumps])
+    found = float(np.median(seen)) / (_MEDIAN_OF_NORMAL * math.sqrt(20.0)) if seen.size else 0.0
+    return max(found, errors_of(case).position_m)
+
+
 def _release(case: Case, residuals: ResidualTable) -> list[_Scores]:
     """Where a rock is at first, against where it is said to have been released."""
     rocks = case.observations.rocks
-    n, error = case.n_rocks, errors_of(case)
+    n = case.n_rocks
     off = np.full(n, np.nan)
-    usual = (1.0 + _MISSTATED) * error.position_m * math.sqrt(0.5 * math.pi)
     place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
     names = case.observations.rock_names
     track = case.observations.trajectories
-    for rock, rows in _paths(case).items():
+    paths = _paths(case)
+    usual = _MORE * _position_error(case, paths) * math.sqrt(0.5 * math.pi)
+    for rock, rows in paths.items():
         i = place.get(names[rock])
         if i is not None and track.t_s[rows[0]] < 0.05:
             off[rock] = math.hypot(
@@ -284,8 +311,10 @@ def _flight(case: Case, residuals: ResidualTable) -> list[_Scores]:
     weight = pull / rows.sd**2
     scale = max(float((weight * pull)[kept].sum()), 1e-12)
     drag = float((weight * loss)[kept].sum()) / scale
-    middle = float(np.median(loss / rows.sd))
-    struck = (share > _STRUCK_SHARE) & (usual - max(middle, 0.0) > _STRUCK_SD)
+    middle = float(np.median(usual))
+    # Stated errors may be too small: what flights scatter by themselves counts as well.
+    scatter = max(float(np.median(np.abs(usual - middle))) / _MEDIAN_OF_NORMAL, 1.0)
+    struck = (share > _STRUCK_SHARE) & (usual - max(middle, 0.0) > _STRUCK_SD * scatter)
     found = [
         _score(
             "energy lost at once, on few flights",
@@ -305,6 +334,22 @@ def _flight(case: Case, residuals: ResidualTable) -> list[_Scores]:
     return found
 
 
+def _aloft(case: Case, residuals: ResidualTable) -> list[_Scores]:
+    """Speed lost at one point far above the ground: no contact, and no air."""
+    rows = residuals.steps.of("aloft", "energy_jpkg")
+    if len(rows) < 2 * LEAST:
+        return []
+    share = 1.0 - rows.observed / np.maximum(rows.predicted, 1.0)
+    struck = (share > _STRUCK_SHARE) & (-rows.z > _STRUCK_ALOFT_SD)
+    # So few are struck that their mean is not normal: rocks that were, against those that seem so.
+    flights = np.bincount(rows.rock, minlength=case.n_rocks)
+    seem = stats.poisson(float((1.0 - (1.0 - _SEEM_STRUCK) ** flights).sum()))
+    hit = np.unique(rows.rock[struck]).size
+    z = float(stats.norm.isf(np.clip(seem.sf(hit) + 0.5 * seem.pmf(hit), 1e-30, 1.0 - 1e-9)))
+    name = "energy lost at once, far above the ground"
+    return [_score(name, np.array([z]), float(struck.mean()))]
+
+
 def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:
     n, steps = case.n_rocks, residuals.steps
     rows = steps.of("impact", "turn_deg")
@@ -314,7 +359,7 @@ def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:
         usual = (1.0 + _MISSTATED) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
         found.append(
             _score(
-                "turn of the heading at impacts",
+                _TURN,
                 per_rock(size - usual, rows.rock, n),
                 float(size.mean()),
             )
@@ -468,7 +513,7 @@ def _contact(case: Case, residuals: ResidualTable) -> list[_Scores]:
     scatter = left**2 - 1.0
     small = -_standardised(np.log(normal.radius_m))
     found += [
-        _score("scatter of the rebound", per_rock(scatter - 0.3, normal.rock, n), scatter.mean()),
+        _score(_SCATTER, per_rock(scatter - 0.3, normal.rock, n), scatter.mean()),
         _score(
             "scatter of the rebound, the more the smaller the rock",
             per_rock((left**2 - np.mean(left**2)) * small, normal.rock, n),
@@ -635,6 +680,7 @@ _MAKERS: Sequence[_Maker] = (
     _measurement,
     _release,
     _flight,
+    _aloft,
     _lateral,
     _masses,
     _contact,

@@ -98,30 +98,40 @@ def significant(prints: Sequence[Fingerprint], level: float) -> dict[str, Finger
 
 
 def second_of(
-    first: str, prints: Sequence[Fingerprint], thresholds: Thresholds, tried: Sequence[str]
+    first: str,
+    prints: Sequence[Fingerprint],
+    shares: Mapping[str, float],
+    thresholds: Thresholds,
+    tried: Sequence[str],
 ) -> str:
     """A second cause beside the first, whose fingerprint is none of its consequences; "" if none.
+
+    It is more probable than all others together, were the first one none.
 
     Parameters
     ----------
     first : str
         A family.
     prints : sequence of Fingerprint
+    shares : mapping of cause to float
     thresholds : Thresholds
     tried : sequence of str
         Families that may be named.
     """
+    others = 1.0 - shares.get(first, 0.0)
     sure = {
         name: one
         for name, one in significant(prints, thresholds.level).items()
         if one.z >= thresholds.second and name in tried
     }
+    likely = {n for n in sure if shares.get(n, 0.0) > 0.5 * others}
     hidden = {group_of(first), *_FOLLOWS[group_of(first)]}
     for name in sure:
         # What another sure cause brings about by itself is no cause of its own either.
         hidden |= set(_FOLLOWS[group_of(name)]) - {group_of(first)}
-    others = [n for n in sure if group_of(n) not in hidden]
-    return max(others, key=lambda n: sure[n].z, default="")
+    return max(
+        (n for n in likely if group_of(n) not in hidden), key=lambda n: sure[n].z, default=""
+    )
 
 
 def decide(
@@ -169,7 +179,7 @@ def decide(
                     "certainly closes none of the gap on rocks that took no part in its calibration"
                 ),
             )
-        second = second_of(first, prints, thresholds, tried)
+        second = second_of(first, prints, shares, thresholds, tried)
         named = "+".join(sorted([first, second])) if second else first
         return (
             named,
@@ -351,67 +361,3 @@ def verdict_of(
         group,
         CONTACT_LAW if law else "ground" if enough or adequate(findings) else "unresolved",
     )
-
-
-#: What shows each family most directly: table, column, and in words how it is measured.
-_SHOWN_BY: Mapping[str, tuple[tuple[str, str, str], ...]] = {
-    "lateral_deflection": (
-        ("passages", "x", "where rocks pass the stations, across the slope"),
-        ("impacts", "turn_deg", "the change of direction at impacts, filmed from above"),
-    ),
-    "fragmentation": (
-        ("deposits", "mass_kg", "the masses of all blocks that lie, by the rock they broke from"),
-        ("passages", "mass_kg", "the sizes of the blocks that pass the stations"),
-    ),
-    "entrainment": (("deposits", "mass_kg", "all blocks that lie, also those of no known rock"),),
-    "soft_ground": (
-        ("impacts", "vn_out_mps", "velocities before and after impacts, and the depth of scars"),
-    ),
-    "trees": (
-        (
-            "trajectories",
-            "speed_mps",
-            "paths in time through the stand, and stems that are hit",
-        ),
-        ("impacts", "vt_in_mps", "velocities at impacts, so that losses between them show"),
-    ),
-    "air_drag": (("trajectories", "t_s", "paths of long flights in time"),),
-    "roughness": (
-        ("impacts", "vn_out_mps", "velocities before and after impacts of rocks of several sizes"),
-    ),
-    "rock_shape": (
-        ("rocks", "semi_axis_c_m", "all three axes of the rocks"),
-        ("impacts", "omega_out_radps", "spin before and after impacts"),
-    ),
-    "release_error": (
-        ("rocks", "release_speed_mps", "the speed and the place at which each rock is released"),
-    ),
-    "measurement_error": (
-        ("trajectories", "t_s", "paths of free flights: they must give g = 9.81 m/s²"),
-    ),
-}
-
-
-def measure_next(case: Case, confused: Sequence[str]) -> tuple[str, ...]:
-    """What further measurement would separate confused effects, from what each shows itself by.
-
-    Parameters
-    ----------
-    case : Case
-    confused : sequence of str
-        The confusion set.
-    """
-    present = case.observations.present
-    named = [name for name in confused if name in _SHOWN_BY]
-    out = []
-    for name in named if len(confused) > 1 else []:
-        for table, column, how in _SHOWN_BY[name]:
-            if column not in present.get(table, frozenset()):
-                out.append(f"To separate {name.replace('_', ' ')} from the others: {how}.")
-                break
-    if len(named) > 1 and not out:
-        out.append(
-            f"More rocks: with {case.n_rocks} the measured quantities leave "
-            f"{', '.join(n.replace('_', ' ') for n in named)} close to each other."
-        )
-    return tuple(out)

@@ -119,7 +119,9 @@ def test_losses_in_flight_are_air_or_stems(case: Case, residuals: ResidualTable)
     steps = residuals.steps
     n = len(steps)
     hit = rng.random(n) < 0.15
-    stems = changed(residuals, "flight", "energy_jpkg", -0.7 * np.nan_to_num(steps.predicted) * hit)
+    stems = changed(
+        residuals, "flight", "energy_jpkg", -0.95 * np.nan_to_num(steps.predicted) * hit
+    )
     found = printed(case, stems)
     assert found["trees"].p_adjusted <= 0.01
     assert "air_drag" not in found or found["air_drag"].p_adjusted > 0.01
@@ -141,3 +143,40 @@ def test_rocks_of_one_group_count_once(case: Case, residuals: ResidualTable) -> 
     group = np.arange(case.n_rocks) // 5
     found = printed(case, residuals, group=group)
     assert max(f.rocks for f in found.values()) <= 6
+
+
+def test_stems_are_seen_where_paths_break_far_above_the_ground(
+    case: Case, residuals: ResidualTable
+) -> None:
+    name = "energy lost at once, far above the ground"
+    free = {f.statistic: f for f in fingerprints(case, residuals)}[name]
+    steps = residuals.steps
+    hit = np.random.default_rng(4).random(len(steps)) < 0.3
+    lost = changed(residuals, "aloft", "energy_jpkg", -0.7 * np.nan_to_num(steps.predicted) * hit)
+    struck = {f.statistic: f for f in fingerprints(case, lost)}[name]
+    assert free.z < 2.0 < 4.0 < struck.z and struck.p_adjusted <= 0.01
+
+
+def test_rough_ground_scatters_the_rebound_and_turns_the_path(
+    case: Case, residuals: ResidualTable
+) -> None:
+    rng = np.random.default_rng(6)
+    steps = residuals.steps
+    away = rng.standard_normal(len(steps))
+    edges = changed(residuals, "impact", "normal_speed_mps", 3.0 * np.nan_to_num(steps.sd) * away)
+    rough = changed(edges, "impact", "turn_deg", 12.0 * rng.standard_normal(len(steps)))
+    both = "scatter of the rebound, and turn of the heading"
+    for own, seen in ((edges, False), (rough, True)):
+        found = {f.statistic: f for f in fingerprints(case, own)}
+        assert (found[both].p_adjusted <= 0.01) == seen
+        parts = (found["scatter of the rebound"].z, found["turn of the heading at impacts"].z)
+        assert found[both].z == min(parts)
+
+
+def test_errors_of_positions_are_those_that_paths_show() -> None:
+    seen = observed(40, 3)
+    metadata = replace(seen.observations.metadata, position_error_m=0.08)
+    stated = replace(seen, observations=replace(seen.observations, metadata=metadata))
+    name = "first point of the path against the stated start"
+    found = {f.statistic: f for f in fingerprints(stated, table_of(stated))}
+    assert found[name].observable and found[name].z < 2.0

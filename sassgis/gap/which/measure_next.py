@@ -1,0 +1,196 @@
+"""What to measure next: two calibrated models are released again, and seen where they differ most.
+
+Both fit what was observed, each with several draws of its parameters. What they would show
+elsewhere, or by quantities that were not measured, is simulated with the stated errors; the number
+of rocks that would tell them apart is that of a test of one mean (level 5 %, power 80 %).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows, errors_of
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.replicas.rock_lines import RockLines
+from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
+from sassgis.gap.words import effect_name
+from sassgis.model.grid import FloatArray
+from sassgis.model.profiles import ControlLineCrossings
+from sassgis.model.results import ControlLine
+
+#: Stations that are tried, as shares of the way to the middle of the stops; the nearest that an
+#: existing one may lie (the same share).
+_PLACES, _NEAR = (0.2, 0.4, 0.6, 0.8), 0.08
+#: Draws of each model, half of which choose the measurement that the others count, and campaigns of
+#: each draw.
+_DRAWS, _CAMPAIGNS = 4, 4
+#: Campaigns have numbers from this on, so that they are no others.
+_NUMBER = 900
+#: Standard normal deviates of level and power, together.
+_SURE = 1.96 + 0.84
+#: Difference, in standard deviations of one rock, below which nothing is recommended.
+_LEAST_DIFFERENCE = 0.2
+_LEAST_ROCKS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Separation:
+    """A measurement that tells two causes apart.
+
+    Attributes
+    ----------
+    one, other : str
+        Causes.
+    what : str
+        What is measured, in words; empty if nothing that was tried tells them apart.
+    rocks : int
+        Rocks that it takes.
+    """
+
+    one: str
+    other: str
+    what: str
+    rocks: int
+
+    @property
+    def sentence(self) -> str:
+        """For the reader."""
+        pair = f"{effect_name(self.one)} from {effect_name(self.other)}"
+        if not self.what:
+            return (
+                f"Neither speeds, rotations, heights and impacts nor stops would tell {pair} "
+                "(simulated)."
+            )
+        return f"To tell {pair}: {self.what}, of about {self.rocks} rocks (simulated)."
+
+
+def separations(
+    case: Case, rock_lines: RockLines, models: Mapping[str, Sequence[HypothesisModel]], seed: int
+) -> tuple[Separation, ...]:
+    """What would best tell the first of several calibrated models from each of the others.
+
+    Parameters
+    ----------
+    case : Case
+    rock_lines : RockLines
+    models : mapping of cause to sequence of HypothesisModel
+        Draws that fit alike; the cause that is told from the others first.
+    seed : int
+    """
+    causes = list(models)
+    if len(causes) < 2:
+        return ()
+    places = _places(case, rock_lines)
+    seen = {name: _shown(case, rock_lines, models[name], places, seed) for name in causes}
+    first = causes[0]
+    return tuple(_best(first, name, seen[first], seen[name]) for name in causes[1:])
+
+
+def _places(case: Case, rock_lines: RockLines) -> FloatArray:
+    """Chainages of stations at which nothing was measured yet (m)."""
+    stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
+    known = stops[np.isfinite(stops)]
+    way = float(np.median(known)) if known.size else 0.7 * float(np.median(rock_lines.end))
+    used = case.station_names and len(case.observations.passages)
+    there = np.nanmedian(case.station_s, axis=0) if used else np.empty(0)
+    places = [p * way for p in _PLACES]
+    return np.array([s for s in places if not (np.abs(there - s) < _NEAR * way).any()])
+
+
+def _shown(
+    case: Case,
+    rock_lines: RockLines,
+    models: Sequence[HypothesisModel],
+    places: FloatArray,
+    seed: int,
+) -> dict[str, FloatArray]:
+    """What every rock shows in every campaign, by words, shape (_DRAWS * _CAMPAIGNS, n_rocks)."""
+    names = [f"{s:.0f} m along the fall line" for s in places.tolist()]
+    stations = ControlLineCrossings.same_for_all(
+        [ControlLine(name, "station") for name in names], places.tolist(), case.n_rocks
+    )
+    tables = frozenset({"deposits", "impacts", *(("passages",) if names else ())})
+    lines = replace(rock_lines, control_lines=stations)
+    turn = errors_of(case).turn_deg
+    chosen = [models[k % len(models)] for k in range(_DRAWS)]
+    made = [
+        sample
+        for k, model in enumerate(chosen)
+        for sample in campaigns(
+            case, lines, replace(model, turn_noise_deg=turn),
+            count=_CAMPAIGNS, seed=seed, number=_NUMBER + k, tables=tables,
+        )
+    ]  # fmt: skip
+    rows = [dict(_quantities(sample, names)) for sample in made]
+    return {what: np.stack([row[what] for row in rows]) for what in rows[0]}
+
+
+def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
+    """What each rock of one campaign shows, shape (n_rocks,); NaN where nothing."""
+    n = sample.n_rocks
+    passed, lying, hit = sample.passages, sample.deposits, sample.impacts
+    if passed is not None:
+        for k, place in enumerate(places):
+            here = (passed.station == k) & (passed.kind == WHOLE)
+            rock = np.where(here, passed.rock, -1)
+            yield f"the speed at {place}", per_rock(passed.speed_mps, rock, n)
+            yield f"the rotation at {place}", per_rock(passed.rotation_hz, rock, n)
+            yield f"the passing height at {place}", per_rock(passed.height_m, rock, n)
+            yield f"where rocks pass {place}", per_rock(np.abs(passed.lateral_m), rock, n)
+    if lying is not None:
+        whole = np.where(lying.kind == WHOLE, lying.rock, -1)
+        yield "where rocks stop along the fall line", per_rock(lying.s, whole, n)
+        yield "where rocks stop beside the fall line", per_rock(np.abs(lying.lateral_m), whole, n)
+        # A rock without blocks of its own has none besides itself.
+        more = np.bincount(lying.rock[(lying.rock >= 0) & (lying.kind != WHOLE)], minlength=n)
+        yield "the number of pieces of each rock", more.astype(np.float64)
+    if hit is not None:
+        yield from _impacts(hit, n)
+
+
+def _impacts(hit: ImpactRows, n: int) -> Iterator[tuple[str, FloatArray]]:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        kept = np.clip(hit.vn_out / np.abs(hit.vn_in), 0.0, 3.0)
+        slip = np.clip(hit.vt_out / hit.vt_in, 0.0, 3.0)
+    off = np.abs(kept - np.nanmedian(kept)) if kept.size else kept
+    yield "the rebound at impacts", per_rock(kept, hit.rock, n)
+    yield "the scatter of the rebound at impacts", per_rock(off, hit.rock, n)
+    yield "the speed along the ground before and after impacts", per_rock(slip, hit.rock, n)
+    yield "the spin after impacts", per_rock(hit.spin_out, hit.rock, n)
+    yield "the turn of the path at impacts", per_rock(np.abs(hit.turn_deg), hit.rock, n)
+
+
+def _best(
+    one: str, other: str, first: Mapping[str, FloatArray], second: Mapping[str, FloatArray]
+) -> Separation:
+    """The measurement with the largest difference, counted on campaigns that did not choose it."""
+    half = _DRAWS * _CAMPAIGNS // 2
+    size = {w: _difference(first[w][:half], second[w][:half]) for w in first}
+    best = max(size, key=lambda w: abs(size[w]))
+    sure = _difference(first[best][half:], second[best][half:]) * math.copysign(1.0, size[best])
+    if sure < _LEAST_DIFFERENCE:
+        return Separation(one, other, "", 0)
+    return Separation(one, other, best, max(math.ceil((_SURE / sure) ** 2), _LEAST_ROCKS))
+
+
+def _difference(one: FloatArray, other: FloatArray) -> float:
+    """Mean difference of a rock in two models over its scatter; less where few rocks show it."""
+    seen = float(min(np.isfinite(one).mean(), np.isfinite(other).mean()))
+    scatter = np.concatenate([_scatter(one), _scatter(other)])
+    apart = mean_of_draws(one.T) - mean_of_draws(other.T)
+    apart, scatter = apart[np.isfinite(apart)], scatter[np.isfinite(scatter)]
+    if apart.size < _LEAST_ROCKS or not scatter.any():
+        return 0.0
+    return float(apart.mean()) / math.sqrt(float(np.mean(scatter**2))) * math.sqrt(seen)
+
+
+def _scatter(values: FloatArray) -> FloatArray:
+    """Standard deviation of each rock over campaigns, shape (n_rocks,)."""
+    spread: FloatArray = np.sqrt(mean_of_draws((values - mean_of_draws(values.T)).T ** 2))
+    return spread

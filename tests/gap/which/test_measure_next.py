@@ -1,0 +1,75 @@
+"""What to measure next: what two models would show differently."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.simulated_slope import TABLE, observed
+
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk, MeasurementError
+from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
+from sassgis.gap.which.measure_next import Separation, separations
+from sassgis.model.effects import EffectSettings
+from sassgis.model.ground import GroundTable
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    """Only where rocks stopped is known."""
+    return observed(20, 3, tables=("deposits",))
+
+
+@pytest.fixture(scope="module")
+def lines(case: Case) -> RockLines:
+    return rock_lines_of(case)
+
+
+BASE = HypothesisModel(TABLE, EffectSettings())
+
+
+def between(
+    case: Case, lines: RockLines, one: HypothesisModel, other: HypothesisModel
+) -> Separation:
+    models = {"none": [one], "trees": [other]}
+    (found,) = separations(case, lines, models, 4)
+    return found
+
+
+def test_models_that_are_alike_are_not_told_apart(case: Case, lines: RockLines) -> None:
+    found = between(case, lines, BASE, BASE)
+    assert (found.what, found.rocks) == ("", 0)
+    assert "Neither" in found.sentence and "calibration alone" in found.sentence
+    assert separations(case, lines, {"none": [BASE]}, 4) == ()
+
+
+def test_what_differs_most_is_measured(case: Case, lines: RockLines) -> None:
+    aside = replace(BASE, lateral_walk=LateralWalk(25.0, 10.0))
+    found = between(case, lines, BASE, aside)
+    assert found.what == "the turn of the path at impacts" and found.rocks >= 5
+    # Impacts have the errors that are stated, whatever a model took them for.
+    noisy = replace(BASE, turn_noise_deg=20.0)
+    assert between(case, lines, BASE, noisy).what == ""
+
+
+def test_rocks_are_fewer_the_larger_the_difference(case: Case, lines: RockLines) -> None:
+    counts = []
+    for scale in (1.02, 1.08):
+        faster = replace(BASE, measurement=MeasurementError(scale=scale))
+        counts.append(between(case, lines, BASE, faster).rocks)
+    assert counts[0] > counts[1] >= 5
+    # As many as a test of one mean takes: a difference of d scatters needs (2.8 / d)² rocks.
+    low = GroundTable(tuple(replace(c, eta_max=0.9 * c.eta_max) for c in TABLE.classes))
+    slow = between(case, lines, BASE, replace(BASE, table=low))
+    assert slow.what and slow.rocks < 40
+
+
+def test_stations_are_put_where_there_are_none_yet() -> None:
+    seen = observed(20, 3)
+    there = np.nanmedian(seen.station_s, axis=0)
+    faster = replace(BASE, measurement=MeasurementError(scale=1.5))
+    found = between(seen, rock_lines_of(seen), BASE, faster)
+    at = float(found.what.split(" at ")[1].split(" m ")[0]) if " m along" in found.what else None
+    assert at is None or np.abs(there - at).min() > 5.0
