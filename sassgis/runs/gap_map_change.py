@@ -2,31 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from sassgis.io.read.config import load_config, resolved
+from sassgis.io.read.objects import object_cells
 from sassgis.io.staging import staged_output
+from sassgis.io.write.frames import write_table
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.model.errors import ConfigError
+from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.results import Band, RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report import figures
 from sassgis.report.map_report import release_outlines, save_figure
-from sassgis.runs.inputs import input_files
+from sassgis.runs.inputs import input_files, placed_objects
 from sassgis.runs.run import RunResult, run
 
+#: Values before and after, and their difference.
+_Change = tuple[FloatArray, FloatArray, FloatArray]
 _RAMP = "RdBu_r"
 #: Limits of the legend: as much below as above zero.
 _BREAKS = {
     "reach_probability": (-0.3, -0.1, -0.03, -0.01, 0.01, 0.03, 0.1, 0.3),
     "energy": (-300.0, -100.0, -30.0, -10.0, 10.0, 30.0, 100.0, 300.0),
 }
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectChange:
+    """What changes at an exposed object: the largest values over its cells, before and after.
+
+    Attributes
+    ----------
+    name : str
+        A road as a whole.
+    reach : (float, float)
+        Reach probability; 0 where no rock comes.
+    energy_kj : (float, float)
+        95 % quantile of the energy (kJ); 0 where no rock comes.
+    """
+
+    name: str
+    reach: tuple[float, float]
+    energy_kj: tuple[float, float]
+
+    def line(self) -> str:
+        """The numbers in words."""
+        (r0, r1), (e0, e1) = self.reach, self.energy_kj
+        return (
+            f"{self.name}: energy (95 % quantile) {e0:,.0f} kJ before, {e1:,.0f} kJ after; "
+            f"reach probability {100 * r0:.2g} % before, {100 * r1:.2g} % after."
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +76,8 @@ class MapChange:
     energy_change_kj : float
         Mean change of the 95 % quantile of the energy over the cells that rocks reach before and
         after (kJ); NaN if there is none.
+    objects : tuple of ObjectChange
+        Of the configured objects.
     """
 
     folder: Path
@@ -50,6 +85,7 @@ class MapChange:
     area_after_m2: float
     reach_change: float
     energy_change_kj: float
+    objects: tuple[ObjectChange, ...] = ()
 
     def lines(self) -> tuple[str, ...]:
         """The numbers in words."""
@@ -65,7 +101,8 @@ class MapChange:
                 f"Energy (95 % quantile), mean change over the cells reached by both: "
                 f"{self.energy_change_kj:+.3g} kJ.",
             )
-        return tuple(" ".join(line.split()).replace("-", "\u2212") for line in out)
+        said = tuple(" ".join(line.split()).replace("-", "\u2212") for line in out)
+        return said + tuple(one.line() for one in self.objects)
 
 
 def map_change(
@@ -80,7 +117,8 @@ def map_change(
     """Run two configurations and map what changes.
 
     Writes the results ``before`` and ``after`` (as ``sassgis run`` does), the rasters
-    ``maps/reach_probability_change.tif`` and ``maps/energy_change.tif``, and a figure of each.
+    ``maps/reach_probability_change.tif`` and ``maps/energy_change.tif``, a figure of each, and
+    ``tables/objects.csv``, if objects are configured.
 
     Parameters
     ----------
@@ -116,7 +154,8 @@ def map_change(
         for name, config in (("before", before), ("after", after)):
             tell(f"Running the map {name}")
             results.append(run(config, work / name, jobs=jobs))
-        change = _write(work, Path(out), results[0], results[1])
+        placed = placed_objects(after, results[1].run.grid)
+        change = _write(work, Path(out), results[0], results[1], placed)
         write_manifest(
             work / "manifest.json",
             inputs={
@@ -160,7 +199,9 @@ def difference(before: FloatArray, after: FloatArray) -> FloatArray:
     return result
 
 
-def _write(work: Path, out: Path, before: RunResult, after: RunResult) -> MapChange:
+def _write(
+    work: Path, out: Path, before: RunResult, after: RunResult, placed: PlacedObjects
+) -> MapChange:
     grid = before.run.grid
     _same_cells(grid, after)
     nothing = "Cells that no rock reaches count as zero."
@@ -197,12 +238,45 @@ def _write(work: Path, out: Path, before: RunResult, after: RunResult) -> MapCha
     old, new, change = changes["reach_probability"]
     _, _, energy = changes["energy"]
     both = np.isfinite(old) & np.isfinite(new)
+    objects = _at_objects(placed, grid, changes["reach_probability"], changes["energy"])
+    if objects:
+        write_table(work / "tables" / "objects.csv", [_objects_frame(objects)])
     return MapChange(
         folder=out,
         area_before_m2=float(np.isfinite(old).sum() * cell),
         area_after_m2=float(np.isfinite(new).sum() * cell),
         reach_change=float(np.nanmean(change)),
         energy_change_kj=float(np.mean(energy[both])) if both.any() else float("nan"),
+        objects=objects,
+    )
+
+
+def _at_objects(
+    placed: PlacedObjects, grid: Grid, reach: _Change, energy: _Change
+) -> tuple[ObjectChange, ...]:
+    """Largest values over the cells of each object, roads as a whole."""
+    cells, owner = object_cells(placed, grid)
+    whole = np.array([o.whole for o in placed.objects])
+    found = []
+    for name in dict.fromkeys(whole.tolist()):
+        own = cells[whole[owner] == name]
+        largest = [
+            float(np.nan_to_num(values.ravel()[own]).max(initial=0.0))
+            for values in (*reach[:2], *energy[:2])
+        ]
+        found.append(ObjectChange(name, (largest[0], largest[1]), (largest[2], largest[3])))
+    return tuple(found)
+
+
+def _objects_frame(objects: Sequence[ObjectChange]) -> pd.DataFrame:
+    return pd.DataFrame(
+        {
+            "object": [o.name for o in objects],
+            "reach_probability_before": [o.reach[0] for o in objects],
+            "reach_probability_after": [o.reach[1] for o in objects],
+            "energy_kj_before": [o.energy_kj[0] for o in objects],
+            "energy_kj_after": [o.energy_kj[1] for o in objects],
+        }
     )
 
 

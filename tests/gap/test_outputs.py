@@ -56,6 +56,7 @@ from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, OutputError
+from sassgis.model.exposure import ExposedObject, PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.settings import LateralDeflection
 from sassgis.report import figures
@@ -64,7 +65,7 @@ from sassgis.report.figures.gap_map_figures import GapStretch
 from sassgis.report.gap_answer import finding_sentence, verdict_sentence
 from sassgis.report.gap_report import answer, headline, map_parts
 from sassgis.runs.gap_case import read_case
-from sassgis.runs.gap_map_change import difference, map_change
+from sassgis.runs.gap_map_change import _at_objects, difference, map_change
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.run import run
@@ -759,6 +760,32 @@ def test_change_of_the_map(made: Made, written: Path, tmp_path: Path) -> None:
     assert (folder / "figures" / "energy_change.png").is_file()
     assert (folder / "figures" / "reach_probability_change.png").is_file()
     assert json.loads((folder / "manifest.json").read_text())["counts"]["rocks_before"] == 12
+
+
+def test_objects_have_the_largest_values_before_and_after(slope: Grid) -> None:
+    x, y = slope.cell_centres(np.array([0, 1, slope.shape[1]]))
+    half = 0.4 * slope.cell_size
+    shapes = tuple(
+        shapely.box(a - half, b - half, a + half, b + half) for a, b in zip(x, y, strict=True)
+    )
+    road = {"value_per_m": 1.0, "length_m": 2.0, "parent": "road"}
+    placed = PlacedObjects(
+        (
+            ExposedObject("road 0", "line", **road),  # type: ignore[arg-type]
+            ExposedObject("road 1", "line", **road),  # type: ignore[arg-type]
+            ExposedObject("house", "building", value=1.0),
+        ),
+        shapes,
+    )
+    before, after = (np.full(slope.shape, np.nan) for _ in range(2))
+    before[0, :2] = 0.1, 0.2
+    after[0, :2], after[1, 0] = (0.4, 0.3), 0.5
+    layers = before, after, after - before
+    energy = 100.0 * before, 100.0 * after, after
+    whole, house = _at_objects(placed, slope, layers, energy)
+    assert (whole.name, whole.reach, whole.energy_kj) == ("road", (0.2, 0.4), (20.0, 40.0))
+    assert (house.name, house.reach, house.energy_kj) == ("house", (0.0, 0.5), (0.0, 50.0))
+    assert house.line().startswith("house: energy (95 % quantile) 0 kJ before, 50 kJ after")
 
 
 def test_no_release_areas_no_map(slope: Grid, tmp_path: Path) -> None:
