@@ -14,6 +14,7 @@ from typing import Any
 from sassgis.io.read.config import settings_hash
 from sassgis.io.write.program import program_digest
 from sassgis.model.run_config import Config
+from sassgis.model.worker_process import end_with_parent
 
 #: Results of a function of (problem, task), in the order of the tasks.
 CampaignMap = Callable[[Callable[[Any, Any], Any], Sequence[Any]], Iterator[Any]]
@@ -23,6 +24,7 @@ _PROBLEM: Any = None
 
 def _receive(problem: Any) -> None:
     global _PROBLEM
+    end_with_parent()
     _PROBLEM = problem
 
 

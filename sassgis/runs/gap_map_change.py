@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from sassgis.io.read.config import load_config, resolved
 from sassgis.io.read.objects import object_cells
 from sassgis.io.staging import staged_output
-from sassgis.io.write.frames import write_table
+from sassgis.io.write.frames import object_change_frame, write_table
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.model.errors import ConfigError
@@ -240,7 +239,10 @@ def _write(
     both = np.isfinite(old) & np.isfinite(new)
     objects = _at_objects(placed, grid, changes["reach_probability"], changes["energy"])
     if objects:
-        write_table(work / "tables" / "objects.csv", [_objects_frame(objects)])
+        frame = object_change_frame(
+            [o.name for o in objects], [o.reach for o in objects], [o.energy_kj for o in objects]
+        )
+        write_table(work / "tables" / "objects.csv", [frame])
     return MapChange(
         folder=out,
         area_before_m2=float(np.isfinite(old).sum() * cell),
@@ -266,18 +268,6 @@ def _at_objects(
         ]
         found.append(ObjectChange(name, (largest[0], largest[1]), (largest[2], largest[3])))
     return tuple(found)
-
-
-def _objects_frame(objects: Sequence[ObjectChange]) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "object": [o.name for o in objects],
-            "reach_probability_before": [o.reach[0] for o in objects],
-            "reach_probability_after": [o.reach[1] for o in objects],
-            "energy_kj_before": [o.energy_kj[0] for o in objects],
-            "energy_kj_after": [o.energy_kj[1] for o in objects],
-        }
-    )
 
 
 def _same_cells(grid: Grid, after: RunResult) -> None:

@@ -22,6 +22,7 @@ from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
+from sassgis.runs import hypothesis_fits
 from sassgis.runs.diagnose import diagnose
 from sassgis.runs.fresh_shrinkage import ENSEMBLE, measured_shrinkage
 from sassgis.runs.gap_case import read_case
@@ -133,8 +134,10 @@ def test_processes_and_an_interruption_change_nothing(
         run(everything, tmp_path / "out", report=False, on_progress=stop)
     assert not (tmp_path / "out").exists()
     made = []
-    whole = gap_diagnose.try_task
-    monkeypatch.setattr(gap_diagnose, "try_task", lambda *a, **k: made.append(k) or whole(*a, **k))
+    whole = hypothesis_fits.try_task
+    monkeypatch.setattr(
+        hypothesis_fits, "try_task", lambda *a, **k: made.append(k) or whole(*a, **k)
+    )
     run(everything, tmp_path / "out", report=False)
     # What was drawn first, of the base and of the effects, is not drawn again.
     assert not made

@@ -22,6 +22,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from sassgis.model.errors import InputError, OutputError, SassgisError
+from sassgis.model.worker_process import end_with_parent
 
 #: What a sandboxed process must never hold.
 FORBIDDEN = "sassgis.gap.check.worlds"
@@ -203,6 +204,7 @@ _SANDBOX: Sandbox | None = None
 def _prepare(sandboxed: Path | None) -> None:
     """Make a new process ready for its tasks."""
     global _SANDBOX
+    end_with_parent()
     # Ctrl-C reaches all processes of a terminal; the first one sees to the others.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.basicConfig(level=logging.ERROR, format="%(message)s")

@@ -203,8 +203,10 @@ def tasks_of(effects: Iterable[str], draws: int) -> list[tuple[str, int]]:
     return [(effect, i) for effect in effects for i in range(draws)]
 
 
-def try_task(problem: CalibrationProblem, task: tuple[str, int], order: Mapping[str, int]) -> Tried:
-    """One draw of an effect (joined by "+" for several) from its ranges.
+def first_draw(
+    problem: CalibrationProblem, task: tuple[str, int], order: Mapping[str, int]
+) -> tuple[Draw, int]:
+    """One draw of an effect (joined by "+" for several) from its ranges, and its number.
 
     The draw depends on the seed, the effect and its number alone, never on what else is tried.
     """
@@ -213,7 +215,13 @@ def try_task(problem: CalibrationProblem, task: tuple[str, int], order: Mapping[
     code = [order[name] + 1 for name in families]
     rng = np.random.default_rng([problem.seed, 11, i, *code])
     number = 1 + i + 4096 * (sum(c * 16**k for k, c in enumerate(code)))
-    return try_draw(problem, draw(problem.case, families, ParameterDraws(rng)), number)
+    return draw(problem.case, families, ParameterDraws(rng)), number
+
+
+def try_task(problem: CalibrationProblem, task: tuple[str, int], order: Mapping[str, int]) -> Tried:
+    """The campaigns of ``first_draw``."""
+    made, number = first_draw(problem, task, order)
+    return try_draw(problem, made, number)
 
 
 @dataclass(frozen=True, slots=True)

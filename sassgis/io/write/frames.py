@@ -157,6 +157,23 @@ def class_table(
     )
 
 
+def object_change_frame(
+    names: Sequence[str],
+    reach: Sequence[tuple[float, float]],
+    energy_kj: Sequence[tuple[float, float]],
+) -> pd.DataFrame:
+    """Exposed objects: reach probability and energy (kJ), before and after."""
+    return pd.DataFrame(
+        {
+            "object": names,
+            "reach_probability_before": [before for before, _ in reach],
+            "reach_probability_after": [after for _, after in reach],
+            "energy_kj_before": [before for before, _ in energy_kj],
+            "energy_kj_after": [after for _, after in energy_kj],
+        }
+    )
+
+
 def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
     """Write frames one under the other, as CSV or Parquet by the suffix of the path.
 
