@@ -421,7 +421,6 @@ def gap_report(
     crs: str,
     configuration: str,
     warnings: Sequence[str],
-    seconds: float | None,
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together.
 
@@ -435,8 +434,6 @@ def gap_report(
         Names of the project, the terrain file, the coordinate system and the configuration file.
     warnings : sequence of str
         What a reader must know before trusting the answer.
-    seconds : float or None
-        Computing time.
     """
     grid = case.grid
     return ReportContext(
@@ -465,6 +462,5 @@ def gap_report(
             ("Settings and inputs (SHA-256)", diagnosis.settings_hash),
             ("Configuration", configuration),
             ("Calibrated model", "model/config.toml"),
-            *((("Computing time", f"{seconds:.0f} s"),) if seconds is not None else ()),
         ),
     )  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
 from sassgis.io.read.tiles import Part, Terrain
+from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.io.staging import MANIFEST_NAME, writing
 from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
@@ -101,8 +101,8 @@ def read_record(folder: Path) -> Record | None:
 def write_state(path: Path, progress: Progress, run: MapRun) -> None:
     """Write the sums of a simulation, with the energies of its hazard curves."""
     arrays = state_of(progress) | {"thresholds_kj": bins_of(run).threshold}
-    with writing(path), path.open("wb") as stream:
-        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+    with writing(path):
+        write_saved(path, arrays, compressed=True)
 
 
 def read_state(path: Path) -> dict[str, NDArray[Any]]:
@@ -113,15 +113,14 @@ def read_state(path: Path) -> dict[str, NDArray[Any]]:
     InputError
         If the file is damaged.
     """
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            return {k: stored[k] for k in stored.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+    state = read_saved(path)
+    if state is None:
         raise InputError(
             "cannot be read",
             file=path,
             expected="the sums of a release area; delete its folder to run it again",
-        ) from None
+        )
+    return state
 
 
 def add_area(

@@ -7,9 +7,7 @@ and inputs; with any other it is ignored.
 
 from __future__ import annotations
 
-import os
 import re
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,9 @@ from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
+from sassgis.io.saved_arrays import FINGERPRINT, read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
+from sassgis.model.errors import InputError
 from sassgis.model.map_run import BlockRows, FallLines, MapRun
 from sassgis.model.results import ControlLine
 
@@ -50,15 +50,8 @@ class Checkpoint:
     def restore(self, run: MapRun) -> Progress | None:
         """Progress of an earlier run with the same fingerprint, if there is one."""
         file = self.folder / "state.npz"
-        if not file.is_file():
-            return None
-        try:
-            # Of a damaged file numpy leaves open what it has opened itself.
-            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-                state = {k: stored[k] for k in stored.files}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-            return None
-        if str(state.get("fingerprint", "")) != self.fingerprint:
+        state = read_saved(file, self.fingerprint)
+        if state is None:
             return None
         parts = int(state["parts"])
         if not all(self._part(i).is_file() for i in range(parts)):
@@ -83,15 +76,15 @@ class Checkpoint:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._waiting:
                 rows = joined_rows(self._waiting)
-                write_arrays(self._part(self._parts), {f: getattr(rows, f) for f in _ROW_FIELDS})
+                write_saved(self._part(self._parts), {f: getattr(rows, f) for f in _ROW_FIELDS})
                 self._waiting = []
                 self._parts += 1
             state: dict[str, NDArray[np.generic]] = {
-                "fingerprint": np.array(self.fingerprint),
+                FINGERPRINT: np.array(self.fingerprint),
                 "parts": np.array(self._parts),
             }
             state |= state_of(progress)
-            write_arrays(self.folder / "state.npz", state)
+            write_saved(self.folder / "state.npz", state)
 
     def rows(self) -> list[Path]:
         """Files of the rows that were handed on, in order."""
@@ -153,9 +146,21 @@ def progress_from(
 
 
 def read_rows(part: Path) -> BlockRows:
-    """Rows of one file of a checkpoint."""
-    with np.load(part, allow_pickle=False) as stored:
-        return BlockRows(*(stored[f] for f in _ROW_FIELDS))
+    """Rows of one file of a checkpoint.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    stored = read_saved(part)
+    if stored is None:
+        raise InputError(
+            "cannot be read",
+            file=part,
+            expected="rows of an earlier attempt; delete its folder to begin anew",
+        )
+    return BlockRows(*(stored[f] for f in _ROW_FIELDS))
 
 
 def _sources(
@@ -179,16 +184,3 @@ def _sources(
 def _group(state: dict[str, Any], name: str) -> dict[str, Any]:
     start = name + "."
     return {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)}
-
-
-def write_arrays(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
-    """Write beside and rename, so that a full disk leaves the older state as it was."""
-    fresh = path.with_suffix(".new")
-    try:
-        with fresh.open("wb") as stream:
-            np.savez(stream, **arrays)  # type: ignore[arg-type]
-            stream.flush()
-            os.fsync(stream.fileno())
-        fresh.replace(path)
-    finally:
-        fresh.unlink(missing_ok=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -149,7 +148,6 @@ def diagnose(
         If the user stops it; campaigns that were made are kept.
     """
     tell = say or (lambda _text: None)
-    began = time.perf_counter()
     # Many small products of matrices: threads of the linear algebra would only wait for each other.
     with threadpool_limits(1, "blas"), staged_output(Path(out), overwrite) as work:
         settings = load_config(config)
@@ -193,7 +191,7 @@ def diagnose(
         )
         tell("Writing the results")
         if report:
-            write_outputs(work, case, diagnosis, Path(config), time.perf_counter() - began)
+            write_outputs(work, case, diagnosis, Path(config))
         else:
             write_diagnosis_json(work / "diagnosis.json", diagnosis)
             (work / "model").mkdir()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from sassgis.io.saved_arrays import FINGERPRINT, read_saved, write_saved
 from sassgis.model.grid import FloatArray
 
 #: Seconds between two savings.
@@ -26,16 +28,10 @@ class DrawStore:
 
     def __init__(self, file: Path, fingerprint: str) -> None:
         self._file, self._fingerprint = file, fingerprint
-        self._made: dict[int, tuple[FloatArray, FloatArray]] = {}
         self._saved = time.monotonic()
-        try:
-            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as known:
-                if str(known["fingerprint"]) == fingerprint:
-                    rows = zip(known["numbers"], known["shares"], known["scores"], strict=True)
-                    self._made = {int(n): (u, s) for n, u, s in rows}
-        except (OSError, ValueError, KeyError, EOFError):
-            # Nothing was saved, or not to the end.
-            self._made = {}
+        known = read_saved(file, fingerprint) or {}
+        rows = zip(*(known.get(k, ()) for k in ("numbers", "shares", "scores")), strict=True)
+        self._made: dict[int, tuple[FloatArray, FloatArray]] = {int(n): (u, s) for n, u, s in rows}
 
     def known(self, number: int, shares: FloatArray) -> FloatArray | None:
         """Scores of a draw, if it was made."""
@@ -60,14 +56,11 @@ class DrawStore:
         if not self._made:
             return
         numbers = sorted(self._made)
-        part = self._file.with_suffix(".part")
-        with part.open("wb") as file:
-            np.savez(
-                file,
-                fingerprint=self._fingerprint,
-                numbers=numbers,
-                shares=np.stack([self._made[n][0] for n in numbers]),
-                scores=np.stack([self._made[n][1] for n in numbers]),
-            )
-        part.replace(self._file)
+        arrays: dict[str, Any] = {
+            FINGERPRINT: self._fingerprint,
+            "numbers": numbers,
+            "shares": np.stack([self._made[n][0] for n in numbers]),
+            "scores": np.stack([self._made[n][1] for n in numbers]),
+        }
+        write_saved(self._file, arrays)
         self._saved = time.monotonic()

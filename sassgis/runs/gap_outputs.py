@@ -21,9 +21,8 @@ def write_outputs(
     case: Case,
     diagnosis: Diagnosis,
     config_file: Path,
-    seconds: float | None = None,
 ) -> None:
-    """Write a diagnosis into a folder.
+    """Write a diagnosis into a folder; equal diagnoses give equal files.
 
     ``diagnosis.json``, ``gap.gpkg``, ``figures/*.png``, ``report.html``, ``model/config.toml`` with
     its files, and last ``manifest.json``.
@@ -37,8 +36,6 @@ def write_outputs(
     diagnosis : Diagnosis
     config_file : Path
         The configuration that was diagnosed.
-    seconds : float, optional
-        Computing time, for the report. Without it equal diagnoses give equal files.
 
     Raises
     ------
@@ -61,7 +58,6 @@ def write_outputs(
         crs=crs_name(case.grid.crs or ""),
         configuration=config.file.name,
         warnings=warnings,
-        seconds=seconds,
     )
     write_report(work / "report.html", context)
     observed = {Path(file) for file in case.observations.files.values() if file}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sassgis.gap.ladder.calibration import (
     TOP,
@@ -37,6 +35,7 @@ from sassgis.gap.which.ensemble import (
 from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.hypotheses import NONE, Draw
 from sassgis.gap.which.verdict import CONTACT_LAW
+from sassgis.io.saved_arrays import FINGERPRINT, read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.grid import FloatArray
 from sassgis.runs.campaign_workers import CampaignMap
@@ -79,30 +78,19 @@ class KeptDraws:
             return list(run(_try, tasks_of([effect], draws)))
         file = self.work / f"{CHECKPOINT_STEM}.{effect}.{problem.case.ground_range:g}.npz"
         tasks = tasks_of([effect], draws)
-        rows = self._read(file)
-        if rows is not None and len(rows) == len(tasks):
+        known = read_saved(file, self.fingerprint)
+        if known is not None and len(known["rows"]) == len(tasks):
             # The draws follow from the seed; what takes time are their campaigns.
             again = (first_draw(problem, task, _ORDER) for task in tasks)
             return [
                 Tried(made, own, number=number)
-                for (made, number), own in zip(again, rows, strict=True)
+                for (made, number), own in zip(again, known["rows"], strict=True)
             ]
         made = list(run(_try, tasks))
-        part = file.with_suffix(".part")
-        with writing(part), part.open("wb") as stream:
-            np.savez(stream, fingerprint=self.fingerprint, rows=np.stack([t.rows for t in made]))
-        part.replace(file)
+        rows = np.stack([t.rows for t in made])
+        with writing(file):
+            write_saved(file, {FINGERPRINT: self.fingerprint, "rows": rows})
         return made
-
-    def _read(self, file: Path) -> NDArray[np.float32] | None:
-        """Rows of an earlier attempt with the same settings."""
-        try:
-            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as known:
-                same = str(known["fingerprint"]) == self.fingerprint
-                return known["rows"] if same else None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            # Nothing was saved, or not to the end.
-            return None
 
 
 class _Counter:

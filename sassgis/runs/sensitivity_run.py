@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +30,7 @@ from sassgis.hazard.warnings import rule_warnings
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.read.config import resolved, settings_hash
 from sassgis.io.read.range_table import read_ranges
+from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output, writing
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.layers.sensitivity_maps import sensitivity_layers
@@ -51,7 +51,6 @@ from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.page import write_report
 from sassgis.report.sensitivity_report import sensitivity_report
-from sassgis.runs.checkpoint import write_arrays
 from sassgis.runs.inputs import input_files, read_rules
 from sassgis.runs.job import Job, OnProgress, configured, job_count, read_job, state_fingerprint
 from sassgis.runs.map import simulate_map
@@ -185,7 +184,7 @@ class _Lab:
             found = self._simulate(variant, seed)
             with writing(file):
                 file.parent.mkdir(parents=True, exist_ok=True)
-                write_arrays(file, found.arrays())
+                write_saved(file, found.arrays())
         self._asked += 1
         self._blocks += found.blocks
         if self._step is not None:
@@ -216,11 +215,8 @@ class _Lab:
 
 
 def _restored(file: Path) -> VariantFinding | None:
-    try:
-        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            return VariantFinding.from_arrays({k: stored[k] for k in stored.files})
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
-        return None
+    arrays = read_saved(file)
+    return None if arrays is None else VariantFinding.from_arrays(arrays)
 
 
 @dataclass(frozen=True, slots=True)

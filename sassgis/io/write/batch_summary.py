@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from sassgis.io.staging import writing
+from sassgis.io.write.frames import without_formulas
 
 _NOT_RUN, _SKIPPED = "not run", "skipped: "
 
@@ -95,7 +96,7 @@ class BatchSummary:
         with writing(self._path):
             fresh = self._path.with_suffix(".csv.new")
             try:
-                self.frame().to_csv(fresh, index=False)
+                without_formulas(self.frame()).to_csv(fresh, index=False)
                 fresh.replace(self._path)
             finally:
                 fresh.unlink(missing_ok=True)

@@ -174,6 +174,23 @@ def object_change_frame(
     )
 
 
+#: What a spreadsheet takes for the beginning of a formula.
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
+    """A table whose texts no spreadsheet computes: an apostrophe stands before what it would."""
+
+    def text(value: object) -> object:
+        if not isinstance(value, str):
+            return value
+        # A carriage return alone would begin a new row, and is not quoted.
+        return ("'" if value.startswith(_FORMULA) else "") + value.replace("\r", " ")
+
+    texts = frame.select_dtypes(include=["object", "string", "category"]).columns
+    return frame.assign(**{str(name): frame[name].astype(object).map(text) for name in texts})
+
+
 def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
     """Write frames one under the other, as CSV or Parquet by the suffix of the path.
 
@@ -187,7 +204,8 @@ def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
         if path.suffix == ".csv":
             with path.open("w", encoding="utf-8", newline="") as stream:
                 for i, frame in enumerate(frames):
-                    frame.to_csv(stream, index=False, header=i == 0, lineterminator="\n")
+                    safe = without_formulas(frame)
+                    safe.to_csv(stream, index=False, header=i == 0, lineterminator="\n")
             return path
         require_parquet()
         import pyarrow as pa

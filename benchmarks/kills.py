@@ -1,0 +1,239 @@
+"""Commands that are killed at random moments and given again: do they end with the same bytes?
+
+    python benchmarks/kills.py [--kills 50] [--only run,zone] [--json FILE]
+
+``run``, ``zone``, ``batch``, ``calibrate`` and ``gap diagnose`` are run on the sample valley, with
+fewer blocks, once without and then with kills (SIGKILL) at moments drawn from the time that is left
+of the first run. The killed process is the parent of the workers; after each kill none of them may
+be left, and no result may be there but a whole one. After the last kill the same command goes on to
+its end. All files of the result are then compared with those of the first run, byte by byte, except
+the column ``seconds`` of ``summary.csv`` of a batch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_dem"
+SEED = 12
+#: A process that shows itself in none of these seconds after its parent's end is taken for ended.
+GONE_S = 15.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one command.
+
+    Attributes
+    ----------
+    command : str
+    kills : int
+    seconds : float
+        Of the run that was not killed.
+    kept : int
+        Kills after which a saved state was there.
+    orphans : int
+        Kills after which a worker went on.
+    half : int
+        Kills after which a result was there that is not whole.
+    different : tuple of str
+        Files that differ in the end.
+    """
+
+    command: str
+    kills: int
+    seconds: float
+    kept: int
+    orphans: int
+    half: int
+    different: tuple[str, ...]
+
+
+def site(folder: Path) -> Path:
+    """The sample valley with fewer blocks and its observations; returns the configuration."""
+    shutil.copytree(SAMPLE / "valley", folder)
+    shutil.copytree(SAMPLE / "observed", folder / "observed")
+    config = folder / "config.toml"
+    text = config.read_text(encoding="utf-8")
+    for key, value in (("spacing_m", 6.0), ("rocks_per_point", 20)):
+        text, found = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
+        if found != 1:
+            raise SystemExit(f"{config}: {key} is there {found} times")
+    config.write_text(text, encoding="utf-8")
+    return config
+
+
+def commands(config: Path) -> Mapping[str, Sequence[str]]:
+    """Arguments of each command, without the folder of the result."""
+    seen = str(config.parent / "observed")
+    own = str(config)
+    return {
+        "run": ("run", own),
+        "zone": ("zone", own),
+        "batch": ("batch", str(config.parent / "release.gpkg"), "--config", own),
+        "calibrate": ("calibrate", own, "--observations", seen),
+        "gap diagnose": ("gap", "diagnose", own, "--observations", seen),
+    }
+
+
+def start(arguments: Sequence[str], out: Path) -> subprocess.Popen[bytes]:
+    """Start a command with two processes or threads."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "sassgis", *arguments, "-o", str(out), "--jobs", "2"],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+
+
+def finished(arguments: Sequence[str], out: Path) -> float:
+    """Run a command to its end; returns the seconds."""
+    began = time.monotonic()
+    process = start(arguments, out)
+    _, said = process.communicate()
+    if process.returncode != 0:
+        raise SystemExit(f"{' '.join(arguments)}: exit code {process.returncode}: {said.decode()}")
+    return time.monotonic() - began
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """SHA-256 of every file, by its path."""
+    found = {}
+    for file in sorted(f for f in folder.rglob("*") if f.is_file()):
+        content = file.read_bytes()
+        if file.name == "summary.csv":
+            content = re.sub(rb",[^,\n]*$", b"", content, flags=re.MULTILINE)
+        found[file.relative_to(folder).as_posix()] = hashlib.sha256(content).hexdigest()
+    return found
+
+
+def members(session: int) -> list[int]:
+    """Processes of a session that run."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = entry.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(int(entry.parent.name))
+    return found
+
+
+def all_gone(session: int) -> bool:
+    """Whether every process of a session ends within GONE_S; those that do not are killed."""
+    ends = time.monotonic() + GONE_S
+    while members(session) and time.monotonic() < ends:
+        time.sleep(0.1)
+    left = members(session)
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    return not left
+
+
+def is_whole(out: Path, whole: Mapping[str, str], batch: bool) -> bool:
+    """Whether nothing stands in the place of the result, or all of it.
+
+    A batch grows area by area: each of them, and the map of all, is a result of its own.
+    """
+    if not out.exists():
+        return True
+    parts = [*out.glob("areas/*"), *out.glob("mosaic")] if batch else [out]
+    for part in parts:
+        if part.name.endswith((".partial", ".replaced")):
+            continue
+        start = part.relative_to(out).as_posix()
+        prefix = "" if start == "." else f"{start}/"
+        own = {prefix + f.relative_to(part).as_posix() for f in part.rglob("*") if f.is_file()}
+        if own != {name for name in whole if name.startswith(prefix)}:
+            return False
+    return True
+
+
+def killed(
+    name: str, arguments: Sequence[str], folder: Path, kills: int, say: Callable[[str], None]
+) -> Outcome:
+    """One command with its kills."""
+    rng = random.Random(f"{SEED} {name}")
+    plain = folder / "plain"
+    seconds = finished(arguments, plain)
+    whole = digests(plain)
+    out = folder / "killed"
+    kept = orphans = half = done = 0
+    while done < kills:
+        process = start(arguments, out)
+        try:
+            process.communicate(timeout=rng.uniform(0.0, 1.05 * seconds))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            done += 1
+            orphans += not all_gone(process.pid)
+            states = list(folder.glob("**/checkpoint*")) + list(
+                folder.glob("**/areas/*/manifest.json")
+            )
+            kept += bool(states)
+            half += not is_whole(out, whole, name == "batch")
+            say(f"{name}: {done} of {kills} kills")
+            continue
+        # It ended before: compare, and begin anew.
+        _compare(out, whole)
+        shutil.rmtree(out)
+    if not out.exists() or name == "batch":
+        finished(arguments, out)
+    return Outcome(name, kills, round(seconds, 1), kept, orphans, half, _different(out, whole))
+
+
+def _different(out: Path, whole: Mapping[str, str]) -> tuple[str, ...]:
+    found = digests(out)
+    return tuple(sorted(k for k in {*found, *whole} if found.get(k) != whole.get(k)))
+
+
+def _compare(out: Path, whole: Mapping[str, str]) -> None:
+    different = _different(out, whole)
+    if different:
+        raise SystemExit(f"{out}: differs in {', '.join(different[:5])}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kills", type=int, default=50, help="of all commands together")
+    parser.add_argument("--only", default="", help="commands, with commas between them")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    if not Path("/proc/self/stat").exists():
+        raise SystemExit("processes are found in /proc, which this system does not have")
+    outcomes = []
+    with tempfile.TemporaryDirectory(prefix="sassgis-kills-") as made:
+        config = site(Path(made) / "site")
+        all_ = commands(config)
+        chosen = [n for n in all_ if not options.only or n in options.only.split(",")]
+        for i, name in enumerate(chosen):
+            share = options.kills // len(chosen) + (i < options.kills % len(chosen))
+            folder = Path(made) / name.replace(" ", "_")
+            folder.mkdir()
+            outcomes.append(killed(name, all_[name], folder, share, lambda t: print(t, flush=True)))
+            shutil.rmtree(folder)
+    for own in outcomes:
+        print(asdict(own))
+    if options.json:
+        rows = [asdict(own) for own in outcomes]
+        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    if any(own.orphans or own.half or own.different for own in outcomes):
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

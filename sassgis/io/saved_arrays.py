@@ -1,0 +1,62 @@
+"""Arrays that a run saves, to go on from after an interruption: whole, or taken for none."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+#: Key of what the arrays belong to.
+FINGERPRINT = "fingerprint"
+#: What a damaged file may raise, from its end that is missing to flags that no archive has.
+_DAMAGE = (
+    OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error,
+    SyntaxError, MemoryError, OverflowError,
+)  # fmt: skip
+
+
+def write_saved(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: bool = False) -> None:
+    """Write arrays beside and rename, so that a full disk leaves the older state as it was.
+
+    Parameters
+    ----------
+    path : Path
+    arrays : mapping of str to array
+        No objects.
+    compressed : bool
+    """
+    fresh = path.with_suffix(".new")
+    save = np.savez_compressed if compressed else np.savez
+    try:
+        with fresh.open("wb") as stream:
+            save(stream, **arrays)  # type: ignore[arg-type]
+            stream.flush()
+            os.fsync(stream.fileno())
+        fresh.replace(path)
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
+def read_saved(path: Path, fingerprint: str | None = None) -> dict[str, NDArray[Any]] | None:
+    """Arrays of ``write_saved``; None if there are none, of another fingerprint, or damaged.
+
+    Parameters
+    ----------
+    path : Path
+    fingerprint : str, optional
+        What the array FINGERPRINT must hold.
+    """
+    try:
+        # Of a damaged file numpy leaves open what it has opened itself. Nothing is unpickled.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            if fingerprint is not None and str(stored[FINGERPRINT]) != fingerprint:
+                return None
+            return {name: stored[name] for name in stored.files}
+    except _DAMAGE:
+        return None
