@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from sassgis.cli.options import JOBS, OUT, SEED
+from sassgis.cli.options import JOBS, OUT, SEED, cluster_options, who_works
 from sassgis.cli.progress_bar import ProgressBar, conclude
 
 
@@ -26,6 +26,7 @@ from sassgis.cli.progress_bar import ProgressBar, conclude
 )
 @SEED
 @JOBS
+@cluster_options
 @click.option(
     "--overwrite", is_flag=True, help="Replace areas that were made from other settings or inputs."
 )
@@ -36,6 +37,8 @@ def batch(
     dem: Path | None,
     seed: int | None,
     jobs: int | None,
+    scheduler: str | None,
+    workers: int | None,
     overwrite: bool,
 ) -> None:
     """Zone each release area of RELEASES alone, and all of them on one map.
@@ -45,14 +48,14 @@ def batch(
     """
     from sassgis.runs.batch import batch as run_batch
 
-    with ProgressBar() as progress:
+    with who_works(jobs, scheduler, workers) as working, ProgressBar() as progress:
         result = run_batch(
             releases,
             out,
             config=config,
             dem=dem,
             seed=seed,
-            jobs=jobs,
+            jobs=working,
             overwrite=overwrite,
             on_progress=progress.step,
             say=progress.say,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from sassgis.cli.options import CONFIG, JOBS, OUT, OVERWRITE
+from sassgis.cli.options import CONFIG, JOBS, OUT, OVERWRITE, cluster_options, who_works
 from sassgis.cli.progress_bar import ProgressBar
 
 _PATH = click.Path(path_type=Path)
@@ -36,6 +36,7 @@ _PATH = click.Path(path_type=Path)
 )
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True)
 @JOBS
+@cluster_options
 @click.option(
     "--draws",
     type=click.IntRange(16, 100_000),
@@ -51,6 +52,8 @@ def calibrate(
     parameters: tuple[str, ...],
     seed: int,
     jobs: int | None,
+    scheduler: str | None,
+    workers: int | None,
     draws: int | None,
     overwrite: bool,
 ) -> None:
@@ -64,13 +67,13 @@ def calibrate(
     if len(more) % 2:
         raise click.UsageError(f"{more[-1]}: a configuration without observations; give pairs")
     sites = [(config, observations), *zip(more[::2], more[1::2], strict=True)]
-    with ProgressBar() as progress:
+    with who_works(jobs, scheduler, workers) as working, ProgressBar() as progress:
         result = run_calibration(
             sites,
             out,
             classes=classes or None,
             parameters=parameters or None,
-            jobs=jobs,
+            jobs=working,
             seed=seed,
             draws=draws,
             overwrite=overwrite,

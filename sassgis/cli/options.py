@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import click
+
+if TYPE_CHECKING:
+    from sassgis.runs.workers import Jobs
 
 OUT = click.option(
     "-o", "--output", "out", required=True, type=click.Path(path_type=Path), help="Folder to write."
@@ -18,3 +24,33 @@ AREAS = click.option(
     "--area", "areas", multiple=True, help="Only this release area; may be given several times."
 )
 JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: all.")
+_Command = TypeVar("_Command", bound=Callable[..., object])
+
+
+def cluster_options(command: _Command) -> _Command:
+    """Options of commands that processes of a dask cluster can work on."""
+    own = click.option("--workers", type=click.IntRange(1), help="Dask processes of this machine.")
+    other = click.option("--scheduler", metavar="ADDRESS", help="Dask cluster: tcp://node:8786.")
+    return other(own(command))
+
+
+@contextmanager
+def who_works(jobs: int | None, scheduler: str | None, workers: int | None) -> Iterator[Jobs]:
+    """Threads or processes, or a cluster that is there as long as the block.
+
+    Raises
+    ------
+    click.UsageError
+        If more than one of them is asked for.
+    InputError
+        If the cluster cannot be used.
+    """
+    if sum(asked is not None for asked in (jobs, scheduler, workers)) > 1:
+        raise click.UsageError("give one of --jobs, --scheduler and --workers")
+    if scheduler is None and workers is None:
+        yield jobs
+        return
+    from sassgis.runs.cluster import cluster
+
+    with cluster(scheduler, workers) as own:
+        yield own

@@ -6,7 +6,16 @@ from pathlib import Path
 
 import click
 
-from sassgis.cli.options import AREAS, CONFIG, JOBS, OUT, OVERWRITE, SEED
+from sassgis.cli.options import (
+    AREAS,
+    CONFIG,
+    JOBS,
+    OUT,
+    OVERWRITE,
+    SEED,
+    cluster_options,
+    who_works,
+)
 from sassgis.cli.progress_bar import ProgressBar, conclude
 
 
@@ -16,6 +25,7 @@ from sassgis.cli.progress_bar import ProgressBar, conclude
 @AREAS
 @SEED
 @JOBS
+@cluster_options
 @OVERWRITE
 def run(
     config: Path,
@@ -23,18 +33,20 @@ def run(
     areas: tuple[str, ...],
     seed: int | None,
     jobs: int | None,
+    scheduler: str | None,
+    workers: int | None,
     overwrite: bool,
 ) -> None:
     """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
     from sassgis.runs.run import run as run_map
 
-    with ProgressBar() as progress:
+    with who_works(jobs, scheduler, workers) as working, ProgressBar() as progress:
         result = run_map(
             config,
             out,
             areas=areas or None,
             seed=seed,
-            jobs=jobs,
+            jobs=working,
             overwrite=overwrite,
             on_progress=progress.step,
             say=progress.say,

@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from sassgis.cli.options import AREAS, CONFIG, JOBS, OUT, OVERWRITE, SEED
+from sassgis.cli.options import (
+    AREAS,
+    CONFIG,
+    JOBS,
+    OUT,
+    OVERWRITE,
+    SEED,
+    cluster_options,
+    who_works,
+)
 from sassgis.cli.progress_bar import ProgressBar, conclude
+
+if TYPE_CHECKING:
+    from sassgis.runs.workers import Jobs
 
 
 @click.command()
@@ -16,6 +29,7 @@ from sassgis.cli.progress_bar import ProgressBar, conclude
 @AREAS
 @SEED
 @JOBS
+@cluster_options
 @OVERWRITE
 def zone(
     config: Path,
@@ -23,10 +37,13 @@ def zone(
     areas: tuple[str, ...],
     seed: int | None,
     jobs: int | None,
+    scheduler: str | None,
+    workers: int | None,
     overwrite: bool,
 ) -> None:
     """Simulate CONFIG and make hazard zones: all that run writes, levels, intensities, risk."""
-    zoned(config, out, areas, seed, jobs, overwrite)
+    with who_works(jobs, scheduler, workers) as working:
+        zoned(config, out, areas, seed, working, overwrite)
 
 
 def zoned(
@@ -34,7 +51,7 @@ def zoned(
     out: Path,
     areas: tuple[str, ...],
     seed: int | None,
-    jobs: int | None,
+    jobs: Jobs,
     overwrite: bool,
 ) -> None:
     """Make hazard zones and report the result."""

@@ -24,6 +24,7 @@ from sassgis.runs.batch_areas import Candidate, batch_config, find_areas
 from sassgis.runs.batch_mosaic import write_mosaic
 from sassgis.runs.batch_state import RECORD_NAME, Record
 from sassgis.runs.job import OnProgress
+from sassgis.runs.workers import Jobs
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +60,7 @@ def batch(
     dem: str | Path | None = None,
     overwrite: bool = False,
     seed: int | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
     first_margin_m: float = 200.0,

@@ -50,6 +50,7 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.job import Job, OnProgress
 from sassgis.runs.map import TerrainTooSmall
+from sassgis.runs.workers import Jobs
 from sassgis.runs.zone import most_repetitions, prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 
@@ -246,7 +247,7 @@ def run_area(
     setting: Setting,
     candidate: Candidate,
     folder: Path,
-    jobs: int | None,
+    jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
 ) -> Record:
@@ -308,7 +309,7 @@ def _run_cut(
     candidate: Candidate,
     cut: Windowed,
     folder: Path,
-    jobs: int | None,
+    jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
 ) -> Record:

@@ -34,7 +34,8 @@ from sassgis.runs.calibration_outputs import write_calibration
 from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
 from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.gap_case import read_case_and_run
-from sassgis.runs.job import job_count
+from sassgis.runs.job import workers_asked
+from sassgis.runs.workers import Jobs
 
 #: With fewer rocks nothing can be said of their scatter.
 _FEWEST = 3
@@ -48,7 +49,7 @@ def calibrate(
     *,
     classes: Sequence[str] | None = None,
     parameters: Sequence[str] | None = None,
-    jobs: int | None = 1,
+    jobs: Jobs = 1,
     seed: int = 1,
     draws: int | None = None,
     overwrite: bool = False,
@@ -108,7 +109,7 @@ def calibrate(
             )
         store = DrawStore(work / f"{CHECKPOINT_STEM}.draws.npz", _fingerprint(configs, files, task))
         try:
-            with campaign_workers(task, job_count(configs[0], jobs)) as run:
+            with campaign_workers(task, workers_asked(configs[0], jobs)) as run:
                 tell(
                     f"Calibrating {len(task.parameters)} parameters of {', '.join(chosen)} on "
                     f"{task.n_rocks} rocks"

@@ -15,6 +15,7 @@ from sassgis.io.read.config import settings_hash
 from sassgis.io.write.program import program_digest
 from sassgis.model.run_config import Config
 from sassgis.model.worker_process import end_with_parent
+from sassgis.runs.workers import Workers
 
 #: Results of a function of (problem, task), in the order of the tasks.
 CampaignMap = Callable[[Callable[[Any, Any], Any], Sequence[Any]], Iterator[Any]]
@@ -33,11 +34,15 @@ def _call(function: Callable[[Any, Any], Any], task: Any) -> Any:
 
 
 @contextmanager
-def campaign_workers(problem: Any, jobs: int) -> Iterator[CampaignMap]:
-    """A map of functions of (problem, task) over tasks, in this process or in several.
+def campaign_workers(problem: Any, jobs: int | Workers) -> Iterator[CampaignMap]:
+    """A map of functions of (problem, task) over tasks, in this process, in several or by workers.
 
     The problem is sent once. Results come in the order of the tasks.
     """
+    if not isinstance(jobs, int):
+        workers = jobs
+        yield lambda function, tasks: workers.in_order(function, problem, tasks)
+        return
     if jobs <= 1:
         yield lambda function, tasks: (function(problem, task) for task in tasks)
         return

@@ -83,7 +83,8 @@ from sassgis.runs.hypothesis_fits import (
     best_base,
     calibrated_base,
 )
-from sassgis.runs.job import job_count
+from sassgis.runs.job import workers_asked
+from sassgis.runs.workers import Jobs
 
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
@@ -103,7 +104,7 @@ def diagnose(
     observations: str | Path,
     out: str | Path,
     *,
-    jobs: int | None = 1,
+    jobs: Jobs = 1,
     seed: int = 1,
     overwrite: bool = False,
     draws: int = DRAWS,
@@ -168,7 +169,7 @@ def diagnose(
             settings, Path(observations), f"{seed} {draws} {ground_range:g}"
         )
         try:
-            with campaign_workers(problem, job_count(settings, jobs)) as run:
+            with campaign_workers(problem, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
                 made, wrong_ground, usual = best_base(
                     problem, run, draws, on_progress, KeptDraws(work, fingerprint)

@@ -23,6 +23,7 @@ from sassgis.report import figures
 from sassgis.report.map_report import release_outlines, save_figure
 from sassgis.runs.inputs import input_files, placed_objects
 from sassgis.runs.run import RunResult, run
+from sassgis.runs.workers import Jobs
 
 #: Values before and after, and their difference.
 _Change = tuple[FloatArray, FloatArray, FloatArray]
@@ -108,7 +109,7 @@ def map_change(
     config_before: str | Path,
     config_after: str | Path,
     out: str | Path,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     *,
     overwrite: bool = False,
     say: Callable[[str], None] | None = None,

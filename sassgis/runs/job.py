@@ -26,6 +26,7 @@ from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.map import chunks_of, simulate_map
 from sassgis.runs.sample_check import check_tolerance
+from sassgis.runs.workers import Jobs, Workers
 from sassgis.terrain.plan import Plan, plan
 
 #: Seconds between two savings of the state of a run.
@@ -94,7 +95,7 @@ def simulate_config(
     work: Path,
     job: Job,
     *,
-    jobs: int | None,
+    jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
     repetitions_max: int = 1,
@@ -159,13 +160,13 @@ def _checked(
     run: MapRun,
     planned: Plan,
     checkpoint: Checkpoint,
-    jobs: int | None,
+    jobs: Jobs,
     tell: Callable[[str], None],
 ) -> ToleranceCheck | None:
     """How a sample answers to the tolerance; the simulation itself has been saved."""
     tell("Repeating a sample at half and double the tolerance")
     try:
-        return check_tolerance(run, planned, job_count(config, jobs))
+        return check_tolerance(run, planned, workers_asked(config, jobs))
     except KeyboardInterrupt:
         raise Interrupted(
             f"stopped by the user; what was computed is kept in {checkpoint.folder}: the same "
@@ -198,8 +199,10 @@ def _keeps_rows(config: Config) -> bool:
     return config.output.rock_table != "none" or config.output.passage_table != "none"
 
 
-def job_count(config: Config, jobs: int | None) -> int:
-    """Threads to use: as asked, or all cores that this process may use."""
+def workers_asked(config: Config, jobs: Jobs) -> int | Workers:
+    """Who works: as asked, or as many threads or processes as configured; 0: as there are cores."""
+    if not (jobs is None or isinstance(jobs, int)):
+        return jobs
     wanted = config.run.jobs if jobs is None else jobs
     if wanted > 0:
         return wanted
@@ -215,7 +218,7 @@ def _simulate(
     planned: Plan,
     progress: Progress,
     checkpoint: Checkpoint,
-    jobs: int | None,
+    jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
 ) -> None:
@@ -235,7 +238,9 @@ def _simulate(
 
     tell("Simulating")
     try:
-        simulate_map(job, planned, jobs=job_count(config, jobs), resume=progress, on_chunk=on_chunk)
+        simulate_map(
+            job, planned, jobs=workers_asked(config, jobs), resume=progress, on_chunk=on_chunk
+        )
     except KeyboardInterrupt:
         with held_back():
             checkpoint.save(progress)

@@ -8,9 +8,7 @@ of threads and any size of chunk.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Generator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 
@@ -37,6 +35,7 @@ from sassgis.model.profiles import TraceSet
 from sassgis.model.settings import LateralDeflection
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
+from sassgis.runs.workers import Threads, Workers
 from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.plan import Plan
 from sassgis.terrain.prepare import (
@@ -62,8 +61,11 @@ class TerrainTooSmall(Exception):
     """
 
     def __init__(self, sides: tuple[bool, bool, bool, bool]) -> None:
-        super().__init__(f"paths leave the part of the terrain: {sides}")
+        super().__init__(sides)
         self.sides = sides
+
+    def __str__(self) -> str:
+        return f"paths leave the part of the terrain: {self.sides}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +76,18 @@ class Chunk:
     repetition: int
 
 
-def _work(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
+@dataclass(frozen=True, slots=True)
+class _Common:
+    """What all chunks of a simulation have in common."""
+
+    run: MapRun
+    planned: Plan
+    bins: Bins
+
+
+def _work(common: _Common, chunk: Chunk) -> ChunkResult:
     """One chunk."""
+    run, planned, bins = common.run, common.planned, common.bins
     return (_followed if run.followed else _on_lines)(run, planned, chunk, bins)
 
 
@@ -299,34 +311,11 @@ def chunks_of(planned: Plan, size: int = CHUNK_POINTS, repetitions: int = 1) -> 
     return [Chunk(points, r) for r in range(repetitions) for points in chunks]
 
 
-def _in_order(
-    work: Callable[[Chunk], ChunkResult], chunks: list[Chunk], jobs: int
-) -> Generator[ChunkResult, None, None]:
-    """Results of ``work`` in the order of the chunks, a few of them at work at a time.
-
-    Never in the calling thread: Ctrl-C would strike within compiled code, which turns it into a
-    SystemError.
-    """
-    with ThreadPoolExecutor(jobs) as pool:
-        waiting: deque[Future[ChunkResult]] = deque()
-        todo = iter(chunks)
-        try:
-            for chunk in todo:
-                waiting.append(pool.submit(work, chunk))
-                if len(waiting) > 2 * jobs:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            for future in waiting:
-                future.cancel()
-
-
 def simulate_map(
     run: MapRun,
     planned: Plan,
     *,
-    jobs: int = 1,
+    jobs: int | Workers = 1,
     resume: Progress | None = None,
     on_chunk: Callable[[Progress, int, BlockRows], None] | None = None,
     chunk_points: int = CHUNK_POINTS,
@@ -338,8 +327,8 @@ def simulate_map(
     run : MapRun
     planned : Plan
         Of the same run.
-    jobs : int
-        Threads.
+    jobs : int or Workers
+        Threads, or who works instead.
     resume : Progress, optional
         Of an earlier call with the same run and chunk size, interrupted or with fewer
         repetitions; grows further.
@@ -359,15 +348,13 @@ def simulate_map(
         A followed path looks into the rim of the grid.
     """
     progress = resume if resume is not None else Progress.fresh(run)
-    bins = bins_of(run)
     chunks = chunks_of(planned, chunk_points, run.repetitions)
     total = int(planned.rocks_of_point(run).sum()) // run.repetitions
     share = run.stop_points_max / total if total else 1.0
 
-    def work(chunk: Chunk) -> ChunkResult:
-        return _work(run, planned, chunk, bins)
-
-    with closing(_in_order(work, chunks[progress.chunks :], jobs)) as outcomes:
+    workers = Threads(jobs) if isinstance(jobs, int) else jobs
+    common = _Common(run, planned, bins_of(run))
+    with closing(workers.in_order(_work, common, chunks[progress.chunks :])) as outcomes:
         for outcome in outcomes:
             with held_back():
                 add_chunk(progress, outcome, run, share, chunks[progress.chunks].repetition == 0)

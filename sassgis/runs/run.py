@@ -13,6 +13,7 @@ from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.runs.job import OnProgress, Simulation, configured, read_job, simulate_config
 from sassgis.runs.publish import publish_map
+from sassgis.runs.workers import Jobs
 from sassgis.terrain.plan import Plan
 
 
@@ -52,7 +53,7 @@ def run(
     overwrite: bool = False,
     areas: Sequence[str] | None = None,
     seed: int | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> RunResult:

@@ -12,6 +12,7 @@ from sassgis.hazard.tolerance_check import ToleranceCheck, tolerance_check
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.runs.map import simulate_map
+from sassgis.runs.workers import Workers
 from sassgis.terrain.plan import Plan
 from sassgis.terrain.release import take
 
@@ -58,7 +59,7 @@ def plan_of_points(planned: Plan, which: IntArray) -> Plan:
     )
 
 
-def check_tolerance(run: MapRun, planned: Plan, jobs: int) -> ToleranceCheck | None:
+def check_tolerance(run: MapRun, planned: Plan, jobs: int | Workers) -> ToleranceCheck | None:
     """Repeat a sample of a run at half and double its segment tolerance.
 
     Returns

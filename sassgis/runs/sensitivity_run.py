@@ -52,8 +52,9 @@ from sassgis.model.run_config import Config
 from sassgis.report.page import write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import input_files, read_rules
-from sassgis.runs.job import Job, OnProgress, configured, job_count, read_job, state_fingerprint
+from sassgis.runs.job import Job, OnProgress, configured, read_job, state_fingerprint, workers_asked
 from sassgis.runs.map import simulate_map
+from sassgis.runs.workers import Jobs, Workers
 from sassgis.runs.zone import prepared
 
 #: Blocks of each release point in each simulation, as a share of those of the configuration.
@@ -92,7 +93,7 @@ def sensitivity(
     overwrite: bool = False,
     areas: Sequence[str] | None = None,
     seed: int | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> SensitivityResult:
@@ -136,7 +137,9 @@ def sensitivity(
         given = config.release.rocks_per_point
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, rocks_per_point=few, stop_points_max=0)
-        lab = _Lab(config, replace(job, run=run), rules, work, job_count(config, jobs), on_progress)
+        lab = _Lab(
+            config, replace(job, run=run), rules, work, workers_asked(config, jobs), on_progress
+        )
         done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, config, done.ranges))
@@ -161,7 +164,7 @@ class _Lab:
         job: Job,
         rules: Rules | None,
         work: Path,
-        jobs: int,
+        jobs: int | Workers,
         on_progress: OnProgress | None,
     ) -> None:
         self.job, self.rules = job, rules

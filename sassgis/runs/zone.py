@@ -21,6 +21,7 @@ from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
 from sassgis.runs.publish import publish_map, zone_extras
 from sassgis.runs.run import RunResult, result_of
+from sassgis.runs.workers import Jobs
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ def zone(
     overwrite: bool = False,
     areas: Sequence[str] | None = None,
     seed: int | None = None,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     on_progress: OnProgress | None = None,
     say: Callable[[str], None] | None = None,
 ) -> ZoneResult:
@@ -164,7 +165,7 @@ def simulations(
     work: Path,
     job: Job,
     rules: Rules,
-    jobs: int | None,
+    jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
 ) -> tuple[Simulation, Simulation | None]:

@@ -199,6 +199,8 @@ def test_usage_errors_are_one_line_too(slope: Slope, call) -> None:
     for arguments in (
         ("run", slope.config), ("rn",), ("run", slope.config, "-o", "x", "--jobs", "-1"),
         ("run", slope.config, "-o", "x", "--seed", "a"),
+        ("run", slope.config, "-o", "x", "--jobs", "1", "--workers", "2"),
+        ("zone", slope.config, "-o", "x", "--workers", "1", "--scheduler", "tcp://127.0.0.1:9"),
         ("profile", slope.config, "-o", "x", "--csv", "a", "--point", "1", "2"),
     ):  # fmt: skip
         code, _, err = call(*arguments)

@@ -8,6 +8,7 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import shapely
+from helpers.map_sums_state import assert_same
 
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.map_sums import MapSums, reach_probability
@@ -19,33 +20,6 @@ from sassgis.model.release_areas import SpreadSettings
 from sassgis.model.results import StopReason
 from sassgis.runs.map import chunks_of, simulate_map
 from sassgis.terrain.plan import plan
-
-
-def state(progress: Progress) -> dict[str, np.ndarray]:
-    """All sums, cells in ascending order: they come in that of the chunks."""
-    sums = progress.sums.state()
-    order = np.argsort(sums["cells"])
-    out = {f"map {k}": v[order] for k, v in sums.items()}
-    out |= {f"gates {k}": v for k, v in progress.control_lines.state().items()}
-    stops = joined_rows(progress.stops)
-    order = np.lexsort((stops.rocks["rock"], stops.rock_scenario, stops.rocks["line"]))
-    out |= {"reasons": progress.reasons, "runout": progress.runout}
-    out |= {"rocks": stops.rocks[order], "x": stops.x[order], "y": stops.y[order]}
-    out["furthest"] = np.array(progress.furthest)
-    for source, tally in sorted(progress.sources.items()):
-        out[f"source {source} rocks"] = np.array(tally.rocks)
-        for part in ("cells", "objects", "control_lines"):
-            values = getattr(tally, part).state()
-            out |= {f"source {source} {part} {k}": v for k, v in values.items()}
-    return out
-
-
-def assert_same(one: Progress, other: Progress) -> None:
-    mine, theirs = state(one), state(other)
-    assert mine.keys() == theirs.keys()
-    for name in mine:
-        assert mine[name].dtype == theirs[name].dtype
-        assert mine[name].tobytes() == theirs[name].tobytes(), name
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,87 @@
+"""Processes of a cluster add up to the same bytes, also where one of them is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip("distributed", reason='dask is not installed: pip install "sassgis[cluster]"')
+
+from helpers.map_sums_state import assert_same
+
+from sassgis.hazard.progress import Progress
+from sassgis.model.errors import InputError
+from sassgis.model.map_run import BlockRows, MapRun
+from sassgis.runs.campaign_workers import campaign_workers
+from sassgis.runs.cluster import Cluster, cluster
+from sassgis.runs.map import TerrainTooSmall, simulate_map
+from sassgis.terrain.plan import Plan
+
+
+@pytest.fixture(scope="module")
+def two() -> Iterator[Cluster]:
+    with cluster(processes=2) as made:
+        yield made
+
+
+def pids(two: Cluster) -> list[int]:
+    return list(two._client.run(os.getpid).values())
+
+
+def test_a_killed_process_changes_no_bit(two: Cluster, job: MapRun, planned: Plan) -> None:
+    whole = simulate_map(job, planned)
+    killed: list[int] = []
+
+    def kill(progress: Progress, _chunks: int, _rows: BlockRows) -> None:
+        if progress.chunks == 2:
+            killed.append(pids(two)[0])
+            os.kill(killed[0], signal.SIGKILL)
+
+    assert_same(simulate_map(job, planned, jobs=two, chunk_points=4, on_chunk=kill), whole)
+    assert killed and killed[0] not in pids(two)
+
+
+def product(common: int, task: int) -> int:
+    if task == 13:
+        raise TerrainTooSmall((True, False, False, True))
+    return common * task
+
+
+def test_results_come_in_order_and_errors_as_they_are(two: Cluster) -> None:
+    with campaign_workers(7, two) as run:
+        assert list(run(product, range(12))) == [7 * k for k in range(12)]
+        with pytest.raises(TerrainTooSmall) as caught:
+            list(run(product, [13]))
+    assert caught.value.sides == (True, False, False, True)
+    # What was common before is not common now.
+    with campaign_workers(3, two) as run:
+        assert list(run(product, [2])) == [6]
+
+
+def test_the_same_scheduler_by_its_address(two: Cluster) -> None:
+    address = str(two._client.scheduler.address)
+    with cluster(address) as again:
+        assert list(again.in_order(product, 5, [1, 2])) == [5, 10]
+
+
+def test_no_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sassgis.runs.cluster._CONNECT_S", 0.5)
+    refused = pytest.raises(InputError, match="--scheduler: no scheduler answers")
+    with refused as caught, cluster("tcp://127.0.0.1:9"):
+        pass
+    assert "\n" not in str(caught.value)
+
+
+def test_other_versions_are_refused(two: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+
+    def answers(*_arguments: Any, **_options: Any) -> dict[str, str]:
+        return {"tcp://node:1": "0.0.1 (abc)"}
+
+    monkeypatch.setattr("distributed.Client.run", answers)
+    refused = pytest.raises(InputError, match="tcp://node:1 has another version")
+    with refused, cluster(str(two._client.scheduler.address)):
+        pass
