@@ -1,0 +1,42 @@
+"""Environments beside pip's name the same packages in the same ranges."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+#: Names that conda-forge has for the same package.
+CONDA = {"matplotlib": "matplotlib-base"}
+
+
+def parts(requirement: str) -> tuple[str, str]:
+    """Name and range of a requirement."""
+    cut = next((i for i, c in enumerate(requirement) if c in "<>=!~;["), len(requirement))
+    return requirement[:cut].strip(), requirement[cut:].strip()
+
+
+def test_the_conda_environment_has_what_pip_installs(repository: Path) -> None:
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    needed = [*project["dependencies"], *project["optional-dependencies"]["cluster"]]
+    lines = (repository / "environment.yml").read_text().splitlines()
+    listed = [line.strip().removeprefix("- ") for line in lines if line.startswith("  - ")]
+    packages = dict(parts(line) for line in listed)
+    assert packages["python"] == project["requires-python"]
+    for requirement in needed:
+        name, limits = parts(requirement)
+        assert packages[CONDA.get(name, name)] == limits, name
+    assert set(packages) == {
+        "python", "pip", "pip:", "conda-forge", "nodefaults",
+        *(CONDA.get(n, n) for n, _ in map(parts, needed)),
+    }  # fmt: skip
+
+
+def test_the_image_installs_the_package(repository: Path) -> None:
+    text = (repository / "Dockerfile").read_text()
+    project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
+    extras = text.split('".[')[1].split("]")[0].split(",")
+    assert set(extras) <= set(project["optional-dependencies"])
+    assert text.rstrip().endswith('CMD ["--help"]') and 'ENTRYPOINT ["sassgis"]' in text
+    # What the build needs is not left out of its context.
+    ignored = (repository / ".dockerignore").read_text().split()
+    assert not {"sassgis", "sample_dem", "pyproject.toml", "README.md"} & set(ignored)
