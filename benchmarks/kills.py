@@ -3,11 +3,11 @@
     python benchmarks/kills.py [--kills 50] [--only run,zone] [--json FILE]
 
 ``run``, ``zone``, ``batch``, ``calibrate`` and ``gap diagnose`` are run on the sample valley, with
-fewer blocks, once without and then with kills (SIGKILL) at moments drawn from the time that is left
-of the first run. The killed process is the parent of the workers; after each kill none of them may
-be left, and no result may be there but a whole one. After the last kill the same command goes on to
-its end. All files of the result are then compared with those of the first run, byte by byte, except
-the column ``seconds`` of ``summary.csv`` of a batch.
+fewer blocks, once without and then with kills (SIGKILL) at moments drawn from the time of the first
+run; where a command ends before, it begins anew. The killed process is the parent of the workers;
+after each kill none of them may be left, and no result may be there but a whole one. After the last
+kill the same command goes on to its end. All files of the result are then compared with those of
+the first run, byte by byte, except the column ``seconds`` of ``summary.csv`` of a batch.
 """
 
 from __future__ import annotations
@@ -181,9 +181,9 @@ def killed(
             process.communicate()
             done += 1
             orphans += not all_gone(process.pid)
-            states = list(folder.glob("**/checkpoint*")) + list(
-                folder.glob("**/areas/*/manifest.json")
-            )
+            own = [out, out.with_name(out.name + ".partial")]
+            saved = ("**/checkpoint*", "areas/*/manifest.json")
+            states = [file for place in own for pattern in saved for file in place.glob(pattern)]
             kept += bool(states)
             half += not is_whole(out, whole, name == "batch")
             say(f"{name}: {done} of {kills} kills")

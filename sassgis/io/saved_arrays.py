@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 #: Key of what the arrays belong to.
 FINGERPRINT = "fingerprint"
+#: Key of the names of all other arrays.
+_NAMES = "names of arrays"
 #: What a damaged file may raise, from its end that is missing to flags that no archive has.
 _DAMAGE = (
     OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error,
@@ -35,7 +37,7 @@ def write_saved(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: bool
     save = np.savez_compressed if compressed else np.savez
     try:
         with fresh.open("wb") as stream:
-            save(stream, **arrays)  # type: ignore[arg-type]
+            save(stream, **arrays, **{_NAMES: sorted(arrays)})  # type: ignore[arg-type]
             stream.flush()
             os.fsync(stream.fileno())
         fresh.replace(path)
@@ -55,8 +57,11 @@ def read_saved(path: Path, fingerprint: str | None = None) -> dict[str, NDArray[
     try:
         # Of a damaged file numpy leaves open what it has opened itself. Nothing is unpickled.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            if fingerprint is not None and str(stored[FINGERPRINT]) != fingerprint:
-                return None
-            return {name: stored[name] for name in stored.files}
+            found = {name: stored[name] for name in stored.files}
     except _DAMAGE:
         return None
+    # A damaged list of contents may end too early without an error.
+    if found.pop(_NAMES, np.empty(0)).tolist() != sorted(found):
+        return None
+    same = fingerprint is None or str(found.get(FINGERPRINT, "")) == fingerprint
+    return found if same else None

@@ -54,7 +54,8 @@ class Checkpoint:
         if state is None:
             return None
         parts = int(state["parts"])
-        if not all(self._part(i).is_file() for i in range(parts)):
+        # A run with other settings may have begun to write its own.
+        if any(read_saved(self._part(i), self.fingerprint) is None for i in range(parts)):
             return None
         self._parts = parts
         n_rows, n_cols = run.grid.shape
@@ -76,7 +77,8 @@ class Checkpoint:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._waiting:
                 rows = joined_rows(self._waiting)
-                write_saved(self._part(self._parts), {f: getattr(rows, f) for f in _ROW_FIELDS})
+                own = {f: getattr(rows, f) for f in _ROW_FIELDS}
+                write_saved(self._part(self._parts), {FINGERPRINT: self.fingerprint, **own})
                 self._waiting = []
                 self._parts += 1
             state: dict[str, NDArray[np.generic]] = {

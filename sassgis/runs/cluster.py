@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import sassgis
 from sassgis.io.write.program import program_digest
-from sassgis.model.errors import InputError, OutputError
+from sassgis.model.errors import InputError, OutputError, SassgisError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -30,10 +34,13 @@ class Cluster:
     Parameters
     ----------
     client : distributed.Client
+        Whose workers have the same version of the program: another one is refused when it is
+        given a task.
     """
 
     def __init__(self, client: Client) -> None:
         self._client = client
+        self._version = _version()
         self._sent: tuple[Any, ClusterFuture] | None = None
 
     def in_order(
@@ -43,46 +50,97 @@ class Cluster:
 
         Raises
         ------
+        InputError
+            If a worker has another version of the program.
         OutputError
             If the cluster is lost, or a task ends every process that it is given to.
         """
-        there = self._there(common)
+        with _cluster_errors():
+            there = self._there(common)
+            ahead = _AHEAD * max(len(self._client.ncores()), 1)
         waiting: deque[ClusterFuture] = deque()
         try:
             for task in tasks:
-                waiting.append(self._client.submit(work, there, task, pure=False))
-                if len(waiting) > _AHEAD * max(len(self._client.ncores()), 1):
+                with _cluster_errors():
+                    own = self._client.submit(
+                        _checked, self._version, work, there, task, pure=False
+                    )
+                waiting.append(own)
+                if len(waiting) > ahead:
                     yield self._result(waiting.popleft())
             while waiting:
                 yield self._result(waiting.popleft())
         finally:
-            self._client.cancel(list(waiting))
+            # Of a cluster that is lost there is nothing to give up.
+            with suppress(Exception):
+                self._client.cancel(list(waiting))
 
     def _there(self, common: Any) -> ClusterFuture:
         """What is common to the tasks, on the cluster; sent once."""
         if self._sent is None or self._sent[0] is not common:
             # A task, not scattered data: the scheduler makes it anew where a worker is lost.
             content = pickle.dumps(common, protocol=5)
-            self._sent = common, self._client.submit(pickle.loads, content, pure=False)
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "Sending large graph")
+                self._sent = common, self._client.submit(pickle.loads, content, pure=False)
         return self._sent[1]
 
     def _result(self, future: ClusterFuture) -> Any:
-        from concurrent.futures import CancelledError
+        with _cluster_errors():
+            done = future.result()
+        if isinstance(done, _Failure):
+            raise done.error
+        return done
 
-        from distributed import KilledWorker
 
-        try:
-            return future.result()
-        except KilledWorker:
-            raise OutputError(
-                "the cluster lost one process after another at the same task; memory may have run "
-                "out; the same command goes on from what is saved"
-            ) from None
-        except (CancelledError, OSError) as error:
-            raise OutputError(
-                f"the cluster was lost ({' '.join(str(error).split()) or type(error).__name__}); "
-                "the same command goes on from what is saved"
-            ) from None
+@dataclass(frozen=True, slots=True)
+class _Failure:
+    """An error of a task, told from those of the cluster."""
+
+    error: Exception
+
+
+def _checked(version: str, work: Callable[[Any, Any], Any], common: Any, task: Any) -> Any:
+    """On a worker: one task, if this is the same program; another one computes other numbers."""
+    if version != (own := _version()):
+        return _Failure(_other_version("a worker", own, version))
+    try:
+        return work(common, task)
+    except Exception as error:
+        return _Failure(error)
+
+
+@cache
+def _version() -> str:
+    return f"{sassgis.__version__} ({program_digest()[:12]})"
+
+
+def _other_version(who: str, found: str, expected: str) -> InputError:
+    return InputError(
+        f"{who} of the cluster has another version of sassgis", found=found, expected=expected
+    )
+
+
+@contextmanager
+def _cluster_errors() -> Iterator[None]:
+    """One line for what goes wrong with the cluster, whatever the work."""
+    from distributed import KilledWorker
+
+    try:
+        yield
+    except KilledWorker:
+        raise OutputError(
+            "the cluster lost one process after another at the same task; memory may have run "
+            "out; the same command goes on from what is saved"
+        ) from None
+    # CancelledError of a future is none of Exception.
+    except (Exception, CancelledError) as error:
+        if isinstance(error, SassgisError):
+            raise
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise OutputError(
+            f"the cluster was lost ({said}); the same command goes on from what is saved"
+        ) from None
 
 
 @contextmanager
@@ -133,23 +191,14 @@ def cluster(scheduler: str | None = None, processes: int | None = None) -> Itera
         yield Cluster(client)
 
 
-def _version() -> str:
-    return f"{sassgis.__version__} ({program_digest()[:12]})"
-
-
 def _check_versions(client: Client, scheduler: str) -> None:
-    """Other versions of the program compute other numbers."""
+    """Tell at once what every task would tell."""
     try:
         found: dict[str, str] = client.run(_version)
-    except ImportError:
-        found = {"a worker": "none"}
+    except (ImportError, AttributeError):
+        found = {"a worker": "none, or an old one"}
     if not found:
         raise InputError("has no workers", field="--scheduler", found=scheduler)
     for address, version in found.items():
         if version != _version():
-            raise InputError(
-                f"the worker {address} has another version of sassgis",
-                field="--scheduler",
-                found=version,
-                expected=_version(),
-            )
+            raise _other_version(address, version, _version())

@@ -55,6 +55,7 @@ from sassgis.gap.which.ensemble import (
 )
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import NONE, families_to_try
+from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.which.measure_next import separations
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
@@ -370,12 +371,15 @@ def _measure_next(
     made: HypothesisFits, verdict: Verdict, base: str, with_base: Callable[[str], str]
 ) -> tuple[str, ...]:
     """What would tell the causes apart that remain possible and were calibrated."""
-    possible = {c: base if c == NONE else with_base(c) for c in verdict.confusion_set}
-    models = {
-        (base if c == NONE else c): [t.draw.model for t in made.fits[own].models]
-        for c, own in possible.items()
-        if own in made.fits
-    }
+    # Two causes that are named together are one answer.
+    parts = set(verdict.effect.split("+")) - {verdict.effect}
+    possible = dict.fromkeys([*([verdict.effect] if parts else []), *verdict.confusion_set])
+    models = {}
+    for cause in (c for c in possible if c not in parts):
+        own = base if cause == NONE else with_base(cause)
+        if own in made.fits:
+            name = base if cause == NONE else cause
+            models[name] = [draw.model for draw in made.draws(own, DRAWS_COMPARED)]
     case, lines = made.problem.case, made.problem.rock_lines
     found = separations(case, lines, models, made.problem.seed)
     return tuple(one.sentence for one in found)

@@ -14,6 +14,7 @@ from sassgis.gap.ladder.calibration import (
     TOP,
     FitTask,
     FittedEffect,
+    best_draws,
     fitted,
     gain_of,
     held_out_scores,
@@ -154,6 +155,12 @@ class HypothesisFits:
     def model(self, effect: str) -> Draw:
         """The draw that is handed over."""
         return self.fits[effect].handed_over.draw
+
+    def draws(self, effect: str, most: int) -> list[Draw]:
+        """The draw that is handed over, and the next best of the fit that leaves no rock out."""
+        last = self.problem.n_parts
+        best = best_draws(self.ensemble, effect, self.problem.rocks_of(last), last, most - 1)
+        return [self.model(effect), *(self.ensemble.tried[i].draw for i in best.tolist())]
 
     def posterior(self, effect: str) -> ParameterPosterior | None:
         """What all rocks leave of the parameters."""

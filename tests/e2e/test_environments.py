@@ -19,6 +19,8 @@ def test_the_conda_environment_has_what_pip_installs(repository: Path) -> None:
     project = tomllib.loads((repository / "pyproject.toml").read_text())["project"]
     needed = [*project["dependencies"], *project["optional-dependencies"]["cluster"]]
     lines = (repository / "environment.yml").read_text().splitlines()
+    # Options of pip are not allowed there.
+    assert [line for line in lines if line.startswith("      - ")] == ["      - ."]
     listed = [line.strip().removeprefix("- ") for line in lines if line.startswith("  - ")]
     packages = dict(parts(line) for line in listed)
     assert packages["python"] == project["requires-python"]

@@ -110,7 +110,7 @@ def sudden_losses(
     -------
     rock : int64, shape (n_flights,)
     before, after : float64, shape (n_flights,)
-        Kinetic energy per mass on both sides of that point (J/kg).
+        Kinetic energy per mass up to that point, in the mean, and that less the loss (J/kg).
     sd : float64, shape (n_flights,)
         Standard deviation of the difference.
     """
@@ -151,7 +151,7 @@ def _sudden_loss(case: Case, path: _Path, own: slice) -> tuple[float, float, flo
     # Vertical motion with a kink at that point.
     kink = np.maximum(t - 0.5 * (t[k - 1] + t[k]), 0.0)
     design = np.column_stack([np.ones(n), t, kink])
-    upward = np.linalg.lstsq(design, z + 0.5 * g * t * t)[0][2]
+    upward = np.linalg.lstsq(design, z + 0.5 * g * t * t, rcond=None)[0][2]
     if upward > _UPWARD_MPS:
         return None
     before = 0.5 * float(np.mean(v[:k] ** 2))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,9 @@ class _Scores:
     statistic: str
     scores: FloatArray  # shape (n_rocks,); or (1,): a z that has its own null
     value: float
+    #: Chance of each rock to score above zero where the cause is absent, shape (n_rocks,); scores
+    #: then are 0 or 1.
+    chance: FloatArray | None = None
 
 
 _Maker = Callable[[Case, ResidualTable], list[_Scores]]
@@ -118,6 +121,14 @@ def _tested(one: _Scores, group: IntArray) -> tuple[float, float, int]:
     n = int(np.isfinite(values).sum())
     if n < LEAST:
         return math.nan, math.nan, n
+    if one.chance is not None:
+        # So few score that their mean is not normal.
+        none = np.ones(groups)
+        np.multiply.at(none, group, 1.0 - one.chance)
+        seem = stats.poisson(float((1.0 - none).sum()))
+        hit = int((np.nan_to_num(values) > 0.0).sum())
+        p = float(np.clip(seem.sf(hit) + 0.5 * seem.pmf(hit), 1e-30, 1.0 - 1e-9))
+        return float(stats.norm.isf(p)), p, n
     if own_null:
         return float(one.scores[0]), float(stats.norm.sf(one.scores[0])), n
     t = float(np.clip(np.nan_to_num(t_statistics(values)[0], posinf=40.0, neginf=-40.0), -40, 40))
@@ -341,13 +352,12 @@ def _aloft(case: Case, residuals: ResidualTable) -> list[_Scores]:
         return []
     share = 1.0 - rows.observed / np.maximum(rows.predicted, 1.0)
     struck = (share > _STRUCK_SHARE) & (-rows.z > _STRUCK_ALOFT_SD)
-    # So few are struck that their mean is not normal: rocks that were, against those that seem so.
     flights = np.bincount(rows.rock, minlength=case.n_rocks)
-    seem = stats.poisson(float((1.0 - (1.0 - _SEEM_STRUCK) ** flights).sum()))
-    hit = np.unique(rows.rock[struck]).size
-    z = float(stats.norm.isf(np.clip(seem.sf(hit) + 0.5 * seem.pmf(hit), 1e-30, 1.0 - 1e-9)))
+    hit = per_rock(struck.astype(np.float64), rows.rock, case.n_rocks) > 0.0
     name = "energy lost at once, far above the ground"
-    return [_score(name, np.array([z]), float(struck.mean()))]
+    scores = np.where(flights > 0, hit.astype(np.float64), np.nan)
+    chance: FloatArray = 1.0 - np.power(1.0 - _SEEM_STRUCK, flights)
+    return [replace(_score(name, scores, float(struck.mean())), chance=chance)]
 
 
 def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:

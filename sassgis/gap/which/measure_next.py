@@ -1,8 +1,9 @@
 """What to measure next: two calibrated models are released again, and seen where they differ most.
 
 Both fit what was observed, each with several draws of its parameters. What they would show
-elsewhere, or by quantities that were not measured, is simulated with the stated errors; the number
-of rocks that would tell them apart is that of a test of one mean (level 5 %, power 80 %).
+elsewhere, or by quantities that were not measured, is simulated with the stated errors. A
+difference counts if the draws of one model do not differ as much; the number of rocks that would
+tell the models apart is then that of a test of one mean (level 5 %, power 80 %).
 """
 
 from __future__ import annotations
@@ -27,15 +28,16 @@ from sassgis.model.results import ControlLine
 #: Stations that are tried, as shares of the way to the middle of the stops; the nearest that an
 #: existing one may lie (the same share).
 _PLACES, _NEAR = (0.2, 0.4, 0.6, 0.8), 0.08
-#: Draws of each model, half of which choose the measurement that the others count, and campaigns of
-#: each draw.
-_DRAWS, _CAMPAIGNS = 4, 4
+#: Draws of each model, and campaigns of each draw: half of them choose the measurement, the others
+#: count.
+DRAWS, _CAMPAIGNS = 4, 4
 #: Campaigns have numbers from this on, so that they are no others.
 _NUMBER = 900
 #: Standard normal deviates of level and power, together.
 _SURE = 1.96 + 0.84
-#: Difference, in standard deviations of one rock, below which nothing is recommended.
-_LEAST_DIFFERENCE = 0.2
+#: Difference, in standard deviations of one rock, and in those of the draws of both models, below
+#: which nothing is recommended.
+_LEAST_DIFFERENCE, _LEAST_SURE = 0.2, 2.0
 _LEAST_ROCKS = 5
 
 
@@ -110,7 +112,7 @@ def _shown(
     places: FloatArray,
     seed: int,
 ) -> dict[str, FloatArray]:
-    """What every rock shows in every campaign, by words, shape (_DRAWS * _CAMPAIGNS, n_rocks)."""
+    """What every rock shows in every campaign, by words, shape (DRAWS, _CAMPAIGNS, n_rocks)."""
     names = [f"{s:.0f} m along the fall line" for s in places.tolist()]
     stations = ControlLineCrossings.same_for_all(
         [ControlLine(name, "station") for name in names], places.tolist(), case.n_rocks
@@ -118,7 +120,7 @@ def _shown(
     tables = frozenset({"deposits", "impacts", *(("passages",) if names else ())})
     lines = replace(rock_lines, control_lines=stations)
     turn = errors_of(case).turn_deg
-    chosen = [models[k % len(models)] for k in range(_DRAWS)]
+    chosen = [models[k % len(models)] for k in range(DRAWS)]
     made = [
         sample
         for k, model in enumerate(chosen)
@@ -128,7 +130,8 @@ def _shown(
         )
     ]  # fmt: skip
     rows = [dict(_quantities(sample, names)) for sample in made]
-    return {what: np.stack([row[what] for row in rows]) for what in rows[0]}
+    shape = DRAWS, _CAMPAIGNS, case.n_rocks
+    return {what: np.stack([row[what] for row in rows]).reshape(shape) for what in rows[0]}
 
 
 def _quantities(sample: Campaign, places: Sequence[str]) -> Iterator[tuple[str, FloatArray]]:
@@ -170,27 +173,40 @@ def _best(
     one: str, other: str, first: Mapping[str, FloatArray], second: Mapping[str, FloatArray]
 ) -> Separation:
     """The measurement with the largest difference, counted on campaigns that did not choose it."""
-    half = _DRAWS * _CAMPAIGNS // 2
-    size = {w: _difference(first[w][:half], second[w][:half]) for w in first}
+    half = _CAMPAIGNS // 2
+    size = {w: _difference(first[w][:, :half], second[w][:, :half]) for w in first}
     best = max(size, key=lambda w: abs(size[w]))
-    sure = _difference(first[best][half:], second[best][half:]) * math.copysign(1.0, size[best])
+    sure = _difference(first[best][:, half:], second[best][:, half:])
+    sure *= math.copysign(1.0, size[best])
     if sure < _LEAST_DIFFERENCE:
         return Separation(one, other, "", 0)
     return Separation(one, other, best, max(math.ceil((_SURE / sure) ** 2), _LEAST_ROCKS))
 
 
 def _difference(one: FloatArray, other: FloatArray) -> float:
-    """Mean difference of a rock in two models over its scatter; less where few rocks show it."""
+    """Mean difference of a rock in two models over its scatter; less where few rocks show it.
+
+    0 where the draws of the models differ by as much: more rocks do not help then.
+    """
     seen = float(min(np.isfinite(one).mean(), np.isfinite(other).mean()))
-    scatter = np.concatenate([_scatter(one), _scatter(other)])
-    apart = mean_of_draws(one.T) - mean_of_draws(other.T)
-    apart, scatter = apart[np.isfinite(apart)], scatter[np.isfinite(scatter)]
-    if apart.size < _LEAST_ROCKS or not scatter.any():
+    # Of each rock in each draw, shape (DRAWS, n_rocks).
+    means = [mean_of_draws(np.moveaxis(v, 1, -1), least=1) for v in (one, other)]
+    apart = mean_of_draws(means[0].T, least=1) - mean_of_draws(means[1].T, least=1)
+    both = np.isfinite(apart)
+    if both.sum() < _LEAST_ROCKS:
         return 0.0
-    return float(apart.mean()) / math.sqrt(float(np.mean(scatter**2))) * math.sqrt(seen)
+    delta = float(apart[both].mean())
+    common = math.hypot(*(float(_of_draws(m[:, both]).std(ddof=1)) for m in means))
+    if abs(delta) < _LEAST_SURE * common:
+        return 0.0
+    off = [(v - m[:, None, :])[..., both].ravel() for v, m in zip((one, other), means, strict=True)]
+    n = one.shape[1]
+    scatter = math.sqrt(float(np.nanmean(np.concatenate(off) ** 2)) * n / max(n - 1, 1))
+    return delta / scatter * math.sqrt(seen) if scatter > 0.0 else 0.0
 
 
-def _scatter(values: FloatArray) -> FloatArray:
-    """Standard deviation of each rock over campaigns, shape (n_rocks,)."""
-    spread: FloatArray = np.sqrt(mean_of_draws((values - mean_of_draws(values.T)).T ** 2))
-    return spread
+def _of_draws(means: FloatArray) -> FloatArray:
+    """Mean of each draw over the rocks that all draws have, shape (DRAWS,)."""
+    whole = np.isfinite(means).all(axis=0)
+    result: FloatArray = means[:, whole].mean(axis=1) if whole.any() else np.zeros(len(means))
+    return result

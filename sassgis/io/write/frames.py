@@ -188,7 +188,10 @@ def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
         return ("'" if value.startswith(_FORMULA) else "") + value.replace("\r", " ")
 
     texts = frame.select_dtypes(include=["object", "string", "category"]).columns
-    return frame.assign(**{str(name): frame[name].astype(object).map(text) for name in texts})
+    safe = frame.copy(deep=False)
+    for name in texts:
+        safe[name] = frame[name].astype(object).map(text)
+    return safe.rename(columns=text)
 
 
 def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:

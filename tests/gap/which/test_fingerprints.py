@@ -155,6 +155,10 @@ def test_stems_are_seen_where_paths_break_far_above_the_ground(
     lost = changed(residuals, "aloft", "energy_jpkg", -0.7 * np.nan_to_num(steps.predicted) * hit)
     struck = {f.statistic: f for f in fingerprints(case, lost)}[name]
     assert free.z < 2.0 < 4.0 < struck.z and struck.p_adjusted <= 0.01
+    # Rocks of one day share what befell that day.
+    group = np.arange(case.n_rocks) // 5
+    days = {f.statistic: f for f in fingerprints(case, lost, group=group)}[name]
+    assert days.rocks <= 6 and days.z < struck.z
 
 
 def test_rough_ground_scatters_the_rebound_and_turns_the_path(

@@ -18,6 +18,8 @@ def test_no_text_is_a_formula(text: str, tmp_path: Path) -> None:
         safe["name"].tolist()[:2] == ["Nord", "'" + text.replace("\r", " ")]
         and safe["name"].isna()[2]
     )
+    named = without_formulas(frame.rename(columns={"value": text}))
+    assert named.columns.tolist() == ["name", "'" + text.replace("\r", " ")]
     assert safe["value"].tolist() == [-1.5, 2.0, 3.0]
     write_table(tmp_path / "table.csv", [frame])
     cells = pd.read_csv(tmp_path / "table.csv")["name"].dropna()

@@ -14,7 +14,7 @@ pytest.importorskip("distributed", reason='dask is not installed: pip install "s
 from helpers.map_sums_state import assert_same
 
 from sassgis.hazard.progress import Progress
-from sassgis.model.errors import InputError
+from sassgis.model.errors import InputError, OutputError
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.runs.campaign_workers import campaign_workers
 from sassgis.runs.cluster import Cluster, cluster
@@ -82,6 +82,22 @@ def test_other_versions_are_refused(two: Cluster, monkeypatch: pytest.MonkeyPatc
         return {"tcp://node:1": "0.0.1 (abc)"}
 
     monkeypatch.setattr("distributed.Client.run", answers)
-    refused = pytest.raises(InputError, match="tcp://node:1 has another version")
+    refused = pytest.raises(InputError, match="tcp://node:1 of the cluster has another version")
     with refused, cluster(str(two._client.scheduler.address)):
         pass
+
+
+def test_every_task_asks_for_the_version(two: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(two, "_version", "0.0.1 (abc)")
+    with pytest.raises(InputError, match="has another version"):
+        list(two.in_order(product, 1, [1]))
+
+
+def test_a_lost_cluster_is_one_line() -> None:
+    with cluster(processes=1) as made:
+        rows = made.in_order(product, 2, [1, 2])
+        assert next(rows) == 2
+        made._client.shutdown()
+        with pytest.raises(OutputError, match="the cluster was lost") as caught:
+            list(made.in_order(product, 3, [1, 2]))
+    assert "\n" not in str(caught.value)
