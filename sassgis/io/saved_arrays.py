@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +37,16 @@ def write_saved(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: bool
     save = np.savez_compressed if compressed else np.savez
     try:
         with fresh.open("wb") as stream:
-            save(stream, **arrays, **{_NAMES: sorted(arrays)})  # type: ignore[arg-type]
+            save(stream, **arrays, **{_NAMES: _names_of(arrays)})  # type: ignore[arg-type]
             stream.flush()
             os.fsync(stream.fileno())
         fresh.replace(path)
     finally:
         fresh.unlink(missing_ok=True)
+
+
+def _names_of(arrays: Iterable[str]) -> NDArray[np.uint8]:
+    return np.frombuffer("\n".join(sorted(arrays)).encode(), np.uint8)
 
 
 def read_saved(path: Path, fingerprint: str | None = None) -> dict[str, NDArray[Any]] | None:
@@ -61,7 +65,7 @@ def read_saved(path: Path, fingerprint: str | None = None) -> dict[str, NDArray[
     except _DAMAGE:
         return None
     # A damaged list of contents may end too early without an error.
-    if found.pop(_NAMES, np.empty(0)).tolist() != sorted(found):
+    if not np.array_equal(found.pop(_NAMES, np.empty(0)), _names_of(found)):
         return None
     same = fingerprint is None or str(found.get(FINGERPRINT, "")) == fingerprint
     return found if same else None

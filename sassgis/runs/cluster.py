@@ -171,7 +171,7 @@ def cluster(scheduler: str | None = None, processes: int | None = None) -> Itera
         with (
             LocalCluster(
                 n_workers=processes, threads_per_worker=1, processes=True,
-                dashboard_address=None, silence_logs=50,
+                dashboard_address=":0", silence_logs=50,
             ) as own,
             Client(own) as client,
         ):  # fmt: skip
