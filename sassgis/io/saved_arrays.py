@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sassgis.model.errors import InputError
+
 #: Key of what the arrays belong to.
 FINGERPRINT = "fingerprint"
 #: Key of the names of all other arrays.
@@ -69,3 +71,23 @@ def read_saved(path: Path, fingerprint: str | None = None) -> dict[str, NDArray[
         return None
     same = fingerprint is None or str(found.get(FINGERPRINT, "")) == fingerprint
     return found if same else None
+
+
+def saved_or_refused(path: Path, expected: str) -> dict[str, NDArray[Any]]:
+    """Arrays of ``write_saved`` that must be there.
+
+    Parameters
+    ----------
+    path : Path
+    expected : str
+        What they are, and what to do without them.
+
+    Raises
+    ------
+    InputError
+        If there are none, or they are damaged.
+    """
+    found = read_saved(path)
+    if found is None:
+        raise InputError("cannot be read", file=path, expected=expected)
+    return found

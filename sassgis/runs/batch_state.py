@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
 from sassgis.io.read.tiles import Part, Terrain
-from sassgis.io.saved_arrays import read_saved, write_saved
+from sassgis.io.saved_arrays import saved_or_refused, write_saved
 from sassgis.io.staging import MANIFEST_NAME, writing
-from sassgis.model.errors import InputError
 from sassgis.model.grid import IntArray
 from sassgis.model.map_run import FallLines, MapRun
 from sassgis.model.statistics_table import SUM_NAMES, wider
@@ -113,14 +112,7 @@ def read_state(path: Path) -> dict[str, NDArray[Any]]:
     InputError
         If the file is damaged.
     """
-    state = read_saved(path)
-    if state is None:
-        raise InputError(
-            "cannot be read",
-            file=path,
-            expected="the sums of a release area; delete its folder to run it again",
-        )
-    return state
+    return saved_or_refused(path, "the sums of a release area; delete its folder to run it again")
 
 
 def add_area(

@@ -18,9 +18,8 @@ from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
-from sassgis.io.saved_arrays import FINGERPRINT, read_saved, write_saved
+from sassgis.io.saved_arrays import FINGERPRINT, read_saved, saved_or_refused, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
-from sassgis.model.errors import InputError
 from sassgis.model.map_run import BlockRows, FallLines, MapRun
 from sassgis.model.results import ControlLine
 
@@ -155,13 +154,7 @@ def read_rows(part: Path) -> BlockRows:
     InputError
         If the file is damaged.
     """
-    stored = read_saved(part)
-    if stored is None:
-        raise InputError(
-            "cannot be read",
-            file=part,
-            expected="rows of an earlier attempt; delete its folder to begin anew",
-        )
+    stored = saved_or_refused(part, "rows of an earlier attempt; delete its folder to begin anew")
     return BlockRows(*(stored[f] for f in _ROW_FIELDS))
 
 

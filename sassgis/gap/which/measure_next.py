@@ -117,7 +117,7 @@ def _shown(
     stations = ControlLineCrossings.same_for_all(
         [ControlLine(name, "station") for name in names], places.tolist(), case.n_rocks
     )
-    tables = frozenset({"deposits", "impacts", *(("passages",) if names else ())})
+    tables = frozenset({"passages", "deposits", "impacts"})
     lines = replace(rock_lines, control_lines=stations)
     turn = errors_of(case).turn_deg
     chosen = [models[k % len(models)] for k in range(DRAWS)]
