@@ -30,6 +30,9 @@ from sassgis.cli.progress_bar import ProgressBar, conclude
 @click.option(
     "--overwrite", is_flag=True, help="Replace areas that were made from other settings or inputs."
 )
+@click.option(
+    "--mosaic-only", is_flag=True, help="No maps, zones and report of each area by itself."
+)
 def batch(
     releases: Path,
     out: Path,
@@ -40,6 +43,7 @@ def batch(
     scheduler: str | None,
     workers: int | None,
     overwrite: bool,
+    mosaic_only: bool,
 ) -> None:
     """Zone each release area of RELEASES alone, and all of them on one map.
 
@@ -57,6 +61,7 @@ def batch(
             seed=seed,
             jobs=working,
             overwrite=overwrite,
+            mosaic_only=mosaic_only,
             on_progress=progress.step,
             say=progress.say,
         )

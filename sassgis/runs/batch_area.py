@@ -20,7 +20,8 @@ from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vector_features import Feature
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
-from sassgis.io.staging import staged_output
+from sassgis.io.staging import MANIFEST_NAME, staged_output
+from sassgis.io.write.manifest import write_manifest
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
@@ -48,7 +49,7 @@ from sassgis.runs.inputs import (
     read_rules,
     yearly_frequencies,
 )
-from sassgis.runs.job import Job, OnProgress
+from sassgis.runs.job import Job, OnProgress, Simulation
 from sassgis.runs.map import TerrainTooSmall
 from sassgis.runs.workers import Jobs
 from sassgis.runs.zone import most_repetitions, prepared, simulations, write_zones
@@ -77,6 +78,8 @@ class Setting:
         Of the settings and of all files but terrain and release areas.
     first_margin_m : float
         Margin around an area with which the search for its part of the terrain begins.
+    sums_only : bool
+        Whether areas keep only what the mosaic is made of.
     """
 
     config: Config
@@ -88,10 +91,11 @@ class Setting:
     names: tuple[str, ...]
     digest: str
     first_margin_m: float
+    sums_only: bool
 
 
 def read_setting(
-    config: Config, candidates: Sequence[Candidate], first_margin_m: float
+    config: Config, candidates: Sequence[Candidate], first_margin_m: float, sums_only: bool
 ) -> tuple[Setting, tuple[str, ...]]:
     """Read and check what all areas share.
 
@@ -116,7 +120,7 @@ def read_setting(
         yearly_frequencies(config, (), names)
     setting = Setting(
         config, terrain, outline, table, control_lines, replace(rules, notices=()), names,
-        _shared_digest(config), first_margin_m,
+        _shared_digest(config), first_margin_m, sums_only,
     )  # fmt: skip
     return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
 
@@ -231,6 +235,7 @@ def kept_areas(
                 run = _area_run(setting, grid, area)
                 frequencies = yearly_frequencies(setting.config, run.areas, setting.names)
                 same = record.fingerprint == _fingerprint(setting, part, grid, area, frequencies)
+                same &= setting.sums_only or not record.sums_only
         if same and record is not None:
             kept[candidate.stem] = record
         elif not overwrite:
@@ -326,7 +331,9 @@ def _run_cut(
         rules = replace(rules, vulnerability=None)
     job = prepared(Job(run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:
-        done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
+        done, without = simulations(
+            config, work, job, rules, jobs, on_progress, tell, check=not setting.sums_only
+        )
         write_state(work / SIMULATION_NAME, done.progress, done.run)
         if without is not None:
             write_state(work / WITHOUT_BARRIERS_NAME, without.progress, without.run)
@@ -345,7 +352,12 @@ def _run_cut(
             control_lines=_control_lines_in(setting, run.grid),
             objects=objects,
             notices=cut.notices,
+            sums_only=setting.sums_only,
         )
+        if setting.sums_only:
+            write_record(work, record)
+            _write_sums_manifest(work, config, done)
+            return record
 
         def keep(found: Assessment) -> None:
             nonlocal record
@@ -354,6 +366,23 @@ def _run_cut(
 
         write_zones(work, rules, done, without, [candidate.name], tell, keep)
     return record
+
+
+def _write_sums_manifest(work: Path, config: Config, done: Simulation) -> None:
+    """What makes the sums of an area a result; its inputs are listed with the mosaic."""
+    write_manifest(
+        work / MANIFEST_NAME,
+        inputs={},
+        base=config.file.parent,
+        crs=done.run.grid.crs,
+        vertical_datum=done.run.grid.vertical_datum,
+        seed=done.run.seed,
+        ref_widths_m={"hazard": done.run.ref_width_m},
+        preset="",
+        settings={},
+        counts={"rocks": int(done.progress.reasons.sum())},
+        warnings=done.warnings,
+    )
 
 
 def _some_objects(placed: PlacedObjects, which: Sequence[int]) -> PlacedObjects:

@@ -49,6 +49,8 @@ class Record:
         Which stations and barriers, and which exposed objects, of those of the batch were in it.
     notices : tuple of str
         What the readers had to say.
+    sums_only : bool
+        Whether it has no maps and zones of its own.
     """
 
     fingerprint: str
@@ -65,6 +67,7 @@ class Record:
     control_lines: tuple[int, ...]
     objects: tuple[int, ...]
     notices: tuple[str, ...]
+    sums_only: bool
 
     def part(self, terrain: Terrain) -> Part:
         """The part on the lattice of a terrain model."""
