@@ -58,6 +58,7 @@ def batch(
     dem: str | Path | None = None,
     overwrite: bool = False,
     mosaic_only: bool = False,
+    memory_gb: float | None = None,
     seed: int | None = None,
     jobs: Jobs = None,
     on_progress: OnProgress | None = None,
@@ -82,6 +83,10 @@ def batch(
         Whether results that were made from other settings or inputs may be replaced.
     mosaic_only : bool
         Whether areas keep only their sums, without maps, zones and a report of their own.
+    memory_gb : float, optional
+        Memory that all processes together may take (GB): it limits the number of areas at work,
+        and larger mosaics are made block by block. The part of the terrain that one area needs
+        is not divided.
     seed, jobs, on_progress, say
         As for sassgis.runs.run.run; chunks are those of one area.
     first_margin_m : float
@@ -110,7 +115,8 @@ def batch(
     summary = _summary(folder, loaded, candidates, setting.rules, kept)
     records = dict(kept)
     waiting = [c for c in candidates if c.stem not in kept]
-    running = outcomes(setting, waiting, folder, jobs, on_progress, tell)
+    memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
+    running = outcomes(setting, waiting, folder, jobs, on_progress, tell, memory_bytes)
     try:
         with closing(running):
             for candidate, outcome in zip(waiting, running, strict=True):
@@ -132,7 +138,7 @@ def batch(
     stale = _stale(folder, records)
     found, warnings = write_mosaic(
         setting, [c for c in candidates if c.stem in records], records, folder,
-        (*notices, *skipped), tell,
+        (*notices, *skipped), tell, memory_bytes,
     )  # fmt: skip
     return BatchResult(folder, summary.frame(), found, (*warnings, *stale))
 

@@ -28,7 +28,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
-from sassgis.model.results import ControlLine
+from sassgis.model.results import ControlLine, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.batch_areas import Candidate
@@ -113,7 +113,7 @@ def read_setting(
         outline = terrain.outline()
         table = read_ground_table(config.ground.classes, config.engine.readings)
         control_lines = tuple(read_control_lines(config, outline))
-        empty = map_run_of(config, outline, _no_ground(outline), table, (), control_lines, None)
+        empty = map_run_of(config, outline, no_ground(outline), table, (), control_lines, None)
         # The table of frequencies is read by area, with the names of all.
         hazard = replace(config.hazard, frequencies=None)
         rules = read_rules(replace(config, hazard=hazard), empty)
@@ -178,7 +178,7 @@ def _objects_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
 def _area_run(setting: Setting, grid: Grid, area: ReleaseArea) -> MapRun:
     """The run of an area on a part of the terrain, but for the ground and the forest."""
     control_lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
-    ground = _no_ground(grid)
+    ground = no_ground(grid)
     run = map_run_of(setting.config, grid, ground, setting.table, (area,), control_lines, None)
     return on_block_scale(run)
 
@@ -353,6 +353,9 @@ def _run_cut(
             objects=objects,
             notices=cut.notices,
             sums_only=setting.sums_only,
+            reached=sum(t.cells.counts().places.size for t in done.progress.sources.values()),
+            never_started=int(done.progress.reasons[StopReason.NEVER_STARTED]),
+            frequencies={scenario: annual for (_, scenario), annual in frequencies.items()},
         )
         if setting.sums_only:
             write_record(work, record)
@@ -404,6 +407,6 @@ def _zones_m2(found: Assessment, rules: Rules) -> dict[str, float]:
     }
 
 
-def _no_ground(grid: Grid) -> NDArray[np.int32]:
+def no_ground(grid: Grid) -> NDArray[np.int32]:
     """Ground of no account, which takes no memory."""
     return np.broadcast_to(np.zeros(1, np.int32), grid.shape)

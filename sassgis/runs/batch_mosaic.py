@@ -6,21 +6,30 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sassgis.hazard.assess import Assessment
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.warnings import simulation_warnings
+from sassgis.io.read.config import resolved
 from sassgis.io.read.ground_map import built_in_table, ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
-from sassgis.io.staging import staged_output, writing
-from sassgis.model.errors import InputError
+from sassgis.io.staging import MANIFEST_NAME, staged_output, writing
+from sassgis.io.write.manifest import write_manifest
 from sassgis.model.grid import Grid
 from sassgis.model.release_areas import ReleaseArea
-from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature
+from sassgis.model.statistics_table import Bins
+from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature, no_ground
 from sassgis.runs.batch_areas import Candidate
+from sassgis.runs.batch_blocks import (
+    Reached,
+    bins_of_place,
+    bytes_needed,
+    divided,
+    write_blocks,
+)
 from sassgis.runs.batch_state import (
     SIMULATION_NAME,
     WITHOUT_BARRIERS_NAME,
@@ -29,15 +38,25 @@ from sassgis.runs.batch_state import (
     read_state,
 )
 from sassgis.runs.checkpoint import Checkpoint
-from sassgis.runs.inputs import collected_notices, forest_of, map_run_of, yearly_frequencies
+from sassgis.runs.inputs import (
+    collected_notices,
+    forest_of,
+    input_files,
+    map_run_of,
+    yearly_frequencies,
+)
 from sassgis.runs.job import Job, Simulation
 from sassgis.runs.zone import without_barriers, write_zones
 from sassgis.terrain.plan import plan
 
 MOSAIC_NAME = "mosaic"
 _FINGERPRINT_NAME = "batch.json"
-#: A mosaic of more cells than this fits no common machine.
-_MOST_CELLS = 100_000_000
+#: A mosaic of more cells than this is made block by block, within this memory (bytes).
+_MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
+_MAPS_ONLY = (
+    "The mosaic was made block by block and has maps only: no zones as areas, tables, report and "
+    "project; more memory, or batches of neighbouring areas, give them."
+)
 
 
 def write_mosaic(
@@ -47,8 +66,13 @@ def write_mosaic(
     folder: Path,
     notices: tuple[str, ...],
     tell: Callable[[str], None],
+    memory_bytes: int | None = None,
 ) -> tuple[Assessment | None, tuple[str, ...]]:
-    """Add up all areas and write what they give together."""
+    """Add up all areas and write what they give together.
+
+    Within ``memory_bytes``, if given: a mosaic for which that is not enough, or of more than a
+    hundred million cells, is made block by block and has maps only.
+    """
     parts = [[records[c.stem].fingerprint for c in candidates], notices]
     fingerprint = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
     target = folder / MOSAIC_NAME
@@ -56,6 +80,13 @@ def write_mosaic(
         tell("The mosaic is there already")
         return None, notices
     tell("Adding up the areas")
+    blocks = _blocks(setting, candidates, records, folder, memory_bytes)
+    if blocks is not None:
+        said = (*notices, *_said(list(records.values())), _MAPS_ONLY)
+        with staged_output(target, overwrite=True) as work:
+            _write_block_maps(work, setting, blocks, said, tell)
+            _keep(work, fingerprint)
+        return None, said
     config = replace(
         setting.config,
         output=replace(setting.config.output, rock_table="none", passage_table="none"),
@@ -87,13 +118,89 @@ def write_mosaic(
             without = simulation(without_barriers(job), without=True)
 
         def keep(_found: Assessment) -> None:
-            path = work / _FINGERPRINT_NAME
-            with writing(path):
-                path.write_text(json.dumps({"fingerprint": fingerprint}) + "\n", encoding="utf-8")
+            _keep(work, fingerprint)
 
         names = [c.name for c in candidates]
         found, _, warnings = write_zones(work, rules, done, without, names, tell, keep)
     return found, (*warnings, *done.warnings)
+
+
+def _keep(work: Path, fingerprint: str) -> None:
+    path = work / _FINGERPRINT_NAME
+    with writing(path):
+        path.write_text(json.dumps({"fingerprint": fingerprint}) + "\n", encoding="utf-8")
+
+
+@dataclass(frozen=True, slots=True)
+class _Blocks:
+    """How a mosaic is made block by block."""
+
+    place: Part
+    areas: tuple[Reached, ...]
+    bins: Bins
+    blocks: list[tuple[Part, list[Reached]]]
+
+
+def _blocks(
+    setting: Setting,
+    candidates: Sequence[Candidate],
+    records: dict[str, Record],
+    folder: Path,
+    memory_bytes: int | None,
+) -> _Blocks | None:
+    """The blocks of a mosaic that is too large to be made as a whole; None for others."""
+    areas = tuple(
+        Reached(c.name, own, folder / AREAS_NAME / c.stem, own.part(setting.terrain))
+        for c in candidates
+        for own in (records[c.stem],)
+    )
+    place = hull([a.part for a in areas])
+    if memory_bytes is None and place.n_rows * place.n_cols <= _MOST_CELLS:
+        return None
+    bins = bins_of_place(setting.config, setting.terrain, place, setting.rules)
+    most = memory_bytes or _COMMON_BYTES
+    # Zones, tables, figures and the report take about as much again.
+    if 2 * bytes_needed(place, areas, bins) <= most and place.n_rows * place.n_cols <= _MOST_CELLS:
+        return None
+    return _Blocks(place, areas, bins, divided(place, areas, bins, most))
+
+
+def _write_block_maps(
+    work: Path,
+    setting: Setting,
+    made: _Blocks,
+    warnings: Sequence[str],
+    tell: Callable[[str], None],
+) -> None:
+    """Write the maps and the manifest of a mosaic that is made block by block."""
+    config, rules, terrain = setting.config, setting.rules, setting.terrain
+    frame = terrain.frame(made.place)
+    empty = map_run_of(config, frame, no_ground(frame), setting.table, (), setting.control_lines, None)
+    run = replace(
+        empty, thresholds_kj=rules.preset.thresholds_kj, ref_width_m=rules.ref_width_m,
+        repetitions=max(a.record.repetitions for a in made.areas),
+    )  # fmt: skip
+    write_blocks(
+        work / "maps", config, terrain, rules, run, made.place, made.blocks, made.areas, made.bins,
+        tell,
+    )  # fmt: skip
+    write_manifest(
+        work / MANIFEST_NAME,
+        inputs=input_files(config),
+        base=config.file.parent,
+        crs=frame.crs,
+        vertical_datum=frame.vertical_datum,
+        seed=config.run.seed,
+        ref_widths_m={"reach_probability": frame.cell_size, "hazard": rules.ref_width_m},
+        preset=rules.preset.name,
+        settings=resolved(config),
+        counts={
+            "release_areas": len(made.areas),
+            "release_points": sum(a.record.points for a in made.areas),
+            "rocks": sum(a.record.rocks for a in made.areas),
+        },
+        warnings=warnings,
+    )
 
 
 def _same_mosaic(folder: Path, fingerprint: str) -> bool:
@@ -111,14 +218,6 @@ def _mosaic_job(
     config, terrain = setting.config, setting.terrain
     own = [records[c.stem] for c in candidates]
     place = hull([r.part(terrain) for r in own])
-    if place.n_rows * place.n_cols > _MOST_CELLS:
-        raise InputError(
-            "the areas lie too far apart for one mosaic",
-            file=config.release_path,
-            found=f"{place.n_cols} x {place.n_rows} cells",
-            expected=f"at most {_MOST_CELLS} cells; the results of the areas are complete, and "
-            "batches of neighbouring areas give mosaics",
-        )
     grid = terrain.read(place)
     # What there is to say of single areas was said when they were run.
     with collected_notices():
@@ -141,13 +240,18 @@ def _mosaic_job(
         repetitions=max(r.repetitions for r in own),
     )
     planned = replace(plan(run), repetitions=tuple(r.repetitions for r in own))
+    return Job(run, planned, ()), place, (*_said(own), *notices)
+
+
+def _said(own: Sequence[Record]) -> tuple[str, ...]:
+    """What there is to say of the areas."""
     said = dict.fromkeys(text for r in own for text in r.notices)
     if len({r.repetitions for r in own}) > 1:
         said[
             "Areas had different numbers of repetitions: maps that count blocks (reach "
             "probability, energy, height) weigh them by blocks, those of hazard by frequency."
         ] = None
-    return Job(run, planned, ()), place, (*said, *notices)
+    return tuple(said)
 
 
 def _area_on_grid(setting: Setting, candidate: Candidate, grid: Grid) -> ReleaseArea:

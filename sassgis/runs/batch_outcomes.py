@@ -18,6 +18,8 @@ from sassgis.runs.workers import Jobs, Processes
 
 log = logging.getLogger(__name__)
 
+#: Bytes of a process that runs small areas.
+_PROCESS = 800 << 20
 #: From so many areas for each core on, every core has areas of its own.
 _AREAS_PER_CORE = 4
 
@@ -46,6 +48,7 @@ def outcomes(
     jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
+    memory_bytes: int | None = None,
 ) -> Generator[Outcome, None, None]:
     """Run areas; outcomes come in the order of the areas.
 
@@ -59,8 +62,12 @@ def outcomes(
         Of the batch.
     jobs, on_progress, tell
         As for sassgis.runs.run.run.
+    memory_bytes : int, optional
+        What all processes together may take.
     """
     asked = workers_asked(setting.config, jobs)
+    if memory_bytes is not None and isinstance(asked, int):
+        asked = max(1, min(asked, memory_bytes // _PROCESS - 1))
     common = _Common(setting, folder)
     n = len(candidates)
     if not isinstance(asked, int) or asked < 2 or n < _AREAS_PER_CORE * asked:

@@ -172,9 +172,7 @@ def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str
             "file not found", file=file, field=f"{key}.file", expected="the path of a vector file"
         )
     stat = file.stat()
-    frame, name, spoken = _read_layer(
-        file, layer, key, stat.st_ino, stat.st_size, stat.st_mtime_ns
-    )
+    frame, name, spoken = _read_layer(file, layer, key, stat.st_ino, stat.st_size, stat.st_mtime_ns)
     for text in spoken:
         log.warning("%s: %s", file, text)
     known = [c for c in frame.columns if c != "geometry"]

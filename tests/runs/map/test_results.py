@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sassgis.io.read.config import load_config
 from sassgis.io.digests import content_digest
+from sassgis.io.read.config import load_config
 from sassgis.model.results import StopReason
 from sassgis.runs.run import run
 
