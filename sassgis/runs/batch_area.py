@@ -232,8 +232,7 @@ def kept_areas(
                 part = record.part(setting.terrain)
                 feature = area_feature(setting, candidate)
                 grid, area = _area_on(setting, candidate, feature, part)
-                run = _area_run(setting, grid, area)
-                frequencies = yearly_frequencies(setting.config, run.areas, setting.names)
+                frequencies = yearly_frequencies(setting.config, (area,), setting.names)
                 same = record.fingerprint == _fingerprint(setting, part, grid, area, frequencies)
                 same &= setting.sums_only or not record.sums_only
         if same and record is not None:
