@@ -138,7 +138,7 @@ def batch(
     stale = _stale(folder, records)
     found, warnings = write_mosaic(
         setting, [c for c in candidates if c.stem in records], records, folder,
-        (*notices, *skipped), tell, memory_bytes,
+        (*notices, *skipped), tell, memory_bytes, jobs,
     )  # fmt: skip
     return BatchResult(folder, summary.frame(), found, (*warnings, *stale))
 

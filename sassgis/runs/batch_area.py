@@ -353,6 +353,7 @@ def _run_cut(
             notices=cut.notices,
             sums_only=setting.sums_only,
             reached=sum(t.cells.counts().places.size for t in done.progress.sources.values()),
+            counted=_counted(done.progress, cut.part.n_cols),
             never_started=int(done.progress.reasons[StopReason.NEVER_STARTED]),
             frequencies={scenario: annual for (_, scenario), annual in frequencies.items()},
         )
@@ -391,6 +392,16 @@ def _some_objects(placed: PlacedObjects, which: Sequence[int]) -> PlacedObjects:
     return PlacedObjects(
         tuple(placed.objects[i] for i in which), tuple(placed.geometries[i] for i in which)
     )
+
+
+def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:
+    """First row and column of the counts, and how many rows and columns they take."""
+    own = [progress.sums.cells, *(t.cells.counts().places for t in progress.sources.values())]
+    row, col = np.divmod(np.concatenate(own), n_cols)
+    if not row.size:
+        return 0, 0, 1, 1
+    size = int(np.ptp(row)) + 1, int(np.ptp(col)) + 1
+    return int(row.min()), int(col.min()), *size
 
 
 def _furthest(progress: Progress) -> float | None:

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import shapely
 
 from sassgis.hazard.assess import Rules, curves_of
 from sassgis.hazard.bins import bins_for
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums, Sample
 from sassgis.hazard.progress import Progress
-from sassgis.hazard.sources import sampled_sources
+from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.io.read.tiles import Part, Terrain
 from sassgis.io.write.block_maps import TILE, BlockMaps
 from sassgis.io.write.layers.hazard_maps import hazard_layers
@@ -46,6 +45,12 @@ class Reached:
     record: Record
     folder: Path
     part: Part
+
+    @property
+    def counted(self) -> Part:
+        """The smallest part with all its counts."""
+        row, col, n_rows, n_cols = self.record.counted
+        return Part(self.part.row + row, self.part.col + col, n_rows, n_cols)
 
 
 def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
@@ -157,6 +162,37 @@ def _sample(run: MapRun, areas: Sequence[Reached]) -> Sample:
     )
 
 
+def added_up(
+    run: MapRun, grid: Grid, block: Part, areas: Sequence[Reached], bins: Bins
+) -> tuple[Progress, list[Sampled]]:
+    """What areas have counted in a block, in all and by source.
+
+    Parameters
+    ----------
+    run : MapRun
+        With the settings of all areas; its grid and areas are not looked at.
+    grid : Grid
+        Heights of the block.
+    block : Part
+    areas : sequence of Reached
+    bins : Bins
+        Of all areas.
+    """
+    control_lines = tuple(g for g, _ in run.control_lines)
+    total = Progress(0, MapSums(grid.values.size), ControlLineSums(()))
+    for i, area in enumerate(areas):
+        state = read_state(area.folder / SIMULATION_NAME)
+        own = progress_from(
+            state, area.part.n_rows * area.part.n_cols,
+            tuple(control_lines[k] for k in area.record.control_lines),
+        )  # fmt: skip
+        add_cells(total, (), bins, block, i, area.part, own, state["thresholds_kj"])
+    # Outlines are of no account here.
+    named = tuple(ReleaseArea(a.name, None, tuple(a.record.frequencies)) for a in areas)
+    frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
+    return total, sampled_sources(replace(run, grid=grid, areas=named), total, frequencies)
+
+
 def _layers(
     config: Config,
     rules: Rules,
@@ -168,18 +204,7 @@ def _layers(
     sample: Sample,
 ) -> tuple[RasterLayer, ...]:
     """The maps of a block; none where no area has counted anything."""
-    control_lines = tuple(g for g, _ in run.control_lines)
-    total = Progress(0, MapSums(grid.values.size), ControlLineSums(()))
-    for i, area in enumerate(areas):
-        state = read_state(area.folder / SIMULATION_NAME)
-        own = progress_from(
-            state, area.part.n_rows * area.part.n_cols,
-            tuple(control_lines[k] for k in area.record.control_lines),
-        )  # fmt: skip
-        add_cells(total, (), bins, block, i, area.part, own, state["thresholds_kj"])
-    outlines = (ReleaseArea(a.name, shapely.Polygon(), tuple(a.record.frequencies)) for a in areas)
-    frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
-    sampled = sampled_sources(replace(run, grid=grid, areas=tuple(outlines)), total, frequencies)
+    total, sampled = added_up(run, grid, block, areas, bins)
     curves = curves_of(sampled, bins.threshold)
     del sampled
     total.sources.clear()

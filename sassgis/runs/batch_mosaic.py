@@ -17,6 +17,8 @@ from sassgis.io.read.ground_map import built_in_table, ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
 from sassgis.io.staging import MANIFEST_NAME, staged_output, writing
+from sassgis.io.write.geopackage import write_geopackage
+from sassgis.io.write.layers.zones import joined_layers
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.grid import Grid
 from sassgis.model.release_areas import ReleaseArea
@@ -37,6 +39,7 @@ from sassgis.runs.batch_state import (
     add_area,
     read_state,
 )
+from sassgis.runs.batch_zones import ZoneTask, felt_cells, zones_by_group
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.inputs import (
     collected_notices,
@@ -45,7 +48,8 @@ from sassgis.runs.inputs import (
     map_run_of,
     yearly_frequencies,
 )
-from sassgis.runs.job import Job, Simulation
+from sassgis.runs.job import Job, Simulation, workers_asked
+from sassgis.runs.workers import Jobs
 from sassgis.runs.zone import without_barriers, write_zones
 from sassgis.terrain.plan import plan
 
@@ -53,8 +57,8 @@ MOSAIC_NAME = "mosaic"
 _FINGERPRINT_NAME = "batch.json"
 #: A mosaic of more cells than this is made block by block, within this memory (bytes).
 _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
-_MAPS_ONLY = (
-    "The mosaic was made block by block and has maps only: no zones as areas, tables, report and "
+_BY_BLOCKS = (
+    "The mosaic was made block by block and has maps and zones only: no tables, risk, report and "
     "project; more memory, or batches of neighbouring areas, give them."
 )
 
@@ -67,11 +71,12 @@ def write_mosaic(
     notices: tuple[str, ...],
     tell: Callable[[str], None],
     memory_bytes: int | None = None,
+    jobs: Jobs = 1,
 ) -> tuple[Assessment | None, tuple[str, ...]]:
     """Add up all areas and write what they give together.
 
     Within ``memory_bytes``, if given: a mosaic for which that is not enough, or of more than a
-    hundred million cells, is made block by block and has maps only.
+    hundred million cells, is made block by block and has maps and zones only.
     """
     parts = [[records[c.stem].fingerprint for c in candidates], notices]
     fingerprint = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -82,9 +87,12 @@ def write_mosaic(
     tell("Adding up the areas")
     blocks = _blocks(setting, candidates, records, folder, memory_bytes)
     if blocks is not None:
-        said = (*notices, *_said(list(records.values())), _MAPS_ONLY)
+        said = (*notices, *_said(list(records.values())), _BY_BLOCKS)
+        cores = workers_asked(setting.config, jobs)
         with staged_output(target, overwrite=True) as work:
-            _write_block_maps(work, setting, blocks, said, tell)
+            said = _write_blocks(
+                work, setting, blocks, said, cores if isinstance(cores, int) else 1, tell
+            )
             _keep(work, fingerprint)
         return None, said
     config = replace(
@@ -139,6 +147,7 @@ class _Blocks:
     areas: tuple[Reached, ...]
     bins: Bins
     blocks: list[tuple[Part, list[Reached]]]
+    memory_bytes: int
 
 
 def _blocks(
@@ -162,28 +171,36 @@ def _blocks(
     # Zones, tables, figures and the report take about as much again.
     if 2 * bytes_needed(place, areas, bins) <= most and place.n_rows * place.n_cols <= _MOST_CELLS:
         return None
-    return _Blocks(place, areas, bins, divided(place, areas, bins, most))
+    return _Blocks(place, areas, bins, divided(place, areas, bins, most), most)
 
 
-def _write_block_maps(
+def _write_blocks(
     work: Path,
     setting: Setting,
     made: _Blocks,
-    warnings: Sequence[str],
+    warnings: tuple[str, ...],
+    cores: int,
     tell: Callable[[str], None],
-) -> None:
-    """Write the maps and the manifest of a mosaic that is made block by block."""
-    config, rules, terrain = setting.config, setting.rules, setting.terrain
+) -> tuple[str, ...]:
+    """Write maps, zones and manifest of a mosaic that is made block by block; its warnings."""
+    config, rules, terrain, bins = setting.config, setting.rules, setting.terrain, made.bins
     frame = terrain.frame(made.place)
-    empty = map_run_of(config, frame, no_ground(frame), setting.table, (), setting.control_lines, None)
+    nothing = no_ground(frame)
+    empty = map_run_of(config, frame, nothing, setting.table, (), setting.control_lines, None)
     run = replace(
         empty, thresholds_kj=rules.preset.thresholds_kj, ref_width_m=rules.ref_width_m,
         repetitions=max(a.record.repetitions for a in made.areas),
     )  # fmt: skip
     write_blocks(
-        work / "maps", config, terrain, rules, run, made.place, made.blocks, made.areas, made.bins,
-        tell,
-    )  # fmt: skip
+        work / "maps", config, terrain, rules, run, made.place, made.blocks, made.areas, bins, tell
+    )
+    beside = felt_cells(rules.zones, frame.cell_size)
+    task = ZoneTask(config, terrain, rules, run, made.place, bins, beside)
+    counted = [a for a in made.areas if a.record.reached]
+    drawn, said = zones_by_group(task, counted, cores, made.memory_bytes, tell)
+    warnings += said
+    if drawn:
+        write_geopackage(work / "hazard.gpkg", joined_layers(drawn), {"preset": rules.preset.name})
     write_manifest(
         work / MANIFEST_NAME,
         inputs=input_files(config),
@@ -201,6 +218,7 @@ def _write_block_maps(
         },
         warnings=warnings,
     )
+    return warnings
 
 
 def _same_mosaic(folder: Path, fingerprint: str) -> bool:

@@ -56,6 +56,8 @@ class Record:
         Whether it has no maps and zones of its own.
     reached : int
         Cells with counts, once for each block scenario.
+    counted : (row, col, n_rows, n_cols)
+        The smallest part of its terrain with all of them.
     never_started : int
         Blocks that never started.
     frequencies : dict of str to float
@@ -78,6 +80,7 @@ class Record:
     notices: tuple[str, ...]
     sums_only: bool
     reached: int
+    counted: tuple[int, int, int, int]
     never_started: int
     frequencies: dict[str, float]
 
@@ -106,7 +109,8 @@ def read_record(folder: Path) -> Record | None:
     try:
         plain = json.loads((folder / RECORD_NAME).read_text(encoding="utf-8"))
         return Record(
-            **plain | {k: tuple(plain[k]) for k in ("control_lines", "objects", "notices")}
+            **plain
+            | {k: tuple(plain[k]) for k in ("control_lines", "objects", "notices", "counted")}
         )
     except (OSError, ValueError, TypeError, KeyError):
         return None

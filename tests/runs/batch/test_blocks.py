@@ -6,6 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
+import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
@@ -18,6 +19,7 @@ from sassgis.runs import batch_blocks, batch_outcomes
 from sassgis.runs.batch import batch
 from sassgis.runs.batch_blocks import BASE, Reached, bytes_needed, divided
 from sassgis.runs.batch_state import Record
+from sassgis.runs.batch_zones import groups
 
 GIGABYTE = 1e9
 
@@ -69,7 +71,7 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
         valley.releases, out, dem=valley.tiles, jobs=1, memory_gb=memory, say=said.append
     )
     assert sum(text.startswith("Block ") for text in said) > 5
-    assert result.found is None and any("maps only" in text for text in result.warnings)
+    assert result.found is None and any("maps and zones only" in text for text in result.warnings)
     whole = sorted((done.folder / "mosaic" / "maps").glob("*.tif"))
     assert [f.name for f in sorted((out / "mosaic" / "maps").glob("*.tif"))] == [
         f.name for f in whole
@@ -83,8 +85,19 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
             assert one.tags() == two.tags() and one.descriptions == two.descriptions
             assert one.units == two.units and one.overviews(1) == two.overviews(1)
             assert two.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
-            assert [one.tags(i) for i in one.indexes] == [two.tags(i) for i in two.indexes]
+            for i in one.indexes:
+                tags, others = one.tags(i), two.tags(i)
+                # GDAL adds up mean and deviation in the order of the tiles of the file.
+                for name in ("STATISTICS_MEAN", "STATISTICS_STDDEV"):
+                    sums = [float(t.pop(name, "0")) for t in (tags, others)]
+                    assert sums[1] == pytest.approx(sums[0], rel=1e-9)
+                assert tags == others
         assert file.with_suffix(".qml").read_bytes() == own.with_suffix(".qml").read_bytes()
+    for layer in ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area"):
+        one, two = (
+            gpd.read_file(f / "mosaic" / "hazard.gpkg", layer=layer) for f in (done.folder, out)
+        )
+        assert len(one) and one.equals(two), layer
     again = batch(valley.releases, out, dem=valley.tiles, jobs=1, memory_gb=memory, say=said.append)
     assert said[-1] == "The mosaic is there already" and again.found is None
 
@@ -93,7 +106,7 @@ def area(part: Part, reached: int) -> Reached:
     record = Record(
         fingerprint="", area="a", west=0.0, north=0.0, n_rows=part.n_rows, n_cols=part.n_cols,
         repetitions=1, points=1, rocks=1, furthest_m=None, zones_m2={}, control_lines=(),
-        objects=(), notices=(), sums_only=True, reached=reached, never_started=0, frequencies={},
+        objects=(), notices=(), sums_only=True, reached=reached, counted=(0, 0, part.n_rows, part.n_cols), never_started=0, frequencies={},
     )  # fmt: skip
     return Reached("a", record, Path(), part)
 
@@ -114,3 +127,11 @@ def test_blocks_cover_a_place_once_and_fit_into_the_memory() -> None:
     assert len(blocks) > 4 and (covered == 1).all()
     # A block of one tile is not divided, whatever it needs.
     assert max(b.n_rows for b, _ in divided(place, areas, bins, 0)) == batch_blocks.TILE
+
+
+def test_areas_that_meet_through_others_are_one_group() -> None:
+    boxes = [Part(0, 0, 10, 10), Part(0, 40, 10, 10), Part(100, 0, 5, 5), Part(5, 20, 10, 10)]
+    areas = [area(b, 1) for b in boxes]
+    assert [[areas.index(a) for a in g] for g in groups(areas, 5)] == [[0], [1], [2], [3]]
+    # 0 and 3 are 10 columns apart, 3 and 1 as well; 0 and 1 meet only through 3.
+    assert [[areas.index(a) for a in g] for g in groups(areas, 6)] == [[0, 1, 3], [2]]
