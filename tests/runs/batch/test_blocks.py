@@ -106,7 +106,8 @@ def area(part: Part, reached: int) -> Reached:
     record = Record(
         fingerprint="", area="a", west=0.0, north=0.0, n_rows=part.n_rows, n_cols=part.n_cols,
         repetitions=1, points=1, rocks=1, furthest_m=None, zones_m2={}, control_lines=(),
-        objects=(), notices=(), sums_only=True, reached=reached, counted=(0, 0, part.n_rows, part.n_cols), never_started=0, frequencies={},
+        objects=(), notices=(), sums_only=True, reached=reached,
+        counted=(0, 0, part.n_rows, part.n_cols), never_started=0, frequencies={},
     )  # fmt: skip
     return Reached("a", record, Path(), part)
 
