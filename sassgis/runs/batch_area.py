@@ -66,8 +66,6 @@ class Setting:
     ----------
     config : Config
     terrain : Terrain
-    outline : Grid
-        Of the whole terrain model, without heights.
     table : GroundTable
     control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
     rules : Rules
@@ -84,7 +82,6 @@ class Setting:
 
     config: Config
     terrain: Terrain
-    outline: Grid
     table: GroundTable
     control_lines: tuple[tuple[ControlLine, FloatArray], ...]
     rules: Rules
@@ -92,6 +89,10 @@ class Setting:
     digest: str
     first_margin_m: float
     sums_only: bool
+
+    def outline(self) -> Grid:
+        """The whole terrain model without heights; made anew, as processes would get it in full."""
+        return self.terrain.outline()
 
 
 def read_setting(
@@ -119,7 +120,7 @@ def read_setting(
         rules = read_rules(replace(config, hazard=hazard), empty)
         yearly_frequencies(config, (), names)
     setting = Setting(
-        config, terrain, outline, table, control_lines, replace(rules, notices=()), names,
+        config, terrain, table, control_lines, replace(rules, notices=()), names,
         _shared_digest(config), first_margin_m, sums_only,
     )  # fmt: skip
     return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
@@ -153,7 +154,7 @@ def area_feature(setting: Setting, candidate: Candidate) -> Feature:
     """
     if candidate.problem:
         raise InputError(candidate.problem)
-    return read_release_feature(candidate.release, candidate.number, setting.outline)
+    return read_release_feature(candidate.release, candidate.number, setting.outline())
 
 
 def _area_on(
@@ -302,8 +303,8 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
         )
         run = replace(
             cut.run,
-            ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline),
-            forest=forest_of(config, cut.run.grid, setting.outline),
+            ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline()),
+            forest=forest_of(config, cut.run.grid, setting.outline()),
         )
     return replace(cut, run=run, notices=tuple(notices))
 

@@ -185,8 +185,11 @@ def _write_blocks(
     """Write maps, zones and manifest of a mosaic that is made block by block; its warnings."""
     config, rules, terrain, bins = setting.config, setting.rules, setting.terrain, made.bins
     frame = terrain.frame(made.place)
-    nothing = no_ground(frame)
-    empty = map_run_of(config, frame, nothing, setting.table, (), setting.control_lines, None)
+    # One cell is enough where only settings count: processes get all cells of a grid in full.
+    cell = terrain.frame(Part(0, 0, 1, 1))
+    empty = map_run_of(
+        config, cell, no_ground(cell), setting.table, (), setting.control_lines, None
+    )
     run = replace(
         empty, thresholds_kj=rules.preset.thresholds_kj, ref_width_m=rules.ref_width_m,
         repetitions=max(a.record.repetitions for a in made.areas),
@@ -242,7 +245,7 @@ def _mosaic_job(
         areas = [_area_on_grid(setting, c, grid) for c in candidates]
     with collected_notices() as notices:
         warn_of_overlaps(areas, config.release_path)
-    ground = ground_raster(config.ground, grid, setting.table, setting.outline)
+    ground = ground_raster(config.ground, grid, setting.table, setting.outline())
     run = replace(
         map_run_of(
             config,
@@ -251,7 +254,7 @@ def _mosaic_job(
             setting.table,
             areas,
             setting.control_lines,
-            forest_of(config, grid, setting.outline),
+            forest_of(config, grid, setting.outline()),
         ),
         thresholds_kj=setting.rules.preset.thresholds_kj,
         ref_width_m=setting.rules.ref_width_m,

@@ -66,18 +66,19 @@ def outcomes(
         What all processes together may take.
     """
     asked = workers_asked(setting.config, jobs)
-    if memory_bytes is not None and isinstance(asked, int):
-        asked = max(1, min(asked, memory_bytes // _PROCESS - 1))
+    at_once = asked if isinstance(asked, int) else 1
+    if memory_bytes is not None:
+        at_once = min(at_once, memory_bytes // _PROCESS - 1)
     common = _Common(setting, folder)
     n = len(candidates)
-    if not isinstance(asked, int) or asked < 2 or n < _AREAS_PER_CORE * asked:
+    if at_once < 2 or n < _AREAS_PER_CORE * at_once:
         for i, candidate in enumerate(candidates, start=1):
             tell(f"Area {i} of {n}: {candidate.name}")
             yield _outcome(common, candidate, asked, on_progress, tell)
         return
-    tell(f"Running {n} areas, {asked} at a time")
+    tell(f"Running {n} areas, {at_once} at a time")
     rocks = 0
-    with closing(Processes(asked).in_order(_alone, common, candidates)) as found:
+    with closing(Processes(at_once).in_order(_alone, common, candidates)) as found:
         for i, outcome in enumerate(found, start=1):
             rocks += 0 if outcome.record is None else outcome.record.rocks
             if on_progress is not None:
