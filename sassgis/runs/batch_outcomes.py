@@ -25,7 +25,7 @@ _AREAS_PER_CORE = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class AreaOutcome:
     """What became of an area: its record, or why it is skipped; and the seconds that it took."""
 
     record: Record | None
@@ -49,7 +49,7 @@ def outcomes(
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
     memory_bytes: int | None = None,
-) -> Generator[Outcome, None, None]:
+) -> Generator[AreaOutcome, None, None]:
     """Run areas; outcomes come in the order of the areas.
 
     A few areas share all cores one after the other. Of many, as many are at work as there are
@@ -86,7 +86,7 @@ def outcomes(
             yield outcome
 
 
-def _alone(common: _Common, candidate: Candidate) -> Outcome:
+def _alone(common: _Common, candidate: Candidate) -> AreaOutcome:
     """In a process of its own: one area on one core."""
     return _outcome(common, candidate, 1, None, lambda _text: None)
 
@@ -97,7 +97,7 @@ def _outcome(
     jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
-) -> Outcome:
+) -> AreaOutcome:
     began = time.perf_counter()
     record, reason = None, ""
     own = common.folder / AREAS_NAME / candidate.stem
@@ -105,7 +105,7 @@ def _outcome(
         record = run_area(common.setting, candidate, own, jobs, on_progress, tell)
     except Exception as error:
         reason = _why_skipped(error)
-    return Outcome(record, reason, time.perf_counter() - began)
+    return AreaOutcome(record, reason, time.perf_counter() - began)
 
 
 def _why_skipped(error: Exception) -> str:
