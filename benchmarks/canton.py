@@ -161,7 +161,7 @@ def run(folder: Path, jobs: int, memory_gb: float) -> dict[str, float]:
         peak = 0.0
         while child.poll() is None:
             peak = max(peak, _resident_mb(child.pid))
-            time.sleep(0.2)
+            time.sleep(0.5)
     if child.returncode:
         sys.exit("the batch failed")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
