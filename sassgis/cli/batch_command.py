@@ -30,6 +30,16 @@ from sassgis.cli.progress_bar import ProgressBar, conclude
 @click.option(
     "--overwrite", is_flag=True, help="Replace areas that were made from other settings or inputs."
 )
+@click.option(
+    "--mosaic-only", is_flag=True, help="No maps, zones and report of each area by itself."
+)
+@click.option(
+    "--memory",
+    "memory_gb",
+    type=click.FloatRange(min=1.0),
+    metavar="GB",
+    help="Memory for all processes together; a mosaic that needs more is made block by block.",
+)
 def batch(
     releases: Path,
     out: Path,
@@ -40,6 +50,8 @@ def batch(
     scheduler: str | None,
     workers: int | None,
     overwrite: bool,
+    mosaic_only: bool,
+    memory_gb: float | None,
 ) -> None:
     """Zone each release area of RELEASES alone, and all of them on one map.
 
@@ -57,6 +69,8 @@ def batch(
             seed=seed,
             jobs=working,
             overwrite=overwrite,
+            mosaic_only=mosaic_only,
+            memory_gb=memory_gb,
             on_progress=progress.step,
             say=progress.say,
         )

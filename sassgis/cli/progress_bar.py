@@ -73,7 +73,10 @@ def conclude(warnings: Sequence[str], summary: str, folder: Path) -> None:
     for warning in warnings:
         click.echo(f"Note: {warning}", err=True)
     click.echo(summary)
-    click.echo(f"Open {folder / 'project.qgz'} in QGIS, {folder / 'report.html'} in a browser.")
+    if (folder / "report.html").is_file():
+        click.echo(f"Open {folder / 'project.qgz'} in QGIS, {folder / 'report.html'} in a browser.")
+    else:
+        click.echo(f"The maps are in {folder / 'maps'}.")
 
 
 def clock(seconds: float) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -118,12 +119,61 @@ def intensity_maps(
     """
     few = at_energies(curves, preset.thresholds_kj)
     years: list[float | None] = [*preset.return_periods, None]
-    known = np.isfinite(grid.values)
-    maps = [raster(grid, few.places, intensity_class(few, preset, t)) for t in years]
-    drawn = nested_coverages(
-        generalised_series(maps, grid.cell_size, settings, known), grid, settings, known
-    )
+    classes = [intensity_class(few, preset, t) for t in years]
+    beside = 4 * _felt_cells(settings, grid.cell_size)
+    while True:
+        own, cells, cut = around(grid, few.places, beside)
+        known = np.isfinite(own.values)
+        smooth = generalised_series(
+            [raster(own, cells, c) for c in classes], grid.cell_size, settings, known
+        )
+        if not _feels_edge(smooth[-1], cut, _felt_cells(settings, grid.cell_size)):
+            break
+        beside *= 2
+    drawn = nested_coverages(smooth, own, settings, known)
     return tuple(IntensityMap(t, zones) for t, zones in zip(years, drawn, strict=True))
+
+
+def around(
+    grid: Grid, cells: IntArray, beside: int
+) -> tuple[Grid, IntArray, tuple[bool, bool, bool, bool]]:
+    """The part of a grid around some cells, with so many cells beside them on each side.
+
+    Returns
+    -------
+    grid : Grid
+    cells : int64
+        On that part.
+    cut : (bool, bool, bool, bool)
+        Whether the grid goes on in the north, east, south and west.
+    """
+    n_rows, n_cols = grid.shape
+    row, col = np.divmod(cells, n_cols)
+    if not cells.size:
+        row = col = np.zeros(1, np.int64)
+    top, left = max(int(row.min()) - beside, 0), max(int(col.min()) - beside, 0)
+    bottom = min(int(row.max()) + beside + 1, n_rows)
+    right = min(int(col.max()) + beside + 1, n_cols)
+    own = replace(
+        grid,
+        values=grid.values[top:bottom, left:right],
+        west=grid.west + left * grid.cell_size,
+        north=grid.north - top * grid.cell_size,
+    )
+    flat = (row - top) * (right - left) + (col - left)
+    return own, flat[: cells.size], (top > 0, right < n_cols, bottom < n_rows, left > 0)
+
+
+def _felt_cells(settings: ZoneSettings, cell_size: float) -> int:
+    """Cells from a zone within which drawing it looks at others."""
+    growth = math.ceil(1.2 * math.sqrt(settings.smallest_cells(cell_size)))
+    return settings.closing_cells(cell_size) + settings.width_cells(cell_size) + growth + 2
+
+
+def _feels_edge(classes: IntArray, cut: tuple[bool, bool, bool, bool], felt: int) -> bool:
+    """Whether zones come near an edge beyond which the grid goes on."""
+    edges = (classes[:felt], classes[:, -felt:], classes[-felt:], classes[:, :felt])
+    return any(c and bool(edge.any()) for c, edge in zip(cut, edges, strict=True))
 
 
 def level_zones(

@@ -7,9 +7,8 @@ the order of their names, so that neither the order of files nor the number of t
 
 from __future__ import annotations
 
-import logging
-import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,16 +16,15 @@ from typing import Any
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.io.staging import writing
 from sassgis.io.write.batch_summary import BatchSummary
-from sassgis.model.errors import InputError, OutputError, SassgisError
+from sassgis.model.errors import InputError, OutputError
 from sassgis.model.run_config import Config
-from sassgis.runs.batch_area import AREAS_NAME, kept_areas, read_setting, run_area
+from sassgis.runs.batch_area import AREAS_NAME, kept_areas, read_setting
 from sassgis.runs.batch_areas import Candidate, batch_config, find_areas
 from sassgis.runs.batch_mosaic import write_mosaic
+from sassgis.runs.batch_outcomes import outcomes
 from sassgis.runs.batch_state import RECORD_NAME, Record
 from sassgis.runs.job import OnProgress
 from sassgis.runs.workers import Jobs
-
-log = logging.getLogger(__name__)
 
 SUMMARY_NAME = "summary.csv"
 
@@ -59,6 +57,8 @@ def batch(
     config: str | Path | None = None,
     dem: str | Path | None = None,
     overwrite: bool = False,
+    mosaic_only: bool = False,
+    memory_gb: float | None = None,
     seed: int | None = None,
     jobs: Jobs = None,
     on_progress: OnProgress | None = None,
@@ -81,6 +81,12 @@ def batch(
         In place of that of the configuration: a raster, a VRT or a folder of tiles.
     overwrite : bool
         Whether results that were made from other settings or inputs may be replaced.
+    mosaic_only : bool
+        Whether areas keep only their sums, without maps, zones and a report of their own.
+    memory_gb : float, optional
+        Memory that all processes together may take (GB): it limits the number of areas at work,
+        and larger mosaics are made block by block. The part of the terrain that one area needs
+        is not divided.
     seed, jobs, on_progress, say
         As for sassgis.runs.run.run; chunks are those of one area.
     first_margin_m : float
@@ -103,31 +109,26 @@ def batch(
     folder = Path(out)
     loaded = batch_config(Path(releases), config, dem, seed)
     candidates = find_areas(loaded)
-    setting, notices = read_setting(loaded, candidates, first_margin_m)
+    setting, notices = read_setting(loaded, candidates, first_margin_m, mosaic_only)
     _check_folder(folder)
     kept = kept_areas(setting, candidates, folder, overwrite, tell)
     summary = _summary(folder, loaded, candidates, setting.rules, kept)
-    records: dict[str, Record] = {}
-    for i, candidate in enumerate(candidates, start=1):
-        record = kept.get(candidate.stem)
-        title = f"Area {i} of {len(candidates)}: {candidate.name}"
-        if record is None:
-            tell(title)
-            began = time.perf_counter()
-            try:
-                record = run_area(
-                    setting, candidate, folder / AREAS_NAME / candidate.stem, jobs, on_progress,
-                    tell,
-                )  # fmt: skip
-            except Exception as error:
-                reason = _why_skipped(error)
-                tell(f"{candidate.name} is skipped: {reason}")
-                summary.skipped(_folder(candidate), reason)
-                summary.write()
-                continue
-            _note(summary, candidate, record, time.perf_counter() - began)
-            summary.write()
-        records[candidate.stem] = record
+    records = dict(kept)
+    waiting = [c for c in candidates if c.stem not in kept]
+    memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
+    running = outcomes(setting, waiting, folder, jobs, on_progress, tell, memory_bytes)
+    try:
+        with closing(running):
+            for candidate, outcome in zip(waiting, running, strict=True):
+                if outcome.record is None:
+                    tell(f"{candidate.name} is skipped: {outcome.reason}")
+                    summary.skipped(_folder(candidate), outcome.reason)
+                else:
+                    _note(summary, candidate, outcome.record, outcome.seconds)
+                    records[candidate.stem] = outcome.record
+                summary.write_now_and_then()
+    finally:
+        summary.write()
     if not records:
         first = next(iter(summary.reasons().values()))
         raise InputError(
@@ -137,24 +138,9 @@ def batch(
     stale = _stale(folder, records)
     found, warnings = write_mosaic(
         setting, [c for c in candidates if c.stem in records], records, folder,
-        (*notices, *skipped), tell,
+        (*notices, *skipped), tell, memory_bytes, jobs,
     )  # fmt: skip
     return BatchResult(folder, summary.frame(), found, (*warnings, *stale))
-
-
-def _why_skipped(error: Exception) -> str:
-    """Why an area is skipped; errors that are not about the area are raised again."""
-    if isinstance(error, InputError):
-        return str(error)
-    # Compiled code that Ctrl-C strikes turns it into a SystemError.
-    stopped = isinstance(error.__cause__ or error.__context__, KeyboardInterrupt)
-    if isinstance(error, SassgisError) or stopped:
-        raise error
-    if isinstance(error, MemoryError):
-        return "not enough memory; fewer release points or larger cells need less"
-    log.debug("", exc_info=error)
-    text = " ".join(str(error).split())
-    return f"unexpected {type(error).__name__}: {text} (a fault of sassgis; --debug shows more)"
 
 
 def _check_folder(folder: Path) -> None:

@@ -20,14 +20,15 @@ from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vector_features import Feature
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
-from sassgis.io.staging import staged_output
+from sassgis.io.staging import MANIFEST_NAME, staged_output
+from sassgis.io.write.manifest import write_manifest
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
-from sassgis.model.results import ControlLine
+from sassgis.model.results import ControlLine, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.batch_areas import Candidate
@@ -48,7 +49,7 @@ from sassgis.runs.inputs import (
     read_rules,
     yearly_frequencies,
 )
-from sassgis.runs.job import Job, OnProgress
+from sassgis.runs.job import Job, OnProgress, Simulation
 from sassgis.runs.map import TerrainTooSmall
 from sassgis.runs.workers import Jobs
 from sassgis.runs.zone import most_repetitions, prepared, simulations, write_zones
@@ -65,8 +66,6 @@ class Setting:
     ----------
     config : Config
     terrain : Terrain
-    outline : Grid
-        Of the whole terrain model, without heights.
     table : GroundTable
     control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
     rules : Rules
@@ -77,21 +76,27 @@ class Setting:
         Of the settings and of all files but terrain and release areas.
     first_margin_m : float
         Margin around an area with which the search for its part of the terrain begins.
+    sums_only : bool
+        Whether areas keep only what the mosaic is made of.
     """
 
     config: Config
     terrain: Terrain
-    outline: Grid
     table: GroundTable
     control_lines: tuple[tuple[ControlLine, FloatArray], ...]
     rules: Rules
     names: tuple[str, ...]
     digest: str
     first_margin_m: float
+    sums_only: bool
+
+    def outline(self) -> Grid:
+        """The whole terrain model without heights; made anew, as processes would get it in full."""
+        return self.terrain.outline()
 
 
 def read_setting(
-    config: Config, candidates: Sequence[Candidate], first_margin_m: float
+    config: Config, candidates: Sequence[Candidate], first_margin_m: float, sums_only: bool
 ) -> tuple[Setting, tuple[str, ...]]:
     """Read and check what all areas share.
 
@@ -109,14 +114,14 @@ def read_setting(
         outline = terrain.outline()
         table = read_ground_table(config.ground.classes, config.engine.readings)
         control_lines = tuple(read_control_lines(config, outline))
-        empty = map_run_of(config, outline, _no_ground(outline), table, (), control_lines, None)
+        empty = map_run_of(config, outline, no_ground(outline), table, (), control_lines, None)
         # The table of frequencies is read by area, with the names of all.
         hazard = replace(config.hazard, frequencies=None)
         rules = read_rules(replace(config, hazard=hazard), empty)
         yearly_frequencies(config, (), names)
     setting = Setting(
-        config, terrain, outline, table, control_lines, replace(rules, notices=()), names,
-        _shared_digest(config), first_margin_m,
+        config, terrain, table, control_lines, replace(rules, notices=()), names,
+        _shared_digest(config), first_margin_m, sums_only,
     )  # fmt: skip
     return setting, tuple(dict.fromkeys((*config.notes, *notices, *rules.notices)))
 
@@ -149,7 +154,7 @@ def area_feature(setting: Setting, candidate: Candidate) -> Feature:
     """
     if candidate.problem:
         raise InputError(candidate.problem)
-    return read_release_feature(candidate.release, candidate.number, setting.outline)
+    return read_release_feature(candidate.release, candidate.number, setting.outline())
 
 
 def _area_on(
@@ -174,7 +179,7 @@ def _objects_in(setting: Setting, grid: Grid) -> tuple[int, ...]:
 def _area_run(setting: Setting, grid: Grid, area: ReleaseArea) -> MapRun:
     """The run of an area on a part of the terrain, but for the ground and the forest."""
     control_lines = [setting.control_lines[i] for i in _control_lines_in(setting, grid)]
-    ground = _no_ground(grid)
+    ground = no_ground(grid)
     run = map_run_of(setting.config, grid, ground, setting.table, (area,), control_lines, None)
     return on_block_scale(run)
 
@@ -228,9 +233,9 @@ def kept_areas(
                 part = record.part(setting.terrain)
                 feature = area_feature(setting, candidate)
                 grid, area = _area_on(setting, candidate, feature, part)
-                run = _area_run(setting, grid, area)
-                frequencies = yearly_frequencies(setting.config, run.areas, setting.names)
+                frequencies = yearly_frequencies(setting.config, (area,), setting.names)
                 same = record.fingerprint == _fingerprint(setting, part, grid, area, frequencies)
+                same &= setting.sums_only or not record.sums_only
         if same and record is not None:
             kept[candidate.stem] = record
         elif not overwrite:
@@ -298,8 +303,8 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
         )
         run = replace(
             cut.run,
-            ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline),
-            forest=forest_of(config, cut.run.grid, setting.outline),
+            ground=ground_raster(config.ground, cut.run.grid, setting.table, setting.outline()),
+            forest=forest_of(config, cut.run.grid, setting.outline()),
         )
     return replace(cut, run=run, notices=tuple(notices))
 
@@ -326,7 +331,9 @@ def _run_cut(
         rules = replace(rules, vulnerability=None)
     job = prepared(Job(run, cut.planned, cut.notices), rules)
     with staged_output(folder, overwrite=True) as work:
-        done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
+        done, without = simulations(
+            config, work, job, rules, jobs, on_progress, tell, check=not setting.sums_only
+        )
         write_state(work / SIMULATION_NAME, done.progress, done.run)
         if without is not None:
             write_state(work / WITHOUT_BARRIERS_NAME, without.progress, without.run)
@@ -345,7 +352,16 @@ def _run_cut(
             control_lines=_control_lines_in(setting, run.grid),
             objects=objects,
             notices=cut.notices,
+            sums_only=setting.sums_only,
+            reached=sum(t.cells.counts().places.size for t in done.progress.sources.values()),
+            counted=_counted(done.progress, cut.part.n_cols),
+            never_started=int(done.progress.reasons[StopReason.NEVER_STARTED]),
+            frequencies={scenario: annual for (_, scenario), annual in frequencies.items()},
         )
+        if setting.sums_only:
+            write_record(work, record)
+            _write_sums_manifest(work, config, done)
+            return record
 
         def keep(found: Assessment) -> None:
             nonlocal record
@@ -356,10 +372,37 @@ def _run_cut(
     return record
 
 
+def _write_sums_manifest(work: Path, config: Config, done: Simulation) -> None:
+    """What makes the sums of an area a result; its inputs are listed with the mosaic."""
+    write_manifest(
+        work / MANIFEST_NAME,
+        inputs={},
+        base=config.file.parent,
+        crs=done.run.grid.crs,
+        vertical_datum=done.run.grid.vertical_datum,
+        seed=done.run.seed,
+        ref_widths_m={"hazard": done.run.ref_width_m},
+        preset="",
+        settings={},
+        counts={"rocks": int(done.progress.reasons.sum())},
+        warnings=done.warnings,
+    )
+
+
 def _some_objects(placed: PlacedObjects, which: Sequence[int]) -> PlacedObjects:
     return PlacedObjects(
         tuple(placed.objects[i] for i in which), tuple(placed.geometries[i] for i in which)
     )
+
+
+def _counted(progress: Progress, n_cols: int) -> tuple[int, int, int, int]:
+    """First row and column of the counts, and how many rows and columns they take."""
+    own = [progress.sums.cells, *(t.cells.counts().places for t in progress.sources.values())]
+    row, col = np.divmod(np.concatenate(own), n_cols)
+    if not row.size:
+        return 0, 0, 1, 1
+    size = int(np.ptp(row)) + 1, int(np.ptp(col)) + 1
+    return int(row.min()), int(col.min()), *size
 
 
 def _furthest(progress: Progress) -> float | None:
@@ -375,6 +418,6 @@ def _zones_m2(found: Assessment, rules: Rules) -> dict[str, float]:
     }
 
 
-def _no_ground(grid: Grid) -> NDArray[np.int32]:
+def no_ground(grid: Grid) -> NDArray[np.int32]:
     """Ground of no account, which takes no memory."""
     return np.broadcast_to(np.zeros(1, np.int32), grid.shape)

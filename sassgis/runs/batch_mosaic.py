@@ -6,21 +6,32 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sassgis.hazard.assess import Assessment
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.warnings import simulation_warnings
+from sassgis.io.read.config import resolved
 from sassgis.io.read.ground_map import built_in_table, ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
-from sassgis.io.staging import staged_output, writing
-from sassgis.model.errors import InputError
+from sassgis.io.staging import MANIFEST_NAME, staged_output, writing
+from sassgis.io.write.geopackage import write_geopackage
+from sassgis.io.write.layers.zones import joined_layers
+from sassgis.io.write.manifest import write_manifest
 from sassgis.model.grid import Grid
 from sassgis.model.release_areas import ReleaseArea
-from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature
+from sassgis.model.statistics_table import Bins
+from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature, no_ground
 from sassgis.runs.batch_areas import Candidate
+from sassgis.runs.batch_blocks import (
+    Reached,
+    bins_of_place,
+    bytes_needed,
+    divided,
+    write_blocks,
+)
 from sassgis.runs.batch_state import (
     SIMULATION_NAME,
     WITHOUT_BARRIERS_NAME,
@@ -28,16 +39,28 @@ from sassgis.runs.batch_state import (
     add_area,
     read_state,
 )
+from sassgis.runs.batch_zones import ZoneTask, felt_cells, zones_by_group
 from sassgis.runs.checkpoint import Checkpoint
-from sassgis.runs.inputs import collected_notices, forest_of, map_run_of, yearly_frequencies
-from sassgis.runs.job import Job, Simulation
+from sassgis.runs.inputs import (
+    collected_notices,
+    forest_of,
+    input_files,
+    map_run_of,
+    yearly_frequencies,
+)
+from sassgis.runs.job import Job, Simulation, workers_asked
+from sassgis.runs.workers import Jobs
 from sassgis.runs.zone import without_barriers, write_zones
 from sassgis.terrain.plan import plan
 
 MOSAIC_NAME = "mosaic"
 _FINGERPRINT_NAME = "batch.json"
-#: A mosaic of more cells than this fits no common machine.
-_MOST_CELLS = 100_000_000
+#: A mosaic of more cells than this is made block by block, within this memory (bytes).
+_MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
+_BY_BLOCKS = (
+    "The mosaic was made block by block and has maps and zones only: no tables, risk, report and "
+    "project; more memory, or batches of neighbouring areas, give them."
+)
 
 
 def write_mosaic(
@@ -47,8 +70,14 @@ def write_mosaic(
     folder: Path,
     notices: tuple[str, ...],
     tell: Callable[[str], None],
+    memory_bytes: int | None = None,
+    jobs: Jobs = 1,
 ) -> tuple[Assessment | None, tuple[str, ...]]:
-    """Add up all areas and write what they give together."""
+    """Add up all areas and write what they give together.
+
+    Within ``memory_bytes``, if given: a mosaic for which that is not enough, or of more than a
+    hundred million cells, is made block by block and has maps and zones only.
+    """
     parts = [[records[c.stem].fingerprint for c in candidates], notices]
     fingerprint = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
     target = folder / MOSAIC_NAME
@@ -56,6 +85,16 @@ def write_mosaic(
         tell("The mosaic is there already")
         return None, notices
     tell("Adding up the areas")
+    blocks = _blocks(setting, candidates, records, folder, memory_bytes)
+    if blocks is not None:
+        said = (*notices, *_said(list(records.values())), _BY_BLOCKS)
+        cores = workers_asked(setting.config, jobs)
+        with staged_output(target, overwrite=True) as work:
+            said = _write_blocks(
+                work, setting, blocks, said, cores if isinstance(cores, int) else 1, tell
+            )
+            _keep(work, fingerprint)
+        return None, said
     config = replace(
         setting.config,
         output=replace(setting.config.output, rock_table="none", passage_table="none"),
@@ -87,13 +126,102 @@ def write_mosaic(
             without = simulation(without_barriers(job), without=True)
 
         def keep(_found: Assessment) -> None:
-            path = work / _FINGERPRINT_NAME
-            with writing(path):
-                path.write_text(json.dumps({"fingerprint": fingerprint}) + "\n", encoding="utf-8")
+            _keep(work, fingerprint)
 
         names = [c.name for c in candidates]
         found, _, warnings = write_zones(work, rules, done, without, names, tell, keep)
     return found, (*warnings, *done.warnings)
+
+
+def _keep(work: Path, fingerprint: str) -> None:
+    path = work / _FINGERPRINT_NAME
+    with writing(path):
+        path.write_text(json.dumps({"fingerprint": fingerprint}) + "\n", encoding="utf-8")
+
+
+@dataclass(frozen=True, slots=True)
+class _Blocks:
+    """How a mosaic is made block by block."""
+
+    place: Part
+    areas: tuple[Reached, ...]
+    bins: Bins
+    blocks: list[tuple[Part, list[Reached]]]
+    memory_bytes: int
+
+
+def _blocks(
+    setting: Setting,
+    candidates: Sequence[Candidate],
+    records: dict[str, Record],
+    folder: Path,
+    memory_bytes: int | None,
+) -> _Blocks | None:
+    """The blocks of a mosaic that is too large to be made as a whole; None for others."""
+    areas = tuple(
+        Reached(c.name, own, folder / AREAS_NAME / c.stem, own.part(setting.terrain))
+        for c in candidates
+        for own in (records[c.stem],)
+    )
+    place = hull([a.part for a in areas])
+    if memory_bytes is None and place.n_rows * place.n_cols <= _MOST_CELLS:
+        return None
+    bins = bins_of_place(setting.config, setting.terrain, place, setting.rules)
+    most = memory_bytes or _COMMON_BYTES
+    # Zones, tables, figures and the report take about as much again.
+    if 2 * bytes_needed(place, areas, bins) <= most and place.n_rows * place.n_cols <= _MOST_CELLS:
+        return None
+    return _Blocks(place, areas, bins, divided(place, areas, bins, most), most)
+
+
+def _write_blocks(
+    work: Path,
+    setting: Setting,
+    made: _Blocks,
+    warnings: tuple[str, ...],
+    cores: int,
+    tell: Callable[[str], None],
+) -> tuple[str, ...]:
+    """Write maps, zones and manifest of a mosaic that is made block by block; its warnings."""
+    config, rules, terrain, bins = setting.config, setting.rules, setting.terrain, made.bins
+    frame = terrain.frame(made.place)
+    # One cell is enough where only settings count: processes get all cells of a grid in full.
+    cell = terrain.frame(Part(0, 0, 1, 1))
+    empty = map_run_of(
+        config, cell, no_ground(cell), setting.table, (), setting.control_lines, None
+    )
+    run = replace(
+        empty, thresholds_kj=rules.preset.thresholds_kj, ref_width_m=rules.ref_width_m,
+        repetitions=max(a.record.repetitions for a in made.areas),
+    )  # fmt: skip
+    write_blocks(
+        work / "maps", config, terrain, rules, run, made.place, made.blocks, made.areas, bins, tell
+    )
+    beside = felt_cells(rules.zones, frame.cell_size)
+    task = ZoneTask(config, terrain, rules, run, made.place, bins, beside)
+    counted = [a for a in made.areas if a.record.reached]
+    drawn, said = zones_by_group(task, counted, cores, made.memory_bytes, tell)
+    warnings += said
+    if drawn:
+        write_geopackage(work / "hazard.gpkg", joined_layers(drawn), {"preset": rules.preset.name})
+    write_manifest(
+        work / MANIFEST_NAME,
+        inputs=input_files(config),
+        base=config.file.parent,
+        crs=frame.crs,
+        vertical_datum=frame.vertical_datum,
+        seed=config.run.seed,
+        ref_widths_m={"reach_probability": frame.cell_size, "hazard": rules.ref_width_m},
+        preset=rules.preset.name,
+        settings=resolved(config),
+        counts={
+            "release_areas": len(made.areas),
+            "release_points": sum(a.record.points for a in made.areas),
+            "rocks": sum(a.record.rocks for a in made.areas),
+        },
+        warnings=warnings,
+    )
+    return warnings
 
 
 def _same_mosaic(folder: Path, fingerprint: str) -> bool:
@@ -111,21 +239,13 @@ def _mosaic_job(
     config, terrain = setting.config, setting.terrain
     own = [records[c.stem] for c in candidates]
     place = hull([r.part(terrain) for r in own])
-    if place.n_rows * place.n_cols > _MOST_CELLS:
-        raise InputError(
-            "the areas lie too far apart for one mosaic",
-            file=config.release_path,
-            found=f"{place.n_cols} x {place.n_rows} cells",
-            expected=f"at most {_MOST_CELLS} cells; the results of the areas are complete, and "
-            "batches of neighbouring areas give mosaics",
-        )
     grid = terrain.read(place)
     # What there is to say of single areas was said when they were run.
     with collected_notices():
         areas = [_area_on_grid(setting, c, grid) for c in candidates]
     with collected_notices() as notices:
         warn_of_overlaps(areas, config.release_path)
-    ground = ground_raster(config.ground, grid, setting.table, setting.outline)
+    ground = ground_raster(config.ground, grid, setting.table, setting.outline())
     run = replace(
         map_run_of(
             config,
@@ -134,20 +254,25 @@ def _mosaic_job(
             setting.table,
             areas,
             setting.control_lines,
-            forest_of(config, grid, setting.outline),
+            forest_of(config, grid, setting.outline()),
         ),
         thresholds_kj=setting.rules.preset.thresholds_kj,
         ref_width_m=setting.rules.ref_width_m,
         repetitions=max(r.repetitions for r in own),
     )
     planned = replace(plan(run), repetitions=tuple(r.repetitions for r in own))
+    return Job(run, planned, ()), place, (*_said(own), *notices)
+
+
+def _said(own: Sequence[Record]) -> tuple[str, ...]:
+    """What there is to say of the areas."""
     said = dict.fromkeys(text for r in own for text in r.notices)
     if len({r.repetitions for r in own}) > 1:
         said[
             "Areas had different numbers of repetitions: maps that count blocks (reach "
             "probability, energy, height) weigh them by blocks, those of hazard by frequency."
         ] = None
-    return Job(run, planned, ()), place, (*said, *notices)
+    return tuple(said)
 
 
 def _area_on_grid(setting: Setting, candidate: Candidate, grid: Grid) -> ReleaseArea:

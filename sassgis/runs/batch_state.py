@@ -11,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.bins import bins_of
+from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
+from sassgis.hazard.source_sums import SourceSums
 from sassgis.io.read.tiles import Part, Terrain
 from sassgis.io.saved_arrays import saved_or_refused, write_saved
 from sassgis.io.staging import MANIFEST_NAME, writing
-from sassgis.model.grid import IntArray
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import FallLines, MapRun
-from sassgis.model.statistics_table import SUM_NAMES, wider
+from sassgis.model.results import ControlLine
+from sassgis.model.statistics_table import SUM_NAMES, Bins, wider
 from sassgis.runs.checkpoint import progress_from, state_of
 from sassgis.terrain.plan import Plan
 
@@ -49,6 +52,16 @@ class Record:
         Which stations and barriers, and which exposed objects, of those of the batch were in it.
     notices : tuple of str
         What the readers had to say.
+    sums_only : bool
+        Whether it has no maps and zones of its own.
+    reached : int
+        Cells with counts, once for each block scenario.
+    counted : (row, col, n_rows, n_cols)
+        The smallest part of its terrain with all of them.
+    never_started : int
+        Blocks that never started.
+    frequencies : dict of str to float
+        Blocks per year, by block scenario.
     """
 
     fingerprint: str
@@ -65,6 +78,11 @@ class Record:
     control_lines: tuple[int, ...]
     objects: tuple[int, ...]
     notices: tuple[str, ...]
+    sums_only: bool
+    reached: int
+    counted: tuple[int, int, int, int]
+    never_started: int
+    frequencies: dict[str, float]
 
     def part(self, terrain: Terrain) -> Part:
         """The part on the lattice of a terrain model."""
@@ -91,7 +109,8 @@ def read_record(folder: Path) -> Record | None:
     try:
         plain = json.loads((folder / RECORD_NAME).read_text(encoding="utf-8"))
         return Record(
-            **plain | {k: tuple(plain[k]) for k in ("control_lines", "objects", "notices")}
+            **plain
+            | {k: tuple(plain[k]) for k in ("control_lines", "objects", "notices", "counted")}
         )
     except (OSError, ValueError, TypeError, KeyError):
         return None
@@ -113,6 +132,50 @@ def read_state(path: Path) -> dict[str, NDArray[Any]]:
         If the file is damaged.
     """
     return saved_or_refused(path, "the sums of a release area; delete its folder to run it again")
+
+
+def add_cells(
+    total: Progress,
+    control_lines: tuple[ControlLine, ...],
+    bins: Bins,
+    place: Part,
+    area: int,
+    part: Part,
+    own: Progress,
+    thresholds_kj: FloatArray,
+) -> None:
+    """Add what a release area has counted in the cells of a place.
+
+    Parameters
+    ----------
+    total : Progress
+        Of the place; grows.
+    control_lines, bins
+        Of all areas.
+    place : Part
+        Of the lattice; what the area has counted elsewhere is left out.
+    area : int
+        Position of the area.
+    part, own, thresholds_kj
+        Of the area.
+    """
+    columns = _columns(thresholds_kj, bins.threshold)
+    n = bins.threshold.size
+    if own.sums.cells.size:
+        inside, cells = part.cells_in(place, own.sums.cells)
+        sums = {k: wider(k, own.sums.column(k)[inside], bins) for k in SUM_NAMES}
+        total.sums.add(cells, sums)
+    for (_, scenario), tally in sorted(own.sources.items()):
+        joined = SourceTally(
+            SourceSums(n), SourceSums(n), ControlLineSums(control_lines), tally.rocks,
+            tally.never_started,
+        )  # fmt: skip
+        counts = tally.cells.counts()
+        inside, cells = part.cells_in(place, counts.places)
+        joined.cells.add(
+            cells, *(_widened(c[inside], columns, n) for c in (counts.count, counts.square))
+        )
+        total.sources[area, scenario] = joined
 
 
 def add_area(
@@ -141,38 +204,25 @@ def add_area(
     share : float
         Of the blocks whose stop is kept one by one.
     """
-    control_lines_in = tuple(run.control_lines[i] for i in record.control_lines)
-    own = progress_from(state, part.n_rows * part.n_cols, tuple(g for g, _ in control_lines_in))
+    of_all = tuple(g for g, _ in run.control_lines)
+    own = progress_from(
+        state, part.n_rows * part.n_cols, tuple(of_all[i] for i in record.control_lines)
+    )
     bins = bins_of(run)
+    add_cells(total, of_all, bins, place, area, part, own, state["thresholds_kj"])
     columns = _columns(state["thresholds_kj"], bins.threshold)
     control_lines = np.array(record.control_lines, np.int64)
     objects = np.array(record.objects, np.int64)
-
-    def cells(flat: IntArray) -> IntArray:
-        return part.cells_in(place, flat)
-
-    if own.sums.cells.size:
-        wide_sums = {n: wider(n, own.sums.column(n), bins) for n in SUM_NAMES}
-        total.sums.add(cells(own.sums.cells), wide_sums)
     total.control_lines.add_sums(own.control_lines, control_lines)
     total.reasons += own.reasons
     total.lost += own.lost
     total.pieces += own.pieces
     total.runout = _sum_of(total.runout, own.runout)
     for (_, scenario), tally in sorted(own.sources.items()):
-        joined = SourceTally.fresh(run)
-        for sums, counts, places in (
-            (joined.cells, tally.cells.counts(), cells),
-            (joined.objects, tally.objects.counts(), lambda numbers: objects[numbers]),
-        ):
-            n = (counts.places.size, bins.threshold.size)
-            wide = [np.zeros(n, np.int64), np.zeros(n, np.int64)]
-            wide[0][:, columns], wide[1][:, columns] = counts.count, counts.square
-            sums.add(places(counts.places), *wide)
+        joined, counts = total.sources[area, scenario], tally.objects.counts()
+        wide = (_widened(c, columns, bins.threshold.size) for c in (counts.count, counts.square))
+        joined.objects.add(objects[counts.places], *wide)
         joined.control_lines.add_sums(tally.control_lines, control_lines)
-        joined.rocks = tally.rocks
-        joined.never_started = tally.never_started
-        total.sources[area, scenario] = joined
     first_point = int(np.flatnonzero(planned.points.area == area)[0])
     first_line = first_point * run.lines_per_point
     total.lines += [_moved_lines(lines, first_point) for lines in own.lines]
@@ -183,6 +233,13 @@ def add_area(
     if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
         reach, line, scenario, rock = own.furthest
         total.furthest = (reach, line + first_line, scenario, rock)
+
+
+def _widened(counts: IntArray, columns: IntArray, n: int) -> IntArray:
+    """Counts by some of the energies as counts by all of them."""
+    out = np.zeros((counts.shape[0], n), np.int64)
+    out[:, columns] = counts
+    return out
 
 
 def _columns(own: NDArray[Any], wanted: NDArray[Any]) -> IntArray:

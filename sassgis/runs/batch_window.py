@@ -100,7 +100,8 @@ def windowed(
     """Find the part of the terrain model that a release area needs.
 
     A part is tried, the lines of all repetitions are traced on it, and on each side on which one
-    comes near a cut edge (see edge_cells) the margin grows by half. So the lines are those of the
+    comes near a cut edge (see edge_cells) the margin grows by what is missing, and by half at
+    least: a line may go on beyond the edge. So the lines are those of the
     whole terrain model: to the last bit where corners and sizes of cells are binary numbers (whole
     metres, halves, quarters, ...) and no nodata is near, else but for rounding.
 
@@ -150,15 +151,15 @@ def windowed(
             keep += math.ceil((aside + run.spacing_m) / terrain.cell_size)
         reached = terrain.part_of(extent).grown(keep, keep, keep, keep)
         cut = cut_sides(part, terrain)
-        near = [c and beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
-        if not any(near):
+        missing = [c * beyond for c, beyond in zip(cut, _beyond(reached, part), strict=True)]
+        if not any(missing):
             if run.followed:
                 rim = rim_cells(run, ref_width_m)
                 run = replace(run, rim=(rim * cut[0], rim * cut[1], rim * cut[2], rim * cut[3]))
             return Windowed(part, run, planned, (north, east, south, west))
         north, east, south, west = (
-            m + (m + 1) // 2 if grow else m
-            for m, grow in zip((north, east, south, west), near, strict=True)
+            m + max(less, (m + 1) // 2) if less else m
+            for m, less in zip((north, east, south, west), missing, strict=True)
         )
 
 
@@ -173,14 +174,14 @@ def cut_sides(part: Part, terrain: Terrain) -> tuple[bool, bool, bool, bool]:
     )
 
 
-def _beyond(reached: Part, part: Part) -> tuple[bool, bool, bool, bool]:
-    """On which sides (north, east, south, west) one part goes beyond another."""
+def _beyond(reached: Part, part: Part) -> Sides:
+    """By how many cells one part goes beyond another in the north, east, south and west."""
     both = hull([reached, part])
     return (
-        both.row < part.row,
-        both.end[1] > part.end[1],
-        both.end[0] > part.end[0],
-        both.col < part.col,
+        part.row - both.row,
+        both.end[1] - part.end[1],
+        both.end[0] - part.end[0],
+        part.col - both.col,
     )
 
 

@@ -102,6 +102,7 @@ def simulate_config(
     enough: Callable[[MapRun, Progress], bool] | None = None,
     schedule: str = "",
     part: str = "",
+    check: bool = True,
 ) -> Simulation:
     """Simulate a job; what is computed is kept in ``work`` whatever happens.
 
@@ -123,6 +124,8 @@ def simulate_config(
         as it may hold more of them than this one needs.
     part : str
         Name of the simulation among several for one result.
+    check : bool
+        Whether a sample is repeated at other tolerances of the segments.
     """
     run, planned = job.run, job.planned
     fingerprint = state_fingerprint(config, run, schedule)
@@ -146,7 +149,8 @@ def simulate_config(
         tell(f"Going on to {min(repetitions, repetitions_max)} repetitions")
     seconds = time.perf_counter() - began
     # The same blocks without barriers have the same tolerance.
-    tolerance = None if part else _checked(config, run, planned, checkpoint, jobs, tell)
+    check = check and not part
+    tolerance = _checked(config, run, planned, checkpoint, jobs, tell) if check else None
     warnings = (
         *job.notices,
         *(() if tolerance is None else tolerance.warnings()),

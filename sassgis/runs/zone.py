@@ -168,8 +168,12 @@ def simulations(
     jobs: Jobs,
     on_progress: OnProgress | None,
     tell: Callable[[str], None],
+    check: bool = True,
 ) -> tuple[Simulation, Simulation | None]:
-    """Simulate with the barriers and, if that is wanted, without them: the same blocks."""
+    """Simulate with the barriers and, if that is wanted, without them: the same blocks.
+
+    Parameters are those of simulate_config.
+    """
     limit = config.hazard.uncertain_share_max
     confidence = config.hazard.confidence
 
@@ -189,7 +193,7 @@ def simulations(
     done = simulate_config(
         config, work, job, jobs=jobs, on_progress=on_progress, tell=tell,
         repetitions_max=repetitions_max, enough=None if limit is None else enough,
-        schedule=schedule,
+        schedule=schedule, check=check,
     )  # fmt: skip
     barriers = any(g.kind != "station" for g, _ in job.run.control_lines)
     if not (barriers and config.hazard.compare_barriers):

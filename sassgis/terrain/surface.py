@@ -74,11 +74,13 @@ def surface(grid: Grid) -> Surface:
         If no cell has a height.
     """
     valid = np.isfinite(grid.values)
-    trend = _plane(grid.values, valid)
-    filled = _filled(grid.values - trend, valid) + trend
     n_rows, n_cols = grid.shape
-    # Known heights go in as they are: they must not depend on how far the grid extends.
-    padded = _pad_odd(_pad_odd(np.where(valid, grid.values, filled), axis=0), axis=1)
+    heights = grid.values
+    if not valid.all():
+        trend = _plane(heights, valid)
+        # Known heights go in as they are: they must not depend on how far the grid extends.
+        heights = np.where(valid, heights, _filled(heights - trend, valid) + trend)
+    padded = _pad_odd(_pad_odd(heights, axis=0), axis=1)
     coefficients = ndimage.spline_filter(padded, order=3, mode="mirror", output=np.float64)
     assert coefficients.shape == (n_rows + 2 * PAD, n_cols + 2 * PAD)
     return Surface(
@@ -176,8 +178,6 @@ def _plane(values: FloatArray, valid: BoolArray) -> FloatArray:
 
 def _filled(residual: FloatArray, valid: BoolArray) -> FloatArray:
     """Fill invalid cells from the nearest valid one, along its own slope."""
-    if valid.all():
-        return residual
     known = np.where(valid, residual, np.nan)
     slopes = [_one_sided_slope(known, axis) for axis in (0, 1)]
     distance, nearest = ndimage.distance_transform_edt(~valid, return_indices=True)

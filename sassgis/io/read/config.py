@@ -19,6 +19,7 @@ from typing import Any, NotRequired
 from pydantic import TypeAdapter, ValidationError
 
 from sassgis.engine.effects.registry import EFFECTS, Effect
+from sassgis.io.digests import content_digest
 from sassgis.io.read.checked import Messages, Place, section_type, table_of, table_type
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import Declared, Section, declared, is_file
@@ -365,9 +366,8 @@ def file_digest(path: str | PathLike[str]) -> str:
     digest = hashlib.sha256()
     try:
         for part in parts:
-            with part.open("rb") as stream:
-                digest.update(part.suffix.lower().encode())
-                digest.update(hashlib.file_digest(stream, "sha256").digest())
+            digest.update(part.suffix.lower().encode())
+            digest.update(bytes.fromhex(content_digest(part)))
     except OSError as error:
         raise InputError(
             "cannot be read", file=main, found=error.strerror, expected="a file"

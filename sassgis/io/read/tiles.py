@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
+from numpy.typing import NDArray
 
 from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part
 from sassgis.model.crs import crs_name, same_crs
@@ -19,6 +20,8 @@ from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
 log = logging.getLogger(__name__)
+
+BoolArray = NDArray[np.bool_]
 
 #: Rasters by their suffix; other files of a folder of tiles are left alone.
 TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt", ".dem")
@@ -66,11 +69,13 @@ class Part:
             self.n_cols + west + east,
         )
 
-    def cells_in(self, other: Part, cells: IntArray) -> IntArray:
-        """Flat indices in ``other``, which holds this part, of flat indices of this one."""
+    def cells_in(self, other: Part, cells: IntArray) -> tuple[BoolArray, IntArray]:
+        """Which of some cells (flat indices) lie in ``other``, and where these are there."""
         row, col = np.divmod(np.asarray(cells, np.int64), self.n_cols)
-        flat: IntArray = (row + self.row - other.row) * other.n_cols + (col + self.col - other.col)
-        return flat
+        row, col = row + self.row - other.row, col + self.col - other.col
+        inside = (row >= 0) & (row < other.n_rows) & (col >= 0) & (col < other.n_cols)
+        flat: IntArray = (row * other.n_cols + col)[inside]
+        return inside, flat
 
 
 def hull(parts: Sequence[Part]) -> Part:
@@ -134,11 +139,11 @@ class Terrain:
                 here = values[_within(own, part)]
                 # Overlaps: what an earlier tile holds stays.
                 np.copyto(here, _heights(tile, own), where=np.isnan(here))
-        return replace(self._frame(part), values=values)
+        return replace(self.frame(part), values=values)
 
     def outline(self) -> Grid:
         """The whole lattice without its heights, which take no memory and are 0."""
-        return self._frame(self.whole)
+        return self.frame(self.whole)
 
     def part_of(self, bounds: Sequence[float]) -> Part:
         """The cells that meet a rectangle (west, south, east, north), also beyond the DEM."""
@@ -149,7 +154,8 @@ class Terrain:
         last_row = math.floor((self.north - south) / self.cell_size)
         return Part(row, col, last_row - row + 1, last_col - col + 1)
 
-    def _frame(self, part: Part) -> Grid:
+    def frame(self, part: Part) -> Grid:
+        """A part of the lattice without its heights, which take no memory and are 0."""
         return Grid(
             values=np.broadcast_to(np.zeros(1), (part.n_rows, part.n_cols)),
             west=self.west + part.col * self.cell_size,

@@ -8,6 +8,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,19 @@ def read_features(
     plain = without_shapes(frame)
     if choose is not None:
         plain = choose(plain)
+    return with_shapes(plain, frame, file, grid, key, label, kinds)
+
+
+def with_shapes(
+    plain: Sequence[Feature],
+    frame: Any,
+    file: Path,
+    grid: Grid,
+    key: str,
+    label: str | None,
+    kinds: Sequence[str] = ("polygon", "line", "point"),
+) -> list[Feature]:
+    """Features of a layer with their geometries; the arguments are those of read_features."""
     labels = [f.label(label) for f in plain]
     geometries = [frame.geometry.array[f.number - 1] for f in plain]
     shapes = [shapely.force_2d(g) if g is not None else None for g in geometries]
@@ -157,19 +171,10 @@ def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str
         raise InputError(
             "file not found", file=file, field=f"{key}.file", expected="the path of a vector file"
         )
-    try:
-        with warnings.catch_warnings(record=True) as spoken:
-            warnings.simplefilter("always")
-            layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
-            name = _choose_layer(layers, layer, file, key)
-            # Geometries that cannot be decoded come as None and are reported by feature.
-            frame = pyogrio.read_dataframe(file, layer=name, on_invalid="ignore")
-    except (DataSourceError, DataLayerError, shapely.errors.ShapelyError, ValueError) as error:
-        raise unreadable(file, f"{key}.file", error) from None
-    for text in dict.fromkeys(str(w.message) for w in spoken):
-        # Measures along lines are dropped with the heights: nothing is lost.
-        if not text.startswith("Measured"):
-            log.warning("%s: %s", file, " ".join(text.split()))
+    stat = file.stat()
+    frame, name, spoken = _read_layer(file, layer, key, stat.st_ino, stat.st_size, stat.st_mtime_ns)
+    for text in spoken:
+        log.warning("%s: %s", file, text)
     known = [c for c in frame.columns if c != "geometry"]
     for setting, field in fields.items():
         if field is not None and field not in known:
@@ -185,6 +190,28 @@ def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str
             "layer is empty", file=file, field=f"layer {name}", expected="at least one feature"
         )
     return frame
+
+
+@lru_cache(maxsize=4)
+def _read_layer(
+    file: Path, layer: str | None, key: str, _inode: int, _size: int, _time_ns: int
+) -> tuple[Any, str, tuple[str, ...]]:
+    """A layer as a frame, its name, and what GDAL has to say of it.
+
+    A few are kept: a batch takes its release areas one by one from the same layer.
+    """
+    try:
+        with warnings.catch_warnings(record=True) as spoken:
+            warnings.simplefilter("always")
+            layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
+            name = _choose_layer(layers, layer, file, key)
+            # Geometries that cannot be decoded come as None and are reported by feature.
+            frame = pyogrio.read_dataframe(file, layer=name, on_invalid="ignore")
+    except (DataSourceError, DataLayerError, shapely.errors.ShapelyError, ValueError) as error:
+        raise unreadable(file, f"{key}.file", error) from None
+    texts = dict.fromkeys(" ".join(str(w.message).split()) for w in spoken)
+    # Measures along lines are dropped with the heights: nothing is lost.
+    return frame, name, tuple(t for t in texts if not t.startswith("Measured"))
 
 
 def unreadable(file: Path, field: str, error: Exception) -> InputError:

@@ -23,6 +23,7 @@ from sassgis.io.read.vector_features import (
     read_features,
     share_inside,
     steepest_slope_deg,
+    with_shapes,
     without_shapes,
 )
 from sassgis.model.declared import declared, fault
@@ -165,16 +166,11 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
     InputError
         If the file or the feature cannot be used, or it lies outside the DEM.
     """
+    file = _release_file(release)
     fields = {"name_field": release.name_field, "scenario_field": release.scenario_field}
-    return read_features(
-        _release_file(release),
-        grid,
-        "release",
-        layer=release.layer,
-        fields=fields,
-        label=release.name_field,
-        choose=lambda features: [features[number - 1]],
-    )[0]
+    frame = open_layer(file, release.layer, "release", fields)
+    own = replace(without_shapes(frame.iloc[[number - 1]])[0], number=number)
+    return with_shapes([own], frame, file, grid, "release", release.name_field)[0]
 
 
 def release_area(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pandas as pd
 from sassgis.io.staging import writing
 from sassgis.io.write.frames import without_formulas
 
+#: So many times as long as the table took to write the next one waits.
+_SHARE = 50.0
 _NOT_RUN, _SKIPPED = "not run", "skipped: "
 
 
@@ -30,6 +33,7 @@ class BatchSummary:
     ) -> None:
         self._path = path
         self._levels = list(levels)
+        self._next = 0.0
         self._before = self._seconds_before()
         self._rows: dict[str, dict[str, object]] = {
             folder: {"area": name, "file": file, "status": _NOT_RUN}
@@ -90,6 +94,13 @@ class BatchSummary:
         columns += [*(f"{code}_m2" for code in self._levels), "seconds"]
         frame = pd.DataFrame(list(self._rows.values()), columns=columns)
         return frame.astype({"points": "Int64", "rocks": "Int64"})
+
+    def write_now_and_then(self) -> None:
+        """Write the table, unless that took most of the time of a batch of many small areas."""
+        if time.monotonic() > self._next:
+            began = time.monotonic()
+            self.write()
+            self._next = time.monotonic() + _SHARE * (time.monotonic() - began)
 
     def write(self) -> None:
         """Write the table; whole or not at all."""

@@ -18,6 +18,7 @@ import pyogrio
 import rasterio
 
 import sassgis
+from sassgis.io.digests import content_digest
 from sassgis.io.staging import CHECKPOINT_STEM, MANIFEST_NAME, MARKER_NAME, writing
 from sassgis.model.errors import InputError
 
@@ -183,12 +184,6 @@ def settings_digest(settings: object) -> str:
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
-def file_digest(file: Path) -> str:
-    """SHA-256 of the content of a file."""
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
 def input_files(given: Path) -> list[Path]:
     """The files behind a path: itself and its sidecars, or all files of a folder, sorted."""
     if given.is_dir():
@@ -199,7 +194,7 @@ def input_files(given: Path) -> list[Path]:
 
 def _described(file: Path, shown: str) -> dict[str, object]:
     try:
-        return {"path": shown, "size": file.stat().st_size, "sha256": file_digest(file)}
+        return {"path": shown, "size": file.stat().st_size, "sha256": content_digest(file)}
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}", file=shown) from error
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
@@ -64,20 +66,26 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
                 f"band {band.name} of {layer.stem} has shape {band.values.shape}, "
                 f"the grid {grid.shape}"
             )
-    _check_classes(layer)
+    check_classes(layer)
     target = folder / f"{layer.stem}.tif"
     with writing(target):
         folder.mkdir(parents=True, exist_ok=True)
         # GDAL writes when it closes a file and may then only log that the disk is full; plain
         # Python, writing what GDAL made in memory, fails with the reason.
         target.write_bytes(_encode(layer, grid))
-    style = target.with_suffix(".qml")
-    with writing(style):
-        style.write_text(qml(raster_style_elements(layer)), encoding="utf-8")
+    write_style(layer, target)
     return target
 
 
-def _check_classes(layer: RasterLayer) -> None:
+def write_style(layer: RasterLayer, target: Path) -> None:
+    """Write the QGIS style of a map beside it."""
+    style = target.with_suffix(".qml")
+    with writing(style):
+        style.write_text(qml(raster_style_elements(layer)), encoding="utf-8")
+
+
+def check_classes(layer: RasterLayer) -> None:
+    """Raise ValueError if a map of classes holds a number above 0 that is no class."""
     if not layer.classes:
         return
     values = layer.bands[0].values
@@ -114,44 +122,67 @@ def _palette(layer: RasterLayer) -> dict[int, tuple[int, int, int, int]]:
 
 
 def _encode(layer: RasterLayer, grid: Grid) -> bytes:
-    n_rows, n_cols = grid.shape
     number_type, nodata = _number_type(layer)
     with MemoryFile(ext=".tif") as memory:
         with memory.open(
-            driver="COG",
-            width=n_cols,
-            height=n_rows,
-            count=len(layer.bands),
-            dtype=number_type,
-            nodata=nodata,
-            crs=grid.crs or None,
-            transform=from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size),
-            compress="DEFLATE",
-            predictor="YES",
-            level=3,  # Twice as fast as the default of 6, and no larger with floats.
-            num_threads="ALL_CPUS",
-            blocksize=_BLOCK,
-            # Relief made of single heights, picked here and there, would look rough.
-            overview_resampling="AVERAGE" if layer.ramp == HILLSHADE else "MODE",
-            # Kept in the file, or QGIS would write an .aux.xml beside it.
-            statistics="YES",
-            bigtiff="IF_SAFER",
+            **frame_of(layer, grid, number_type, nodata), **cog_options(layer)
         ) as dataset:
-            dataset.update_tags(TITLE=layer.title, NOTE=layer.note, AREA_OR_POINT="Area")
-            if layer.classes:
-                names = "; ".join(f"{entry.value} = {entry.label}" for entry in layer.classes)
-                dataset.update_tags(1, CLASSES=names)
-            if grid.vertical_datum:
-                dataset.update_tags(VERTICAL_DATUM=grid.vertical_datum)
+            describe(dataset, layer, grid, number_type)
             for number, band in enumerate(layer.bands, start=1):
-                values = np.where(np.isfinite(band.values), band.values, nodata)
-                dataset.write(values.astype(number_type), number)
-                dataset.set_band_description(number, _band_title(band))
-                dataset.set_band_unit(number, band.unit)
-                dataset.update_tags(number, NAME=band.name, DESCRIPTION=band.description)
-            if number_type == "uint8" and len(layer.bands) == 1:
-                dataset.write_colormap(1, _palette(layer))
+                dataset.write(stored(band, number_type, nodata), number)
         return bytes(memory.getbuffer())
+
+
+def frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -> dict[str, Any]:
+    """Size, type and place of the file of a map."""
+    n_rows, n_cols = grid.shape
+    return {
+        "width": n_cols,
+        "height": n_rows,
+        "count": len(layer.bands),
+        "dtype": number_type,
+        "nodata": nodata,
+        "crs": grid.crs or None,
+        "transform": from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size),
+    }
+
+
+def cog_options(layer: RasterLayer) -> dict[str, Any]:
+    """How GDAL makes the Cloud-Optimised GeoTIFF of a map."""
+    return {
+        "driver": "COG",
+        "compress": "DEFLATE",
+        "predictor": "YES",
+        "level": 3,  # Twice as fast as the default of 6, and no larger with floats.
+        "num_threads": "ALL_CPUS",
+        "blocksize": _BLOCK,
+        # Relief made of single heights, picked here and there, would look rough.
+        "overview_resampling": "AVERAGE" if layer.ramp == HILLSHADE else "MODE",
+        # Kept in the file, or QGIS would write an .aux.xml beside it.
+        "statistics": "YES",
+        "bigtiff": "IF_SAFER",
+    }
+
+
+def describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) -> None:
+    """Set tags, names and colours."""
+    dataset.update_tags(TITLE=layer.title, NOTE=layer.note, AREA_OR_POINT="Area")
+    if layer.classes:
+        names = "; ".join(f"{entry.value} = {entry.label}" for entry in layer.classes)
+        dataset.update_tags(1, CLASSES=names)
+    if grid.vertical_datum:
+        dataset.update_tags(VERTICAL_DATUM=grid.vertical_datum)
+    for number, band in enumerate(layer.bands, start=1):
+        dataset.set_band_description(number, _band_title(band))
+        dataset.set_band_unit(number, band.unit)
+        dataset.update_tags(number, NAME=band.name, DESCRIPTION=band.description)
+    if number_type == "uint8" and len(layer.bands) == 1:
+        dataset.write_colormap(1, _palette(layer))
+
+
+def stored(band: Band, number_type: str, nodata: float) -> NDArray[Any]:
+    """Values of a band as they are in the file."""
+    return np.where(np.isfinite(band.values), band.values, nodata).astype(number_type)
 
 
 def _band_title(band: Band) -> str:

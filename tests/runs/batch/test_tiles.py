@@ -120,8 +120,11 @@ def test_cells_keep_their_place_in_a_larger_part() -> None:
     small, other = Part(5, 7, 3, 4), Part(2, 1, 2, 2)
     large = hull([small, other])
     assert large == Part(2, 1, 6, 10)
-    assert small.cells_in(large, np.arange(12)).tolist() == [
-        (r + 3) * 10 + c + 6 for r in range(3) for c in range(4)
-    ]
+    inside, cells = small.cells_in(large, np.arange(12))
+    assert inside.all()
+    assert cells.tolist() == [(r + 3) * 10 + c + 6 for r in range(3) for c in range(4)]
+    # Of a place that holds a part of them, those that lie there.
+    inside, cells = small.cells_in(Part(6, 9, 9, 9), np.arange(12))
+    assert np.flatnonzero(inside).tolist() == [6, 7, 10, 11] and cells.tolist() == [0, 1, 9, 10]
     assert small.common(other) is None
     assert small.grown(1, 2, 3, 4) == Part(4, 3, 7, 10)

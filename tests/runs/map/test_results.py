@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from sassgis.io.digests import content_digest
 from sassgis.io.read.config import load_config
-from sassgis.io.write.manifest import file_digest
 from sassgis.model.results import StopReason
 from sassgis.runs.run import run
 
@@ -39,7 +39,7 @@ def test_every_file_is_there_and_in_the_manifest(small) -> None:
     wanted |= {f"figures/{n}.png" for n in ("map_energy", "runout", "profile_furthest")}
     assert wanted <= found
     for path, entry in listed.items():
-        assert file_digest(small.folder / path) == entry["sha256"]
+        assert content_digest(small.folder / path) == entry["sha256"]
     assert zipfile.ZipFile(small.folder / "project.qgz").testzip() is None
     assert not list(small.folder.parent.glob("*.partial"))
 

@@ -102,6 +102,17 @@ def _scenarios(hazard: Hazard, area: str) -> str:
     return shortened("; ".join(parts))
 
 
+def joined_layers(parts: Sequence[Sequence[VectorLayer]]) -> list[VectorLayer]:
+    """Layers of separate places as layers of all of them; zones are numbered through."""
+    out = []
+    for layers in zip(*parts, strict=True):
+        frame = pd.concat([layer.frame for layer in layers], ignore_index=True)
+        if "zone" in frame:
+            frame["zone"] = np.arange(1, len(frame) + 1)
+        out.append(replace(layers[0], frame=frame))
+    return out
+
+
 def zone_sources(hazard: Hazard) -> pd.DataFrame:
     """Which source has which share in each zone, a row for each of both that is above 0."""
     facts = hazard.facts

@@ -1,0 +1,27 @@
+"""Digests of files, each taken once."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+
+
+def content_digest(file: Path) -> str:
+    """SHA-256 of the content of a file, taken again only if its size or time has changed.
+
+    A batch asks for that of each tile of its terrain with every release area.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    """
+    stat = file.stat()
+    return _taken(file, stat.st_ino, stat.st_size, stat.st_mtime_ns)
+
+
+@lru_cache(maxsize=16_384)
+def _taken(file: Path, _inode: int, _size: int, _time_ns: int) -> str:
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

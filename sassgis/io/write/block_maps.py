@@ -1,0 +1,123 @@
+"""Maps that are written block by block, so that none is ever in memory as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+import rasterio
+import rasterio.shutil
+from rasterio.windows import Window
+
+from sassgis.io.staging import writing
+from sassgis.io.write.raster import (
+    CLASS_NODATA,
+    NODATA,
+    check_classes,
+    cog_options,
+    describe,
+    frame_of,
+    stored,
+    write_style,
+)
+from sassgis.model.grid import Grid
+from sassgis.model.results import RasterLayer
+
+#: Side of the tiles of the files in between; blocks that begin at multiples of it are quickest.
+TILE = 512
+#: Most memory that GDAL may hold back (bytes).
+_CACHE = 64 << 20
+
+
+class BlockMaps:
+    """Maps of a grid that is too large for the memory; close it to finish the files.
+
+    Cells of blocks that are never written are nodata. The files are those of write_raster, but for
+    a map of classes whose other bands hold no classes: it holds fractions whatever the values.
+
+    Parameters
+    ----------
+    grid : Grid
+        Of all blocks, without heights.
+    folder : Path
+        Made if missing.
+    """
+
+    def __init__(self, grid: Grid, folder: Path) -> None:
+        self._grid = grid
+        self._folder = folder
+        self._open: dict[str, tuple[Any, RasterLayer]] = {}
+        self._limits: dict[str, tuple[float, float]] = {}
+        self._env = rasterio.Env(GDAL_CACHEMAX=_CACHE)
+
+    def __enter__(self) -> BlockMaps:
+        self._env.__enter__()
+        with writing(self._folder):
+            self._folder.mkdir(parents=True, exist_ok=True)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            for stem in list(self._open):
+                self._finish(stem, kind is None)
+        finally:
+            self._env.__exit__(kind, error, trace)
+
+    def write(self, layer: RasterLayer, row: int, col: int) -> None:
+        """Write a block of a map; ``row`` and ``col`` are those of its first cell."""
+        check_classes(layer)
+        target = self._between(layer.stem)
+        n_rows, n_cols = layer.bands[0].values.shape
+        number_type, nodata = _number_type(layer)
+        with writing(target):
+            if layer.stem not in self._open:
+                dataset = rasterio.open(
+                    target, "w", **frame_of(layer, self._grid, number_type, nodata),
+                    driver="GTiff", compress="DEFLATE", zlevel=1, tiled=True, blockxsize=TILE,
+                    blockysize=TILE, sparse_ok=True, bigtiff="YES", interleave="band",
+                )  # fmt: skip
+                describe(dataset, layer, self._grid, number_type)
+                empty = tuple(replace(b, values=b.values[:0]) for b in layer.bands)
+                self._open[layer.stem] = dataset, replace(layer, bands=empty)
+            dataset, _ = self._open[layer.stem]
+            window = Window(col, row, n_cols, n_rows)
+            for number, band in enumerate(layer.bands, start=1):
+                dataset.write(stored(band, number_type, nodata), number, window=window)
+        shown = layer.bands[0].values
+        shown = shown[np.isfinite(shown)]
+        if shown.size:
+            low, high = self._limits.get(layer.stem, (np.inf, -np.inf))
+            self._limits[layer.stem] = min(low, float(shown.min())), max(high, float(shown.max()))
+
+    def _between(self, stem: str) -> Path:
+        return self._folder / f"{stem}.blocks.tif"
+
+    def _finish(self, stem: str, whole: bool) -> None:
+        """Turn the file in between into a Cloud-Optimised GeoTIFF with overviews and a style."""
+        dataset, layer = self._open.pop(stem)
+        between, target = self._between(stem), self._folder / f"{stem}.tif"
+        with writing(target):
+            dataset.close()
+            if whole:
+                rasterio.shutil.copy(between, target, **cog_options(layer))
+            between.unlink()
+        if whole:
+            # Styles without limits of their own go from the smallest to the largest value.
+            limits = np.array([self._limits.get(stem, (np.nan, np.nan))])
+            first = replace(layer.bands[0], values=limits)
+            write_style(replace(layer, bands=(first, *layer.bands[1:])), target)
+
+
+def _number_type(layer: RasterLayer) -> tuple[str, float]:
+    """Type of the numbers in the file, and its nodata."""
+    if layer.classes and all(band.unit == "class" for band in layer.bands):
+        return "uint8", CLASS_NODATA["uint8"]
+    return "float32", NODATA

@@ -1,0 +1,222 @@
+"""The maps of a mosaic, block by block: memory is that of a block, whatever the area.
+
+Counts are whole numbers, the frequencies of a cell are added up in the order of the areas, and
+the limits of the histograms are those of the relief of the whole. So the maps are those of the
+mosaic as a whole, to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sassgis.hazard.assess import Rules, curves_of
+from sassgis.hazard.bins import bins_for
+from sassgis.hazard.control_lines import ControlLineSums
+from sassgis.hazard.map_sums import MapSums, Sample
+from sassgis.hazard.progress import Progress
+from sassgis.hazard.sources import Sampled, sampled_sources
+from sassgis.io.read.tiles import Part, Terrain
+from sassgis.io.write.block_maps import TILE, BlockMaps
+from sassgis.io.write.layers.hazard_maps import hazard_layers
+from sassgis.io.write.layers.maps import map_layers
+from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.model.grid import Grid
+from sassgis.model.map_run import MapRun
+from sassgis.model.release_areas import ReleaseArea
+from sassgis.model.results import RasterLayer
+from sassgis.model.run_config import Config
+from sassgis.model.statistics_table import SUMS, Bins
+from sassgis.runs.batch_state import SIMULATION_NAME, Record, add_cells, read_state
+from sassgis.runs.checkpoint import progress_from
+
+#: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
+BASE, _PER_CELL = 800 << 20, 600
+
+
+@dataclass(frozen=True, slots=True)
+class Reached:
+    """An area of the mosaic: its name, what is known of it, its folder, and its part."""
+
+    name: str
+    record: Record
+    folder: Path
+    part: Part
+
+    @property
+    def counted(self) -> Part:
+        """The smallest part with all its counts."""
+        row, col, n_rows, n_cols = self.record.counted
+        return Part(self.part.row + row, self.part.col + col, n_rows, n_cols)
+
+
+def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
+    """Memory that the maps of a place take (bytes), with all that its areas have counted."""
+    reached = sum(a.record.reached for a in areas if a.part.common(place) is not None)
+    sums = sum(
+        np.dtype(s.dtype).itemsize * (bins.edges[s.name].size - 1 if s.name in bins.edges else 1)
+        for s in SUMS
+    )
+    # Counts and squares of a source, its rates and variances and those of all, and copies at work;
+    # sums with room to grow, those that are added, and their parts.
+    per_reached = 10 * 8 * bins.threshold.size + 3 * sums
+    return BASE + place.n_rows * place.n_cols * _PER_CELL + reached * per_reached
+
+
+def divided(
+    place: Part, areas: Sequence[Reached], bins: Bins, memory_bytes: int
+) -> list[tuple[Part, list[Reached]]]:
+    """Blocks of a place that fit into the memory, with the areas that meet each.
+
+    Blocks are halved until they fit; those of one tile of the files are not divided any more.
+    """
+    own = [a for a in areas if a.part.common(place) is not None]
+    n_rows, n_cols = place.n_rows, place.n_cols
+    if bytes_needed(place, own, bins) <= memory_bytes or max(n_rows, n_cols) <= TILE:
+        return [(place, own)]
+    if n_rows >= n_cols:
+        cut = _half(n_rows)
+        halves = (
+            Part(place.row, place.col, cut, n_cols),
+            Part(place.row + cut, place.col, n_rows - cut, n_cols),
+        )
+    else:
+        cut = _half(n_cols)
+        halves = (
+            Part(place.row, place.col, n_rows, cut),
+            Part(place.row, place.col + cut, n_rows, n_cols - cut),
+        )
+    return [block for half in halves for block in divided(half, own, bins, memory_bytes)]
+
+
+def _half(n: int) -> int:
+    return TILE * -(-n // (2 * TILE))
+
+
+def bins_of_place(config: Config, terrain: Terrain, place: Part, rules: Rules) -> Bins:
+    """Limits of the histograms for the relief of a place, whose heights are read strip by strip."""
+    low, high = np.inf, -np.inf
+    for row in range(0, place.n_rows, TILE):
+        strip = Part(place.row + row, place.col, min(TILE, place.n_rows - row), place.n_cols)
+        heights = terrain.read(strip).values
+        low = min(low, float(np.nanmin(heights, initial=np.inf)))
+        high = max(high, float(np.nanmax(heights, initial=-np.inf)))
+    return bins_for(high - low, config.blocks, config.engine, rules.preset.thresholds_kj)
+
+
+def write_blocks(
+    maps: Path,
+    config: Config,
+    terrain: Terrain,
+    rules: Rules,
+    run: MapRun,
+    place: Part,
+    blocks: Sequence[tuple[Part, Sequence[Reached]]],
+    areas: Sequence[Reached],
+    bins: Bins,
+    tell: Callable[[str], None],
+) -> None:
+    """Write all maps of a mosaic.
+
+    Parameters
+    ----------
+    maps : Path
+        Folder to write.
+    config, terrain
+    rules : Rules
+    run : MapRun
+        With the settings of all areas; its grid and areas are not looked at.
+    place : Part
+        Of the mosaic.
+    blocks : sequence of (Part, areas)
+        As ``divided`` gives them.
+    areas : sequence of Reached
+        All, by name.
+    bins : Bins
+    tell : callable
+    """
+    sample = _sample(run, areas)
+    with BlockMaps(terrain.frame(place), maps) as files:
+        for i, (block, own) in enumerate(blocks, start=1):
+            tell(f"Block {i} of {len(blocks)} of the mosaic: {len(own)} areas")
+            grid = terrain.read(block)
+            for layer in (
+                terrain_layer(grid),
+                *_layers(config, rules, run, grid, block, own, bins, sample),
+            ):
+                files.write(layer, block.row - place.row, block.col - place.col)
+        tell("Writing the overviews of the maps")
+
+
+def _sample(run: MapRun, areas: Sequence[Reached]) -> Sample:
+    """The sample behind the maps: the blocks of all areas that started."""
+    rocks = sum(a.record.rocks for a in areas)
+    return Sample(
+        started=rocks - sum(a.record.never_started for a in areas),
+        rocks_per_line=run.rocks_per_stratum,
+        lines=rocks // run.rocks_per_stratum,
+        random_points=run.placement == "random",
+    )
+
+
+def added_up(
+    run: MapRun, grid: Grid, block: Part, areas: Sequence[Reached], bins: Bins
+) -> tuple[Progress, list[Sampled]]:
+    """What areas have counted in a block, in all and by source.
+
+    Parameters
+    ----------
+    run : MapRun
+        With the settings of all areas; its grid and areas are not looked at.
+    grid : Grid
+        Heights of the block.
+    block : Part
+    areas : sequence of Reached
+    bins : Bins
+        Of all areas.
+    """
+    control_lines = tuple(g for g, _ in run.control_lines)
+    total = Progress(0, MapSums(grid.values.size), ControlLineSums(()))
+    for i, area in enumerate(areas):
+        state = read_state(area.folder / SIMULATION_NAME)
+        own = progress_from(
+            state, area.part.n_rows * area.part.n_cols,
+            tuple(control_lines[k] for k in area.record.control_lines),
+        )  # fmt: skip
+        add_cells(total, (), bins, block, i, area.part, own, state["thresholds_kj"])
+    # Outlines are of no account here.
+    named = tuple(ReleaseArea(a.name, None, tuple(a.record.frequencies)) for a in areas)
+    frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
+    return total, sampled_sources(replace(run, grid=grid, areas=named), total, frequencies)
+
+
+def _layers(
+    config: Config,
+    rules: Rules,
+    run: MapRun,
+    grid: Grid,
+    block: Part,
+    areas: Sequence[Reached],
+    bins: Bins,
+    sample: Sample,
+) -> tuple[RasterLayer, ...]:
+    """The maps of a block; none where no area has counted anything."""
+    total, sampled = added_up(run, grid, block, areas, bins)
+    curves = curves_of(sampled, bins.threshold)
+    del sampled
+    total.sources.clear()
+    layers: tuple[RasterLayer, ...] = ()
+    if curves.places.size:
+        layers += hazard_layers(
+            curves, rules.preset, grid.shape, rules.ref_width_m,
+            return_periods=rules.preset.return_periods, confidence=config.hazard.confidence,
+        )  # fmt: skip
+    if total.sums.cells.size:
+        layers += map_layers(
+            total.sums, grid.shape, sample, bins.edges, grid.cell_size,
+            config.output.energy_classes_kj,
+        )  # fmt: skip
+    return layers

@@ -1,0 +1,138 @@
+"""Areas at work at the same time, areas that keep sums only, and mosaics made block by block."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import geopandas as gpd
+import numpy as np
+import pytest
+import rasterio
+from helpers.cut_valley import Stopped, Valley
+
+from sassgis.io.read.tiles import Part
+from sassgis.model.errors import OutputError
+from sassgis.model.statistics_table import default_bins
+from sassgis.runs import batch_blocks, batch_outcomes
+from sassgis.runs.batch import batch
+from sassgis.runs.batch_blocks import BASE, Reached, bytes_needed, divided
+from sassgis.runs.batch_state import Record
+from sassgis.runs.batch_zones import groups
+
+GIGABYTE = 1e9
+
+
+def digests(folder: Path, suffix: str) -> dict[str, str]:
+    files = json.loads((folder / "manifest.json").read_text())["files"]
+    return {f["path"]: f["sha256"] for f in files if f["path"].endswith(suffix)}
+
+
+def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
+    done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch_outcomes, "_AREAS_PER_CORE", 1)
+    steps: list[tuple[int, int, int]] = []
+    result = batch(
+        valley.releases, tmp_path / "out", dem=valley.tiles, jobs=2, mosaic_only=True,
+        on_progress=lambda *step: steps.append(step),
+    )  # fmt: skip
+    assert [s[:2] for s in steps] == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    columns = ["area", "status", "points", "rocks", "furthest_m"]
+    assert result.summary[columns].equals(done.result.summary[columns])
+    for name in ("mitte", "mitte_bis", "nord"):
+        own, whole = (f / "areas" / name for f in (tmp_path / "out", done.folder))
+        held = {f.name for f in own.iterdir()}
+        assert held == {
+            "area.json", "manifest.json", "simulation.npz", "without_barriers.npz",
+        }  # fmt: skip
+        assert (own / "simulation.npz").read_bytes() == (whole / "simulation.npz").read_bytes()
+    for suffix in (".tif", ".csv"):
+        assert digests(tmp_path / "out" / "mosaic", suffix) == digests(
+            done.folder / "mosaic", suffix
+        )
+    # Whole results serve for sums, but not the other way round.
+    with pytest.raises(OutputError, match="made from other settings or inputs"):
+        batch(valley.releases, tmp_path / "out", dem=valley.tiles, jobs=1)
+    batch(valley.releases, done.folder, dem=valley.tiles, jobs=1, mosaic_only=True)
+
+
+def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
+    done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch_blocks, "TILE", 128)
+    out = tmp_path / "out"
+    shutil.copytree(done.folder / "areas", out / "areas")
+    shutil.copy(done.folder / "summary.csv", out)
+    said: list[str] = []
+    memory = 1.05 * BASE / GIGABYTE
+    result = batch(
+        valley.releases, out, dem=valley.tiles, jobs=1, memory_gb=memory, say=said.append
+    )
+    assert sum(text.startswith("Block ") for text in said) > 5
+    assert result.found is None and any("maps and zones only" in text for text in result.warnings)
+    whole = sorted((done.folder / "mosaic" / "maps").glob("*.tif"))
+    assert [f.name for f in sorted((out / "mosaic" / "maps").glob("*.tif"))] == [
+        f.name for f in whole
+    ]
+    for file in whole:
+        own = out / "mosaic" / "maps" / file.name
+        with rasterio.open(file) as one, rasterio.open(own) as two:
+            assert np.array_equal(one.read(), two.read()), file.name
+            assert one.transform == two.transform and one.crs == two.crs
+            assert one.nodatavals == two.nodatavals and one.dtypes == two.dtypes
+            assert one.tags() == two.tags() and one.descriptions == two.descriptions
+            assert one.units == two.units and one.overviews(1) == two.overviews(1)
+            assert two.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+            for i in one.indexes:
+                tags, others = one.tags(i), two.tags(i)
+                # GDAL adds up mean and deviation in the order of the tiles of the file.
+                for name in ("STATISTICS_MEAN", "STATISTICS_STDDEV"):
+                    sums = [float(t.pop(name, "0")) for t in (tags, others)]
+                    assert sums[1] == pytest.approx(sums[0], rel=1e-9)
+                assert tags == others
+        assert file.with_suffix(".qml").read_bytes() == own.with_suffix(".qml").read_bytes()
+    for layer in ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area"):
+        one, two = (
+            gpd.read_file(f / "mosaic" / "hazard.gpkg", layer=layer) for f in (done.folder, out)
+        )
+        assert len(one) and one.equals(two), layer
+    again = batch(valley.releases, out, dem=valley.tiles, jobs=1, memory_gb=memory, say=said.append)
+    assert said[-1] == "The mosaic is there already" and again.found is None
+
+
+def area(part: Part, reached: int) -> Reached:
+    record = Record(
+        fingerprint="", area="a", west=0.0, north=0.0, n_rows=part.n_rows, n_cols=part.n_cols,
+        repetitions=1, points=1, rocks=1, furthest_m=None, zones_m2={}, control_lines=(),
+        objects=(), notices=(), sums_only=True, reached=reached,
+        counted=(0, 0, part.n_rows, part.n_cols), never_started=0, frequencies={},
+    )  # fmt: skip
+    return Reached("a", record, Path(), part)
+
+
+def test_blocks_cover_a_place_once_and_fit_into_the_memory() -> None:
+    place, bins = Part(-30, 17, 3000, 5003), default_bins()
+    areas = [area(Part(100 * i, 120 * i, 90, 110), 4000) for i in range(28)]
+    most = BASE + 900_000_000
+    blocks = divided(place, areas, bins, most)
+    covered = np.zeros((place.n_rows, place.n_cols), np.int8)
+    for block, own in blocks:
+        rows = slice(block.row - place.row, block.end[0] - place.row)
+        cols = slice(block.col - place.col, block.end[1] - place.col)
+        covered[rows, cols] += 1
+        assert bytes_needed(block, areas, bins) <= most
+        assert own == [a for a in areas if a.part.common(block) is not None]
+        assert rows.start % batch_blocks.TILE == 0 and cols.start % batch_blocks.TILE == 0
+    assert len(blocks) > 4 and (covered == 1).all()
+    # A block of one tile is not divided, whatever it needs.
+    assert max(b.n_rows for b, _ in divided(place, areas, bins, 0)) == batch_blocks.TILE
+
+
+def test_areas_that_meet_through_others_are_one_group() -> None:
+    boxes = [Part(0, 0, 10, 10), Part(0, 40, 10, 10), Part(100, 0, 5, 5), Part(5, 20, 10, 10)]
+    areas = [area(b, 1) for b in boxes]
+    assert [[areas.index(a) for a in g] for g in groups(areas, 5)] == [[0], [1], [2], [3]]
+    # 0 and 3 are 10 columns apart, 3 and 1 as well; 0 and 1 meet only through 3.
+    assert [[areas.index(a) for a in g] for g in groups(areas, 6)] == [[0, 1, 3], [2]]
