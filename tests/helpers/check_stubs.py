@@ -107,4 +107,5 @@ def threads() -> dict[str, Any]:
 
 def measured(config: str, fresh: str, answer_folder: str) -> dict[str, Any]:
     rows = len((Path(fresh) / "rocks.csv").read_text().splitlines()) - 1
-    return {"S": rows / 2000.0, "D_configured": 2.0, "D_base": 1.0, "D_effect": 0.5, "D_floor": float("nan")}
+    distances = {"D_configured": 2.0, "D_base": 1.0, "D_effect": 0.5, "D_floor": float("nan")}
+    return {"S": rows / 2000.0, **distances}
