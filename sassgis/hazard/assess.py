@@ -120,14 +120,14 @@ def intensity_maps(
     few = at_energies(curves, preset.thresholds_kj)
     years: list[float | None] = [*preset.return_periods, None]
     classes = [intensity_class(few, preset, t) for t in years]
-    beside = 4 * _felt_cells(settings, grid.cell_size)
+    beside = 4 * felt_cells(settings, grid.cell_size)
     while True:
         own, cells, cut = around(grid, few.places, beside)
         known = np.isfinite(own.values)
         smooth = generalised_series(
             [raster(own, cells, c) for c in classes], grid.cell_size, settings, known
         )
-        if not _feels_edge(smooth[-1], cut, _felt_cells(settings, grid.cell_size)):
+        if not _feels_edge(smooth[-1], cut, felt_cells(settings, grid.cell_size)):
             break
         beside *= 2
     drawn = nested_coverages(smooth, own, settings, known)
@@ -164,7 +164,7 @@ def around(
     return own, flat[: cells.size], (top > 0, right < n_cols, bottom < n_rows, left > 0)
 
 
-def _felt_cells(settings: ZoneSettings, cell_size: float) -> int:
+def felt_cells(settings: ZoneSettings, cell_size: float) -> int:
     """Cells from a zone within which drawing it looks at others."""
     growth = math.ceil(1.2 * math.sqrt(settings.smallest_cells(cell_size)))
     return settings.closing_cells(cell_size) + settings.width_cells(cell_size) + growth + 2

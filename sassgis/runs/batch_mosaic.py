@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sassgis.hazard.assess import Assessment
+from sassgis.hazard.assess import Assessment, felt_cells
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.warnings import simulation_warnings
 from sassgis.io.read.config import resolved
@@ -39,7 +39,7 @@ from sassgis.runs.batch_state import (
     add_area,
     read_state,
 )
-from sassgis.runs.batch_zones import ZoneTask, felt_cells, zones_by_group
+from sassgis.runs.batch_zones import ZoneTask, zones_by_group
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.inputs import (
     collected_notices,
@@ -197,7 +197,7 @@ def _write_blocks(
     write_blocks(
         work / "maps", config, terrain, rules, run, made.place, made.blocks, made.areas, bins, tell
     )
-    beside = felt_cells(rules.zones, frame.cell_size)
+    beside = 4 * felt_cells(rules.zones, frame.cell_size)
     task = ZoneTask(config, terrain, rules, run, made.place, bins, beside)
     counted = [a for a in made.areas if a.record.reached]
     drawn, said = zones_by_group(task, counted, cores, made.memory_bytes, tell)

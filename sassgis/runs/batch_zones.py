@@ -6,7 +6,6 @@ not feel each other: each group is drawn by itself, and the zones are those of t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -14,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sassgis.hazard.assess import Rules, assess
-from sassgis.hazard.zoning.generalise import ZoneSettings
 from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.layers.zones import federal_layers, hazard_zones
@@ -53,13 +51,6 @@ def groups(areas: Sequence[Reached], beside: int) -> list[list[Reached]]:
         joined = np.unique(group[met])
         group[np.isin(group, joined)] = joined[0]
     return [[areas[i] for i in np.flatnonzero(group == g).tolist()] for g in np.unique(group)]
-
-
-def felt_cells(settings: ZoneSettings, cell_size: float) -> int:
-    """Cells around counts within which zones may grow or look."""
-    growth = math.ceil(1.2 * math.sqrt(settings.smallest_cells(cell_size)))
-    near = settings.closing_cells(cell_size) + settings.width_cells(cell_size) + growth + 2
-    return 4 * near
 
 
 def zones_by_group(
