@@ -85,9 +85,12 @@ def commands(config: Path) -> Mapping[str, Sequence[str]]:
         "run": ("run", own),
         "zone": ("zone", own),
         "batch": ("batch", str(config.parent / "release.gpkg"), "--config", own),
-        "calibrate": ("calibrate", own, "--observations", seen),
-        "gap diagnose": ("gap", "diagnose", own, "--observations", seen),
-    }
+        "calibrate": (
+            "calibrate", own, "--observations", seen, "--draws", "16",
+            "--parameter", "eta_max", "--parameter", "mu_0",
+        ),
+        "gap diagnose": ("gap", "diagnose", own, "--observations", seen, "--draws", "8"),
+    }  # fmt: skip
 
 
 def start(arguments: Sequence[str], out: Path) -> subprocess.Popen[bytes]:

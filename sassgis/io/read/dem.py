@@ -22,6 +22,7 @@ from rasterio.warp import reproject
 from rasterio.windows import Window
 
 from sassgis.io.read.dem_system import dem_system
+from sassgis.io.read.offline import offline
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 
@@ -189,7 +190,7 @@ def open_raster(file: Path, key: str) -> Iterator[Any]:
         raise InputError(
             "file not found", file=file, field=key, expected="the path of a raster that GDAL reads"
         )
-    with warnings.catch_warnings(), rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"):
+    with warnings.catch_warnings(), offline(), rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
             dataset = rasterio.open(file)

@@ -21,6 +21,7 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj.exceptions import ProjError
 from rasterio.features import rasterize
 
+from sassgis.io.read.offline import offline
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -151,6 +152,7 @@ def without_shapes(frame: Any) -> list[Feature]:
     return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
 
 
+@offline()
 def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str | None]) -> Any:
     """The layer as a frame with geometry."""
     if not file.exists():
