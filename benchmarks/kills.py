@@ -30,6 +30,8 @@ from pathlib import Path
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_dem"
 SEED = 12
+#: Observed rocks of calibrations and diagnoses.
+ROCKS = 12
 #: A process that shows itself in none of these seconds after its parent's end is taken for ended.
 GONE_S = 15.0
 
@@ -64,7 +66,7 @@ class Outcome:
 
 
 def site(folder: Path) -> Path:
-    """The sample valley with fewer blocks and its observations; returns the configuration."""
+    """The sample valley with fewer blocks and observed rocks; returns the configuration."""
     shutil.copytree(SAMPLE / "valley", folder)
     shutil.copytree(SAMPLE / "observed", folder / "observed")
     config = folder / "config.toml"
@@ -74,6 +76,12 @@ def site(folder: Path) -> Path:
         if found != 1:
             raise SystemExit(f"{config}: {key} is there {found} times")
     config.write_text(text, encoding="utf-8")
+    rocks = tuple(f"R{n:02d}," for n in range(1, ROCKS + 1))
+    for name in ("rocks", "passages", "deposits"):
+        file = config.parent / "observed" / f"{name}.csv"
+        head, *rows = file.read_text(encoding="utf-8").splitlines()
+        own = [row for row in rows if row.startswith(rocks)]
+        file.write_text("\n".join([head, *own, ""]), encoding="utf-8")
     return config
 
 
