@@ -47,8 +47,8 @@ WORDS = (
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:
-    """The content with one to four damages."""
-    for _ in range(int(rng.integers(1, 5))):
+    """The content with one damage, or with up to four."""
+    for _ in range(int(rng.choice([1, 1, 1, 2, 3, 4]))):
         content = DAMAGES[int(rng.integers(len(DAMAGES)))](content, rng)
     return content
 
@@ -177,7 +177,7 @@ def _site(folder: Path) -> None:
     rows = "\n".join(" ".join(f"{v:.2f}" for v in row) for row in heights)
     (folder / "small.asc").write_text(head + rows + "\n", encoding="utf-8")
     profile_rows = "\n".join(f"{5 * i},{500 - 3 * i},debris" for i in range(20))
-    (folder / "profile.csv").write_text(f"s,z,ground\n{profile_rows}\n", encoding="utf-8")
+    (folder / "profile.csv").write_text(f"s_m,z_m,ground\n{profile_rows}\n", encoding="utf-8")
     (folder / "frequencies.csv").write_text(
         "area,scenario,frequency,unit\nNord,frequent,0.2,per_year\nMitte,rare,0.01,per_year_ha\n",
         encoding="utf-8",
@@ -244,7 +244,7 @@ def _frequencies(folder: Path, _kept: Any) -> None:
 def _vulnerability(folder: Path, _kept: Any) -> None:
     from sassgis.io.read.objects import read_vulnerability
 
-    read_vulnerability(folder / "vulnerability.csv", ["weak", "medium", "strong"])
+    read_vulnerability(folder / "vulnerability.csv", ["low", "mean", "high"])
 
 
 def _release(file: str, folder: Path, kept: Any) -> None:
@@ -315,6 +315,8 @@ def reading(target: str, site: str) -> Case:
     kept = keep(folder) if keep else None
     own = Path(tempfile.mkdtemp(prefix=f"{target}-", dir=folder.parent)) / "site"
     shutil.copytree(folder, own)
+
+    reader(own, kept)  # what is not damaged can be read
 
     def case(number: int) -> dict[str, int]:
         rng = np.random.default_rng([SEED, sorted(TARGETS).index(target), number])

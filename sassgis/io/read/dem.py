@@ -316,7 +316,8 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
     file, band = dem.file, dem.band
     unit = _height_unit(dataset, band, file, dem.vertical_unit)
     raw = read_band(dataset, band, file, part)
-    values = np.array(raw.data, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
+        values = np.array(raw.data, dtype=np.float64)
     values[np.ma.getmaskarray(raw)] = np.nan
     first = (0, 0) if part is None else (int(part.row_off), int(part.col_off))
     _refuse_infinite(values, file, band, first)
