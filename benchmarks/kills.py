@@ -218,6 +218,13 @@ def _compare(out: Path, whole: Mapping[str, str]) -> None:
         raise SystemExit(f"{out}: differs in {', '.join(different[:5])}")
 
 
+def note(file: Path, outcome: Outcome) -> None:
+    """Write an outcome into the file, in place of an earlier one of the same command."""
+    known = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
+    rows = [row for row in known if row["command"] != outcome.command] + [asdict(outcome)]
+    file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=50, help="of all commands together")
@@ -237,11 +244,9 @@ def main() -> None:
             folder.mkdir()
             outcomes.append(killed(name, all_[name], folder, share, lambda t: print(t, flush=True)))
             shutil.rmtree(folder)
-    for own in outcomes:
-        print(asdict(own))
-    if options.json:
-        rows = [asdict(own) for own in outcomes]
-        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+            print(asdict(outcomes[-1]), flush=True)
+            if options.json:
+                note(options.json, outcomes[-1])
     if any(own.orphans or own.half or own.different for own in outcomes):
         sys.exit(1)
 

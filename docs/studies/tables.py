@@ -279,6 +279,52 @@ def field_contacts() -> str:
     return markdown(["", "observed", "simulated"], body)
 
 
+def safety_kills() -> str:
+    """What kills leave behind."""
+    rows = json.loads((HERE / "safety/kills.json").read_text(encoding="utf-8"))
+    return markdown(
+        ["command", "kills", "with a saved state", "workers left", "half results", "other bytes"],
+        [
+            [
+                f"`{r['command']}`",
+                *(str(r[key]) for key in ("kills", "kept", "orphans", "half")),
+                f"{len(r['different'])} files",
+            ]
+            for r in rows
+        ],
+    )
+
+
+def safety_fuzz() -> str:
+    """What readers do with damaged files."""
+    found = json.loads((HERE / "safety/fuzz.json").read_text(encoding="utf-8"))["verdicts"]
+    total = {k: sum(v.get(k, 0) for v in found.values()) for k in ("refused", "read")}
+    body = [[kind, *_verdicts(counts)] for kind, counts in found.items()]
+    failed = sum(sum(v.values()) for v in found.values()) - sum(total.values())
+    body.append(["all", *_verdicts(total | {"failed": failed})])
+    return markdown(["reader", "files", "refused in one line", "read", "failed"], body)
+
+
+def _verdicts(counts: dict[str, int]) -> list[str]:
+    refused, read = counts.get("refused", 0), counts.get("read", 0)
+    total = sum(counts.values())
+    return [f"{n:,}" for n in (total, refused, read, total - refused - read)]
+
+
+def safety_extremes() -> str:
+    """Set-ups at the extremes, and what did not hold."""
+    found = json.loads((HERE / "safety/extremes.json").read_text(encoding="utf-8"))
+    counts = found["counts"]
+    names = ("profiles", "maps", "refused", "blocks", "given up")
+    body = [[name, f"{counts.get(name, 0):,}"] for name in names]
+    kinds: dict[str, int] = {}
+    for failure in found["failures"]:
+        kind = failure["said"].strip().splitlines()[-1].split(" by ")[0].split("Error: ")[-1]
+        kinds[kind] = kinds.get(kind, 0) + 1
+    body += [[f"failed: {kind}", f"{n:,}"] for kind, n in sorted(kinds.items())]
+    return markdown(["what", "number"], body)
+
+
 TABLES = {
     "discretisation valley": lambda: discretisation("valley"),
     "discretisation bedrina": lambda: discretisation("bedrina"),
@@ -294,6 +340,9 @@ TABLES = {
     "field ranges": field_ranges,
     "field widths": field_widths,
     "field contacts": field_contacts,
+    "safety kills": safety_kills,
+    "safety fuzz": safety_fuzz,
+    "safety extremes": safety_extremes,
 }
 
 
