@@ -359,11 +359,11 @@ def main() -> None:
                 table[name] = dict(counts)
                 failures += [{"target": name, **one} for one in failed]
                 print(name, dict(counts), flush=True)
+                if options.json:
+                    rows = {"each": each, "verdicts": table, "failures": failures}
+                    options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     for one in failures[:20]:
         print(one["target"], one["number"], one["said"], sep="\n")
-    if options.json:
-        rows = {"inputs": each * len(chosen), "verdicts": table, "failures": failures}
-        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     sys.exit(1 if failures else 0)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 #: Cases of one process; the next one starts after.
 BATCH = 250
 #: Seconds that the first case of a process may take longer: imports and compiled code.
-FIRST_S = 300.0
+FIRST_S = 1200.0
 
 #: Does the case of a number; returns what to count, and raises where it fails.
 Case = Callable[[int], Mapping[str, int]]
