@@ -229,8 +229,9 @@ def check_rocks(out: Simulated, s: FloatArray | None) -> None:
         must(rows["max_height_m"] >= 0.0, f"{name}: height below 0")
         must(rows["mass_kg"] > 0.0, f"{name}: no mass")
         if s is not None:
-            inside = (rows["runout_m"] >= s[0]) & (rows["runout_m"] <= s[-1])
-            must(inside, f"{name}: stop off the profile")
+            # A block leaves the profile when no part of it is over the ground any more.
+            x, a = rows["runout_m"], 1.001 * rows["a_m"]
+            must((x >= s[0] - a) & (x <= s[-1] + a), f"{name}: stop off the profile")
     all_finite(out.passages, "passages")
 
 

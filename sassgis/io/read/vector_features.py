@@ -233,6 +233,10 @@ def _choose_layer(
     return drawn[0]
 
 
+#: Beyond this a coordinate is a slip, in whatever system; computing with it would take for ever.
+_FARTHEST = 1e8
+
+
 def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str]) -> str:
     """Kind of a geometry, in the coordinates of its file so that users find the place."""
     place = f"{key}.file"
@@ -255,6 +259,13 @@ def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str
     if not np.isfinite(shapely.get_coordinates(shape)).all():
         raise InputError(
             f"{who} has a coordinate that is no number", file=file, field=place, expected="numbers"
+        )
+    if not (np.abs(shapely.get_coordinates(shape)) <= _FARTHEST).all():
+        raise InputError(
+            f"{who} has a coordinate that is no place on Earth",
+            file=file,
+            field=place,
+            expected=f"at most {_FARTHEST:g} m or degrees",
         )
     if not shape.is_valid:
         raise InputError(
