@@ -311,20 +311,6 @@ def _verdicts(counts: dict[str, int]) -> list[str]:
     return [f"{n:,}" for n in (total, refused, read, total - refused - read)]
 
 
-def safety_extremes() -> str:
-    """Set-ups at the extremes, and what did not hold."""
-    found = json.loads((HERE / "safety/extremes.json").read_text(encoding="utf-8"))
-    counts = found["counts"]
-    names = ("profiles", "maps", "refused", "blocks", "given up")
-    body = [[name, f"{counts.get(name, 0):,}"] for name in names]
-    kinds: dict[str, int] = {}
-    for failure in found["failures"]:
-        kind = failure["said"].strip().splitlines()[-1].split(" by ")[0].split("Error: ")[-1]
-        kinds[kind] = kinds.get(kind, 0) + 1
-    body += [[f"failed: {kind}", f"{n:,}"] for kind, n in sorted(kinds.items())]
-    return markdown(["what", "number"], body)
-
-
 TABLES = {
     "discretisation valley": lambda: discretisation("valley"),
     "discretisation bedrina": lambda: discretisation("bedrina"),
@@ -342,7 +328,6 @@ TABLES = {
     "field contacts": field_contacts,
     "safety kills": safety_kills,
     "safety fuzz": safety_fuzz,
-    "safety extremes": safety_extremes,
 }
 
 
