@@ -61,7 +61,7 @@ def watched(
     number = cases.start
     while number < cases.stop:
         last = min(number + BATCH, cases.stop)
-        at, results = context.Value("l", number), context.Queue()
+        at, results = context.Value("l", number), context.SimpleQueue()
         process = context.Process(target=_work, args=(prepare, given, number, last, at, results))
         process.start()
         seen, since, slow = -1, time.monotonic(), False
