@@ -30,6 +30,8 @@ from pathlib import Path
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_dem"
 SEED = 12
+#: Observed rocks of calibrations and diagnoses.
+ROCKS = 12
 #: A process that shows itself in none of these seconds after its parent's end is taken for ended.
 GONE_S = 15.0
 
@@ -64,7 +66,7 @@ class Outcome:
 
 
 def site(folder: Path) -> Path:
-    """The sample valley with fewer blocks and its observations; returns the configuration."""
+    """The sample valley with fewer blocks and observed rocks; returns the configuration."""
     shutil.copytree(SAMPLE / "valley", folder)
     shutil.copytree(SAMPLE / "observed", folder / "observed")
     config = folder / "config.toml"
@@ -74,6 +76,12 @@ def site(folder: Path) -> Path:
         if found != 1:
             raise SystemExit(f"{config}: {key} is there {found} times")
     config.write_text(text, encoding="utf-8")
+    rocks = tuple(f"R{n:02d}," for n in range(1, ROCKS + 1))
+    for name in ("rocks", "passages", "deposits"):
+        file = config.parent / "observed" / f"{name}.csv"
+        head, *rows = file.read_text(encoding="utf-8").splitlines()
+        own = [row for row in rows if row.startswith(rocks)]
+        file.write_text("\n".join([head, *own, ""]), encoding="utf-8")
     return config
 
 
@@ -85,9 +93,12 @@ def commands(config: Path) -> Mapping[str, Sequence[str]]:
         "run": ("run", own),
         "zone": ("zone", own),
         "batch": ("batch", str(config.parent / "release.gpkg"), "--config", own),
-        "calibrate": ("calibrate", own, "--observations", seen),
-        "gap diagnose": ("gap", "diagnose", own, "--observations", seen),
-    }
+        "calibrate": (
+            "calibrate", own, "--observations", seen, "--draws", "16",
+            "--parameter", "eta_max", "--parameter", "mu_0",
+        ),
+        "gap diagnose": ("gap", "diagnose", own, "--observations", seen, "--draws", "8"),
+    }  # fmt: skip
 
 
 def start(arguments: Sequence[str], out: Path) -> subprocess.Popen[bytes]:
@@ -207,6 +218,13 @@ def _compare(out: Path, whole: Mapping[str, str]) -> None:
         raise SystemExit(f"{out}: differs in {', '.join(different[:5])}")
 
 
+def note(file: Path, outcome: Outcome) -> None:
+    """Write an outcome into the file, in place of an earlier one of the same command."""
+    known = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
+    rows = [row for row in known if row["command"] != outcome.command] + [asdict(outcome)]
+    file.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=50, help="of all commands together")
@@ -226,11 +244,9 @@ def main() -> None:
             folder.mkdir()
             outcomes.append(killed(name, all_[name], folder, share, lambda t: print(t, flush=True)))
             shutil.rmtree(folder)
-    for own in outcomes:
-        print(asdict(own))
-    if options.json:
-        rows = [asdict(own) for own in outcomes]
-        options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+            print(asdict(outcomes[-1]), flush=True)
+            if options.json:
+                note(options.json, outcomes[-1])
     if any(own.orphans or own.half or own.different for own in outcomes):
         sys.exit(1)
 

@@ -279,6 +279,38 @@ def field_contacts() -> str:
     return markdown(["", "observed", "simulated"], body)
 
 
+def safety_kills() -> str:
+    """What kills leave behind."""
+    rows = json.loads((HERE / "safety/kills.json").read_text(encoding="utf-8"))
+    return markdown(
+        ["command", "kills", "with a saved state", "workers left", "half results", "other bytes"],
+        [
+            [
+                f"`{r['command']}`",
+                *(str(r[key]) for key in ("kills", "kept", "orphans", "half")),
+                f"{len(r['different'])} files",
+            ]
+            for r in rows
+        ],
+    )
+
+
+def safety_fuzz() -> str:
+    """What readers do with damaged files."""
+    found = json.loads((HERE / "safety/fuzz.json").read_text(encoding="utf-8"))["verdicts"]
+    total = {k: sum(v.get(k, 0) for v in found.values()) for k in ("refused", "read")}
+    body = [[kind, *_verdicts(counts)] for kind, counts in found.items()]
+    failed = sum(sum(v.values()) for v in found.values()) - sum(total.values())
+    body.append(["all", *_verdicts(total | {"failed": failed})])
+    return markdown(["reader", "files", "refused in one line", "read", "failed"], body)
+
+
+def _verdicts(counts: dict[str, int]) -> list[str]:
+    refused, read = counts.get("refused", 0), counts.get("read", 0)
+    total = sum(counts.values())
+    return [f"{n:,}" for n in (total, refused, read, total - refused - read)]
+
+
 TABLES = {
     "discretisation valley": lambda: discretisation("valley"),
     "discretisation bedrina": lambda: discretisation("bedrina"),
@@ -294,6 +326,8 @@ TABLES = {
     "field ranges": field_ranges,
     "field widths": field_widths,
     "field contacts": field_contacts,
+    "safety kills": safety_kills,
+    "safety fuzz": safety_fuzz,
 }
 
 

@@ -58,9 +58,14 @@ def batch(
     RELEASES is a vector file, a folder of vector files, or a configuration. The same command goes
     on after an interruption, and runs nothing again that is there.
     """
+    from sassgis.io.staging import alone
     from sassgis.runs.batch import batch as run_batch
 
-    with who_works(jobs, scheduler, workers) as working, ProgressBar() as progress:
+    with (
+        alone(out),
+        who_works(jobs, scheduler, workers) as working,
+        ProgressBar() as progress,
+    ):
         result = run_batch(
             releases,
             out,

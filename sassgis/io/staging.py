@@ -217,6 +217,25 @@ def staged_output(target: Path, overwrite: bool) -> Iterator[Path]:
 
 
 @contextmanager
+def alone(target: Path) -> Iterator[None]:
+    """Keep other runs from writing into a folder that grows part by part.
+
+    The lock is on the working folder ``<target>.partial``, which is deleted after.
+
+    Parameters
+    ----------
+    target : Path
+
+    Raises
+    ------
+    OutputError
+        If another run is writing it, or the disk is full or not writable.
+    """
+    with _open_work(partial_folder(target)):
+        yield
+
+
+@contextmanager
 def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
     """Give the place of a file that becomes ``target`` if the block ends well, and nothing if not.
 

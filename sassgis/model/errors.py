@@ -64,6 +64,12 @@ class ConfigError(InputError):
     """Raised when the configuration has an unknown key, a missing key or an unusable value."""
 
 
+class InputLost(SassgisError):
+    """Raised when a file that all parts of a run share was there and is gone."""
+
+    exit_code = 2
+
+
 class OutputError(SassgisError):
     """Raised when results cannot be written (disk full, no permission, target exists)."""
 

@@ -27,14 +27,22 @@ STOP_TEXT = {
 }
 
 
+#: Bytes of a name within a file name, of which systems take 255.
+_LONGEST_STEM = 120
+#: Names of devices of Windows.
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))}
+
+
 def rounded(value: Any, digits: int = 3) -> Any:
     """A number for a table, to so many digits; None for none."""
     return float(f"{value:.{digits}g}") if np.isfinite(value) else None
 
 
 def file_stem(name: str) -> str:
-    """A name as part of a file name."""
-    return "".join(c if c.isalnum() else "_" for c in name).strip("_").lower() or "unnamed"
+    """A name as part of a file name that every system takes: letters, digits and underscores."""
+    plain = "".join(c if c.isalnum() else "_" for c in name).strip("_").lower()
+    short = plain.encode()[:_LONGEST_STEM].decode(errors="ignore") or "unnamed"
+    return f"{short}_" if short in _RESERVED else short
 
 
 def file_stems(names: Sequence[str]) -> list[str]:

@@ -20,6 +20,7 @@ from importlib import resources
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
+from sassgis.io.qgis.markup import without_expressions
 from sassgis.io.qgis.sheet_legend import ShownLayer, fill_legend
 from sassgis.io.qgis.text_size import breakable, text_height, text_width, wrapped
 
@@ -182,7 +183,7 @@ class _Sheet:
         """Set the text of a label, whose width is final."""
         points, bold = self.font(name)
         words = breakable(text, self.box(name).width, points, bold=bold)
-        self.items[name].set("labelText", words)
+        self.items[name].set("labelText", without_expressions(words))
 
 
 def _font(element: ET.Element | None) -> tuple[float, bool]:

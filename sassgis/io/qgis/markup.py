@@ -23,6 +23,11 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
+def without_expressions(text: str) -> str:
+    """A text in which QGIS finds nothing to compute: ``[% ... %]`` would be an expression."""
+    return text.replace("[%", "[\N{WORD JOINER}%")
+
+
 def options(parent: ET.Element, items: Mapping[str, str]) -> None:
     """Add a map of names to texts."""
     entries = ET.SubElement(parent, "Option", type="Map")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
-from sassgis.io.qgis.markup import options
+from sassgis.io.qgis.markup import options, without_expressions
 from sassgis.io.qgis.text_size import text_height, wrapped
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.results import RasterLayer
@@ -171,5 +171,6 @@ def _legend_leaf(entry: _LegendEntry) -> ET.Element:
         properties["legend/node-order"] = ",".join(map(str, places))
     for place, lines in enumerate(entry.classes, start=first):
         properties[f"legend/label-{place}"] = "\n".join(lines)
-    options(ET.SubElement(leaf, "customproperties"), properties)
+    plain = {key: without_expressions(text) for key, text in properties.items()}
+    options(ET.SubElement(leaf, "customproperties"), plain)
     return leaf

@@ -22,6 +22,7 @@ from rasterio.warp import reproject
 from rasterio.windows import Window
 
 from sassgis.io.read.dem_system import dem_system
+from sassgis.io.read.offline import offline
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 
@@ -189,7 +190,7 @@ def open_raster(file: Path, key: str) -> Iterator[Any]:
         raise InputError(
             "file not found", file=file, field=key, expected="the path of a raster that GDAL reads"
         )
-    with warnings.catch_warnings(), rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"):
+    with warnings.catch_warnings(), offline(), rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
             dataset = rasterio.open(file)
@@ -315,7 +316,8 @@ def _heights(dataset: Any, dem: DemFile, part: Window | None = None) -> FloatArr
     file, band = dem.file, dem.band
     unit = _height_unit(dataset, band, file, dem.vertical_unit)
     raw = read_band(dataset, band, file, part)
-    values = np.array(raw.data, dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # a NaN may be a signalling one
+        values = np.array(raw.data, dtype=np.float64)
     values[np.ma.getmaskarray(raw)] = np.nan
     first = (0, 0) if part is None else (int(part.row_off), int(part.col_off))
     _refuse_infinite(values, file, band, first)

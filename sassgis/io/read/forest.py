@@ -12,6 +12,7 @@ from rasterio.features import rasterize
 from rasterio.warp import Resampling, reproject
 
 from sassgis.io.read.csv_table import number
+from sassgis.io.read.offline import offline
 from sassgis.io.read.vector_features import read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -103,6 +104,7 @@ def _from_polygons(
     return maps[0], maps[1]
 
 
+@offline()
 def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
     west, _, _, north = grid.bounds

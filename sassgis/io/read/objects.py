@@ -337,6 +337,10 @@ def _warn(placed: PlacedObjects, grid: Grid, file: Path) -> None:
 # Stretches of roads and lines
 
 
+#: More stretches than this are a slip in a coordinate.
+_MOST_STRETCHES = 50_000
+
+
 def _stretches(
     whole: ExposedObject, geometry: Any, segment_m: float, grid: Grid, file: Path
 ) -> list[tuple[ExposedObject, Any]]:
@@ -345,6 +349,14 @@ def _stretches(
     parts = list(getattr(line, "geoms", [line]))
     if len(parts) > 1:
         log.info("%s: %s has %d separate parts, one after the other", file, whole.name, len(parts))
+    if not line.length <= _MOST_STRETCHES * segment_m:
+        raise InputError(
+            f"{whole.name} has too many stretches",
+            file=file,
+            field="segment_m",
+            found=f"a length of {line.length:.4g} m in stretches of {segment_m:g} m",
+            expected=f"at most {_MOST_STRETCHES} of them: longer ones, or a shorter line",
+        )
     spans: list[tuple[float, float, Any]] = []
     start = 0.0
     for part in parts:

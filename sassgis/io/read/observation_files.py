@@ -28,6 +28,7 @@ from sassgis.gap.observations.observation_finding import LeftOut, Level, Observa
 from sassgis.gap.observations.observed import METADATA_KEYS, Metadata, Observations, without
 from sassgis.gap.observations.tables import TABLE_TYPES, TABLES, Column, Stations, Table
 from sassgis.io.read.csv_table import csv_cells, read_text
+from sassgis.io.read.offline import offline
 from sassgis.io.read.vector_features import nearest, onto_grid
 from sassgis.model.crs import parse_crs
 from sassgis.model.errors import InputError
@@ -296,6 +297,7 @@ def _csv_folder(folder: Path, findings: _Findings) -> dict[str, _Raw]:
     return raws
 
 
+@offline()
 def _geopackage(file: Path, findings: _Findings) -> dict[str, _Raw]:
     raws = {}
     try:

@@ -10,6 +10,7 @@ from typing import Any
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
+from sassgis.io.read.offline import offline
 from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.vector_features import unreadable
 from sassgis.model.errors import InputError
@@ -104,6 +105,7 @@ def _names(column: Any) -> bool:
     return bool(texts) and len(set(texts)) == len(texts) == len(column)
 
 
+@offline()
 def _layers(file: Path) -> list[str]:
     """Layers with geometry."""
     if not file.exists():
@@ -122,6 +124,7 @@ def _layers(file: Path) -> list[str]:
     return names
 
 
+@offline()
 def _table(file: Path, layer: str) -> Any:
     try:
         return pyogrio.read_dataframe(file, layer=layer, read_geometry=False)
@@ -129,6 +132,7 @@ def _table(file: Path, layer: str) -> Any:
         raise unreadable(file, "--release", error) from None
 
 
+@offline()
 def _count(file: Path, layer: str) -> int:
     info: Mapping[str, Any] = pyogrio.read_info(file, layer=layer)
     return int(info["features"])

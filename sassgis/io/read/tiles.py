@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part
 from sassgis.model.crs import crs_name, same_crs
-from sassgis.model.errors import InputError
+from sassgis.model.errors import InputError, InputLost
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
 log = logging.getLogger(__name__)
@@ -127,6 +127,8 @@ class Terrain:
         ------
         InputError
             If a file cannot be read, or holds heights that do not occur on Earth.
+        InputLost
+            If a file is gone.
         """
         values = np.full((part.n_rows, part.n_cols), np.nan)
         if self.resampled is not None:
@@ -173,6 +175,10 @@ def _within(part: Part, whole: Part) -> tuple[slice, slice]:
 
 
 def _heights(tile: Tile, part: Part) -> FloatArray:
+    if not tile.dem.file.exists():
+        raise InputLost(
+            f"{tile.dem.file}: was there when the terrain model was opened, and is gone"
+        )
     return read_dem_part(tile.dem, *_within(part, tile.place))
 
 

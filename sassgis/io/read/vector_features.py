@@ -22,6 +22,7 @@ from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj.exceptions import ProjError
 from rasterio.features import rasterize
 
+from sassgis.io.read.offline import offline
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -165,6 +166,7 @@ def without_shapes(frame: Any) -> list[Feature]:
     return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
 
 
+@offline()
 def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str | None]) -> Any:
     """The layer as a frame with geometry."""
     if not file.exists():
@@ -258,6 +260,10 @@ def _choose_layer(
     return drawn[0]
 
 
+#: Beyond this a coordinate is a slip, in whatever system; computing with it would take for ever.
+_FARTHEST = 1e8
+
+
 def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str]) -> str:
     """Kind of a geometry, in the coordinates of its file so that users find the place."""
     place = f"{key}.file"
@@ -280,6 +286,13 @@ def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str
     if not np.isfinite(shapely.get_coordinates(shape)).all():
         raise InputError(
             f"{who} has a coordinate that is no number", file=file, field=place, expected="numbers"
+        )
+    if not (np.abs(shapely.get_coordinates(shape)) <= _FARTHEST).all():
+        raise InputError(
+            f"{who} has a coordinate that is no place on Earth",
+            file=file,
+            field=place,
+            expected=f"at most {_FARTHEST:g} m or degrees",
         )
     if not shape.is_valid:
         raise InputError(

@@ -145,6 +145,12 @@ def test_stretches_add_up_to_the_road(points, segment_m):
     assert len({thing.name for thing, _ in parts}) == len(parts)
 
 
+def test_more_stretches_than_a_road_can_have_are_refused_at_once(layer, grid):
+    path = layer([LineString([(10, 50), (3e7, 50)])], nr=["Via"])
+    with pytest.raises(InputError, match=r"too many stretches .*segment_m|segment_m: .*too many"):
+        read_objects(path, grid, kind="line", defaults={"value_per_m": 1.0})
+
+
 def test_stretches_have_names_by_chainage_and_the_numbers_of_the_road(layer, grid):
     path = layer([LineString([(10, 50), (210, 50)])], nr=["Via"], dtv=[3500])
     placed = read_objects(

@@ -488,3 +488,12 @@ def test_release_areas_of_the_avalanche_data(shared_data):
     areas = read_release(settings(path, name_field="Name"), grid, BLOCKS)
     assert len(areas) == 6
     assert all(a.geometry.area > 1000.0 for a in areas)
+
+
+@pytest.mark.parametrize("far", [1e9, 1e308])
+def test_a_coordinate_that_is_no_place_is_refused_at_once(make_layer, slope_grid, far):
+    """Cells under such a polygon would be looked for without end."""
+    x, y = AREA.exterior.coords[0]
+    path = make_layer([Polygon([(x, y), (x - 20.0, y), (x - 20.0, y - far)])])
+    with pytest.raises(InputError, match=r"feature 1 has a coordinate that is no place on Earth"):
+        read_release(settings(path), slope_grid, BLOCKS)

@@ -11,7 +11,7 @@ from rasterio.transform import from_origin
 
 from sassgis.io.read.dem import read_dem
 from sassgis.io.read.tiles import Part, hull, open_terrain, read_terrain
-from sassgis.model.errors import InputError
+from sassgis.model.errors import InputError, InputLost
 
 HEIGHTS = 1000.0 + np.arange(120.0).reshape(10, 12) ** 1.5
 
@@ -128,3 +128,12 @@ def test_cells_keep_their_place_in_a_larger_part() -> None:
     assert np.flatnonzero(inside).tolist() == [6, 7, 10, 11] and cells.tolist() == [0, 1, 9, 10]
     assert small.common(other) is None
     assert small.grown(1, 2, 3, 4) == Part(4, 3, 7, 10)
+
+
+def test_a_tile_that_goes_missing_concerns_all_areas(folder: Path) -> None:
+    """No area would be to blame: it is no InputError, for which an area is skipped."""
+    terrain = open_terrain(folder)
+    (folder / "a.tif").unlink()
+    with pytest.raises(InputLost, match=r"a\.tif: was there .*, and is gone"):
+        terrain.read(terrain.whole)
+    assert np.isfinite(terrain.read(Part(0, 0, 3, 3)).values).all()

@@ -1,0 +1,68 @@
+"""The batteries see what they look for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.watched_cases import prepare
+
+
+def test_every_kind_of_failure_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    import watched
+
+    monkeypatch.setattr(watched, "FIRST_S", 20.0)
+    counts, failures = watched.watched(prepare, ("a word",), range(7), 2.0)
+    assert counts == {"done": 4, "failed": 1, "process ended": 1, "too long": 1}
+    said = {one["number"]: one["said"] for one in failures}
+    assert set(said) == {1, 3, 5}
+    assert "ValueError: a word" in said[1] and said[3] == "exit code 7" and "2 s" in said[5]
+
+
+def test_a_result_that_is_not_whole_is_seen(tmp_path: Path) -> None:
+    import kills
+
+    out = tmp_path / "out"
+    (out / "areas" / "a").mkdir(parents=True)
+    (out / "areas" / "a" / "x").write_text("1")
+    (out / "areas" / "a" / "y").write_text("2")
+    (out / "summary.csv").write_text("name,seconds\na,1.5\n")
+    whole = kills.digests(out)
+    (out / "summary.csv").write_text("name,seconds\na,2.5\n")
+    assert kills.digests(out) == whole
+    assert kills.is_whole(out, whole, batch=True)
+    (out / "areas" / "a" / "y").unlink()
+    assert not kills.is_whole(out, whole, batch=True)
+    (out / "areas" / "a").rename(out / "areas" / "a.partial")
+    assert kills.is_whole(out, whole, batch=True) and not kills.is_whole(out, whole, batch=False)
+
+
+def test_an_energy_that_grows_is_seen() -> None:
+    import extremes
+
+    from sassgis.engine.state import EVENT_DTYPE, IMPACT
+    from sassgis.model.effects import EffectSettings
+    from sassgis.model.results import ROCK_DTYPE
+
+    rock = np.ones(1, ROCK_DTYPE)[0]
+    log = np.zeros(4, EVENT_DTYPE)
+    log["t_s"] = [0.0, 1.0, 2.0, 3.0]
+    log["phase"] = IMPACT
+    log["vx_mps"] = [3.0, 2.0, 2.0, 0.0]
+    extremes.check_log(log, rock, 9.81, EffectSettings())
+    log["vx_mps"] = [3.0, 2.0, 2.1, 0.0]
+    with pytest.raises(AssertionError, match="energy grows"):
+        extremes.check_log(log, rock, 9.81, EffectSettings())
+    log["vz_mps"][1] = np.nan
+    with pytest.raises(AssertionError, match="NaN"):
+        extremes.check_log(log, rock, 9.81, EffectSettings())
+
+
+@pytest.mark.parametrize("kind", ["config", "frequencies"])
+def test_damaged_files_are_given_to_their_reader(tmp_path: Path, kind: str) -> None:
+    import fuzz
+
+    fuzz._site(tmp_path / "site")
+    case = fuzz.reading(kind, str(tmp_path / "site"))
+    assert {next(iter(case(number))) for number in range(60)} == {"read", "refused"}

@@ -1,0 +1,143 @@
+"""What may happen while a command runs: one line, and what was computed is kept."""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from helpers.zone_slope import box, two_areas
+
+from sassgis.cli.progress_bar import ProgressBar
+from sassgis.io.staging import alone
+
+COMMANDS = {
+    "run": ("run", "config.toml"),
+    "zone": ("zone", "config.toml"),
+    "batch": ("batch", "release.gpkg", "--config", "config.toml"),
+}
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """A slope with a release area of few points, and another one."""
+    case = two_areas(tmp_path)
+    case.set("release.spacing_m", 8.0).set("release.rocks_per_point", 2)
+    shapes = [box(4.0, 30.0, 5.0, 5.0), box(5.0, 41.0, 5.0, 5.0)]
+    case.write_layer("release.gpkg", shapes, {"name": ["north", "south"]})
+    return tmp_path
+
+
+def command(site: Path, name: str, *options: object) -> tuple[object, ...]:
+    files = [site / a if "." in a else a for a in COMMANDS[name]]
+    return (*files, "-o", site / "out", "--jobs", "1", *options)
+
+
+def error_of(err: str) -> str:
+    """The one line of an error, below those of the progress."""
+    assert "Traceback" not in err
+    found = [line for line in err.splitlines() if line.startswith("Error: ")]
+    assert len(found) == 1 and err.rstrip().splitlines()[-1] == found[0], err
+    return found[0]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_second_run_into_one_folder_is_refused(site: Path, call, name: str) -> None:
+    before = {p.name for p in site.iterdir()}
+    with alone(site / "out"):
+        code, _, err = call(*command(site, name))
+        assert code == 3 and "another run is writing this result" in error_of(err)
+        assert not (site / "out").exists()
+    assert {p.name for p in site.iterdir()} == before
+
+
+def test_results_that_are_open_elsewhere_are_replaced_whole(site: Path, call) -> None:
+    """The folder is put in the place of the old one: nothing is written into an open file."""
+    assert call(*command(site, "run"))[0] == 0
+    whole = {p.name: p.read_bytes() for p in (site / "out" / "maps").glob("*.tif")}
+    with closing(sqlite3.connect(site / "out" / "result.gpkg", isolation_level=None)) as database:
+        database.execute("BEGIN EXCLUSIVE")
+        code, _, err = call(*command(site, "run", "--overwrite"))
+        assert code == 0, err
+    assert whole == {p.name: p.read_bytes() for p in (site / "out" / "maps").glob("*.tif")}
+    with closing(sqlite3.connect(site / "out" / "result.gpkg")) as database:
+        assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    assert not list(site.glob("out.*"))
+
+
+def mount(*arguments: object) -> None:
+    """Mount a disk, or skip the test where that is not allowed."""
+    done = subprocess.run(["mount", *map(str, arguments)], capture_output=True, check=False)
+    if done.returncode:
+        pytest.skip("no disk can be mounted here")
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 60 MB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount("-t", "tmpfs", "-o", "size=60m", "none", place)
+    yield place
+    subprocess.run(["umount", str(place)], check=True)
+
+
+def write_protect(disk: Path) -> None:
+    """Lay the same disk over itself, without the right to write: files that are open stay so."""
+    mount("--bind", disk, disk)
+    mount("-o", "remount,bind,ro", disk)
+
+
+def fill(disk: Path) -> None:
+    with contextlib.suppress(OSError), (disk / "other.bin").open("wb", buffering=0) as stream:
+        while stream.write(b"x" * 4096):
+            pass
+
+
+#: What happens when the second area begins, how it is undone, and what is said.
+FAULTS = {
+    "full disk": (fill, lambda disk: (disk / "other.bin").unlink(), "the disk is full"),
+    "read-only disk": (
+        write_protect,
+        lambda disk: subprocess.run(["umount", str(disk)], check=True),
+        "read-only",
+    ),
+    "a terrain model that is gone": (
+        lambda disk: (disk.parent / "dem.tif").rename(disk.parent / "elsewhere.tif"),
+        lambda disk: (disk.parent / "elsewhere.tif").rename(disk.parent / "dem.tif"),
+        "is gone",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_batch_keeps_what_was_done_before_a_fault(
+    site: Path, disk: Path, call, fault: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first area stays; the same command goes on with the second."""
+    begins, ends, words = FAULTS[fault]
+    say = ProgressBar.say
+
+    def faulty(self: ProgressBar, text: str) -> None:
+        say(self, text)
+        if text.startswith("Area 2"):
+            begins(disk)
+
+    out = disk / "out"
+    arguments = (*command(site, "batch")[:4], "-o", out, "--jobs", "1")
+    with monkeypatch.context() as patched:
+        patched.setattr(ProgressBar, "say", faulty)
+        code, _, err = call(*arguments)
+    assert code in (2, 3) and words in error_of(err)
+    first = out / "areas" / "north" / "manifest.json"
+    kept = first.stat().st_mtime_ns
+    assert not (out / "mosaic").exists()
+    ends(disk)
+    code, _, err = call(*arguments)
+    assert code == 0, err
+    assert first.stat().st_mtime_ns == kept and (out / "mosaic" / "manifest.json").is_file()
+    assert not list(disk.glob("out.*"))
