@@ -129,9 +129,7 @@ def lift_off_angle(
         # It barely reaches the speed: the force may have ended and come back.
         for i in range(1, _SCANS):
             angle = high * (1.0 - i / _SCANS)
-            found, _ = _force_before_upright(
-                block, v, pull, first, gravity, cos_slope, down, angle
-            )
+            found, _ = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
             if found <= 0.0:
                 low, at_low = angle, found
                 break

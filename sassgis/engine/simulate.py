@@ -215,7 +215,7 @@ def _lines(
 ) -> Lines:
     """The profiles as the kernel takes them; ``local`` is the position of each cell."""
     stems, diameter = _forest_under(profiles, forest)
-    return Lines(
+    lines = Lines(
         offset=profiles.offset,
         s=profiles.s,
         z=profiles.z,
@@ -234,6 +234,8 @@ def _lines(
         control_line_x=crossings.chainage,
         control_line=crossings.control_line,
     )
+    # Arrays that may not be written to are of another type, for which all would be compiled again.
+    return Lines(*(np.require(rows, requirements=("C", "W")) for rows in lines))
 
 
 def empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:
