@@ -71,7 +71,7 @@ def _impacts(x: FloatArray) -> float:
 def _contacts(x: FloatArray, profile: Records) -> float:
     total = 0.0
     for speed in x:
-        flying = Flying(0.0, 0.45, 8.0, 0.2 * speed - 6.0, speed, 15.0, 0.45, 0.38, 9.81)
+        flying = Flying(0.0, 1.0 + speed, 8.0, -5.0, 6.3 * speed, 15.0, 0.45, 0.38, 9.81)
         total += contact_with_segment(flying, 0.0, 9.0, 1e-6, profile[0], profile[0].length)[0]
     return total
 

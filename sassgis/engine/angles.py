@@ -1,7 +1,7 @@
 """Cosine and sine of an angle together, as part of the machine code of the search for contacts.
 
 Reduction by multiples of π/2 in three parts (Cody and Waite 1980) and the polynomials of fdlibm
-(k_sin.c, k_cos.c; Sun Microsystems 1993): within one unit in the last place of the exact values.
+(k_sin.c, k_cos.c; Sun Microsystems 1993): within 2.3e-16 of the exact values.
 """
 
 from __future__ import annotations
