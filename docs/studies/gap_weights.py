@@ -20,6 +20,7 @@ import json
 import math
 import re
 import tempfile
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -74,7 +75,6 @@ IMITATED: Mapping[str, float] = {
     "speed on the first reach, right on the others": 0.5,
     "rebound lost with the normal speed, on one ground alone": 1.0,
     "energy lost at once, on few flights": 1.0,
-    "lateral offset of stops": 0.0,
     "what is off at one station is made up for at the next": 0.5,
     "small rocks slow on all reaches": 0.5,
     "large rocks stop early at the foot": 0.5,
@@ -90,7 +90,9 @@ CLEAR = (
     "mass that lies beyond what was released",
     "turn of the heading at impacts",
     "scatter of the rebound, and turn of the heading",
-    "offset at the first station, not growing below",
+    "offset at the first station, not growing to the second",
+    "offset of stops, soon below a station that was passed without",
+    "growth of the lateral offset between the first two stations",
 )
 RIDGES = (1.0, 3.0, 10.0)
 SHARPNESS = (0.6, 0.8, 1.0, 1.3, 1.7)
@@ -377,6 +379,7 @@ def fit() -> None:
                 "sites": len(rows), "laws": law, "ridge": ridge, "sharpness": sharpness,
                 "cross_entropy": round(entropy, 3), "named": thresholds.named,
                 "covered": thresholds.covered, **scored,
+                "answers": {a.case: a.effect for a in answers_with(rows, left_out, thresholds)},
             },
             indent=1,
         )
@@ -407,15 +410,21 @@ def fit() -> None:
     THRESHOLDS.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
+def answers_with(
+    rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights], thresholds: Thresholds
+) -> list[Answer]:
+    """Answers to all rows."""
+    return [
+        answer_of(row, z, w, thresholds)
+        for row, z, w in zip(rows, z_of(rows), weights, strict=True)
+    ]
+
+
 def scores_with(
     rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights], thresholds: Thresholds
 ) -> Any:
     """Scores of all rows."""
-    answers = [
-        answer_of(row, z, w, thresholds)
-        for row, z, w in zip(rows, z_of(rows), weights, strict=True)
-    ]
-    return score([truth_of(row) for row in rows], answers)
+    return score([truth_of(row) for row in rows], answers_with(rows, weights, thresholds))
 
 
 def chosen(rows: Sequence[dict[str, str]], weights: Sequence[CauseWeights]) -> Thresholds:
@@ -475,14 +484,35 @@ def table() -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def confusion() -> str:
+    """Answers to medium and strong single effects, by design and true cause."""
+    answers = json.loads(RESULTS.read_text(encoding="utf-8"))["answers"]
+    rows = [r for r in read_rows() if r["strengths"] in ("medium", "strong")]
+    designs = (("100", "everything"), ("40", "both"))
+    head = ["true cause", "100 rocks, everything", "40 rocks, stations and stops"]
+    lines = [head, ["---"] * len(head)]
+    for cause in sorted(FAMILIES):
+        cells = []
+        for design in designs:
+            own = [r for r in rows if (r["rocks"], r["kind"]) == design and r["effects"] == cause]
+            counts = Counter(answers[r["site"]] for r in own)
+            right = counts.pop(cause, 0)
+            others = [f"{name} {n}" for name, n in sorted(counts.items())]
+            cells.append("; ".join([f"{right}/{len(own)}", ", ".join(others)]).rstrip("; "))
+        lines.append([cause, *cells])
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines).replace("_", " ")
+
+
 def filled(text: str) -> str:
-    """The page with its table."""
-    return re.sub(
-        r"(<!-- laws -->\n).*?(\n<!-- end laws -->)",
-        lambda m: m[1] + table() + m[2],
-        text,
-        flags=re.DOTALL,
-    )
+    """The page with its tables."""
+    for name, made in (("laws", table), ("confusion", confusion)):
+        text = re.sub(
+            rf"(<!-- {name} -->\n).*?(\n<!-- end {name} -->)",
+            lambda m, made=made: m[1] + made() + m[2],  # type: ignore[misc]
+            text,
+            flags=re.DOTALL,
+        )
+    return text
 
 
 def main() -> None:

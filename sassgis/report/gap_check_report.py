@@ -42,7 +42,7 @@ class WorldRow:
     truth : Truth
     answer : Answer
     measured : mapping
-        S, D_base, D_effect, D_floor, failure; empty if nothing was measured.
+        S, D_configured, D_base, D_effect, D_floor, failure; empty if nothing was measured.
     seconds : float
         That the diagnosis took.
     """
@@ -138,7 +138,7 @@ def _world_table(record: CheckRecord) -> str:
             "case", "law", "disturbance", "slope", "rocks", "kind", "truth", "effects",
             "strengths", "true_phase", "true_segments", "answer", "group", "confidence", "right",
             "confusion_set", "covered", "phase", "segments", "located", "shrinkage_stated",
-            "shrinkage_fresh", "distance_base_fresh", "distance_effect_fresh",
+            "shrinkage_fresh", "distance_configured_fresh", "distance_model_fresh",
             "distance_floor_fresh", "seconds", "failure",
         )
     )  # fmt: skip
@@ -150,7 +150,8 @@ def _world_table(record: CheckRecord) -> str:
             "+".join(t.strengths), t.phase, " ".join(t.segments), a.effect, a.group,
             a.confidence if a.confidence == a.confidence else None, is_right(t, a),
             " ".join(a.confusion_set), is_covered(t, a), a.phase, " ".join(a.segments), located,
-            a.shrinkage, m.get("S"), m.get("D_base"), m.get("D_effect"), m.get("D_floor"),
+            a.shrinkage, m.get("S"), m.get("D_configured"), m.get("D_effect"),
+            m.get("D_floor"),
             row.seconds, a.failure or m.get("failure", ""),
         )  # fmt: skip
         writer.writerow([_cell(value) for value in values])

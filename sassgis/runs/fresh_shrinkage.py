@@ -1,4 +1,4 @@
-"""The shrinkage that a diagnosis states, measured on rocks that it has not seen."""
+"""How far the model handed over closes the gap, measured on rocks that no diagnosis has seen."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sassgis.gap.ladder.handover import CONFIGURED_NUMBER, configured_model
 from sassgis.gap.ladder.rungs import RockDistances
 from sassgis.gap.replicas.model_json import model_from_json
 from sassgis.gap.which.ensemble import Scale, model_rows, problem_of
@@ -22,9 +23,9 @@ def measured_shrinkage(
 ) -> dict[str, float | None]:
     """Measure how far the gap shrinks on other rocks of the same slope.
 
-    The calibrated models of a diagnosis, without and with the effect that it names, release the
-    new rocks; nothing is calibrated again. The rocks of the diagnosis itself give the campaigns
-    again by which its models were chosen.
+    The model as configured and those that the diagnosis calibrated, without and with the effect
+    that it names, release the new rocks; nothing is calibrated again. The rocks of the diagnosis
+    itself give the campaigns again by which its models were chosen.
 
     Parameters
     ----------
@@ -37,7 +38,8 @@ def measured_shrinkage(
     Returns
     -------
     dict
-        "S" (None where the gap of the base may be chance), "D_base", "D_effect", "D_floor".
+        "S", from the configured model to the one handed over (None where the gap of the configured
+        one may be chance); "D_configured", "D_base", "D_effect", "D_floor".
 
     Raises
     ------
@@ -59,15 +61,18 @@ def measured_shrinkage(
             "the calibrated models of a diagnosis cannot be read", file=file, found=str(error)
         ) from error
     problem = problem_of(read_case(config, observations), seed, scale)
-    base, effect = (
+    models["configured"] = configured_model(problem.case)
+    numbers["configured"] = CONFIGURED_NUMBER
+    base, effect, configured = (
         RockDistances.of(
             problem.rows, model_rows(problem, model, numbers[name], count).astype(np.float64)
         )
         for name, model in models.items()
     )
-    gap = base.value() - effect.floor
+    gap = configured.value() - effect.floor
     return {
-        "S": (base.value() - effect.value()) / gap if base.above_chance else None,
+        "S": (configured.value() - effect.value()) / gap if configured.above_chance else None,
+        "D_configured": configured.value(),
         "D_base": base.value(),
         "D_effect": effect.value(),
         "D_floor": effect.floor,

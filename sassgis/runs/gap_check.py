@@ -41,7 +41,7 @@ WORLDS = 150
 #: Seed of the battery, if none is given.
 SEED = 2026
 #: Rocks on which a stated shrinkage is checked.
-FRESH_ROCKS = 1000
+FRESH_ROCKS = 300
 DIAGNOSER = "sassgis.runs.diagnose:answer"
 MEASURER = "sassgis.runs.fresh_shrinkage:measured_shrinkage"
 
@@ -506,7 +506,7 @@ def _measured(outcome: TaskOutcome) -> dict[str, Any]:
     value = outcome.value
     if outcome.failure or not isinstance(value, dict) or "S" not in value:
         return {"S": None, "failure": outcome.failure or "no shrinkage was given back"}
-    keys = ("S", "D_base", "D_effect", "D_floor")
+    keys = ("S", "D_configured", "D_base", "D_effect", "D_floor")
     return {"failure": "", **{key: _number(value.get(key)) for key in keys}}
 
 

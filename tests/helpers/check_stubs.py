@@ -30,7 +30,9 @@ def answer(
         "reason": "",
     }
     Path(out).mkdir(parents=True)
-    content = {"verdict": verdict, "shrinkage": {"value": shrinkage}}
+    rung = "ground" if effect in ("none", "unknown") else effect
+    ladder = [{"rung": rung, "share": shrinkage, "ci95": None}]
+    content = {"verdict": verdict, "ladder": ladder}
     (Path(out) / "diagnosis.json").write_text(json.dumps(content))
 
 
@@ -105,4 +107,4 @@ def threads() -> dict[str, Any]:
 
 def measured(config: str, fresh: str, answer_folder: str) -> dict[str, Any]:
     rows = len((Path(fresh) / "rocks.csv").read_text().splitlines()) - 1
-    return {"S": rows / 2000.0, "D_base": 1.0, "D_effect": 0.5, "D_floor": float("nan")}
+    return {"S": rows / 2000.0, "D_configured": 2.0, "D_base": 1.0, "D_effect": 0.5, "D_floor": float("nan")}

@@ -13,7 +13,7 @@ import numpy as np
 from sassgis.gap.diagnosis import GapFinding
 from sassgis.gap.inference.intervals import Interval, share_interval
 from sassgis.gap.which.families import FAMILIES
-from sassgis.gap.which.verdict import CONTACT_LAW, GROUPS, adequate
+from sassgis.gap.which.verdict import CONTACT_LAW, GROUPS, NONE, UNKNOWN, adequate
 
 #: Least confidence with which an effect is named.
 NAMED_CONFIDENCE = 0.6
@@ -320,11 +320,11 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
     Raises
     ------
     KeyError, TypeError, ValueError
-        If the verdict or the shrinkage is missing, or is no such thing.
+        If the verdict or the ladder is missing, or is no such thing.
     """
     verdict = diagnosis["verdict"]
     confidence = verdict["confidence"]
-    shrinkage = diagnosis["shrinkage"]["value"]
+    shrinkage = _stated_shrinkage(diagnosis["ladder"], str(verdict["effect"]))
     return Answer(
         case=case,
         effect=str(verdict["effect"]),
@@ -332,10 +332,23 @@ def answer_from(case: str, diagnosis: Mapping[str, Any]) -> Answer:
         confusion_set=tuple(str(name) for name in verdict["confusion_set"]),
         phase=str(verdict.get("phase", "")),
         segments=tuple(str(name) for name in verdict.get("segments", ())),
-        shrinkage=None if shrinkage is None else float(shrinkage),
+        shrinkage=shrinkage,
         group=str(verdict.get("group", "")),
         large_findings=not adequate([f for f in map(_finding, diagnosis.get("where", ())) if f]),
     )
+
+
+def _stated_shrinkage(ladder: Sequence[Mapping[str, Any]], effect: str) -> float | None:
+    """Share of the gap of the configured model that the model handed over closes, as it is said.
+
+    None where its interval holds zero: then no share is stated.
+    """
+    rung = "ground" if effect in (NONE, UNKNOWN) else effect
+    for row in ladder:
+        if row["rung"] == rung and row["share"] is not None:
+            stated = row["ci95"] is None or row["ci95"][0] > 0.0
+            return float(row["share"]) if stated else None
+    return None
 
 
 def _finding(row: Mapping[str, Any]) -> GapFinding | None:

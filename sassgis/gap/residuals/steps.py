@@ -240,6 +240,6 @@ def _stops(case: Case) -> list[_Part]:
         {
             "rock": rock, "step": np.array("stop"), "quantity": np.array("lateral_m"),
             "observed": lateral[rock], "predicted": np.zeros(rock.size),
-            "sd": np.array(side_error(case)),
+            "sd": np.array(side_error(case)), "way_m": runout[rock],
         }
     ]  # fmt: skip

@@ -33,8 +33,10 @@ LEAST = 5
 _LEAST_DRAG = 0.8
 #: A flight that kept its length to this share was free of anything but air.
 _FREE = 0.15
-#: Turn of the path that fall lines and straight flights make by themselves (m per m).
-_STRAIGHT = 0.06
+#: How far paths leave their fall line by flying straight, where they are still near it (m per m).
+_STRAIGHT = 0.02
+#: Most distance of a stop below the last station, for its offset to be one of the instruments (m).
+_SOON_M = 30.0
 #: Least error of a mass, share of the released mass below which nothing is said, and draws of the
 #: errors.
 _LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
@@ -142,13 +144,16 @@ def _tested(one: _Scores, group: IntArray) -> tuple[float, float, int]:
 #: of the rock.
 _SCATTER, _TURN = "scatter of the rebound", "turn of the heading at impacts"
 _BOTH = "scatter of the rebound, and turn of the heading"
+_GROWTH = "growth of the lateral offset between the first two stations"
+_ASIDE = "offset of stops, soon below a station that was passed without"
 #: Every fingerprint, and the cause that it speaks for.
 STATISTICS: Mapping[str, str] = {
     "speeds against distances in time, all rocks alike": "measurement_error",
     "speeds against distances in time, each rock by its own share": "measurement_error",
     "what is off at one station is made up for at the next": "measurement_error",
+    _ASIDE: "measurement_error",
     "first point of the path against the stated start": "release_error",
-    "offset at the first station, not growing below": "release_error",
+    "offset at the first station, not growing to the second": "release_error",
     "speed on the first reach, right on the others": "release_error",
     "energy lost in flight, over path and size, on every flight": "air_drag",
     "energy lost at once, on few flights": "trees",
@@ -157,8 +162,7 @@ STATISTICS: Mapping[str, str] = {
     "mass of whole rocks that is missing, and lies in pieces": "fragmentation",
     "mass that lies beyond what was released": "entrainment",
     _TURN: "lateral_deflection",
-    "growth of the lateral offset between stations": "lateral_deflection",
-    "lateral offset of stops": "lateral_deflection",
+    _GROWTH: "lateral_deflection",
     "rebound lost with the normal speed, on one ground alone": "soft_ground",
     "large rocks stop early at the foot": "soft_ground",
     _SCATTER: "roughness",
@@ -247,6 +251,11 @@ def _offsets(case: Case, steps: StepTable) -> tuple[StepTable, FloatArray]:
     return rows, at
 
 
+def _usual_offset(rows: StepTable) -> float:
+    """Mean size of offsets (m) that errors make, were they larger than stated."""
+    return math.sqrt(2.0 / math.pi) * (1.0 + _MISSTATED) * float(rows.sd[0])
+
+
 def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
     """Standard error of a coordinate (m), as stated or, if more, as paths in time scatter.
 
@@ -284,21 +293,24 @@ def _release(case: Case, residuals: ResidualTable) -> list[_Scores]:
                 float(np.nanmean(off)),
             )
         )
-    # Offset at the first station, and how it grows from there: an error of the start does not.
+    # An error of the start is seen at the first station, and does not grow from there.
     seen, at = _offsets(case, residuals.steps)
-    if at.shape[1] >= 2:
-        side = float(seen.sd[0]) if len(seen) else math.nan
-        growth = np.nanmax(np.abs(at[:, 1:] - at[:, :1]), axis=1, initial=0.0)
-        first = np.abs(at[:, 0]) - np.maximum(growth, 0.8 * (1.0 + _MISSTATED) * side)
-        if np.isfinite(first).sum() >= LEAST:
-            found.append(
-                _score(
-                    "offset at the first station, not growing below",
-                    first,
-                    float(np.nanmean(np.abs(at[:, 0]))),
-                )
+    if len(seen) and at.shape[1] >= 2:
+        growth = np.abs(at[:, 1] - at[:, 0])
+        found.append(
+            _score(
+                "offset at the first station, not growing to the second",
+                np.abs(at[:, 0]) - np.maximum(growth, _usual_offset(seen)),
+                _mean(np.abs(at[:, 0])),
             )
+        )
     return found
+
+
+def _mean(values: FloatArray) -> float:
+    """Mean of what is known; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan
 
 
 # ---------------------------------------------------------------------------------------------
@@ -376,29 +388,28 @@ def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:
         )
     rows, at = _offsets(case, steps)
     if len(rows) and at.shape[1] >= 2:
-        # Between stations a path leaves its fall line also by flying straight.
-        apart = np.diff(case.station_s, axis=1)
-        step = np.maximum(np.abs(np.diff(at, axis=1)) - _STRAIGHT * apart, 0.0)
-        side = float(rows.sd[0])
-        mean = mean_of_draws(step, least=1)
-        found.append(
-            _score(
-                "growth of the lateral offset between stations",
-                mean - 0.8 * math.sqrt(2.0) * (1.0 + _MISSTATED) * side,
-                float(np.nanmean(mean)),
-            )
-        )
-    rows = steps.of("stop", "lateral_m")
-    if len(rows):
-        size = np.abs(rows.observed) - 0.8 * (1.0 + _MISSTATED) * rows.sd
-        found.append(
-            _score(
-                "lateral offset of stops",
-                per_rock(size, rows.rock, n),
-                float(np.abs(rows.observed).mean()),
-            )
-        )
+        # Further down fall lines part, and offsets grow by themselves.
+        growth = np.abs(at[:, 1] - at[:, 0])
+        apart = case.station_s[:, 1] - case.station_s[:, 0]
+        usual = _usual_offset(rows) + _STRAIGHT * apart
+        found.append(_score(_GROWTH, growth - usual, _mean(growth)))
     return found
+
+
+def _aside(case: Case, residuals: ResidualTable) -> list[_Scores]:
+    """Offset of stops where the rock was on its fall line shortly before."""
+    rows = residuals.steps.of("stop", "lateral_m")
+    _, at = _offsets(case, residuals.steps)
+    if not len(rows) or not at.shape[1]:
+        return []
+    passed = np.isfinite(at[rows.rock])
+    last = at.shape[1] - 1 - np.argmax(passed[:, ::-1], axis=1)
+    beyond = rows.way_m - case.station_s[rows.rock, last]
+    near = passed.any(axis=1) & (beyond < _SOON_M)
+    near &= np.abs(at[rows.rock, last]) < 0.5 * rows.sd[0]
+    usual = _usual_offset(rows) + _STRAIGHT * np.maximum(beyond, 0.0)
+    size = np.where(near, np.abs(rows.observed) - usual, np.nan)
+    return [_score(_ASIDE, per_rock(size, rows.rock, case.n_rocks), _mean(size + usual))]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -692,6 +703,7 @@ _MAKERS: Sequence[_Maker] = (
     _flight,
     _aloft,
     _lateral,
+    _aside,
     _masses,
     _contact,
     _reaches,

@@ -83,6 +83,10 @@ def _large(finding: GapFinding) -> bool:
     return scatter > 0.0 and abs(finding.gap) > _LARGE * scatter
 
 
+#: A cause is named only if a fingerprint of its own is seen: one-sided 5 % of a normal deviate.
+SEEN = 1.645
+
+
 def strongest(prints: Sequence[Fingerprint]) -> dict[str, Fingerprint]:
     """The surest fingerprint of each cause that these data can show."""
     best: dict[str, Fingerprint] = {}
@@ -169,7 +173,8 @@ def decide(
     tried = [name for name in shares if name != NONE]
     best = strongest(prints)
     first = max(tried, key=lambda n: shares[n], default="")
-    if first and shares[first] >= thresholds.named and first in best:
+    seen = first in best and best[first].z >= SEEN
+    if seen and shares[first] >= thresholds.named:
         if closes_at_most is not None and closes_at_most < 0.0:
             return (
                 UNKNOWN,

@@ -201,7 +201,7 @@ def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
     assert found["shrinkage_near"] == (1, 1)
     assert [p.name for p in (copy / "shrinkage").iterdir()] == ["002.json"]
     measured = json.loads((copy / "shrinkage" / "002.json").read_text())
-    assert measured == {"failure": "", "S": 0.015, "D_base": 1.0, "D_effect": 0.5, "D_floor": None}
+    assert measured == {"failure": "", "S": 0.015, "D_configured": 2.0, "D_base": 1.0, "D_effect": 0.5, "D_floor": None}
     assert not (copy / "fresh").exists()
 
 

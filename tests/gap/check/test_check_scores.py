@@ -296,7 +296,7 @@ def test_large_findings_are_read_from_the_answer() -> None:
 
     def read(**changes: object) -> Answer:
         where = [{**row, **changes}]
-        return answer_from("1", {"verdict": verdict, "shrinkage": {"value": None}, "where": where})
+        return answer_from("1", {"verdict": verdict, "ladder": [], "where": where})
 
     assert read().large_findings and read().group == "contact"
     assert not read(p_adjusted=0.2).large_findings
@@ -306,4 +306,4 @@ def test_large_findings_are_read_from_the_answer() -> None:
 
 def test_an_answer_without_a_verdict_is_none() -> None:
     with pytest.raises(KeyError):
-        answer_from("1", {"shrinkage": {"value": None}})
+        answer_from("1", {"ladder": []})

@@ -66,8 +66,9 @@ def test_what_was_not_observed_cannot_be_seen() -> None:
     found = fingerprints(few, table_of(few))
     assert {f.statistic for f in found} == set(STATISTICS)
     seen = strongest(found)
-    assert {"trees", "air_drag", "release_error", "measurement_error"}.isdisjoint(seen)
-    assert {"fragmentation", "lateral_deflection"} <= set(seen)
+    unseen = {"trees", "air_drag", "release_error", "measurement_error", "lateral_deflection"}
+    assert unseen.isdisjoint(seen)
+    assert {"fragmentation", "entrainment"} <= set(seen)
 
 
 def test_blocks_are_known_by_their_masses_whatever_they_are_called(
@@ -184,3 +185,26 @@ def test_errors_of_positions_are_those_that_paths_show() -> None:
     name = "first point of the path against the stated start"
     found = {f.statistic: f for f in fingerprints(stated, table_of(stated))}
     assert found[name].observable and found[name].z < 2.0
+
+
+def test_offsets_that_grow_that_stay_and_that_only_stops_have(
+    case: Case, residuals: ResidualTable
+) -> None:
+    side = np.random.default_rng(8).choice([-1.0, 1.0], case.n_rocks)
+    # Rocks that stop 10 m below the last station.
+    near = np.where(
+        residuals.steps.step == "stop", case.station_s[residuals.steps.rock, -1] + 10.0, np.nan
+    )
+    steps = replace(residuals.steps, way_m=near)
+    residuals = replace(residuals, steps=steps)
+    # The walk of a rock, m: 4 m more at each station; the same everywhere; none but at the stop.
+    walk = np.where(steps.step == "stop", 20.0, 4.0 * (steps.station + 1.0)) * side[steps.rock]
+    start = 6.0 * side[steps.rock]
+    aside = np.where(steps.step == "stop", 6.0 * side[steps.rock], 0.0)
+    for added, cause in (
+        (walk, "lateral_deflection"), (start, "release_error"), (aside, "measurement_error")
+    ):  # fmt: skip
+        off = changed(changed(residuals, "run", "lateral_m", added), "stop", "lateral_m", added)
+        found = printed(case, off)
+        named = {c for c, f in found.items() if f.z > 0.0 and f.p_adjusted <= 0.01}
+        assert named == {cause}
