@@ -160,7 +160,8 @@ def _check(profiles: ProfileSet, table: GroundTable) -> None:
 
 def _checked_starts(profiles: ProfileSet, starts: FloatArray) -> FloatArray:
     """Starting chainages as the kernel takes them; InputError where one is off its profile."""
-    starts = np.asarray(starts, np.float64).reshape(len(profiles), 2)
+    # A copy: for an array that may not be written to the whole kernel would be compiled again.
+    starts = np.array(starts, np.float64).reshape(len(profiles), 2)
     first = profiles.s[profiles.offset[:-1]]
     last = profiles.s[profiles.offset[1:] - 1]
     outside = (starts[:, 0] < first) | (starts[:, 1] > last) | (starts[:, 0] > starts[:, 1])
@@ -215,7 +216,7 @@ def _lines(
 ) -> Lines:
     """The profiles as the kernel takes them; ``local`` is the position of each cell."""
     stems, diameter = _forest_under(profiles, forest)
-    lines = Lines(
+    return Lines(
         offset=profiles.offset,
         s=profiles.s,
         z=profiles.z,
@@ -234,8 +235,6 @@ def _lines(
         control_line_x=crossings.chainage,
         control_line=crossings.control_line,
     )
-    # Arrays that may not be written to are of another type, for which all would be compiled again.
-    return Lines(*(np.require(rows, requirements=("C", "W")) for rows in lines))
 
 
 def empty_rows(n: int, n_passages: int, n_spawned: int, n_events: int) -> Rows:

@@ -96,11 +96,11 @@ def _compiled(function: F, **options: Any) -> F:
     # Where the machine code is kept is decided here, as the function is decorated.
     config.CACHE_DIR = before or str(_cache_folder())
     try:
-        compiled: F = numba.njit(
-            cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **options
-        )(function)
+        options["no_cfunc_wrapper"] = True
+        compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
     if not config.DISABLE_JIT:
-        compiled.__class__ = _kind(options.get("no_cpython_wrapper", False))
-    return compiled
+        compiled.__class__ = _kind("no_cpython_wrapper" in options)
+    out: F = compiled
+    return out
