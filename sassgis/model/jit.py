@@ -67,8 +67,10 @@ def inlined(function: F) -> F:
 @functools.cache
 def _kind(only_compiled: bool) -> type:
     """The class of a compiled function, or of one that only compiled code can call."""
-    from numba.core import types
+    from numba.core import types as numba_types
     from numba.core.registry import CPUDispatcher
+
+    types: Any = numba_types
 
     def get_call_template(self: Any, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
         # A literal argument is none: else each part would be compiled once for each of them.
