@@ -1,6 +1,6 @@
 """Rate, memory and compilation time of sassgis on the benchmark slope, compared with SAGA.
 
-    python benchmarks/run.py [--repeats 3] [--rough] [--json FILE]
+    python benchmarks/run.py [--repeats 3] [--rough] [--path followed] [--json FILE]
 
 Each figure comes from a process of its own. The rate counts complete trajectories with all map
 statistics on, from release points to sums per cell, on one core, after compilation. The comparison
@@ -27,14 +27,14 @@ import saga
 import slope
 
 
-def simulate_once(folder: Path, repeats: int) -> dict[str, Any]:
+def simulate_once(folder: Path, repeats: int, path: str) -> dict[str, Any]:
     """In this process: time runs on the slope, the first of them with compilation."""
     from sassgis.io.read.config import load_config
     from sassgis.runs.inputs import read_map_run
     from sassgis.runs.map import chunks_of, simulate_map
     from sassgis.terrain.plan import plan
 
-    run = read_map_run(load_config(folder / "config.toml"))
+    run = read_map_run(load_config(folder / "config.toml", {"terrain.path": path}))
     began = time.perf_counter()
     planned = plan(run)
     few = chunks_of(planned)[0].points
@@ -74,9 +74,9 @@ def simulate_once(folder: Path, repeats: int) -> dict[str, Any]:
     }
 
 
-def _child(folder: Path, repeats: int, cache: Path) -> dict[str, Any]:
+def _child(folder: Path, repeats: int, path: str, cache: Path) -> dict[str, Any]:
     done = subprocess.run(
-        [sys.executable, __file__, "--child", str(folder), "--repeats", str(repeats)],
+        [sys.executable, __file__, "--child", folder, "--repeats", f"{repeats}", "--path", path],
         env={**os.environ, "SASSGIS_CACHE_DIR": str(cache), "NUMBA_CACHE_DIR": ""},
         capture_output=True,
         text=True,
@@ -88,14 +88,14 @@ def _child(folder: Path, repeats: int, cache: Path) -> dict[str, Any]:
     return result
 
 
-def measure(repeats: int, rough: bool) -> dict[str, Any]:
+def measure(repeats: int, rough: bool, path: str) -> dict[str, Any]:
     """All figures, in one run of this script."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "slope"
         slope.write_slope(folder, rough=rough)
         cache = Path(scratch) / "cache"
-        cold = _child(folder, 1, cache)
-        warm = _child(folder, repeats, cache)
+        cold = _child(folder, 1, path, cache)
+        warm = _child(folder, repeats, path, cache)
         other = saga.measure(folder, repeats=repeats)
     rate = [warm["rocks"] / s for s in warm["cpu_s"]]
     result: dict[str, Any] = {
@@ -122,16 +122,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--rough", action="store_true", help="metre-scale roughness on the slope")
+    parser.add_argument("--path", choices=("fall_line", "followed"), default="fall_line")
     parser.add_argument("--json", type=Path, help="also write the figures to a file")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.child:
-        print(json.dumps(simulate_once(given.child, given.repeats)))
+        print(json.dumps(simulate_once(given.child, given.repeats, given.path)))
         return
-    result = measure(given.repeats, given.rough)
+    result = measure(given.repeats, given.rough, given.path)
     if given.json:
         given.json.write_text(json.dumps(result, indent=2) + "\n")
-    print(f"slope: {'rough' if given.rough else 'plain'}, {result['rocks']} blocks")
+    print(f"slope: {'rough' if given.rough else 'plain'}, {given.path}, {result['rocks']} blocks")
     low, high = result["trajectories_per_s_range"]
     print(
         f"sassgis: {result['trajectories_per_s_and_core']:,.0f} trajectories per second and core "

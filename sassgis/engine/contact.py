@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.engine.angles import cos_sin
 from sassgis.engine.rows import Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
 from sassgis.model.jit import inlined, lean
@@ -312,8 +313,7 @@ def resting_height(
     float
         Minus infinity where there is no ground below.
     """
-    ct = math.cos(theta)
-    st = math.sin(theta)
+    ct, st = cos_sin(theta)
     reach = math.sqrt(a * a * ct * ct + b * b * st * st)
     height = -np.inf
     n = last_of(profile)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from sassgis.engine.angles import cos_sin
 from sassgis.engine.barriers import Stretch, after_barrier, control_lines_on_ground, no_meeting
 from sassgis.engine.contact import next_contact
 from sassgis.engine.effects import hooks
@@ -337,7 +338,8 @@ def _lift_off(state: Record, block: Block, site: Site, gravity: float, lift: flo
     direction = state.direction
     # Its centre is where it then stands.
     state.theta = 0.5 * math.pi + direction * lift + here.angle
-    lever, support, _ = frame_of(block.a, block.b, math.cos(lift), -direction * math.sin(lift))
+    c, s = cos_sin(lift)
+    lever, support, _ = frame_of(block.a, block.b, c, -direction * s)
     rise = support - block.roll_radius
     # Also where the spin lags behind the speed no energy is made.
     energy = (

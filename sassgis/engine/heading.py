@@ -26,6 +26,7 @@ import math
 
 import numpy as np
 
+from sassgis.engine.angles import cos_sin
 from sassgis.engine.contact import resting_height
 from sassgis.engine.path import (
     Path,
@@ -53,7 +54,7 @@ from sassgis.engine.state import (
 )
 from sassgis.model import rng
 from sassgis.model.cell_geometry import exact, height_at
-from sassgis.model.jit import inlined, lean
+from sassgis.model.jit import inlined, kernel, lean
 
 # On the ground the heading turns by so much at most before the profile begins anew (rad); κ times
 # the length of a step, where that is longer than so many radii.
@@ -86,8 +87,7 @@ def head(state: Record, path: Path, u: float, v: float, hu: float, hv: float) ->
 def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
     """Unit vector of the descent as a block sees it that drifts."""
     size = math.sqrt(gu * gu + gv * gv)
-    c = math.cos(state.drift)
-    s = math.sin(state.drift)
+    c, s = cos_sin(state.drift)
     return -(gu * c - gv * s) / size, -(gv * c + gu * s) / size
 
 
@@ -189,8 +189,7 @@ def turn_heading(
         hu = -hu
         hv = -hv
         _mirror(state)
-    c = math.cos(angle)
-    s = math.sin(angle)
+    c, s = cos_sin(angle)
     to_u = hu * c - hv * s
     to_v = hv * c + hu * s
     before = math.atan(slope)
@@ -202,7 +201,8 @@ def turn_heading(
     tilt = after - before
     u, v = place(state, state.x)
     state.theta += tilt
-    _rotate(state, math.cos(tilt), math.sin(tilt))
+    c, s = cos_sin(tilt)
+    _rotate(state, c, s)
     head(state, path, u, v, to_u, to_v)
     if abs(angle) > _FAR_TURN:
         behind = sample_behind(state, block, site, path, z0, math.tan(after), ground)
@@ -311,8 +311,7 @@ def after_impact(
         ahead = state.direction * state.speed * here.tx
     if known:
         # As the block drifts, the ground seems turned.
-        c = math.cos(state.drift)
-        s = math.sin(state.drift)
+        c, s = cos_sin(state.drift)
         su = gu * c - gv * s
         sv = gv * c + gu * s
         hu = state.du * path.cell_size
@@ -385,13 +384,13 @@ def before_ground(
     return gu, gv
 
 
-@inlined
+@kernel
 def _bending(gravity: float, steep2: float, level2: float) -> float:
     """κ (1/m), from the squares of the gradient and of the horizontal speed (m²/s²)."""
     return gravity * math.sqrt(steep2) / ((1.0 + steep2) * max(level2, 1e-9))
 
 
-@inlined
+@kernel
 def _bent(angle: float, kappa_s: float) -> float:
     """By how much an angle to the descent falls over a length, times κ (rad)."""
     return angle - 2.0 * math.atan(math.tan(0.5 * angle) * math.exp(-kappa_s))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from sassgis.engine.angles import cos_sin
 from sassgis.engine.contact import resting_height
 from sassgis.engine.effects import hooks
 from sassgis.engine.ellipse import frame_of
@@ -123,8 +124,7 @@ def _rebound(
     mx, mz, rule, friction = hooks.on_contact(
         effects, state, block, ground, mx, mz, physics.eta_rule, ground.mu_f
     )
-    st = math.sin(state.theta)
-    ct = math.cos(state.theta)
+    ct, st = cos_sin(state.theta)
     px, py, _ = frame_of(block.a, block.b, st * mz + ct * mx, ct * mz - st * mx)
     if as_circle:
         px, py = 0.0, block.roll_radius
@@ -168,8 +168,7 @@ def land(
     uz = -nx
     vt = state.vx * ux + state.vz * uz
     vn = state.vx * nx + state.vz * nz
-    st = math.sin(state.theta)
-    ct = math.cos(state.theta)
+    ct, st = cos_sin(state.theta)
     lever, support, curvature = frame_of(block.a, block.b, st * ux - ct * uz, ct * ux + st * uz)
     as_circle = state.as_circle
     state.as_circle = False
@@ -294,8 +293,7 @@ def _slide_or_rest(
     One that would have to rise first, and has not the energy, is wedged.
     """
     here = profile[state.segment]
-    st = math.sin(state.theta)
-    ct = math.cos(state.theta)
+    ct, st = cos_sin(state.theta)
     _, support, _ = frame_of(
         block.a, block.b, st * here.tx - ct * here.tz, ct * here.tx + st * here.tz
     )

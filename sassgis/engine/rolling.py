@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from sassgis.engine.ellipse import frame_of
-from sassgis.engine.impact import normal_force
+import numpy as np
+
+from sassgis.engine.angles import cos_sin
 from sassgis.engine.state import Block
 from sassgis.model.jit import kernel
 
@@ -18,7 +19,7 @@ TO_ROLLING = 7
 _WIDEST = 1.5
 _SCANS = 24
 # The angle at which a block lifts off is found to this (rad), in so many steps at most.
-_ANGLE = 1e-10
+_ANGLE = 1e-8
 _MOST_STEPS = 60
 
 
@@ -42,18 +43,6 @@ def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
 
 
 @kernel
-def rolling_spin(block: Block, v: float, angle: float, gravity: float, cos_slope: float) -> float:
-    """Spin of the rolling ellipse ``angle`` before it stands upright (rad/s).
-
-    Its kinetic energy is that of steady rolling at the mean radius with speed v, less what has
-    lifted its centre above that. 0 where the energy does not suffice.
-    """
-    x, y, _ = frame_of(block.a, block.b, math.cos(angle), -math.sin(angle))
-    energy = 0.5 * block.roll_share * v * v - gravity * cos_slope * (y - block.roll_radius)
-    return math.sqrt(max(2.0 * energy / (block.inertia + x * x + y * y), 0.0))
-
-
-@kernel
 def _force_before_upright(
     block: Block,
     v: float,
@@ -63,12 +52,44 @@ def _force_before_upright(
     cos_slope: float,
     down: float,
     angle: float,
-) -> float:
-    """Normal force per unit mass ``angle`` before the ellipse stands upright (m/s²)."""
-    here = math.sqrt(max(v * v + 2.0 * pull * (first - block.roll_radius * angle), 0.0))
-    spin = rolling_spin(block, here, angle, gravity, cos_slope)
-    x, y, curvature = frame_of(block.a, block.b, math.cos(angle), -math.sin(angle))
-    return normal_force(x, y, curvature, block.inertia, spin, cos_slope, down, gravity)
+) -> tuple[float, float]:
+    """Normal force per unit mass ``angle`` before the ellipse stands upright (m/s²), and its rate.
+
+    Its kinetic energy is that of steady rolling at the mean radius, less what has lifted its centre
+    above that; the force is impact.normal_force. Parameters as lift_off_angle.
+    """
+    c, s = cos_sin(angle)
+    radius = block.roll_radius
+    weight = gravity * cos_slope
+    # The frame of ellipse.frame_of, whose derivatives are: y' = x, x' = curvature.
+    shape = block.a * block.a - block.b * block.b
+    y = math.sqrt(block.a * block.a - shape * s * s)
+    x = -shape * c * s / y
+    curvature = (shape * (s * s - c * c) - x * x) / y
+    curvature_rate = -x * (4.0 + 3.0 * curvature / y)
+    per_inertia = 1.0 / (block.inertia + x * x + y * y)
+    inertia_rate = 2.0 * x * (curvature + y)
+    spin2 = 0.0
+    spin2_rate = 0.0
+    speed2 = v * v + 2.0 * pull * (first - radius * angle)
+    twice = block.roll_share * max(speed2, 0.0) - 2.0 * weight * (y - radius)
+    if twice > 0.0:
+        spin2 = twice * per_inertia
+        twice_rate = -2.0 * weight * x
+        if speed2 > 0.0:
+            twice_rate -= 2.0 * block.roll_share * pull * radius
+        spin2_rate = (twice_rate - spin2 * inertia_rate) * per_inertia
+    moment = gravity * (down * y + cos_slope * x) + spin2 * x * (y + curvature)
+    moment_rate = (
+        gravity * (down * x + cos_slope * curvature)
+        + spin2_rate * x * (y + curvature)
+        + spin2 * (curvature * (y + curvature) + x * (x + curvature_rate))
+    )
+    turn = moment * per_inertia
+    turn_rate = (moment_rate - turn * inertia_rate) * per_inertia
+    force = weight + curvature * spin2 - x * turn
+    rate = curvature_rate * spin2 + curvature * spin2_rate - curvature * turn - x * turn_rate
+    return force, rate
 
 
 @kernel
@@ -98,39 +119,86 @@ def lift_off_angle(
         The largest angle before the upright at which the normal force ends, 0 if only there.
     """
     high = min(_WIDEST, first / block.roll_radius)
-    at_high = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, high)
+    weight = gravity * cos_slope
+    at_high, _ = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, high)
     if at_high <= 0.0:
         return high
     low = 0.0
-    at_low = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, low)
+    at_low, _ = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, low)
     if at_low > 0.0:
         # It barely reaches the speed: the force may have ended and come back.
         for i in range(1, _SCANS):
             angle = high * (1.0 - i / _SCANS)
-            found = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
+            found, _ = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
             if found <= 0.0:
                 low, at_low = angle, found
                 break
         if at_low > 0.0:
             return 0.0
-    # False position after Dowell and Jarratt (1971, "Illinois"), which keeps the bracket.
-    side = 0
+    return _end_of_force(
+        block, v, pull, first, gravity, cos_slope, down, low, high, _guess(at_low, weight)
+    )
+
+
+@kernel
+def _guess(upright: float, weight: float) -> float:
+    """About how long before the upright the force ends (rad), from that upright (m/s²).
+
+    With the spin constant and without what turns the block the force is weight + curvature ω², and
+    the curvature about −cos 2α of that upright: sin² α = F/(2 (F − weight)).
+    """
+    sine2 = 0.5 * upright / (upright - weight)
+    return math.sqrt(sine2) * (1.0 + sine2 * (1.0 / 6.0 + 0.075 * sine2))
+
+
+@kernel
+def _end_of_force(
+    block: Block,
+    v: float,
+    pull: float,
+    first: float,
+    gravity: float,
+    cos_slope: float,
+    down: float,
+    low: float,
+    high: float,
+    angle: float,
+) -> float:
+    """Where between two angles (rad) the normal force ends: it is 0 or less at ``low`` only.
+
+    Newton's method from ``angle`` on; from the second step on by the cubic of the angle over the
+    force through the last two values and slopes. Parameters as lift_off_angle.
+    """
+    before = force_before = per_rate_before = 0.0
+    last = np.inf
     for _ in range(_MOST_STEPS):
+        if not low < angle < high:
+            angle = 0.5 * (low + high)
+            last = np.inf
+        force, rate = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
+        if force <= 0.0:
+            low = angle
+        else:
+            high = angle
         if high - low < _ANGLE:
             break
-        angle = low + (high - low) * at_low / (at_low - at_high)
-        # Where the ends differ much in size the step must not stall at one of them.
-        angle = min(max(angle, low + 0.25 * _ANGLE), high - 0.25 * _ANGLE)
-        found = _force_before_upright(block, v, pull, first, gravity, cos_slope, down, angle)
-        if found <= 0.0:
-            if side < 0:
-                at_high *= 0.5
-            low, at_low, side = angle, found, -1
-        else:
-            if side > 0:
-                at_low *= 0.5
-            high, at_high, side = angle, found, 1
-    return low
+        per_rate = 1.0 / rate if rate > 0.0 else np.inf
+        newton = angle - force * per_rate
+        found = newton
+        error = (newton - angle) ** 2
+        if last < np.inf and force != force_before:
+            per_force = 1.0 / (force - force_before)
+            chord = (angle - before) * per_force
+            bend = (per_rate - chord) * per_force
+            twist = (per_rate - 2.0 * chord + per_rate_before) * per_force * per_force
+            found = newton + force * force * (bend + twist * (force_before - force - force_before))
+            error = 10.0 * abs(found - newton) * last * last
+        before, force_before, per_rate_before = angle, force, per_rate
+        last = abs(found - angle)
+        angle = found
+        if error < _ANGLE:
+            break
+    return min(max(angle, low), high)
 
 
 @kernel
@@ -193,7 +261,8 @@ def rolling_stretch(
             late = gap / (2.0 * pull) - first
             if late > 0.0:
                 first += math.ceil(late / (math.pi * roll_radius)) * math.pi * roll_radius
-        if v * v + 2.0 * pull * first >= least * least * (1.0 + 1e-12):
+        fast = v * v + 2.0 * pull * first >= least * least * (1.0 + 1e-12)
+        if fast and first - roll_radius * _WIDEST < length:
             early = lift_off_angle(block, v, pull, first, gravity, cos_slope, down)
             if first - roll_radius * early < length:
                 length = max(first - roll_radius * early, 0.0)

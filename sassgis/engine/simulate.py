@@ -160,7 +160,8 @@ def _check(profiles: ProfileSet, table: GroundTable) -> None:
 
 def _checked_starts(profiles: ProfileSet, starts: FloatArray) -> FloatArray:
     """Starting chainages as the kernel takes them; InputError where one is off its profile."""
-    starts = np.asarray(starts, np.float64).reshape(len(profiles), 2)
+    # A copy: for an array that may not be written to the whole kernel would be compiled again.
+    starts = np.array(starts, np.float64).reshape(len(profiles), 2)
     first = profiles.s[profiles.offset[:-1]]
     last = profiles.s[profiles.offset[1:] - 1]
     outside = (starts[:, 0] < first) | (starts[:, 1] > last) | (starts[:, 0] > starts[:, 1])

@@ -166,6 +166,8 @@ def close_line(tally: LineTally, n_line: int, sums: Exceedance) -> None:
         rocks = np.int64(0)
         for i in range(last, -1, -1):
             rocks += np.int64(tally.hits[place, i])
+            if rocks == 0:
+                continue
             tally.hits[place, i] = np.uint32(0)
             sums.rocks[place, i] += rocks
             sums.square[place, i] += rocks * rocks

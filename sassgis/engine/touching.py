@@ -8,7 +8,7 @@ with n the normal of the segment; at a vertex n is the normal of the ellipse sca
 meets the vertex, taken anew at each step. Since y'' <= (a² − b²)/b, the quadratic with g, g' and
 g'' >= −(gravity·n_z + ω²(a² − b²)/b) bounds the gap from below. Stepping to the root of that bound
 can never pass the first contact, however fast the block or short the segment, and converges
-quadratically.
+quadratically; at a segment, with g'' itself and a bound of the third derivative, cubically.
 
 A contact counts while the *centre* approaches the ground there: the paper's angle of incidence
 lies between 0 and 90 degrees (Fig. 9). Just after an impact the flank of the turning block may
@@ -23,8 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sassgis.engine.angles import cos_sin
 from sassgis.engine.rows import Record
-from sassgis.model.jit import kernel
+from sassgis.model.jit import inlined, kernel
 
 _MAX_STEPS = 500
 # Deeper than this share of b a contact counts also while it opens.
@@ -50,6 +51,40 @@ class Flying(NamedTuple):
     a: float  # semi-axes (m)
     b: float
     gravity: float  # (m/s²)
+
+
+@inlined
+def _until_closed(gap: float, rate: float, bend: float) -> float:
+    """When gap + rate t − bend t²/2 is zero for the first time after 0; infinite if never."""
+    root2 = rate * rate + 2.0 * bend * gap
+    if root2 < 0.0:
+        return np.inf
+    if rate < 0.0:
+        return 2.0 * gap / (math.sqrt(root2) - rate)
+    return (rate + math.sqrt(root2)) / bend if bend > 0.0 else np.inf
+
+
+@inlined
+def _open_for(
+    gap: float, rate: float, bend: float, jerk: float, most: float
+) -> tuple[float, float]:
+    """How long a gap surely stays open (s), infinite if for ever, and how wide it is then at most.
+
+    Parameters
+    ----------
+    gap, rate, bend : float
+        The gap (m), its first and minus its second derivative now.
+    jerk, most : float
+        Bounds of the size of its third and of minus its second derivative at any time.
+    """
+    # Until the parabola of now closes the third derivative bends it by so much at most.
+    closed = _until_closed(gap, rate, bend)
+    extra = jerk * closed / 3.0
+    if not bend + extra < most:
+        return _until_closed(gap, rate, most), np.inf
+    step = _until_closed(gap, rate, bend + extra)
+    error = (0.5 * extra + jerk * step / 6.0) * step * step
+    return step, error if rate < 0.0 else np.inf
 
 
 @kernel
@@ -85,7 +120,10 @@ def contact_with_segment(
     along = (x - px) * tx + (z - pz) * tz
     run = vx * tx + vz * tz
     down = gravity * tx
-    bound = down + difference / b * omega * omega
+    spin2 = omega * omega
+    bound = down + difference / b * spin2
+    # The third derivative of y is −y' (4 + 3 y''/y), with |y'| <= a − b, |y''| <= (a² − b²)/b.
+    jerk = (a - b) * (4.0 + 3.0 * difference / (b * b)) * spin2 * abs(omega)
     # The tangent point moves no faster than this along the segment, after what gravity adds.
     foot_speed = difference / b * abs(omega)
     # A step that moves nothing by a millionth of the block.
@@ -99,28 +137,33 @@ def contact_with_segment(
             if down <= 0.0:
                 return np.inf, False
             t += max(approach, 0.0) / down + tiny
+            # Then it falls freely until it is as near as its longer axis.
+            aloft = across + (rise - 0.5 * down * t) * t - a
+            if aloft > 0.0:
+                t += math.sqrt(2.0 * aloft / down)
         else:
-            angle = theta - omega * t
-            ct = math.cos(angle)
-            st = math.sin(angle)
+            ct, st = cos_sin(theta - omega * t)
             s = tx * st - tz * ct
             c = tx * ct + tz * st
             support = math.sqrt(b * b + difference * s * s)
-            lever = difference * s * c / support
+            per_support = 1.0 / support
+            lever = difference * s * c * per_support
             gap = across + (rise - 0.5 * down * t) * t - support
             rate = approach + lever * omega
             if gap < -2.0 * support:
                 # The whole block lies beyond the line: ground that stands above it, as on a riser.
                 return np.inf, False
             if gap > tolerance or (rate > 0.0 and gap > -_DEEP * b):
-                open_gap = max(gap, 0.0)
-                root = math.sqrt(rate * rate + 2.0 * bound * open_gap)
-                if rate < 0.0:
-                    t += 2.0 * open_gap / (root - rate)
-                elif bound > 0.0:
-                    t += max((rate + root) / bound, tiny)
-                else:
+                bend = down + (difference * (c * c - s * s) - lever * lever) * per_support * spin2
+                step, error = _open_for(max(gap, 0.0), rate, bend, jerk, bound)
+                if step == np.inf:
                     return np.inf, False
+                t += step if rate < 0.0 else max(step, tiny)
+                if error <= tolerance and t <= end:
+                    # It touches there; if certainly between the ends, that need not be looked at.
+                    foot = along + (run - 0.5 * gravity * tz * t) * t - lever
+                    if foot_speed * step <= foot <= length - foot_speed * step:
+                        return t, False
             else:
                 foot = along + (run - 0.5 * gravity * tz * t) * t - lever
                 if -tolerance <= foot <= length + tolerance:
@@ -289,12 +332,11 @@ def contact_with_vertex(
     t = start
     clear = start
     for _ in range(_MAX_STEPS):
-        angle = theta - omega * t
+        ct, st = cos_sin(theta - omega * t)
         wz = vz - gravity * t
         gap, nx, nz, lever = vertex_gap(
-            x + vx * t, z + (vz - 0.5 * gravity * t) * t, math.cos(angle), math.sin(angle), a, b,
-            px, pz,
-        )  # fmt: skip
+            x + vx * t, z + (vz - 0.5 * gravity * t) * t, ct, st, a, b, px, pz
+        )
         approach = vx * nx + wz * nz
         rate = approach + lever * omega
         if gap > tolerance:
@@ -312,11 +354,11 @@ def contact_with_vertex(
             low = clear
             for _ in range(_REFINEMENTS if t > clear else 0):
                 middle = 0.5 * (low + t)
-                angle = theta - omega * middle
+                ct, st = cos_sin(theta - omega * middle)
                 wz = vz - gravity * middle
                 gap, mx, mz, lever = vertex_gap(
-                    x + vx * middle, z + (vz - 0.5 * gravity * middle) * middle, math.cos(angle),
-                    math.sin(angle), a, b, px, pz,
+                    x + vx * middle, z + (vz - 0.5 * gravity * middle) * middle, ct, st, a, b, px,
+                    pz,
                 )  # fmt: skip
                 approach = vx * mx + wz * mz
                 rate = approach + lever * omega

@@ -58,9 +58,32 @@ def lean(function: F) -> F:
 def inlined(function: F) -> F:
     """As lean, and made part of the machine code of its callers.
 
-    For the parts of a long kernel: passing many arrays costs more than most of what they do.
+    For the parts of a long kernel: passing many arrays costs more than most of what they do. Only
+    compiled code can call it: for calls from Python each part would be compiled once more.
     """
-    return _compiled(function, _nrt=False, forceinline=True)
+    return _compiled(function, _nrt=False, forceinline=True, no_cpython_wrapper=True)
+
+
+@functools.cache
+def _kind(only_compiled: bool) -> type:
+    """The class of a compiled function, or of one that only compiled code can call."""
+    from numba.core import types as numba_types
+    from numba.core.registry import CPUDispatcher
+
+    types: Any = numba_types
+
+    def get_call_template(self: Any, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+        # A literal argument is none: else each part would be compiled once for each of them.
+        plain = {name: types.unliteral(kind) for name, kind in kws.items()}
+        return CPUDispatcher.get_call_template(self, tuple(map(types.unliteral, args)), plain)
+
+    def refuse(self: Any, *_: object, **__: object) -> None:
+        raise TypeError(f"{self.__name__} can be called by compiled code only")
+
+    own: dict[str, Any] = {"get_call_template": get_call_template}
+    if only_compiled:
+        own["__call__"] = refuse
+    return type("Compiled", (CPUDispatcher,), own)
 
 
 def _compiled(function: F, **options: Any) -> F:
@@ -75,7 +98,11 @@ def _compiled(function: F, **options: Any) -> F:
     # Where the machine code is kept is decided here, as the function is decorated.
     config.CACHE_DIR = before or str(_cache_folder())
     try:
-        compiled: F = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        options["no_cfunc_wrapper"] = True
+        compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
-    return compiled
+    if not config.DISABLE_JIT:
+        compiled.__class__ = _kind("no_cpython_wrapper" in options)
+    out: F = compiled
+    return out

@@ -1,0 +1,66 @@
+"""Where the ground ceases to bear a rolling ellipse."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sassgis.engine.draws import block_of
+from sassgis.engine.ellipse import frame_of
+from sassgis.engine.impact import normal_force
+from sassgis.engine.rolling import _force_before_upright, lift_off_angle, lift_off_speed
+
+pytestmark = pytest.mark.kernels
+
+G = 9.81
+
+
+def _rolling(seed):
+    """A block and its motion, fast enough to leave the ground where it would stand upright."""
+    rng = np.random.default_rng(seed)
+    a = rng.uniform(0.2, 2.0)
+    block = block_of(a, a * rng.uniform(0.5, 0.98), 0.2, 2700.0, 100.0, np.uint64(1))
+    slope = rng.uniform(-0.2, 0.8)
+    pull = G * rng.uniform(-0.2, 0.6)
+    first = block.roll_radius * rng.uniform(0.3, 3.0)
+    least = lift_off_speed(block, G, math.cos(slope))
+    v2 = least**2 * rng.uniform(1.0, 3.0) - 2.0 * pull * first
+    motion = (math.sqrt(max(v2, 0.1)), pull, first, G, math.cos(slope), math.sin(slope))
+    return block, motion
+
+
+def _force(block, motion, angle):
+    """The force from the energy and the general law of the rolling ellipse (m/s²)."""
+    v, pull, first, g, cos_slope, down = motion
+    x, y, curvature = frame_of(block.a, block.b, math.cos(angle), -math.sin(angle))
+    here2 = v * v + 2.0 * pull * (first - block.roll_radius * angle)
+    twice = block.roll_share * max(here2, 0.0) - 2.0 * g * cos_slope * (y - block.roll_radius)
+    spin = math.sqrt(max(twice / (block.inertia + x * x + y * y), 0.0))
+    return normal_force(x, y, curvature, block.inertia, spin, cos_slope, down, g)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_force_and_its_rate_are_those_of_the_general_law(seed):
+    block, motion = _rolling(seed)
+    for angle in np.linspace(0.01, 1.4, 9):
+        force, rate = _force_before_upright(block, *motion, angle)
+        assert force == pytest.approx(_force(block, motion, angle), abs=1e-9)
+        step = 1e-6
+        change = _force(block, motion, angle + step) - _force(block, motion, angle - step)
+        assert rate == pytest.approx(0.5 * change / step, rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_it_leaves_where_the_force_ends(seed):
+    block, motion = _rolling(seed)
+    angle = lift_off_angle(block, *motion)
+    high = min(1.5, motion[2] / block.roll_radius)
+    assert 0.0 <= angle <= high
+    if 0.0 < angle < high:
+        # Borne just before, which is at a larger angle, and no more just after.
+        assert _force(block, motion, angle + 1e-7) > 0.0 > _force(block, motion, angle - 1e-7)
+    # What comes before is borne everywhere.
+    before = np.linspace(angle + 1e-7, high, 200)[:-1] if angle < high else []
+    assert all(_force(block, motion, one) > 0.0 for one in before)
