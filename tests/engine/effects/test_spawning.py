@@ -364,8 +364,9 @@ def test_they_have_no_more_energy_than_the_impact_took(share):
     own = np.bincount(out.pieces["rock"], 1e3 * out.pieces["max_energy_kj"], minlength=300)
     some = counts > 0
     expected = np.minimum(share * counts, 1.0)[some] * lost
-    assert own[some] == pytest.approx(expected, rel=1e-9)
-    assert own.max() <= lost * (1 + 1e-9)
+    # The contact is found to a millionth of a metre, and the fall to it gives the energy.
+    assert own[some] == pytest.approx(expected, rel=1e-8)
+    assert own.max() <= lost * (1 + 1e-8)
 
 
 def test_they_are_as_large_as_told_and_start_from_the_ground():
