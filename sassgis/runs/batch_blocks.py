@@ -163,7 +163,12 @@ def _sample(run: MapRun, areas: Sequence[Reached]) -> Sample:
 
 
 def added_up(
-    run: MapRun, grid: Grid, block: Part, areas: Sequence[Reached], bins: Bins
+    run: MapRun,
+    grid: Grid,
+    block: Part,
+    areas: Sequence[Reached],
+    bins: Bins,
+    name: str = SIMULATION_NAME,
 ) -> tuple[Progress, list[Sampled]]:
     """What areas have counted in a block, in all and by source.
 
@@ -177,11 +182,13 @@ def added_up(
     areas : sequence of Reached
     bins : Bins
         Of all areas.
+    name : str
+        Of the file of sums.
     """
     control_lines = tuple(g for g, _ in run.control_lines)
     total = Progress(0, MapSums(grid.values.size), ControlLineSums(()))
     for i, area in enumerate(areas):
-        state = read_state(area.folder / SIMULATION_NAME)
+        state = read_state(area.folder / name)
         own = progress_from(
             state, area.part.n_rows * area.part.n_cols,
             tuple(control_lines[k] for k in area.record.control_lines),
