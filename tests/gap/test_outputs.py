@@ -445,7 +445,7 @@ def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> 
     write_config_back(tmp_path / "config.toml", config, with_trees(case), case)
     text = (tmp_path / "config.toml").read_text()
     assert text.startswith("# Made by sassgis")
-    assert "Named: trees, with a confidence of 0.71; section [effects.trees] is fitted." in text
+    assert "Named: trees, with a confidence of 0.71; fitted: [effects.trees]." in text
     assert "do not separate: trees, soft ground" in text
     error = replace(
         unnamed(case, "none"), verdict=replace(with_trees(case).verdict, effect="release_error")

@@ -162,7 +162,7 @@ def _comments(
     else:
         lines.append(
             f"Named: {effect_name(verdict.effect)}, with a confidence of {verdict.confidence:.2f}; "
-            "section [effects." + "], [effects.".join(sections) + "] is fitted."
+            "fitted: [effects." + "], [effects.".join(sections) + "]."
         )
         if len(verdict.confusion_set) > 1:
             lines.append(
