@@ -15,17 +15,31 @@ import click
     type=click.Path(path_type=Path),
     help="Release areas; or a GeoPackage of `sassgis new`, whose drawn layers are all used.",
 )
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Set a key, as release.spacing_m=5; may be given several times.",
+)
 @click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default.")
 @click.option("--overwrite", is_flag=True, help="Replace a file that is there.")
-def init(file: Path, dem: Path | None, release: Path | None, every: bool, overwrite: bool) -> None:
+def init(
+    file: Path,
+    dem: Path | None,
+    release: Path | None,
+    settings: tuple[str, ...],
+    every: bool,
+    overwrite: bool,
+) -> None:
     """Write a configuration to FILE (default: sassgis.toml): the lines that every site decides."""
-    from sassgis.io.read.start_keys import start_keys
+    from sassgis.io.read.start_keys import start_keys, with_values
     from sassgis.io.write.config_template import config_template, short_template
     from sassgis.model.errors import OutputError
 
     if file.exists() and not overwrite:
         raise OutputError(f"{file}: exists; choose another name, or --overwrite")
-    given = start_keys(file.parent, dem, release)
+    given = with_values(start_keys(file.parent, dem, release), settings)
     text = config_template(given) if every else short_template(given)
     try:
         file.write_text(text, encoding="utf-8")

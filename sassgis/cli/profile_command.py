@@ -21,6 +21,12 @@ from sassgis.cli.options import CONFIG, OUT, OVERWRITE, SEED
     metavar="X Y",
     help="Cut the profile from the terrain, from here.",
 )
+@click.option(
+    "--line",
+    "line_file",
+    type=click.Path(path_type=Path),
+    help="Cut it from the terrain under the line of this vector file, drawn downwards.",
+)
 @click.option("--rocks", type=click.IntRange(1), help="Blocks per block scenario.")
 @SEED
 @OVERWRITE
@@ -29,6 +35,7 @@ def profile(
     out: Path,
     csv_file: Path | None,
     point: tuple[float, float] | None,
+    line_file: Path | None,
     rocks: int | None,
     seed: int | None,
     overwrite: bool,
@@ -37,9 +44,16 @@ def profile(
     from sassgis.model.errors import ConfigError
     from sassgis.runs.profile_run import run_profile
 
-    if csv_file is not None and point is not None:
-        raise ConfigError("--csv and --point exclude each other", expected="one of them")
+    if sum(given is not None for given in (csv_file, point, line_file)) > 1:
+        raise ConfigError("--csv, --point and --line exclude each other", expected="one of them")
     result = run_profile(
-        config, out, csv_file=csv_file, point=point, rocks=rocks, seed=seed, overwrite=overwrite
+        config,
+        out,
+        csv_file=csv_file,
+        point=point,
+        line_file=line_file,
+        rocks=rocks,
+        seed=seed,
+        overwrite=overwrite,
     )
     click.echo(f"{result.rocks.size} blocks. Open {out / 'report.html'} in a browser.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -13,11 +14,15 @@ import click
 class ProgressBar:
     """A bar with the time left on a terminal; a line now and then in a log.
 
-    A context manager: the line of the bar ends with it, however it is left.
+    A context manager: the line of the bar ends with it, however it is left. A program that shows
+    the lines of the log as progress asks for more of them by ``SASSGIS_PROGRESS_S``, the seconds
+    between two of them.
     """
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
+        asked = os.environ.get("SASSGIS_PROGRESS_S", "")
+        self._every_s = float(asked) if asked.replace(".", "", 1).isdecimal() else 30.0
         self._began: tuple[float, int] | None = None
         self._shown = time.monotonic()
         self._open = False
@@ -55,7 +60,7 @@ class ProgressBar:
                 err=True,
             )
             self._open = True
-        elif now - self._shown >= 30.0:
+        elif now - self._shown >= self._every_s:
             click.echo(f"  {100 * done // total} %, {rocks} blocks{left}", err=True)
         else:
             return

@@ -17,20 +17,27 @@ from sassgis.hazard.warnings import profile_warnings
 from sassgis.io.read.config import load_config, profile_control_lines
 from sassgis.io.read.ground_map import default_class, read_ground_table
 from sassgis.io.read.profile_csv import check_on_profile, read_profile
+from sassgis.io.read.vectors import read_line
 from sassgis.io.staging import staged_output
 from sassgis.model import rng
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.map_run import Forest, MapRun
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints, TraceSet
+from sassgis.model.profiles import (
+    ControlLineCrossings,
+    LineEnd,
+    ProfileSet,
+    ReleasePoints,
+    TraceSet,
+)
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import PROBABILITIES
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.publish import publish_profile
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
-from sassgis.terrain.prepare import LEAD_IN_M, prepare_lines, scenario_word
-from sassgis.terrain.stretch import with_lead_in
+from sassgis.terrain.prepare import LEAD_IN_M, PreparedLines, prepare_lines, scenario_word
+from sassgis.terrain.stretch import SHORTEST_LINE_M, with_lead_in
 
 _LOG_EVENTS = 2000
 _DRAWN = 100
@@ -88,6 +95,33 @@ def _forest_along(run: MapRun, traces: TraceSet, s: FloatArray) -> Forest | None
     return Forest(run.forest.stems_per_m2[cell], run.forest.diameter_m[cell])
 
 
+def profile_along_line(config: Config, file: Path) -> ProfileInput:
+    """The profile of the terrain under a line of the map, from its first vertex to its last.
+
+    Raises
+    ------
+    InputError
+        If the file does not hold one line, or the line leaves the terrain model, crosses nodata
+        or is too short.
+    """
+    run = read_map_run(config)
+    x, y = read_line(file, run.grid, "--line").T
+    s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
+    only = np.zeros(1, np.int64)
+    traces = TraceSet(
+        np.array([0, s.size]), x.copy(), y.copy(), s, only, np.zeros(1),
+        np.array([LineEnd.MAX_LENGTH], np.uint8),
+    )  # fmt: skip
+    prepared = prepare_lines(run, traces)
+    if not len(prepared) or not np.isfinite(prepared.flat.z).all():
+        raise InputError(
+            "no profile can be cut along this line", file=file, field="--line",
+            found=f"a length of {s[-1]:.3g} m",
+            expected=f"{SHORTEST_LINE_M:g} m or more, over known terrain",
+        )  # fmt: skip
+    return _profile_of(f"{config.project.name}: {file.stem}", run, prepared)
+
+
 def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
     """The profile of the fall line that starts at a point of the map.
 
@@ -112,6 +146,11 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
             expected=f"a point on known terrain within x {west:.10g} to {east:.10g}, "
             f"y {south:.10g} to {north:.10g}",
         )
+    return _profile_of(f"{config.project.name}: fall line from {x:.0f}, {y:.0f}", run, prepared)
+
+
+def _profile_of(title: str, run: MapRun, prepared: PreparedLines) -> ProfileInput:
+    """The profile of one line with the stations and barriers that it crosses."""
     s, z = prepared.flat.vertices(0)
     crossed = prepared.crossings
     control_lines = []
@@ -120,8 +159,7 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
             name = line.name if i == 0 else f"{line.name} ({i + 1})"
             control_lines.append((replace(line, name=name), float(chainage)))
     return ProfileInput(
-        f"{config.project.name}: fall line from {x:.0f}, {y:.0f}",
-        s, z, prepared.flat.ground, run.table, tuple(control_lines), (0.0, 0.0),
+        title, s, z, prepared.flat.ground, run.table, tuple(control_lines), (0.0, 0.0),
         _forest_along(run, prepared.lines, s),
     )  # fmt: skip
 
@@ -229,6 +267,7 @@ def run_profile(
     *,
     csv_file: str | Path | None = None,
     point: tuple[float, float] | None = None,
+    line_file: str | Path | None = None,
     rocks: int | None = None,
     seed: int | None = None,
     overwrite: bool = False,
@@ -244,6 +283,8 @@ def run_profile(
         Profile in place of ``[profile] file``.
     point : (x, y), optional
         Start of a fall line on the terrain, in place of a CSV file.
+    line_file : path, optional
+        Vector file with one line over the terrain, drawn downwards, in place of a CSV file.
     rocks, seed : int, optional
         In place of those of the configuration.
     overwrite : bool
@@ -258,10 +299,14 @@ def run_profile(
     """
     if not isinstance(config, Config):
         config = load_config(config, {} if seed is None else {"run.seed": seed})
+    given = csv_file or line_file
+    own_file = None if given is None else Path(given)
     with staged_output(Path(out), overwrite) as work:
         with collected_notices() as notices:
             if point is not None:
                 profile = profile_from_terrain(config, *point)
+            elif line_file is not None:
+                profile = profile_along_line(config, Path(line_file))
             else:
                 profile = profile_from_csv(config, None if csv_file is None else Path(csv_file))
         result = simulate_profile(config, profile, seed=seed, rocks=rocks)
@@ -270,7 +315,7 @@ def run_profile(
             config,
             result,
             [*config.notes, *notices, *profile_warnings(result, config.effects)],
-            csv_file=None if csv_file is None else Path(csv_file),
+            own_file=own_file,
             seed=config.run.seed if seed is None else seed,
         )
     return result

@@ -335,7 +335,7 @@ def publish_profile(
     result: ProfileResult,
     warnings: Sequence[str],
     *,
-    csv_file: Path | None,
+    own_file: Path | None,
     seed: int,
 ) -> None:
     """Write the result of a run along one profile.
@@ -347,8 +347,8 @@ def publish_profile(
     config : Config
     result : ProfileResult
     warnings : sequence of str
-    csv_file : Path or None
-        The profile, if it is not that of the configuration.
+    own_file : Path or None
+        The profile, or the line under which it lies, if it is not that of the configuration.
     seed : int
         As used.
     """
@@ -364,7 +364,7 @@ def publish_profile(
     effects = config.effects.names
     context = profile_report(result, warnings, effects, provenance, work / "figures")
     write_report(work / "report.html", context)
-    own = {} if csv_file is None else {"profile": csv_file}
+    own = {} if own_file is None else {"profile": own_file}
     write_manifest(
         work / "manifest.json",
         inputs=input_files(config) | own,

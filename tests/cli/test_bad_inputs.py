@@ -202,6 +202,8 @@ def test_usage_errors_are_one_line_too(slope: Slope, call) -> None:
         ("run", slope.config, "-o", "x", "--jobs", "1", "--workers", "2"),
         ("zone", slope.config, "-o", "x", "--workers", "1", "--scheduler", "tcp://127.0.0.1:9"),
         ("profile", slope.config, "-o", "x", "--csv", "a", "--point", "1", "2"),
+        ("profile", slope.config, "-o", "x", "--line", "a", "--point", "1", "2"),
+        ("init", slope.folder / "new.toml", "--set", "release.spacing=5"),
     ):  # fmt: skip
         code, _, err = call(*arguments)
         assert code == 2 and err.startswith("Error: ") and err.count("\n") == 1

@@ -1,15 +1,17 @@
-"""What the files of a site say about the configuration that reads them."""
+"""What the files of a site, and their user, say about the configuration that reads them."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pyogrio
 from pyogrio.errors import DataLayerError, DataSourceError
 
+from sassgis.io.read.config import declared_sections
 from sassgis.io.read.offline import offline
 from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.vector_features import unreadable
@@ -79,6 +81,46 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
     if column is not None and _names(table[column]):
         own_keys["name_field"] = str(column)
     return [*keys, ("release", own_keys)]
+
+
+def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
+    """Keys that the user sets, in place of or besides those that the files decide.
+
+    Parameters
+    ----------
+    given : list of (section, keys)
+        As of start_keys.
+    assignments : sequence of str
+        ``section.key=value``; the value is TOML, or a text without quotes.
+
+    Raises
+    ------
+    InputError
+        If there is no such key.
+    """
+    keys = [(section, dict(values)) for section, values in given]
+    for text in assignments:
+        dotted, equals, value = text.partition("=")
+        section, _, key = dotted.strip().rpartition(".")
+        if not equals or key not in declared_sections().get(section, {}):
+            raise InputError(
+                "is no key with a value", field="--set", found=text,
+                expected="section.key=value, as in release.spacing_m=5",
+            )  # fmt: skip
+        own = next((values for name, values in keys if name == section), None)
+        if own is None:
+            own = {}
+            keys.append((section, own))
+        own[key] = _toml(value.strip())
+    return keys
+
+
+def _toml(text: str) -> object:
+    try:
+        value = tomllib.loads(f"x = {text}")["x"]
+    except tomllib.TOMLDecodeError:
+        return text
+    return value if isinstance(value, bool | int | float | str | list | dict) else text
 
 
 def _keys_of(own: SiteLayer, file: Path, place: str) -> dict[str, object]:

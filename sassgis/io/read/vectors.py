@@ -391,21 +391,62 @@ def _control_lines_of(
     control_lines = []
     for feature, name in zip(features, names, strict=True):
         label = feature.label(item.name_field)
-        line = feature.geometry
-        if line.geom_type == "MultiLineString":
-            line = shapely.line_merge(line)
-        if line.geom_type != "LineString":
-            raise InputError(
-                f"{label} is made of separate parts",
-                file=item.file,
-                field=key,
-                found=f"{len(line.geoms)} parts",
-                expected="one line without gaps; make each part a feature of its own",
-            )
+        vertices = _one_line(feature, label, item.file, key)
         check_on_map(feature, grid, item.file, key, label)
         own = _with_attributes(item, feature, label, item.file)
-        control_lines.append((_control_line(own, name), _vertices(line)))
+        control_lines.append((_control_line(own, name), vertices))
     return control_lines
+
+
+def read_line(file: Path, grid: Grid, key: str) -> FloatArray:
+    """The only line of a file, which must lie within the terrain model.
+
+    Parameters
+    ----------
+    file : Path
+    grid : Grid
+    key : str
+        What names the file, for messages.
+
+    Returns
+    -------
+    float64, shape (n, 2)
+        x and y of its vertices in the coordinates of the DEM (m).
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, holds several lines, or the line leaves the terrain model.
+    """
+    features = read_features(file, grid, key, kinds=("line",))
+    if len(features) != 1:
+        raise InputError(
+            "holds several lines", file=file, field=key, found=str(len(features)),
+            expected="one line",
+        )  # fmt: skip
+    label = features[0].label()
+    vertices = _one_line(features[0], label, file, key)
+    # Half a cell: heights are known between the centres of cells.
+    inside = shapely.box(*grid.bounds).buffer(-0.5 * grid.cell_size, join_style="mitre")
+    if not inside.contains(features[0].geometry):
+        raise outside(file, key, f"{label} or a part of it", features[0].geometry.bounds, grid)
+    return vertices
+
+
+def _one_line(feature: Feature, label: str, file: Path, key: str) -> FloatArray:
+    """Vertices of a line whose parts, if it has several, meet at their ends."""
+    line = feature.geometry
+    if line.geom_type == "MultiLineString":
+        line = shapely.line_merge(line)
+    if line.geom_type != "LineString":
+        raise InputError(
+            f"{label} is made of separate parts",
+            file=file,
+            field=key,
+            found=f"{len(line.geoms)} parts",
+            expected="one line without gaps; make each part a feature of its own",
+        )
+    return _vertices(line)
 
 
 def _barrier_fields(item: StationSettings) -> dict[str, str]:

@@ -10,7 +10,7 @@ import shapely
 from helpers.small_slope import CELL, NORTH, WEST, Slope, heights, release_box
 
 from sassgis.io.read.config import load_config
-from sassgis.io.read.start_keys import start_keys
+from sassgis.io.read.start_keys import start_keys, with_values
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines
 from sassgis.model.errors import ConfigError, InputError
@@ -46,6 +46,20 @@ def test_files_must_be_there(tmp_path: Path) -> None:
     for files, word in (((Path("no.tif"), None), "--dem"), ((None, Path("no.gpkg")), "--release")):
         with pytest.raises(InputError, match=f"{word}: file not found"):
             start_keys(tmp_path, *files)
+
+
+def test_values_of_the_user_stand_beside_those_of_the_files(tmp_path: Path) -> None:
+    given = [("release", {"file": "a.gpkg", "spacing_m": 3.0})]
+    asked = ("release.spacing_m=5", "blocks.volume_m3=[0.5, 2]", "ground.default = rock")
+    assert with_values(given, asked) == [
+        ("release", {"file": "a.gpkg", "spacing_m": 5}),
+        ("blocks", {"volume_m3": [0.5, 2]}),
+        ("ground", {"default": "rock"}),
+    ]
+    assert given[0][1]["spacing_m"] == 3.0
+    for wrong in ("release.spacing=5", "release.spacing_m", "spacing_m=5", "[x]=1"):
+        with pytest.raises(InputError, match="--set: is no key with a value"):
+            with_values(given, (wrong,))
 
 
 # --- barriers by attributes ----------------------------------------------------------------------

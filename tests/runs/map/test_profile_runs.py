@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import rasterio
+import shapely
 
 from sassgis.hazard.along_profile import arrivals, passage_histogram, share_within
 from sassgis.io.read.config import load_config
@@ -95,6 +96,44 @@ def test_a_point_off_the_terrain_is_refused(small, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--point: no fall line starts here .*2700000 to 2701200"):
         run_profile(small.config, tmp_path / "out", point=(0.0, 0.0))
     assert not (tmp_path / "out").exists()
+
+
+def line_file(folder: Path, *lines: shapely.LineString) -> Path:
+    frame = gpd.GeoDataFrame(geometry=list(lines), crs="EPSG:2056")
+    frame.to_file(folder / "drawn.gpkg", driver="GPKG")
+    return folder / "drawn.gpkg"
+
+
+def test_a_drawn_line_gives_the_heights_of_the_terrain_under_it(small, tmp_path: Path) -> None:
+    areas = gpd.read_file(small.folder / "result.gpkg", layer="fall_lines")
+    fall_line = max(areas.geometry, key=lambda g: g.length)
+    ends = shapely.LineString([fall_line.coords[0], fall_line.coords[-1]])
+    result = run_profile(
+        small.config, tmp_path / "out", line_file=line_file(tmp_path, ends), rocks=5
+    )
+    profile = result.profile
+    assert profile.title.endswith("drawn") and profile.s[-1] == pytest.approx(ends.length)
+    assert "upper talus" in [g.name for g, _ in profile.control_lines]
+    with rasterio.open(small.config.parent / "dem.tif") as raster:
+        grid = raster.read(1)
+        places = [ends.interpolate(s).coords[0] for s in profile.s]
+        nearest = [grid[raster.index(x, y)] for x, y in places]
+    # Bilinear between the centres of cells of 2 m, on slopes up to walls.
+    assert np.median(np.abs(profile.z - nearest)) < 1.0
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert "profile" in {entry["role"] for entry in manifest["inputs"]}
+
+
+def test_a_drawn_line_must_be_one_and_over_the_terrain(small, tmp_path: Path) -> None:
+    across = shapely.LineString([(2_700_100, 1_120_500), (2_800_000, 1_120_500)])
+    inside = shapely.LineString([(2_700_100, 1_120_500), (2_700_300, 1_120_500)])
+    for lines, words in (
+        ((across,), "lies outside"),
+        ((inside, inside), "several lines"),
+        ((shapely.LineString([(2_700_100, 1_120_500), (2_700_100.5, 1_120_500)]),), "no profile"),
+    ):
+        with pytest.raises(InputError, match=rf"--line: .*{words}"):
+            run_profile(small.config, tmp_path / "out", line_file=line_file(tmp_path, *lines))
 
 
 def test_a_station_off_the_profile_is_refused(bedrina: Path, tmp_path: Path) -> None:
