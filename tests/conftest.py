@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -45,6 +46,19 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the field data folder ../shared/data is not beside the repository")
     return folder
+
+
+@pytest.fixture(scope="session")
+def qgis() -> Path:
+    """The Python that has the real QGIS."""
+    python = Path("/usr/bin/python3")
+    command = [str(python), "-c", "import qgis.core"]
+    if (
+        python.is_file()
+        and not subprocess.run(command, capture_output=True, check=False).returncode
+    ):
+        return python
+    pytest.skip("QGIS for the system's Python is not installed (Debian: python3-qgis)")
 
 
 @pytest.fixture(scope="session")

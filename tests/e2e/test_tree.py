@@ -11,7 +11,7 @@ import pytest
 pytestmark = pytest.mark.e2e
 
 #: Folders of tests for what is not in the package.
-OTHERS = {"benchmarks", "docs", "e2e", "field", "helpers", "pipelines", "sample_dem"}
+OTHERS = {"benchmarks", "docs", "e2e", "field", "helpers", "pipelines", "qgis_plugin", "sample_dem"}
 LONGEST_FUNCTION = 130
 
 

@@ -1,0 +1,117 @@
+"""The environment of the program: a folder with a Python and libraries of its own."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+from qgis.core import (
+    QgsProcessingAlgorithm,
+    QgsProcessingException,
+    QgsProcessingParameterDefinition,
+    QgsProcessingParameterFile,
+    QgsProcessingParameterString,
+)
+
+from .program import (
+    PLUGIN_FOLDER,
+    answer,
+    check_program,
+    environment_folder,
+    in_environment,
+    plugin_version,
+    run,
+)
+
+#: What a Python must have; ensurepip is a package of its own on Debian.
+_SUITS = "import sys, venv, ensurepip; print(sys.version_info >= (3, 11))"
+
+
+def source_of_program() -> str:
+    """Where the program comes from: the wheel in the plugin if there is one, else the index."""
+    wheels = sorted(PLUGIN_FOLDER.glob("sassgis-*.whl"))
+    return str(wheels[-1]) if wheels else f"sassgis=={plugin_version()}"
+
+
+def find_python(chosen: str = "") -> list[str]:
+    """The command of a Python that can make the environment.
+
+    Parameters
+    ----------
+    chosen : str
+        The only one to try; empty: those of this machine, QGIS's own last.
+
+    Raises
+    ------
+    QgsProcessingException
+        If none suits.
+    """
+    names = ("python3", "python", "python3.13", "python3.12", "python3.11")
+    own = [Path(sys.exec_prefix, "python.exe"), Path(sys.executable).parent / "bin" / "python3"]
+    candidates = [
+        *([found] for found in map(shutil.which, names) if found),
+        *([[found, "-3"]] if (found := shutil.which("py")) else []),
+        *([str(path)] for path in own if path.is_file()),
+    ]
+    for command in [[chosen]] if chosen else candidates:
+        if answer([*command, "-c", _SUITS]) == "True":
+            return command
+    tried = chosen or ", ".join(" ".join(command) for command in candidates) or "none found"
+    raise QgsProcessingException(
+        f"no Python 3.11 or later with the modules venv and ensurepip (tried: {tried}). Install "
+        "one from python.org (Debian and Ubuntu: python3-venv) and name it as 'Python'."
+    )
+
+
+class MakeEnvironment(QgsProcessingAlgorithm):
+    """Make the environment in which the program runs, or make it anew."""
+
+    def name(self):
+        """Name in scripts."""
+        return "environment"
+
+    def displayName(self):
+        """Name in the toolbox."""
+        return "Make the environment"
+
+    def shortHelpString(self):
+        """Text beside the dialog."""
+        return (
+            "Installs the program sassgis and its libraries into a folder of its own in your QGIS "
+            f"profile ({environment_folder()}). QGIS itself stays as it is. Needs a "
+            "Python 3.11 or later and, for the libraries, the network. Run it again to update "
+            "sassgis, or where it does not start.\n\n"
+            "Source: a requirement for pip (sassgis==0.1.0), a wheel (sassgis-0.1.0-py3-none-any"
+            ".whl) or a folder with the source code."
+        )
+
+    def createInstance(self):
+        """Another one of its kind."""
+        return MakeEnvironment()
+
+    def initAlgorithm(self, configuration=None):
+        """Declare the parameters."""
+        self.addParameter(
+            QgsProcessingParameterString(
+                "SOURCE", "Source of sassgis: requirement, wheel or folder", source_of_program()
+            )
+        )
+        python = QgsProcessingParameterFile("PYTHON", "Python 3.11 or later", optional=True)
+        python.setFlags(python.flags() | QgsProcessingParameterDefinition.FlagAdvanced)
+        self.addParameter(python)
+
+    def processAlgorithm(self, parameters, context, feedback):
+        """Make a virtual environment and install into it."""
+        folder = environment_folder()
+        python = find_python(self.parameterAsFile(parameters, "PYTHON", context))
+        feedback.setProgressText(f"Environment: {folder}")
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        run([*python, "-m", "venv", "--clear", folder], feedback)
+        feedback.setProgress(10)
+        feedback.setProgressText("Libraries: this takes some minutes")
+        source = self.parameterAsString(parameters, "SOURCE", context).strip()
+        pip = (in_environment("python"), "-m", "pip", "--disable-pip-version-check", "--no-input")
+        run([*pip, "install", source], feedback)
+        check_program(feedback)
+        return {"PROGRAM": str(in_environment("sassgis"))}

@@ -1,0 +1,55 @@
+"""The provider of the Processing toolbox."""
+
+from __future__ import annotations
+
+from processing.core.ProcessingConfig import ProcessingConfig, Setting
+from qgis.core import QgsProcessingProvider
+from qgis.PyQt.QtGui import QIcon
+
+from .algorithms import COMMANDS
+from .environment import MakeEnvironment
+from .program import PLUGIN_FOLDER, SETTING
+
+
+class SassgisProvider(QgsProcessingProvider):
+    """Commands of sassgis, and the tool that makes their environment."""
+
+    def id(self):
+        """Name in scripts."""
+        return "sassgis"
+
+    def name(self):
+        """Name in the toolbox."""
+        return "sassgis"
+
+    def longName(self):
+        """Name in full."""
+        return "sassgis: rockfall hazard zoning"
+
+    def icon(self):
+        """Icon in the toolbox."""
+        return QIcon(str(PLUGIN_FOLDER / "icon.png"))
+
+    def load(self):
+        """Declare the setting, then the algorithms."""
+        ProcessingConfig.addSetting(
+            Setting(
+                self.name(),
+                SETTING,
+                "Program sassgis, if not that of its own environment",
+                "",
+                valuetype=Setting.FILE,
+            )
+        )
+        ProcessingConfig.readSettings()
+        self.refreshAlgorithms()
+        return True
+
+    def unload(self):
+        """Take the setting back."""
+        ProcessingConfig.removeSetting(SETTING)
+
+    def loadAlgorithms(self):
+        """Add each command."""
+        for command in (*COMMANDS, MakeEnvironment):
+            self.addAlgorithm(command())

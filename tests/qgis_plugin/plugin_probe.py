@@ -1,0 +1,192 @@
+"""Load the plugin from its zip into the real QGIS, call its algorithms, print what happened.
+
+Run by the system's Python: ``/usr/bin/python3 plugin_probe.py TASK.json``. The task names the
+folder of the unpacked plugin, the program ``sassgis``, and the calls: ``algorithm``, ``parameters``,
+and ``cancel`` where the first progress is answered by cancelling. A parameter ``@FILE|a,b`` is the
+layer of a file with these features selected.
+"""
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+# Deaf to Ctrl-C is whoever is started in the background; so would be what it starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+from qgis.core import (
+    QgsApplication,
+    QgsProcessingContext,
+    QgsProcessingFeatureSourceDefinition,
+    QgsProcessingFeedback,
+    QgsProject,
+    QgsRasterLayer,
+    QgsVectorLayer,
+)
+
+LAYERS = []
+
+
+class Feedback(QgsProcessingFeedback):
+    """Keeps what is said."""
+
+    def __init__(self, cancel):
+        super().__init__(False)
+        self.said = {"info": [], "warnings": [], "errors": [], "progress": []}
+        self.progressChanged.connect(self.said["progress"].append)
+        if cancel:
+            self.progressChanged.connect(lambda value: value > 0 and self.cancel())
+
+    def pushInfo(self, text):
+        self.said["info"].append(text)
+
+    def pushWarning(self, text):
+        self.said["warnings"].append(text)
+
+    def reportError(self, text, fatal=False):
+        self.said["errors"].append(text)
+
+
+def value_of(value):
+    if not (isinstance(value, str) and value.startswith("@")):
+        return value
+    file, _, chosen = value[1:].partition("|")
+    layer = QgsVectorLayer(file, Path(file).stem, "ogr")
+    assert layer.isValid(), file
+    QgsProject.instance().addMapLayer(layer, False)
+    LAYERS.append(layer)
+    if not chosen:
+        return layer
+    layer.selectByIds([int(n) for n in chosen.split(",")])
+    return QgsProcessingFeatureSourceDefinition(layer.id(), True)
+
+
+def tree(node):
+    found = []
+    for child in node.children():
+        if hasattr(child, "layer"):
+            layer = child.layer()
+            kind = "raster" if isinstance(layer, QgsRasterLayer) else "vector"
+            found.append(
+                {"name": child.name(), "valid": layer.isValid(), "visible": child.isVisible(),
+                 "kind": kind, "renderer": layer.renderer().type(),
+                 "labels": kind == "vector" and layer.labelsEnabled(),
+                 "colour": (layer.renderer().symbol().color().name()
+                            if layer.renderer().type() == "singleSymbol" else None)}
+            )  # fmt: skip
+        else:
+            found.append(
+                {"name": child.name(), "exclusive": child.isMutuallyExclusive(),
+                 "within": tree(child)}
+            )  # fmt: skip
+    return found
+
+
+def call(task):
+    import processing
+
+    project = QgsProject.instance()
+    project.clear()
+    feedback = Feedback(task.get("cancel"))
+    context = QgsProcessingContext()
+    context.setProject(project)
+    parameters = {k: value_of(v) for k, v in task["parameters"].items()}
+    report = {"error": None, "results": None}
+    try:
+        results = processing.run(task["algorithm"], parameters, context=context, feedback=feedback)
+        report["results"] = {k: str(v) for k, v in results.items()}
+    except Exception as error:
+        report["error"] = f"{type(error).__name__}: {error}"
+    return {**report, **feedback.said, "tree": tree(project.layerTreeRoot())}
+
+
+class Window:
+    """What the plugin needs of the window of QGIS."""
+
+    def __init__(self):
+        from qgis.gui import QgsMapCanvas
+        from qgis.PyQt.QtWidgets import QMainWindow
+
+        self.main, self.canvas, self.menu = QMainWindow(), QgsMapCanvas(), []
+        self.canvas.resize(100, 100)
+
+    def mainWindow(self):
+        return self.main
+
+    def mapCanvas(self):
+        return self.canvas
+
+    def addPluginToMenu(self, menu, action):
+        self.menu.append(action.text())
+
+    def removePluginMenu(self, menu, action):
+        self.menu.remove(action.text())
+
+    def addToolBarIcon(self, action):
+        pass
+
+    removeToolBarIcon = addToolBarIcon
+
+
+def drawn(canvas):
+    """Numbers of vertices of the lines that the tool of the map window makes of clicks."""
+    from qgis.gui import QgsMapMouseEvent
+    from qgis.PyQt.QtCore import QEvent, QPoint, Qt
+    from sassgis_plugin.draw_line import LineTool
+
+    tool, lines = LineTool(canvas), []
+    tool.drawn.connect(lambda geometry: lines.append(len(geometry.asPolyline())))
+
+    def click(button, x):
+        tool.canvasReleaseEvent(
+            QgsMapMouseEvent(canvas, QEvent.Type.MouseButtonRelease, QPoint(x, x), button)
+        )
+
+    left, right = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton
+    for x, button in enumerate((left, right, left, left, left, right)):
+        click(button, 10 + 10 * x)
+    return lines
+
+
+def main():
+    task = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    sys.path[:0] = ["/usr/share/qgis/python/plugins", task["plugins"]]
+    QgsApplication.setPrefixPath("/usr", True)
+    application = QgsApplication([], True)
+    application.initQgis()
+    from processing.core.Processing import Processing
+    from processing.core.ProcessingConfig import ProcessingConfig
+
+    Processing.initialize()
+    import sassgis_plugin
+
+    window = Window()
+    plugin = sassgis_plugin.classFactory(window)
+    plugin.initGui()
+    ProcessingConfig.setSettingValue("SASSGIS_PROGRAM", task["program"])
+    provider = QgsApplication.processingRegistry().providerById("sassgis")
+    report = {
+        "icon": not provider.icon().isNull(),
+        "algorithms": {a.name(): list(a.canExecute()) for a in provider.algorithms()},
+        "calls": [call(own) for own in task["calls"]],
+        "drawn": drawn(window.canvas),
+        "menu": list(window.menu),
+    }
+    heavy = ("sassgis", "numba", "rasterio", "geopandas")
+    report["imported"] = [name for name in heavy if name in sys.modules]
+    plugin.unload()
+    report["unloaded"] = (
+        QgsApplication.processingRegistry().providerById("sassgis") is None
+        and "SASSGIS_PROGRAM" not in ProcessingConfig.settings
+        and window.menu == []
+    )
+    sys.stdout.write("\n" + json.dumps(report) + "\n")
+    sys.stdout.flush()
+    # QGIS may fall over its own widgets on the way out.
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()
