@@ -52,11 +52,8 @@ def shared_data() -> Path:
 def qgis() -> Path:
     """The Python that has the real QGIS."""
     python = Path("/usr/bin/python3")
-    command = [str(python), "-c", "import qgis.core"]
-    if (
-        python.is_file()
-        and not subprocess.run(command, capture_output=True, check=False).returncode
-    ):
+    asked = [str(python), "-c", "import qgis.core"]
+    if python.is_file() and not subprocess.run(asked, capture_output=True, check=False).returncode:
         return python
     pytest.skip("QGIS for the system's Python is not installed (Debian: python3-qgis)")
 

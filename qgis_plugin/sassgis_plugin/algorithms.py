@@ -18,7 +18,6 @@ from qgis.core import (
     QgsProcessingParameterFile,
     QgsProcessingParameterFolderDestination,
     QgsProcessingParameterNumber,
-    QgsProcessingParameterRange,
     QgsProcessingParameterRasterLayer,
 )
 
@@ -44,6 +43,10 @@ def _advanced(parameter):
 def _number(name, text, kind=_FLOAT, default=None, low=0.0):
     optional = default is None
     return QgsProcessingParameterNumber(name, text, kind, default, optional, low)
+
+
+def _box(name, text, ticked=False):
+    return QgsProcessingParameterBoolean(name, text, ticked)
 
 
 def _config(text="Configuration of the site (sassgis.toml)", optional=False):
@@ -95,11 +98,8 @@ class Command(QgsProcessingAlgorithm):
         if self.PARALLEL:
             self.addParameter(_advanced(_number("JOBS", "Processor cores (0: all)", _INTEGER)))
         self.addParameter(_advanced(_number("SEED", "Seed of the random draws", _INTEGER)))
-        overwrite = QgsProcessingParameterBoolean(
-            "OVERWRITE", "Replace a result that is in the folder", False
-        )
-        self.addParameter(overwrite)
-        self.addParameter(QgsProcessingParameterBoolean("LOAD", "Load the layers", True))
+        self.addParameter(_box("OVERWRITE", "Replace a result that is in the folder"))
+        self.addParameter(_box("LOAD", "Load the layers", True))
         self.addParameter(QgsProcessingParameterFolderDestination("OUTPUT", "Folder of the result"))
         self.addOutput(QgsProcessingOutputHtml("REPORT", "Report"))
         self.addOutput(QgsProcessingOutputFile("USED_CONFIG", "Configuration"))
@@ -184,9 +184,6 @@ class Inputs:
 
 def _site_parameters() -> list[QgsProcessingParameterDefinition]:
     """A configuration, or layers and the choices that every site needs."""
-    blocks = QgsProcessingParameterRange(
-        "VOLUME", "Volume of the blocks, least and greatest (m³)", _FLOAT, [0.5, 2.0]
-    )
     return [
         _config("Configuration of the site (sassgis.toml); or else layers:", optional=True),
         QgsProcessingParameterRasterLayer("DEM", "Terrain model", optional=True),
@@ -196,7 +193,8 @@ def _site_parameters() -> list[QgsProcessingParameterDefinition]:
         QgsProcessingParameterEnum(
             "GROUND", "Ground class", GROUND_CLASSES, defaultValue="debris", usesStaticStrings=True
         ),
-        blocks,
+        _number("VOLUME_FROM", "Least volume of the blocks (m³)", default=0.5, low=1e-6),
+        _number("VOLUME_TO", "Greatest volume of the blocks (m³)", default=2.0, low=1e-6),
         _number("SPACING", "Spacing of the release points (m)", default=5.0, low=0.01),
         _number("BLOCKS", "Blocks per release point", _INTEGER, default=100, low=1),
     ]
@@ -221,7 +219,7 @@ def _site(inputs: Inputs, more: Sequence[str] = ()) -> list[object]:
     dem = algorithm.parameterAsRasterLayer(parameters, "DEM", context)
     if dem is None or dem.providerType() != "gdal":
         raise QgsProcessingException("Terrain model: expected a raster file")
-    low, high = algorithm.parameterAsRange(parameters, "VOLUME", context)
+    low, high = inputs.number("VOLUME_FROM"), inputs.number("VOLUME_TO")
     settings = [
         f"ground.default={algorithm.parameterAsEnumString(parameters, 'GROUND', context)}",
         f'blocks.name="{low:g} to {high:g} m3"',
@@ -391,7 +389,7 @@ class Diagnose(Command):
         return [
             _config(),
             _observations(),
-            QgsProcessingParameterBoolean("MAP", "Run the map with the calibrated model, too"),
+            _box("MAP", "Run the map with the calibrated model, too"),
             _advanced(draws),
         ]
 
@@ -427,9 +425,7 @@ class Batch(Command):
                 "Vector file of release areas, in place of that of the configuration",
                 optional=True,
             ),
-            QgsProcessingParameterBoolean(
-                "MOSAIC_ONLY", "No maps, zones and report of each area by itself"
-            ),
+            _box("MOSAIC_ONLY", "No maps, zones and report of each area by itself"),
             _advanced(memory),
         ]
 

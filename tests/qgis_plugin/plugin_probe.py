@@ -1,9 +1,9 @@
 """Load the plugin from its zip into the real QGIS, call its algorithms, print what happened.
 
 Run by the system's Python: ``/usr/bin/python3 plugin_probe.py TASK.json``. The task names the
-folder of the unpacked plugin, the program ``sassgis``, and the calls: ``algorithm``, ``parameters``,
-and ``cancel`` where the first progress is answered by cancelling. A parameter ``@FILE|a,b`` is the
-layer of a file with these features selected.
+folder of the unpacked plugin, the program ``sassgis``, and the calls: ``algorithm``,
+``parameters``, and ``cancel`` where the first progress is answered by cancelling. A parameter
+``@FILE|a,b`` is the layer of a file with these features selected.
 """
 
 import json
@@ -13,8 +13,6 @@ import sys
 from pathlib import Path
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-# Deaf to Ctrl-C is whoever is started in the background; so would be what it starts.
-signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from qgis.core import (
     QgsApplication,
@@ -151,6 +149,8 @@ def drawn(canvas):
 
 
 def main():
+    # Deaf to Ctrl-C is whoever is started in the background; so would be what it starts.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     task = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
     sys.path[:0] = ["/usr/share/qgis/python/plugins", task["plugins"]]
     QgsApplication.setPrefixPath("/usr", True)

@@ -80,7 +80,7 @@ def ask(qgis: Path, wheel: Path, program: Path, tmp_path_factory: pytest.TempPat
         kept = {k: v for k, v in os.environ.items() if k.startswith("SASSGIS")}
         done = subprocess.run(
             [str(qgis), str(PROBE), str(home / "task.json")],
-            capture_output=True, text=True, timeout=450, check=False,
+            capture_output=True, text=True, timeout=900, check=False,
             env={**kept, "QT_QPA_PLATFORM": "offscreen", "HOME": str(home), "LC_ALL": "C.UTF-8",
                  "PATH": f"{Path(sys.executable).parent}:/usr/bin:/bin", "PYTHONSTARTUP": "/x"},
         )  # fmt: skip
@@ -128,7 +128,9 @@ def seen(ask: Ask, valley: Path, slope: Slope, line: Path) -> dict[str, Any]:
     wrong.write_text(slope.config.read_text().replace("spacing_m", "spacing"))
     out = slope.folder
     layers = {"DEM": out / "dem.tif", "RELEASE": f"@{out / 'release.gpkg'}"}
-    choices = {"GROUND": "talus", "VOLUME": [0.2, 0.4], "SPACING": 6, "BLOCKS": 5}
+    choices = {
+        "GROUND": "talus", "VOLUME_FROM": 0.2, "VOLUME_TO": 0.4, "SPACING": 6, "BLOCKS": 5,
+    }  # fmt: skip
     zoned = {**layers, **choices, "FREQUENCY": 0.1, "REF_WIDTH": 10}
     calls = {
         "run": calling("run", out / "run", CONFIG=valley, SEED=5),
@@ -195,9 +197,8 @@ def test_the_provider_loads_and_leaves(seen: dict[str, Any]) -> None:
 
 
 def leaves(tree: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [
-        leaf for node in tree for leaf in (leaves(node["within"]) if "within" in node else [node])
-    ]
+    parts = [leaves(node["within"]) if "within" in node else [node] for node in tree]
+    return [leaf for part in parts for leaf in part]
 
 
 @pytest.mark.qgis
@@ -209,13 +210,14 @@ def test_a_run_arrives_in_order_and_styled(seen: dict[str, Any], slope: Slope) -
     (group,) = call["tree"]
     assert group["name"] == "run"
     groups = {own["name"]: own for own in group["within"]}
-    assert list(groups)[0] == "Stations and measures" and list(groups)[-1] == "Terrain"
+    first, *_, last = groups
+    assert (first, last) == ("Stations and measures", "Terrain")
     assert groups["Maps"]["exclusive"]
     layers = leaves(call["tree"])
     assert all(layer["valid"] for layer in layers)
     renderers = {layer["name"]: layer["renderer"] for layer in layers}
     assert renderers["Walls and nets"] == renderers["Stopping points"] == "categorizedSymbol"
-    maps = [layer for layer in leaves(groups["Maps"]["within"])]
+    maps = leaves(groups["Maps"]["within"])
     assert {layer["renderer"] for layer in maps} == {"singlebandpseudocolor"}
     assert [layer["visible"] for layer in maps].count(True) == 1
     assert renderers["Relief"] == "hillshade"
