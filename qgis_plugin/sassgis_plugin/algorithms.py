@@ -185,7 +185,7 @@ class Inputs:
 def _site_parameters() -> list[QgsProcessingParameterDefinition]:
     """A configuration, or layers and the choices that every site needs."""
     return [
-        _config("Configuration of the site (sassgis.toml); or else layers:", optional=True),
+        _config("Configuration of the site (sassgis.toml), or the layers below", optional=True),
         QgsProcessingParameterRasterLayer("DEM", "Terrain model", optional=True),
         QgsProcessingParameterFeatureSource(
             "RELEASE", "Release areas", [QgsProcessing.TypeVectorAnyGeometry], optional=True

@@ -82,8 +82,8 @@ class MakeEnvironment(QgsProcessingAlgorithm):
             f"profile ({environment_folder()}). QGIS itself stays as it is. Needs a "
             "Python 3.11 or later and, for the libraries, the network. Run it again to update "
             "sassgis, or where it does not start.\n\n"
-            "Source: a requirement for pip (sassgis==0.1.0), a wheel (sassgis-0.1.0-py3-none-any"
-            ".whl) or a folder with the source code."
+            f"Source: a requirement for pip (sassgis=={plugin_version()}), a wheel (a file "
+            "sassgis-*.whl) or a folder with the source code."
         )
 
     def createInstance(self):

@@ -58,6 +58,7 @@ def copied(
     )
     if not written:
         raise QgsProcessingException(f"{file}: cannot be written ({writer.errorMessage()})")
+    del writer  # It closes the file.
     return file
 
 

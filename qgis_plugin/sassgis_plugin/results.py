@@ -60,8 +60,8 @@ def _take_over(file: Path, project: QgsProject, group: QgsLayerTreeGroup) -> Non
     document = QDomDocument("qgis-layer-definition")
     context = QgsReadWriteContext()
     nodes = source.layerTreeRoot().children()
-    QgsLayerDefinition.exportQlrLayerDefinition(document, nodes, "", context)
-    QgsLayerDefinition.loadLayerDefinition(document, project, group, "", context)
+    QgsLayerDefinition.exportLayerDefinition(document, nodes, context)
+    QgsLayerDefinition.loadLayerDefinition(document, project, group, context)
 
 
 def _layers_of(folder: Path) -> list[QgsVectorLayer | QgsRasterLayer]:
