@@ -49,10 +49,15 @@ def _box(name, text, ticked=False):
     return QgsProcessingParameterBoolean(name, text, ticked)
 
 
-def _config(text="Configuration of the site (sassgis.toml)", optional=False):
+def _file(name, text, optional=False, kinds=""):
+    # The filter of QGIS itself, *.*, refuses folders and other names without a dot.
     return QgsProcessingParameterFile(
-        "CONFIG", text, optional=optional, fileFilter="TOML (*.toml);;All files (*)"
+        name, text, optional=optional, fileFilter=f"{kinds}All files (*)"
     )
+
+
+def _config(text="Configuration of the site (sassgis.toml)", optional=False):
+    return _file("CONFIG", text, optional, "TOML (*.toml);;")
 
 
 class Command(QgsProcessingAlgorithm):
@@ -338,9 +343,7 @@ _OBSERVATIONS = (
 
 
 def _observations() -> QgsProcessingParameterFile:
-    return QgsProcessingParameterFile(
-        "OBSERVATIONS", "Observations: GeoPackage, or a table of their folder"
-    )
+    return _file("OBSERVATIONS", "Observations: GeoPackage, or a table of their folder")
 
 
 def _observed(inputs: Inputs) -> list[object]:
@@ -420,11 +423,7 @@ class Batch(Command):
         memory = _number("MEMORY", "Memory for all processes together (GB)", low=1.0)
         return [
             _config(),
-            QgsProcessingParameterFile(
-                "RELEASES",
-                "Vector file of release areas, in place of that of the configuration",
-                optional=True,
-            ),
+            _file("RELEASES", "Release areas, in place of those of the configuration", True),
             _box("MOSAIC_ONLY", "No maps, zones and report of each area by itself"),
             _advanced(memory),
         ]

@@ -97,7 +97,9 @@ class MakeEnvironment(QgsProcessingAlgorithm):
                 "SOURCE", "Source of sassgis: requirement, wheel or folder", source_of_program()
             )
         )
-        python = QgsProcessingParameterFile("PYTHON", "Python 3.11 or later", optional=True)
+        python = QgsProcessingParameterFile(
+            "PYTHON", "Python 3.11 or later", optional=True, fileFilter="All files (*)"
+        )
         python.setFlags(python.flags() | QgsProcessingParameterDefinition.FlagAdvanced)
         self.addParameter(python)
 
