@@ -112,7 +112,7 @@ def test_a_drawn_line_gives_the_heights_of_the_terrain_under_it(small, tmp_path:
         small.config, tmp_path / "out", line_file=line_file(tmp_path, ends), rocks=5
     )
     profile = result.profile
-    assert profile.title.endswith("drawn") and profile.s[-1] == pytest.approx(ends.length)
+    assert profile.name.endswith("drawn") and profile.s[-1] == pytest.approx(ends.length)
     assert "upper talus" in [g.name for g, _ in profile.control_lines]
     with rasterio.open(small.config.parent / "dem.tif") as raster:
         grid = raster.read(1)
