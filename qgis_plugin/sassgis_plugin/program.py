@@ -149,7 +149,8 @@ def run(command: Sequence[object], feedback: QgsProcessingFeedback) -> None:
         last = line.strip() or last
         if line.lower().startswith("error: "):
             error = line[len("error: ") :]
-        _report(line, feedback)
+        else:
+            _report(line, feedback)
     else:
         _stop(process)
         raise QgsProcessingException("Stopped: the same call goes on from what is saved.")

@@ -263,6 +263,7 @@ def test_what_is_wrong_is_one_line(seen: dict[str, Any], slope: Slope) -> None:
         error = seen["calls"][name]["error"]
         assert error.startswith("QgsProcessingException: ") and words in error, error
         assert "\n" not in error and "Error: " not in error and seen["calls"][name]["tree"] == []
+        assert not any(words in line for line in seen["calls"][name]["info"])
     assert not (slope.folder / "x").exists()
 
 
@@ -282,9 +283,11 @@ def test_cancelling_keeps_the_state_and_the_same_call_goes_on(
 
 @pytest.mark.qgis
 def test_commands_get_their_arguments_and_none_of_the_surroundings(
-    ask: Ask, slope: Slope, tmp_path: Path
+    ask: Ask, seen: dict[str, Any], slope: Slope, tmp_path: Path
 ) -> None:
-    echo = script(tmp_path / "sassgis", ECHO)
+    out, vectors = tmp_path / "o", slope.folder / "run" / "result.gpkg"
+    written = f'mkdir -p "{out}"; cp "{vectors}" "{out}/gap.gpkg"\n'
+    echo = script(tmp_path / "sassgis", ECHO + written)
     table = slope.folder / "stops.csv"
     table.write_text("x\n")
     both = {"CONFIG": slope.config, "JOBS": 1, "OVERWRITE": True}
@@ -292,13 +295,13 @@ def test_commands_get_their_arguments_and_none_of_the_surroundings(
     # As a script may give it.
     in_folder = {**given, "OBSERVATIONS": slope.folder}
     report = ask(
-        calling("calibrate", tmp_path / "o", **given),
-        calling("diagnose", tmp_path / "o", **in_folder, MAP=True),
-        calling("batch", tmp_path / "o", **both, RELEASES=table, MOSAIC_ONLY=True, MEMORY=2.5),
-        calling("batch", tmp_path / "o", **both),
+        calling("calibrate", out, **given),
+        calling("diagnose", out, **in_folder, MAP=True),
+        calling("batch", out, **both, RELEASES=table, MOSAIC_ONLY=True, MEMORY=2.5),
+        calling("batch", out, **both),
         program=echo,
     )["calls"]
-    tail, config, folder = f"--jobs 1 -o {tmp_path / 'o'} --overwrite", slope.config, slope.folder
+    tail, config, folder = f"--jobs 1 -o {out} --overwrite", slope.config, slope.folder
     for call, command in zip(
         report,
         (
@@ -312,6 +315,8 @@ def test_commands_get_their_arguments_and_none_of_the_surroundings(
         assert call["error"] is None
         assert f"called: {command} {tail}; PYTHONSTARTUP=[]" in call["info"]
         assert any("sassgis 9.9.9 is installed" in text for text in call["warnings"])
+        # Without a project, each layer brings the style that the file has for it.
+        assert "categorizedSymbol" in {layer["renderer"] for layer in leaves(call["tree"])}
 
 
 @pytest.mark.qgis
