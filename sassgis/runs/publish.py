@@ -275,8 +275,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     if found.without is not None:
         before = hazard_zones(found.without, preset, grid, rules.ref_width_m, confidence)
         both = changes(found.without.levels, hazard.levels)
-        own += [without_barriers(before), level_changes(both, preset, grid)]
-        frames["level_changes"] = change_table(both, preset)
+        codes, labels = zip(*((c.code, c.label) for c in preset.levels), strict=True)
+        own += [without_barriers(before), level_changes(both, codes, grid.crs)]
+        frames["level_changes"] = change_table(both, labels)
     if found.risk is not None:
         risk = risk_vectors(found.risk, rules.placed, grid.crs, currency)
         frames |= risk_frames(found.risk, currency)
