@@ -57,6 +57,7 @@ from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.inputs import input_files
 from sassgis.runs.job import Simulation
 from sassgis.runs.map import paths_on_line
+from sassgis.runs.path_sample import sample_paths
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,9 @@ def publish_map(
     for layer in (*extras.layers, *layers, terrain):
         write_raster(layer, run.grid, work / "maps")
     vectors = run_vectors.all_layers(run, planned, progress, layers)
+    paths = sample_paths(run, planned, config.output.paths_max)
+    if paths:
+        vectors.append(run_vectors.block_paths(paths, run.grid.crs))
     counts = _counts(done)
     facts = _facts(done) | extras.facts | counts
     write_geopackage(work / "result.gpkg", vectors, facts)

@@ -32,6 +32,7 @@ _BANDS = {
     "hazard_level": ("level",),
 }
 _RISK_LAYERS = ("risk_objects", "risk_lines", "risk_points")
+_OBJECT_LAYERS = ("exposed_areas", "exposed_lines", "exposed_points")
 _PER_YEAR = ("deaths_per_year", "loss_per_year")
 RESULT_FILE, ZONE_FILE = "result.gpkg", "hazard.gpkg"
 
@@ -108,7 +109,7 @@ def read_result(folder: Path) -> StoredResult:
             expected="a result of sassgis run, zone or batch, with maps/reach_probability.tif",
         )
     maps = {s: _read_map(f, _BANDS[s]) for s, f in files.items() if f.is_file()}
-    objects, risk = _read_objects(folder / ZONE_FILE)
+    objects, risk = _read_objects(folder)
     level = maps.get("hazard_level")
     zones, codes = (None, ()) if level is None else _read_zones(folder / ZONE_FILE, level.classes)
     lines = _read_control_lines(folder / RESULT_FILE)
@@ -158,17 +159,27 @@ def _read_map(file: Path, wanted: Sequence[str]) -> RasterLayer:
         except rasterio.errors.RasterioError as error:
             raise InputError("cannot be read", file=file, found=str(error)) from None
         tags = dataset.tags()
-        classes = _classes(dataset) if "CLASSES" in dataset.tags(1) else ()
+        classes = _classes(dataset)
         return RasterLayer(
             file.stem, tags.get("TITLE", file.stem), tags.get("NOTE", ""), bands, (), "", classes
         )
 
 
+def level_classes(folder: Path) -> tuple[RasterClass, ...]:
+    """Hazard levels of a zoning, in the colours of its map; none without that map."""
+    file = folder / "maps" / "hazard_level.tif"
+    if not file.is_file():
+        return ()
+    with open_raster(file, "maps") as dataset:
+        return _classes(dataset)
+
+
 def _classes(dataset: Any) -> tuple[RasterClass, ...]:
-    """Classes of a map by its tags, in the colours of its palette."""
+    """Classes of a map by its tags, in the colours of its palette; none of a map of numbers."""
     palette = dataset.colormap(1) if dataset.dtypes[0] == "uint8" else {}
     classes = []
-    for text in dataset.tags(1)["CLASSES"].split("; "):
+    named = dataset.tags(1).get("CLASSES", "")
+    for text in named.split("; ") if named else ():
         value, label = text.split(" = ", 1)
         colour = "#{:02x}{:02x}{:02x}".format(*palette.get(int(value), (128, 128, 128))[:3])
         classes.append(RasterClass(int(value), label, colour))
@@ -226,22 +237,22 @@ def _read_release(file: Path) -> tuple[FloatArray, ...]:
     return tuple(shapely.get_coordinates(shapely.get_exterior_ring(p)) for p in parts)
 
 
-def _read_objects(file: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]]]:
-    """Exposed objects of a zoning with risk; their sums by the name of the whole."""
+def _read_objects(folder: Path) -> tuple[PlacedObjects, dict[str, dict[str, float]]]:
+    """Exposed objects, and the sums of their risk by the name of the whole."""
     objects: list[ExposedObject] = []
     shapes: list[Any] = []
     risk: dict[str, dict[str, float]] = {}
-    for name in _RISK_LAYERS:
-        frame = read_layer(file, name)
-        if frame is None:
-            continue
-        for row, shape in zip(frame.to_dict("records"), frame.geometry, strict=True):
-            # Areas are written as multi-polygons.
-            part = shapely.get_parts(shape)
-            shapes.append(part[0] if part.size == 1 else shape)
-            one = ExposedObject(row["name"], row["kind"], parent=row["part_of"] or "")
-            objects.append(one)
-            sums = risk.setdefault(one.whole, dict.fromkeys(_PER_YEAR, 0.0))
-            for column in _PER_YEAR:
-                sums[column] += float(row[column])
+    frames = [read_layer(folder / ZONE_FILE, name) for name in _RISK_LAYERS]
+    if not any(frame is not None for frame in frames):
+        frames = [read_layer(folder / RESULT_FILE, name) for name in _OBJECT_LAYERS]
+    for frame in frames:
+        for row in [] if frame is None else frame.to_dict("records"):
+            one = ExposedObject(row["name"], row["kind"], parent=row.get("part_of") or "")
+            parts = shapely.get_parts(row["geometry"])
+            objects += [one] * len(parts)
+            shapes += list(parts)
+            if _PER_YEAR[0] in row:
+                sums = risk.setdefault(one.whole, dict.fromkeys(_PER_YEAR, 0.0))
+                for column in _PER_YEAR:
+                    sums[column] += float(row[column])
     return PlacedObjects(tuple(objects), tuple(shapes)), risk
