@@ -39,11 +39,16 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     case.lists["objects"] = [
         {"name": "houses", "kind": "building", "file": "houses.gpkg", "name_field": "name",
          "value": 4e5, "persons": 2.0, "presence": 0.5},
+        {"name": "pipes", "kind": "line", "file": "pipe.gpkg", "name_field": "name",
+         "segment_m": 20.0, "value_per_m": 500.0},
     ]  # fmt: skip
+    pipe = shapely.LineString([place(60.0, 10.0), place(60.0, 60.0)])
+    case.write_layer("pipe.gpkg", [pipe], {"name": ["pipe"]})
     case.lists["stations"] = [
         {"name": "foot", "line": [list(place(58.0, 2.0)), list(place(58.0, 68.0))]}
     ]
-    case.write_text("vulnerability.csv", *VULNERABILITY.split())
+    more = [f"line,{k},{v},0,invented" for k, v in (("low", 0.1), ("mean", 0.4), ("high", 0.9))]
+    case.write_text("vulnerability.csv", *VULNERABILITY.split(), *more)
     case.sections["risk"] = {"vulnerability": "vulnerability.csv"}
     case.write()
     before = zone(case, folder / "before")
@@ -132,6 +137,23 @@ def test_the_wall_is_what_differs(compared: Path) -> None:
     assert numbers_.loc[("object", "left", "loss"), "unit"] == "CHF/year"
     assert numbers_.loc[("object", "left", "deaths"), "change"] < 0.0
     assert not table.isna()["after"].all()
+
+
+def test_a_line_counts_as_a_whole(results: Any, compared: Path) -> None:
+    table = numbers(compared)
+    names = {name for part, name, _ in table.index if part == "object"}
+    assert names == {"left", "pipe"}
+    for when, result in zip(("before", "after"), results, strict=True):
+        rows = pd.read_csv(result / "tables" / "risk_objects.csv")
+        stretches = rows[rows["part_of"] == "pipe"]
+        assert len(stretches) == 5
+        stated = table.loc[("object", "pipe", "loss"), when]
+        assert stated == pytest.approx(stretches["loss_per_year"].sum(), rel=1e-5)
+        reach = bands(result / "maps" / "reach_probability.tif")["reach"]
+        # The line runs along the border of two columns of cells.
+        largest = np.nan_to_num(reach[10:60, 59:61]).max()
+        assert table.loc[("object", "pipe", "reach probability"), when] <= largest + 1e-6
+    assert table.loc[("object", "pipe", "reach probability"), "before"] > 0.0
 
 
 def test_the_report_says_first_what_changed(compared: Path) -> None:

@@ -57,7 +57,8 @@ def test_paths_fly_over_the_terrain(result: Result) -> None:
         # Segments lie within 0.05 m of the terrain; centres at least a semi-axis above it.
         assert known.mean() > 0.8 and above[known].min() > -0.1
         assert above[known].max() < path.max_height_m + 1.5
-        assert shapely.length(path.geometry) == pytest.approx(path.runout_m, abs=3.0)
+        # Blocks start some metres down a fall line.
+        assert 0.9 * path.runout_m < shapely.length(path.geometry) < path.runout_m + 3.0
 
 
 def test_none_are_asked_for(result: Result) -> None:
