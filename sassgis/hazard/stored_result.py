@@ -113,6 +113,18 @@ def on_common_cells(one: StoredResult, other: StoredResult) -> tuple[StoredResul
     return _cut(one, *part), _cut(other, *moved)
 
 
+def objects_within(placed: PlacedObjects, grid: Grid) -> PlacedObjects:
+    """The objects that lie on a grid with all their stretches."""
+    west, south, east, north = grid.bounds
+    bounds = shapely.bounds(np.array(placed.geometries, dtype=object)).reshape(-1, 4)
+    out = (bounds < (west, south, west, south)) | (bounds > (east, north, east, north))
+    gone = {o.whole for o, beyond in zip(placed.objects, out, strict=True) if beyond.any()}
+    kept = [i for i, o in enumerate(placed.objects) if o.whole not in gone]
+    return PlacedObjects(
+        tuple(placed.objects[i] for i in kept), tuple(placed.geometries[i] for i in kept)
+    )
+
+
 def _differ(other: StoredResult, what: str, found: str, expected: str) -> InputError:
     return InputError(
         f"the two results cannot be compared: they differ in the {what}",

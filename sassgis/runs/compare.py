@@ -7,7 +7,7 @@ from pathlib import Path
 
 import sassgis
 from sassgis.hazard.result_change import ResultChange, levels_differ, result_change
-from sassgis.hazard.stored_result import StoredResult, on_common_cells
+from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.read.objects import object_cells
 from sassgis.io.read.result_folder import read_result
@@ -122,8 +122,10 @@ def write_comparison(
     notes = []
     if (before.grid.shape, after.grid.shape) != whole:
         notes.append(
-            "The results cover different places: maps and zones are compared on the common part."
+            "The results cover different places: maps, zones and objects are compared on the "
+            "common part."
         )
+        placed = objects_within(placed, after.grid)
     grid = after.grid
     cells, owner = object_cells(placed, grid)
     names = list(dict.fromkeys(o.whole for o in placed.objects))

@@ -21,9 +21,10 @@ from sassgis.hazard.result_change import (
     levels_differ,
     result_change,
 )
-from sassgis.hazard.stored_result import StoredResult, on_common_cells
+from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.model.errors import InputError
+from sassgis.model.exposure import ExposedObject, PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.results import Band, RasterClass, RasterLayer
 
@@ -229,6 +230,22 @@ def test_results_meet_on_their_common_cells() -> None:
     assert np.allclose(a.band("reach_probability", "reach"), reach[1:, 2:])
     assert np.allclose(b.band("reach_probability", "reach"), reach[:-1, :-2])
     assert a.zones is not None and a.zones.polygons[0].area == 120.0
+
+
+def test_objects_that_reach_beyond_the_common_part_are_left_out() -> None:
+    grid = stored(block(2)).grid
+    line = [ExposedObject(f"road {i}", "line", parent="road") for i in range(2)]
+    placed = PlacedObjects(
+        (*line, ExposedObject("house", "building"), ExposedObject("barn", "building")),
+        (
+            shapely.LineString([(101.0, 190.0), (110.0, 190.0)]),
+            shapely.LineString([(110.0, 190.0), (117.0, 190.0)]),
+            shapely.box(100.0, 188.0, 102.0, 190.0),
+            shapely.box(90.0, 190.0, 95.0, 195.0),
+        ),
+    )
+    assert [o.name for o in objects_within(placed, grid).objects] == ["house"]
+    assert len(objects_within(PlacedObjects((), ()), grid)) == 0
 
 
 @pytest.mark.parametrize(
