@@ -16,6 +16,7 @@ from sassgis.hazard.result_change import (
     difference,
 )
 from sassgis.hazard.stored_result import StoredResult
+from sassgis.model.grid import FloatArray
 from sassgis.report import figures
 from sassgis.report.map_report import save_figure
 from sassgis.report.page import (
@@ -55,20 +56,35 @@ def change_figures(
             release=after.release, control_lines=after.traces,
         )  # fmt: skip
         caption = "Levels of the cells, before they are drawn as zones."
-        drawn.append(("hazard_level_change", "Hazard level before and after", caption, picture))
+        moved = difference(before.band(LEVEL, "level"), after.band(LEVEL, "level"))
+        drawn.append(
+            ("hazard_level_change", "Hazard level before and after", caption, moved, picture)
+        )
     for compared in compared_maps(before, after):
         old, new = (r.band(compared.stem, compared.band) for r in (before, after))
         title = f"{compared.title}, before and after"
+        moved = difference(old, new)
         picture = figures.map_change_figure(
-            grid, old, new, difference(old, new),
+            grid, old, new, moved,
             unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
             release=after.release, title=title, note=_NOTHING,
         )  # fmt: skip
         width = f" Width {grid.cell_size:.4g} m (one cell)." if compared is REACH else ""
-        drawn.append((f"{compared.stem}_change", title, _NOTHING + width, picture))
+        drawn.append((f"{compared.stem}_change", title, _NOTHING + width, moved, picture))
     return tuple(
-        ReportFigure(title, caption, save_figure(folder, name, picture))
-        for name, title, caption, picture in drawn
+        ReportFigure(
+            title, caption, save_figure(folder, name, picture), _alt(moved, grid.cell_size)
+        )
+        for name, title, caption, moved, picture in drawn
+    )
+
+
+def _alt(change: FloatArray, cell_size: float) -> str:
+    """What three maps of a change show."""
+    higher, lower = ((s * change > 0.0).sum() * cell_size**2 for s in (1.0, -1.0))
+    return (
+        "Three maps: before, after, and the change. "
+        f"Higher on {sensible(float(higher))} m², lower on {sensible(float(lower))} m²."
     )
 
 
