@@ -36,7 +36,7 @@ def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]
         Most paths, of all block scenarios together.
     """
     n = len(planned.points)
-    points = min(n, most // max(len(run.blocks), 1))
+    points = min(n, most // max([1, *map(len, planned.scenarios)]))
     if not points:
         return ()
     which = np.unique(np.linspace(0, n - 1, points).round().astype(np.int64))
