@@ -14,6 +14,7 @@ from sassgis.cli import main
 from sassgis.runs.samples import copy_sample
 
 ROOT = Path(__file__).resolve().parents[1]
+SYSTEM_PYTHON = Path("/usr/bin/python3")
 
 # What a test writes need not outlive a power cut; waiting for the disk is half of some tests' time.
 os.environ.setdefault("OGR_SQLITE_SYNCHRONOUS", "OFF")
@@ -46,16 +47,6 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the field data folder ../shared/data is not beside the repository")
     return folder
-
-
-@pytest.fixture(scope="session")
-def qgis() -> Path:
-    """The Python that has the real QGIS."""
-    python = Path("/usr/bin/python3")
-    asked = [str(python), "-c", "import qgis.core"]
-    if python.is_file() and not subprocess.run(asked, capture_output=True, check=False).returncode:
-        return python
-    pytest.skip("QGIS for the system's Python is not installed (Debian: python3-qgis)")
 
 
 @pytest.fixture(scope="session")
@@ -102,3 +93,14 @@ def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, st
         return stopped.value.code, out, err
 
     return run
+
+
+@pytest.fixture(scope="session")
+def qgis() -> None:
+    if SYSTEM_PYTHON.is_file():
+        done = subprocess.run(
+            [SYSTEM_PYTHON, "-c", "import qgis.core"], capture_output=True, check=False
+        )
+        if done.returncode == 0:
+            return
+    pytest.skip("QGIS for the system's Python is not installed (Debian: python3-qgis)")

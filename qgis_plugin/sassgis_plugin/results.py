@@ -11,7 +11,6 @@ from qgis.core import (
     QgsProcessingFeedback,
     QgsProject,
     QgsProviderRegistry,
-    QgsRasterLayer,
     QgsReadWriteContext,
     QgsVectorLayer,
     QgsWkbTypes,
@@ -37,15 +36,15 @@ def load_results(
         feedback.pushInfo(f"Layers are not loaded from within a model: see {folder}")
         return
     group = project.layerTreeRoot().insertGroup(0, folder.name)
-    written = [folder / "project.qgz", folder / "mosaic" / "project.qgz"]
-    project_file = next((file for file in written if file.is_file()), None)
-    if project_file is not None:
-        _take_over(project_file, project, group)
-        feedback.pushInfo(f"{project_file} has the same layers, and sheets to print.")
-    else:
+    projects = [folder / part / "project.qgz" for part in ("", "mosaic", "map")]
+    if not projects[0].is_file():
         for layer in _layers_of(folder):
             project.addMapLayer(layer, False)
             group.addLayer(layer)
+    for file in projects:
+        if file.is_file():
+            _take_over(file, project, group)
+            feedback.pushInfo(f"{file} holds these layers too, with its sheets to print.")
     if not group.children():
         project.layerTreeRoot().removeChildNode(group)
     broken = [node.name() for node in group.findLayers() if not node.layer().isValid()]
@@ -64,14 +63,12 @@ def _take_over(file: Path, project: QgsProject, group: QgsLayerTreeGroup) -> Non
     QgsLayerDefinition.loadLayerDefinition(document, project, group, context)
 
 
-def _layers_of(folder: Path) -> list[QgsVectorLayer | QgsRasterLayer]:
-    """Layers of GeoPackages, and maps; each brings its style along."""
+def _layers_of(folder: Path) -> list[QgsVectorLayer]:
+    """Layers of GeoPackages; each brings its style along."""
     registry = QgsProviderRegistry.instance()
     found = [
         QgsVectorLayer(part.uri(), part.name(), part.providerKey())
         for file in sorted(folder.glob("*.gpkg"))
         for part in registry.querySublayers(str(file))
     ]
-    vectors = [layer for layer in found if layer.wkbType() != QgsWkbTypes.NoGeometry]
-    maps = sorted(folder.glob("map/maps/*.tif"))
-    return [*vectors, *(QgsRasterLayer(str(file), file.stem) for file in maps)]
+    return [layer for layer in found if layer.wkbType() != QgsWkbTypes.NoGeometry]
