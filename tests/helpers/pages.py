@@ -18,3 +18,16 @@ def shown(page: str, name: str) -> list[str]:
     found = re.search(rf"<!-- output: {name} -->\n```\n(.*?)```", page, re.S)
     assert found is not None
     return found[1].splitlines()
+
+
+def steps(page: str) -> list[tuple[str, str, str]]:
+    """What a page has its reader do, in order: kind ("commands", "file", "edit"), file, text."""
+    return re.findall(r"<!-- (commands|file|edit)(?:: (\S+))? -->\n```\w+\n(.*?)```", page, re.S)
+
+
+def rows(page: str, name: str) -> list[list[str]]:
+    """Cells of the table below ``<!-- table: NAME -->``, without its head."""
+    found = re.search(rf"<!-- table: {name} -->\n((?:\|.*\n)+)", page)
+    assert found is not None
+    lines = found[1].splitlines()[2:]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
