@@ -10,7 +10,10 @@ from sassgis.cli.options import JOBS, OUT, SEED, cluster_options, who_works
 from sassgis.cli.progress_bar import ProgressBar, conclude
 
 
-@click.command()
+@click.command(
+    short_help="Zone many release areas, each alone and all on one map.",
+    epilog="Example: sassgis batch releases -c sassgis.toml --dem terrain -o batch",
+)
 @click.argument("releases", type=click.Path(path_type=Path))
 @OUT
 @click.option(

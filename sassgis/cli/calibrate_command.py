@@ -12,7 +12,10 @@ from sassgis.cli.progress_bar import ProgressBar
 _PATH = click.Path(path_type=Path)
 
 
-@click.command()
+@click.command(
+    short_help="Fit ground classes to observations.",
+    epilog="Example: sassgis calibrate sassgis.toml --observations observed -o calibrated",
+)
 @CONFIG
 @click.option(
     "--observations",

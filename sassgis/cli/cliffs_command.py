@@ -9,7 +9,10 @@ import click
 from sassgis.cli.options import OVERWRITE
 
 
-@click.command()
+@click.command(
+    short_help="Propose release areas from the slopes of a terrain model.",
+    epilog="Example: sassgis cliffs terrain/terrain.vrt -o release.gpkg",
+)
 @click.argument("dem", type=click.Path(path_type=Path))
 @click.option(
     "-o", "--output", "out", required=True, type=click.Path(path_type=Path), help="GeoPackage."

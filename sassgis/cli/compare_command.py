@@ -9,7 +9,7 @@ import click
 from sassgis.cli.options import OUT, OVERWRITE
 
 
-@click.command()
+@click.command(epilog="Example: sassgis compare zones_before zones_after -o change")
 @click.argument("before", type=click.Path(path_type=Path))
 @click.argument("after", type=click.Path(path_type=Path))
 @OUT

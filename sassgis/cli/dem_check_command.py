@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
-from sassgis.cli.options import OVERWRITE
+from sassgis.cli.options import AS_JSON, OVERWRITE
+from sassgis.cli.progress_bar import print_json
 
 
-@click.command("check")
+@click.command(
+    "check",
+    short_help="Judge a terrain model, on one page.",
+    epilog="Example: sassgis dem check terrain/terrain.vrt",
+)
 @click.argument("dem", type=click.Path(path_type=Path))
 @click.option("--crs", help="Coordinate system, where DEM states none.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON, with all numbers.")
+@AS_JSON
 @click.option("--html", type=click.Path(path_type=Path), help="Write the page as HTML too.")
 @OVERWRITE
 def check(dem: Path, crs: str | None, as_json: bool, html: Path | None, overwrite: bool) -> None:
@@ -22,7 +26,7 @@ def check(dem: Path, crs: str | None, as_json: bool, html: Path | None, overwrit
 
     report = check_dem(dem, crs)
     if as_json:
-        click.echo(json.dumps(report.as_dict(), indent=1, ensure_ascii=False))
+        print_json(report.as_dict())
     else:
         for line in report.lines():
             click.echo(line)

@@ -7,7 +7,10 @@ from pathlib import Path
 import click
 
 
-@click.command()
+@click.command(
+    short_help="List and fetch tiles of swissALTI3D over polygons.",
+    epilog="Example: sassgis dem fetch area.gpkg -o terrain",
+)
 @click.argument("polygon", type=click.Path(path_type=Path))
 @click.option(
     "-o", "--output", "out", type=click.Path(path_type=Path),

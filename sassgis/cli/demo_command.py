@@ -6,16 +6,17 @@ from pathlib import Path
 
 import click
 
-from sassgis.cli.options import JOBS, OUT, OVERWRITE
+from sassgis.cli.options import AS_JSON, JOBS, OUT, OVERWRITE
 from sassgis.cli.zone_command import zoned
 
 
-@click.command()
+@click.command(epilog="Example: sassgis demo -o demo_out")
 @OUT
 @JOBS
 @OVERWRITE
-def demo(out: Path, jobs: int | None, overwrite: bool) -> None:
+@AS_JSON
+def demo(out: Path, jobs: int | None, overwrite: bool, as_json: bool) -> None:
     """Make the zones of the sample valley, a synthetic terrain."""
     from sassgis.runs.samples import sample_folder
 
-    zoned(sample_folder() / "valley" / "config.toml", out, (), None, jobs, overwrite)
+    zoned(sample_folder() / "valley" / "config.toml", out, (), None, jobs, overwrite, as_json)

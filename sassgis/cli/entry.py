@@ -18,6 +18,7 @@ from sassgis.cli.dem_check_command import check as check_terrain
 from sassgis.cli.dem_fetch_command import fetch
 from sassgis.cli.demo_command import demo
 from sassgis.cli.export_command import export
+from sassgis.cli.frequency_command import frequency
 from sassgis.cli.gap_check_command import check_diagnosis
 from sassgis.cli.gap_diagnose_command import diagnose
 from sassgis.cli.gap_template_command import template
@@ -26,35 +27,57 @@ from sassgis.cli.init_command import init
 from sassgis.cli.new_command import new
 from sassgis.cli.profile_command import profile
 from sassgis.cli.run_command import run
+from sassgis.cli.schema_command import schema
 from sassgis.cli.sensitivity_command import sensitivity
 from sassgis.cli.validate_command import validate
 from sassgis.cli.zone_command import zone
 from sassgis.model.errors import Interrupted, SassgisError
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class InOrder(click.Group):
+    """Commands in the order of work, as they were added."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names, not sorted."""
+        return list(self.commands)
+
+
+_CODES = """\b
+Exit codes:
+  0    done
+  1    other failure, such as not enough memory
+  2    input, configuration or option that cannot be used
+  3    result that cannot be written
+  70   fault of sassgis
+  130  stopped by the user"""
+
+
+@click.group(cls=InOrder, context_settings={"help_option_names": ["-h", "--help"]}, epilog=_CODES)
 @click.version_option(__version__, prog_name="sassgis")
 @click.option("--debug", is_flag=True, help="Show the full traceback of an error.")
 def cli(debug: bool) -> None:
-    """Rockfall hazard zoning with the SASS model of Bozzolo and Pamini (1986)."""
+    """Rockfall hazard zoning with the SASS model of Bozzolo and Pamini (1986).
+
+    Commands in the order of work; `sassgis COMMAND -h` has an example of each.
+    """
 
 
-@cli.group()
+@click.group(cls=InOrder)
 def gap() -> None:
-    """Observations in the field, to be compared with the simulation."""
+    """Observations: check them, compare them, find causes."""
 
 
-@cli.group()
+@click.group(cls=InOrder)
 def dem() -> None:
     """Terrain models: get them, check them."""
 
 
 for _command in (
-    new, cliffs, init, validate, run, zone, batch, calibrate, sensitivity, profile, compare, export,
-    demo,
+    demo, dem, cliffs, new, init, schema, frequency, validate, profile, run, zone, compare, export,
+    sensitivity, batch, calibrate, gap,
 ):  # fmt: skip
     cli.add_command(_command)
-for _command in (template, diagnose, validate_observations, check_diagnosis):
+for _command in (template, validate_observations, diagnose, check_diagnosis):
     gap.add_command(_command)
 for _command in (fetch, check_terrain):
     dem.add_command(_command)

@@ -9,7 +9,10 @@ import click
 from sassgis.cli.options import OVERWRITE
 
 
-@click.command()
+@click.command(
+    short_help="Write zones as INTERLIS 2 (model 166.1).",
+    epilog="Example: sassgis export zones --xtf zones.xtf",
+)
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option(
     "-o",

@@ -10,7 +10,11 @@ from sassgis.cli.options import JOBS, OUT, cluster_options, who_works
 from sassgis.cli.progress_bar import ProgressBar
 
 
-@click.command("check")
+@click.command(
+    "check",
+    short_help="Score the diagnosis on synthetic sites.",
+    epilog="Example: sassgis gap check --quick -o check",
+)
 @OUT
 @click.option("--worlds", type=click.IntRange(1), default=150, show_default=True)
 @click.option(

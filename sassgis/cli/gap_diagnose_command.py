@@ -10,7 +10,10 @@ from sassgis.cli.options import CONFIG, JOBS, OUT, OVERWRITE
 from sassgis.cli.progress_bar import ProgressBar
 
 
-@click.command()
+@click.command(
+    short_help="Where simulation and observations differ, and why.",
+    epilog="Example: sassgis gap diagnose sassgis.toml --observations observed -o diagnosis",
+)
 @CONFIG
 @click.option(
     "--observations",

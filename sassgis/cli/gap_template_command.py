@@ -7,7 +7,10 @@ from pathlib import Path
 import click
 
 
-@click.command()
+@click.command(
+    short_help="Write empty tables of observations.",
+    epilog="Example: sassgis gap template observed",
+)
 @click.argument("path", type=click.Path(path_type=Path))
 def template(path: Path) -> None:
     """Write empty tables of observations: a .gpkg, or a folder of CSV files."""

@@ -7,7 +7,11 @@ from pathlib import Path
 import click
 
 
-@click.command("validate")
+@click.command(
+    "validate",
+    short_help="Check observations, and what they can tell.",
+    epilog="Example: sassgis gap validate observed --config sassgis.toml",
+)
 @click.argument("observations", type=click.Path(path_type=Path))
 @click.option("--config", type=click.Path(path_type=Path), help="Compare them with its terrain.")
 def validate_observations(observations: Path, config: Path | None) -> None:

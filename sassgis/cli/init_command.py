@@ -7,7 +7,10 @@ from pathlib import Path
 import click
 
 
-@click.command()
+@click.command(
+    short_help="Write a configuration: the lines that every site decides.",
+    epilog="Example: sassgis init --dem terrain/terrain.vrt --release site.gpkg",
+)
 @click.argument("file", type=click.Path(path_type=Path), default="sassgis.toml")
 @click.option("--dem", type=click.Path(path_type=Path), help="Terrain model: raster or folder.")
 @click.option(
@@ -34,17 +37,11 @@ def init(
 ) -> None:
     """Write a configuration to FILE (default: sassgis.toml): the lines that every site decides."""
     from sassgis.io.read.start_keys import start_keys, with_values
-    from sassgis.io.write.config_template import config_template, short_template
-    from sassgis.model.errors import OutputError
+    from sassgis.io.write.config_template import config_template, short_template, write_new
 
-    if file.exists() and not overwrite:
-        raise OutputError(f"{file}: exists; choose another name, or --overwrite")
     given = with_values(start_keys(file.parent, dem, release), settings)
     text = config_template(given) if every else short_template(given)
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{file}: cannot be written: {error.strerror}") from error
+    write_new(file, text, overwrite)
     names = [name for name, path in (("terrain.dem", dem), ("release.file", release)) if not path]
     todo = f"Fill in {' and '.join(names)}, then: " if names else "Now: "
     click.echo(f"Wrote {file}. {todo}sassgis validate {file}")

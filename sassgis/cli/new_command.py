@@ -9,7 +9,10 @@ import click
 from sassgis.cli.options import OVERWRITE
 
 
-@click.command()
+@click.command(
+    short_help="Write empty layers and a QGIS project to draw a site in.",
+    epilog="Example: sassgis new site.gpkg --dem terrain/terrain.vrt",
+)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--crs", help="Projected system in metres, as EPSG:2056; default: that of --dem.")
 @click.option("--dem", type=click.Path(path_type=Path), help="Terrain model to draw over.")

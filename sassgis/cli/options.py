@@ -24,6 +24,9 @@ AREAS = click.option(
     "--area", "areas", multiple=True, help="Only this release area; may be given several times."
 )
 JOBS = click.option("--jobs", type=click.IntRange(0), help="Processor cores; 0: all.")
+AS_JSON = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object in place of lines."
+)
 _Command = TypeVar("_Command", bound=Callable[..., object])
 
 

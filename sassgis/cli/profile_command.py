@@ -9,7 +9,10 @@ import click
 from sassgis.cli.options import CONFIG, OUT, OVERWRITE, SEED
 
 
-@click.command()
+@click.command(
+    short_help="Simulate one profile: paths, stations, run-out, energy.",
+    epilog="Example: sassgis profile sassgis.toml --point 2700300 1120500 -o one_line",
+)
 @CONFIG
 @OUT
 @click.option(

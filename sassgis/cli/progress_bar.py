@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -73,8 +75,31 @@ class ProgressBar:
             self._open = False
 
 
-def conclude(warnings: Sequence[str], summary: str, folder: Path) -> None:
-    """Report the result of a simulation and where it is."""
+def print_json(found: Mapping[str, object]) -> None:
+    """Print one JSON object; what is not finite is null, a path its text."""
+
+    def plain(value: object) -> object:
+        if isinstance(value, Mapping):
+            return {str(key): plain(own) for key, own in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [plain(own) for own in value]
+        if isinstance(value, float) and not math.isfinite(value):
+            return None
+        return str(value) if isinstance(value, Path) else value
+
+    click.echo(json.dumps(plain(found), indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def conclude(
+    warnings: Sequence[str],
+    summary: str,
+    folder: Path,
+    facts: Mapping[str, object] | None = None,
+) -> None:
+    """Report the result of a simulation and where it is; with facts as JSON, without as lines."""
+    if facts is not None:
+        print_json({"output": folder, **facts, "warnings": warnings})
+        return
     for warning in warnings:
         click.echo(f"Note: {warning}", err=True)
     click.echo(summary)

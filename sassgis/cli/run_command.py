@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from sassgis.cli.options import (
     AREAS,
+    AS_JSON,
     CONFIG,
     JOBS,
     OUT,
@@ -18,8 +20,14 @@ from sassgis.cli.options import (
 )
 from sassgis.cli.progress_bar import ProgressBar, conclude
 
+if TYPE_CHECKING:
+    from sassgis.runs.run import RunResult
 
-@click.command()
+
+@click.command(
+    short_help="Simulate blocks: maps, GeoPackage, QGIS project, report.",
+    epilog="Example: sassgis run sassgis.toml -o result",
+)
 @CONFIG
 @OUT
 @AREAS
@@ -27,6 +35,7 @@ from sassgis.cli.progress_bar import ProgressBar, conclude
 @JOBS
 @cluster_options
 @OVERWRITE
+@AS_JSON
 def run(
     config: Path,
     out: Path,
@@ -36,6 +45,7 @@ def run(
     scheduler: str | None,
     workers: int | None,
     overwrite: bool,
+    as_json: bool,
 ) -> None:
     """Simulate CONFIG on the map: maps, GeoPackage, QGIS project, figures, report."""
     from sassgis.runs.run import run as run_map
@@ -51,4 +61,14 @@ def run(
             on_progress=progress.step,
             say=progress.say,
         )
-    conclude(result.warnings, f"{result.rocks} blocks in {result.seconds:.1f} s.", out)
+    summary = f"{result.rocks} blocks in {result.seconds:.1f} s."
+    conclude(result.warnings, summary, out, run_facts(result) if as_json else None)
+
+
+def run_facts(result: RunResult) -> dict[str, object]:
+    """What a run says with --json."""
+    return {
+        "blocks": result.rocks,
+        "stopping_reasons": {r.name.lower(): count for r, count in result.reasons.items()},
+        "seconds": result.seconds,
+    }

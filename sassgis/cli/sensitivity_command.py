@@ -10,7 +10,10 @@ from sassgis.cli.options import AREAS, CONFIG, JOBS, OUT, OVERWRITE, SEED
 from sassgis.cli.progress_bar import ProgressBar, conclude
 
 
-@click.command()
+@click.command(
+    short_help="Vary the ground classes within their ranges.",
+    epilog="Example: sassgis sensitivity sassgis.toml -o sensitivity",
+)
 @CONFIG
 @OUT
 @click.option(

@@ -9,6 +9,7 @@ import click
 
 from sassgis.cli.options import (
     AREAS,
+    AS_JSON,
     CONFIG,
     JOBS,
     OUT,
@@ -18,12 +19,16 @@ from sassgis.cli.options import (
     who_works,
 )
 from sassgis.cli.progress_bar import ProgressBar, conclude
+from sassgis.cli.run_command import run_facts
 
 if TYPE_CHECKING:
     from sassgis.runs.workers import Jobs
 
 
-@click.command()
+@click.command(
+    short_help="Simulate blocks, and make hazard zones; risk.",
+    epilog="Example: sassgis zone sassgis.toml -o zones",
+)
 @CONFIG
 @OUT
 @AREAS
@@ -31,6 +36,7 @@ if TYPE_CHECKING:
 @JOBS
 @cluster_options
 @OVERWRITE
+@AS_JSON
 def zone(
     config: Path,
     out: Path,
@@ -40,10 +46,11 @@ def zone(
     scheduler: str | None,
     workers: int | None,
     overwrite: bool,
+    as_json: bool,
 ) -> None:
     """Simulate CONFIG and make hazard zones: all that run writes, levels, intensities, risk."""
     with who_works(jobs, scheduler, workers) as working:
-        zoned(config, out, areas, seed, working, overwrite)
+        zoned(config, out, areas, seed, working, overwrite, as_json)
 
 
 def zoned(
@@ -53,6 +60,7 @@ def zoned(
     seed: int | None,
     jobs: Jobs,
     overwrite: bool,
+    as_json: bool,
 ) -> None:
     """Make hazard zones and report the result."""
     from sassgis.runs.zone import zone as make_zones
@@ -73,4 +81,9 @@ def zoned(
         f"{result.run.rocks} blocks, {hazard.levels.polygons.size} zones, "
         f"{100 * hazard.uncertain_share:.1f} % of the reached cells statistically uncertain."
     )
-    conclude(result.run.warnings, summary, out)
+    facts = {
+        **run_facts(result.run),
+        "zones": int(hazard.levels.polygons.size),
+        "uncertain_share": float(hazard.uncertain_share),
+    }
+    conclude(result.run.warnings, summary, out, facts if as_json else None)

@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
+import importlib
 import json
 import re
 import subprocess
 import sys
 
 import pytest
-from helpers.scripts import run_script
+from helpers.scripts import load, run_script
 
 import sassgis
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.range_table import read_ranges
 from sassgis.model.settings import EngineSettings
-
-
-def load(path):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    # Dataclasses look their module up.
-    sys.modules[path.stem] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def examples(repository):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import rasterio
+from helpers.pages import commands, shown
 from helpers.scripts import run_script
 
 from sassgis.io.read.ground_map import read_ground_table
@@ -18,17 +19,6 @@ SCRIPT = Path(__file__).resolve().parents[2] / "sample_dem" / "observed" / "make
 @pytest.fixture(scope="module")
 def page(repository: Path) -> str:
     return (repository / "docs" / "gap_practice.md").read_text(encoding="utf-8")
-
-
-def commands(page: str) -> list[list[str]]:
-    (block,) = re.findall(r"<!-- commands -->\n```sh\n(.*?)```", page, re.S)
-    return [line.split("#")[0].split() for line in block.splitlines()]
-
-
-def shown(page: str, name: str) -> list[str]:
-    found = re.search(rf"<!-- output: {name} -->\n```\n(.*?)```", page, re.S)
-    assert found is not None
-    return found[1].splitlines()
 
 
 def test_the_script_makes_the_committed_tables(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from helpers.pages import shown
 
 from sassgis.io.read.site_layers import site_layers
 from sassgis.runs import dem_check
@@ -14,12 +15,6 @@ from sassgis.runs import dem_check
 @pytest.fixture(scope="module")
 def page(repository: Path) -> str:
     return (repository / "docs" / "starting.md").read_text(encoding="utf-8")
-
-
-def shown(page: str, name: str) -> list[str]:
-    found = re.search(rf"<!-- output: {name} -->\n```\n(.*?)```", page, re.S)
-    assert found is not None
-    return found[1].splitlines()
 
 
 def test_the_outputs_are_those_of_the_sample(

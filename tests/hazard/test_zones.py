@@ -379,6 +379,14 @@ def test_a_hole_rises_to_the_lowest_class_that_encloses_it() -> None:
     assert (coarse[13:17, 13:17] == 1).all()
 
 
+def test_a_zone_that_the_edge_cuts_slantwise_does_not_grow_along_it() -> None:
+    rows, columns = np.indices((60, 160))
+    classes = ((columns - 2 * rows >= 0) & (columns - 2 * rows < 30)).astype(np.int64)
+    for turned in (classes, classes[::-1], classes.T):
+        out = generalised(turned, 2.0)
+        assert out.sum() < 1.1 * turned.sum()
+
+
 def test_a_hole_at_the_edge_of_the_raster_is_none() -> None:
     classes = block((0, 0, 30, 30, 2), (0, 10, 3, 13, 0))
     np.testing.assert_array_equal(

@@ -159,7 +159,9 @@ def _narrow(mask: BoolArray, width: int) -> BoolArray:
     if width == 1:
         return np.zeros_like(mask)
     shape = _disk(width)
-    wide = _dilated(_eroded(np.pad(mask, width), shape), shape)
+    # Beyond the raster a part goes on as it is at the edge. Cut off there, its acute corners would
+    # be narrow however far they grew, and they would grow along the whole edge.
+    wide = _dilated(_eroded(np.pad(mask, width, mode="edge"), shape), shape)
     # A disk does not reach into the corners of a wide part: they are not narrow for that.
     slack = (width // 2 + 1) // 2
     near = _dilated(wide, _square(2 * slack + 1))[slack:-slack, slack:-slack]

@@ -6,8 +6,9 @@ import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -120,6 +121,24 @@ class InputReport:
     def points(self) -> int:
         """Release points to be expected over all areas."""
         return sum(area.points for area in self.areas)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report for programs."""
+        lines = [
+            {"name": o.name, "kind": o.kind, "height_m": o.height_m, "capacity_kj": o.capacity_kj}
+            for o in self.control_lines
+        ]
+        return {
+            "configuration": self.config,
+            "dem": None if self.dem is None else asdict(self.dem),
+            "profile": None if self.profile is None else asdict(self.profile),
+            "release_areas": [asdict(area) for area in self.areas],
+            "blocks": self.blocks,
+            "ground": [asdict(own) for own in self.classes],
+            "control_lines": lines,
+            "notices": self.notices,
+            "warnings": self.warnings,
+        }
 
     def lines(self) -> list[str]:
         """Return the report for people, line by line."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import types
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import (
     Annotated,
@@ -18,19 +19,21 @@ from typing import (
     get_origin,
 )
 
-from annotated_types import MinLen
+from annotated_types import Interval, MinLen
 from pydantic import (
     AfterValidator,
     AllowInfNan,
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     Strict,
     TypeAdapter,
     ValidationError,
     ValidationInfo,
 )
-from pydantic_core import PydanticCustomError
+from pydantic.json_schema import GenerateJsonSchema
+from pydantic_core import CoreSchema, PydanticCustomError
 from typing_extensions import TypedDict
 
 from sassgis.model.declared import (
@@ -53,7 +56,7 @@ new_table: Any = TypedDict
 
 
 def table_type(
-    name: str, keys: Mapping[str, Declared], made: Callable[[dict[str, Any]], Any]
+    name: str, keys: Mapping[str, Declared], made: Callable[[dict[str, Any]], Any], meaning: str
 ) -> Any:
     """A type for pydantic: a table with declared keys and no others, made into something.
 
@@ -65,18 +68,23 @@ def table_type(
     made : callable
         From the values, without keys that were not given and with ``config_file``; what it raises
         as ConfigError is reported at the place of the table.
+    meaning : str
+        For editors.
     """
     fields = {
         key: Required[_field(own)] if own.is_required else NotRequired[_field(own)]
         for key, own in keys.items()
     }
-    return table_of(name, fields, made)
+    return table_of(name, fields, made, meaning)
 
 
-def table_of(name: str, fields: Mapping[str, Any], made: Callable[[dict[str, Any]], Any]) -> Any:
+def table_of(
+    name: str, fields: Mapping[str, Any], made: Callable[[dict[str, Any]], Any], meaning: str
+) -> Any:
     """A table with fields of any type; the rest as for ``table_type``."""
     table: Any = new_table(name, dict(fields))
     table.__pydantic_config__ = ConfigDict(extra="forbid")
+    table.__doc__ = meaning
 
     def make(values: dict[str, Any], info: ValidationInfo) -> Any:
         try:
@@ -94,7 +102,13 @@ def section_type(cls: Any) -> Any:
         cls.__name__,
         declared(cls),
         lambda values: cls(**{key: value for key, value in values.items() if key in names}),
+        first_line(cls),
     )
+
+
+def first_line(cls: Any) -> str:
+    """What a section is about: the first line of the docstring of its type."""
+    return (cls.__doc__ or "").splitlines()[0]
 
 
 Kind = TypeVar("Kind")
@@ -125,7 +139,9 @@ def _refused(problem: str, expected: str | None, key: str | None, found: object)
 
 
 def _field(own: Declared) -> Any:
-    return _keeping_limits(_accepted(own.kind), own.kind)
+    default = {} if own.default in (dataclasses.MISSING, None) else {"default": own.default}
+    meaning = Field(description=own.description, json_schema_extra=default)
+    return Annotated[_keeping_limits(_accepted(own.kind), own.kind), meaning]
 
 
 def _keeping_limits(accepted: Any, kind: Any) -> Any:
@@ -169,7 +185,9 @@ def _accepted(kind: Any) -> Any:
     accepted = _accepted(parts[0])
     for note in parts[1:]:
         if isinstance(note, Limits):
-            accepted = Annotated[accepted, BeforeValidator(_pair)]
+            accepted = Annotated[accepted, BeforeValidator(_pair), _InSchema(_or_number)]
+        elif isinstance(note, Interval):
+            accepted = Annotated[accepted, _InSchema(partial(_within, limits=note))]
         elif isinstance(note, PlainName):
             accepted = Annotated[accepted, AfterValidator(str.strip)]
         elif isinstance(note, PresetName):
@@ -219,6 +237,59 @@ def _codes(value: object) -> object:
         return {int(str(code)): name for code, name in value.items()}
     except ValueError:
         raise _refused("has a code that is no whole number", expected, None, None) from None
+
+
+# ---------------------------------------------------------------------------------------------
+# What editors know of it
+
+JsonSchema = dict[str, Any]
+
+
+class ForToml(GenerateJsonSchema):
+    """A JSON Schema of TOML files, which have no null."""
+
+    def nullable_schema(self, schema: Any) -> JsonSchema:
+        """Describe a value that need not be given."""
+        return self.generate_inner(schema["schema"])
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        """Leave titles out: keys are names enough."""
+        return False
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class _InSchema:
+    """Changes what the schema says of a type, and not what is accepted."""
+
+    change: Callable[[JsonSchema], JsonSchema]
+
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchema:
+        return self.change(handler(core))
+
+
+def _or_number(pair: JsonSchema) -> JsonSchema:
+    return {"anyOf": [{"type": "number"}, pair]}
+
+
+def _within(schema: Any, limits: Interval) -> Any:
+    """The same with limits for each number in it."""
+    if isinstance(schema, list):
+        return [_within(part, limits) for part in schema]
+    if not isinstance(schema, dict):
+        return schema
+    out = {key: _within(part, limits) for key, part in schema.items()}
+    if out.get("type") in ("number", "integer"):
+        names = {
+            "ge": "minimum",
+            "gt": "exclusiveMinimum",
+            "le": "maximum",
+            "lt": "exclusiveMaximum",
+        }
+        given = {key: getattr(limits, own) for own, key in names.items()}
+        out |= {key: value for key, value in given.items() if value is not None}
+    return out
 
 
 # ---------------------------------------------------------------------------------------------

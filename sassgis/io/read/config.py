@@ -20,7 +20,15 @@ from pydantic import TypeAdapter, ValidationError
 
 from sassgis.engine.effects.registry import EFFECTS, Effect
 from sassgis.io.digests import content_digest
-from sassgis.io.read.checked import Messages, Place, section_type, table_of, table_type
+from sassgis.io.read.checked import (
+    ForToml,
+    Messages,
+    Place,
+    first_line,
+    section_type,
+    table_of,
+    table_type,
+)
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import Declared, Section, declared, is_file
 from sassgis.model.effects import EffectSection, EffectSettings
@@ -99,7 +107,7 @@ def _effect_type(row: Effect) -> Any:
 
         return part(row.settings), None if row.place is None else part(row.place)
 
-    return table_type(f"effects.{row.name}", row.keys, made)
+    return table_type(f"effects.{row.name}", row.keys, made, first_line(row.settings))
 
 
 def _effects_of(values: dict[str, Any]) -> dict[str, EffectTable]:
@@ -114,11 +122,17 @@ def _document() -> TypeAdapter[dict[str, Any]]:
     for name, cls in SECTIONS.items():
         if name == "effects":
             rows = {row.name: NotRequired[_effect_type(row)] for row in EFFECTS.values()}
-            own: Any = table_of("effects", rows, _effects_of)
+            own: Any = table_of("effects", rows, _effects_of, first_line(cls))
         else:
             own = section_type(cls)
         kinds[name] = NotRequired[tuple[own, ...] if name in LISTS else own]
-    return TypeAdapter(table_of("document", kinds, lambda values: values))
+    return TypeAdapter(table_of("document", kinds, lambda values: values, "A run of sassgis"))
+
+
+def config_schema() -> dict[str, Any]:
+    """Return the JSON Schema of the configuration, with which editors complete and check it."""
+    made = _document().json_schema(schema_generator=ForToml)
+    return {"$schema": ForToml.schema_dialect, **made}
 
 
 def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | None = None) -> Config:

@@ -6,11 +6,14 @@ import json
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from sassgis.engine.effects.registry import EFFECTS
+from sassgis.io.read.checked import first_line
 from sassgis.io.read.config import LISTS, SECTIONS, declared_sections
 from sassgis.model.declared import Declared
+from sassgis.model.errors import OutputError
 
 _HEAD = """\
 # Configuration of a sassgis run.
@@ -123,11 +126,27 @@ def config_template(given: Given = ()) -> str:
     return "\n".join(parts)
 
 
+def write_new(file: Path, text: str, overwrite: bool) -> None:
+    """Write a text to a file of its own.
+
+    Raises
+    ------
+    OutputError
+        If there is one already and it must not be replaced, or if it cannot be written.
+    """
+    if file.exists() and not overwrite:
+        raise OutputError(f"{file}: exists; choose another name, or --overwrite")
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{file}: cannot be written: {error.strerror}") from error
+
+
 def _summary(section: str) -> str:
     """What a section is about: the first line of the docstring of its type."""
     if "." in section:
-        return (EFFECTS[section.split(".")[1]].settings.__doc__ or "").splitlines()[0]
-    return (SECTIONS[section].__doc__ or "").splitlines()[0]
+        return first_line(EFFECTS[section.split(".")[1]].settings)
+    return first_line(SECTIONS[section])
 
 
 def _is_shown(own: Declared, *, quiet: bool) -> bool:
