@@ -33,7 +33,7 @@ class ReportFigure:
     png : bytes
         The picture, as ``sassgis.report.figures.to_png`` gives it.
     alt : str
-        Words for those who cannot see it; default: the title.
+        What is seen, for those who cannot see it; default: the title.
     """
 
     title: str
@@ -97,10 +97,14 @@ class ReportContext:
     title, subtitle : str
     what_was_run : tuple of (name, value)
         Terrain, release areas, blocks, number of blocks, settings.
+    byline : tuple of str
+        Who made it, when, with which program; below the title.
+    summary : tuple of (name, value)
+        The answer in a box at the top: a line each.
     warnings : tuple of str
-        What a reader must know before trusting the numbers; shown first.
+        What a reader must know before trusting the numbers; follows the box.
     verdict : str
-        The answer in a sentence; stands above all but the warnings.
+        The answer in a sentence; stands above all but the box and the warnings.
     answer : tuple of ReportAnswer
         What follows from it, in plain words.
     key_results : ReportTable, optional
@@ -114,6 +118,8 @@ class ReportContext:
 
     title: str
     subtitle: str = ""
+    byline: tuple[str, ...] = ()
+    summary: tuple[tuple[str, Cell], ...] = ()
     what_was_run: tuple[tuple[str, Cell], ...] = ()
     warnings: tuple[str, ...] = ()
     verdict: str = ""

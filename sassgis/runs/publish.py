@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,13 @@ from sassgis.hazard.along_profile import ProfileResult
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import line_ends, sample_of
+from sassgis.hazard.reach_angles import reach_angles
 from sassgis.hazard.warnings import rule_warnings, zone_warnings
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerGroup
 from sassgis.io.qgis.run_project import write_run_project, zone_groups, zone_layouts
 from sassgis.io.read.config import resolved, settings_hash
+from sassgis.io.read.objects import object_cells
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import (
     passage_frame,
@@ -45,12 +48,16 @@ from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
 from sassgis.model.crs import crs_name
+from sassgis.model.exposure import PlacedObjects
+from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
+from sassgis.report.exposed_report import exposed_table, levels_of, map_objects
 from sassgis.report.map_report import map_report
 from sassgis.report.page import ReportFigure, ReportTable, write_report
 from sassgis.report.profile_report import profile_report
+from sassgis.report.run_summary import object_lines, run_lines, zone_lines
 from sassgis.report.zone_figures import zone_figures
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_tables
 from sassgis.runs.checkpoint import read_rows
@@ -84,6 +91,12 @@ class Extras:
     inputs : dict of str to Path
         Files that were read besides those of the run.
     warnings : tuple of str
+    placed : PlacedObjects
+        Exposed objects, drawn on the maps.
+    levels : dict of str to str
+        The hazard level of each of them by its name; empty without zones.
+    summary : tuple of (str, str)
+        Added to the answer in short.
     preset : str
     ref_widths_m : dict of str to float
         Reference widths besides that of the reach probability (m).
@@ -101,6 +114,9 @@ class Extras:
     frames: dict[str, Any] = field(default_factory=dict)
     inputs: dict[str, Path] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    placed: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
+    levels: dict[str, str] = field(default_factory=dict)
+    summary: tuple[tuple[str, str], ...] = ()
     preset: str = ""
     ref_widths_m: dict[str, float] = field(default_factory=dict)
 
@@ -165,14 +181,23 @@ def publish_map(
     if done.tolerance is not None:
         named["tolerance_check"] = done.tolerance.sentence()
     context = map_report(
-        run, planned, progress, layers, shown, warnings, facts | named, work / "figures"
-    )
+        run, planned, progress, layers, shown, warnings, facts | named, work / "figures",
+        map_objects(extras.placed),
+    )  # fmt: skip
+    exposed = _exposed(run, layers, extras)
     first = () if extras.key_results is None else (context.key_results,)
     context = replace(
         context,
+        byline=_byline(config),
+        summary=(
+            *extras.summary[:1],
+            *run_lines(progress, reach_angles(run, planned, progress)),
+            *object_lines(exposed),
+            *extras.summary[1:],
+        ),
         key_results=extras.key_results or context.key_results,
         figures=(*extras.figures, *context.figures),
-        tables=(*extras.tables, *first, *context.tables),
+        tables=(exposed, *extras.tables, *first, *context.tables),
         what_was_run=(*extras.described, *context.what_was_run),
     )
     write_report(work / "report.html", context)
@@ -193,6 +218,30 @@ def publish_map(
         checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
     )
     return layers
+
+
+def _exposed(run: MapRun, layers: tuple[RasterLayer, ...], extras: Extras) -> ReportTable:
+    """What reaches the exposed objects; without rows where there are none."""
+    placed = extras.placed
+    cells = (
+        ObjectCells(len(placed), *object_cells(placed, run.grid))
+        if len(placed)
+        else ObjectCells.none()
+    )
+    return exposed_table(placed, cells, layers, extras.levels)
+
+
+def made_on(config: Config) -> str:
+    """The date on sheets and in the report: that of the configuration, or today."""
+    return config.project.date or date.today().isoformat()
+
+
+def _byline(config: Config) -> tuple[str, ...]:
+    """Who made it, when, with which program; where to ask; whose data."""
+    project = config.project
+    parts = (project.author, made_on(config), f"sassgis {sassgis.__version__}", project.contact,
+             project.rights)  # fmt: skip
+    return tuple(part for part in parts if part)
 
 
 def _counts(done: Simulation) -> dict[str, int]:
@@ -284,6 +333,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             without = risk_frames(found.risk_without, currency)
             frames |= {f"{name}_without_barriers": frame for name, frame in without.items()}
     federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
+    levels = level_table(preset, found)
     rocks = int(done.progress.reasons.sum())
     title, terrain_file = config.project.name, config.dem_path.name
     return Extras(
@@ -294,7 +344,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
         figures=zone_figures(
             run, rules, found, maps, figures, confidence=confidence, currency=currency
         ),
-        key_results=level_table(preset, found),
+        key_results=levels,
         tables=zone_tables(
             preset, found, sources, design, return_periods_years=periods, currency=currency
         ),
@@ -316,6 +366,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 config.hazard.repetitions_max,
             ),
         ),
+        placed=rules.placed,
+        levels=levels_of(rules.placed, hazard.levels, preset.levels),
+        summary=zone_lines(levels, found, currency),
         preset=preset.name,
         ref_widths_m={"hazard": rules.ref_width_m},
     )
