@@ -17,7 +17,15 @@ from sassgis.hazard.reach_angles import reach_angles
 from sassgis.hazard.warnings import rule_warnings, zone_warnings
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerGroup
-from sassgis.io.qgis.run_project import write_run_project, zone_groups, zone_layouts
+from sassgis.io.qgis.run_project import (
+    SheetWords,
+    reached_extent,
+    run_layouts,
+    sheet_words,
+    write_run_project,
+    zone_groups,
+    zone_layouts,
+)
 from sassgis.io.read.config import resolved, settings_hash
 from sassgis.io.read.objects import object_cells
 from sassgis.io.vector_layer import VectorLayer
@@ -30,6 +38,7 @@ from sassgis.io.write.frames import (
 )
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers import run_vectors
+from sassgis.io.write.layers.exposed_objects import exposed_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.io.write.layers.risk_objects import risk_frames, risk_vectors
@@ -77,7 +86,8 @@ class Extras:
         Written to ``hazard.gpkg``.
     groups : tuple of LayerGroup
         On top of the project.
-    layouts : tuple of PrintLayout
+    layouts : callable
+        Gives its map sheets from what every sheet says.
     figures : tuple of ReportFigure
     key_results : ReportTable or None
         Heads the report, in place of the stopping reasons.
@@ -105,7 +115,7 @@ class Extras:
     layers: tuple[RasterLayer, ...] = ()
     vectors: tuple[VectorLayer, ...] = ()
     groups: tuple[LayerGroup, ...] = ()
-    layouts: tuple[PrintLayout, ...] = ()
+    layouts: Callable[[SheetWords], tuple[PrintLayout, ...]] = lambda _words: ()
     figures: tuple[ReportFigure, ...] = ()
     key_results: ReportTable | None = None
     tables: tuple[ReportTable, ...] = ()
@@ -162,16 +172,23 @@ def publish_map(
     terrain = terrain_layer(run.grid)
     for layer in (*extras.layers, *layers, terrain):
         write_raster(layer, run.grid, work / "maps")
-    vectors = run_vectors.all_layers(run, planned, progress, layers)
+    vectors = [
+        *run_vectors.all_layers(run, planned, progress, layers),
+        *exposed_layers(extras.placed, run.grid.crs),
+    ]
     counts = _counts(done)
     facts = _facts(done) | extras.facts | counts
     write_geopackage(work / "result.gpkg", vectors, facts)
     if extras.vectors:
         write_geopackage(work / "hazard.gpkg", extras.vectors, facts)
-    write_run_project(
-        work, config.project.name, run.grid, layers, terrain, vectors, extras.groups,
-        extras.layouts,
+    imprint = replace(config.project, date=made_on(config))
+    words = sheet_words(
+        run, int(progress.reasons.sum()), imprint, terrain_file=config.dem_path.name,
+        program=f"sassgis {sassgis.__version__}", vectors=vectors,
+        extent=reached_extent(layers, run.grid),
     )  # fmt: skip
+    sheets = (*extras.layouts(words), *run_layouts(words, layers))
+    write_run_project(work, imprint, run.grid, layers, terrain, vectors, extras.groups, sheets)
     _write_tables(work / "tables", done, extras.frames, tell)
     tell("Drawing the figures")
     shown = (
@@ -334,13 +351,11 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             frames |= {f"{name}_without_barriers": frame for name, frame in without.items()}
     federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
     levels = level_table(preset, found)
-    rocks = int(done.progress.reasons.sum())
-    title, terrain_file = config.project.name, config.dem_path.name
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
         groups=zone_groups(maps, own, risk, federal),
-        layouts=zone_layouts(run, rocks, rules, found, title=title, terrain_file=terrain_file),
+        layouts=lambda words: zone_layouts(words, rules, found, risk, grid),
         figures=zone_figures(
             run, rules, found, maps, figures, confidence=confidence, currency=currency
         ),
