@@ -27,6 +27,7 @@ from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.results import ControlLine
+from sassgis.model.words import Language
 
 #: The cantons, and Liechtenstein, as the federal model 166.1 names them.
 Canton = Literal[
@@ -50,6 +51,9 @@ class ProjectSettings(Section):
     date: Annotated[
         Text | None, "date, as 2026-01-31; default: the day of the run", Example("2026-01-31")
     ] = None
+    language: Annotated[
+        Language, "of legends, map sheets, figures and report: English, German, French, Italian"
+    ] = "en"
 
     def _fits_together(self) -> None:
         try:

@@ -15,6 +15,7 @@ from typing import Literal
 
 from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterClass
+from sassgis.model.words import said
 
 #: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
 HILLSHADE = "hillshade"
@@ -221,7 +222,7 @@ def class_tint(entry: RasterClass) -> str:
 
 def class_name(entry: RasterClass) -> str:
     """Legend text of a class on a raster; it says where a pale tint represents a hatch."""
-    return f"{entry.label} (pale)" if entry.hatched else entry.label
+    return f"{entry.label} ({said('pale')})" if entry.hatched else entry.label
 
 
 def with_unit(text: str, unit: str) -> str:

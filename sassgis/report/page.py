@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from os import PathLike
@@ -15,6 +16,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
+from sassgis.model.words import said, spoken
 from sassgis.report.number_text import power_of_ten
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
@@ -112,8 +114,6 @@ class ReportContext:
     tables : tuple of ReportTable
     provenance : tuple of (name, value)
         Version, seed, hash of the inputs, input files.
-    language : str
-        Language of the text, as HTML names it.
     """
 
     title: str
@@ -128,7 +128,6 @@ class ReportContext:
     figures: tuple[ReportFigure, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     provenance: tuple[tuple[str, Cell], ...] = ()
-    language: str = "en"
 
 
 def sensible(value: Cell, digits: int = 3) -> str:
@@ -149,7 +148,7 @@ def sensible(value: Cell, digits: int = 3) -> str:
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return said("yes" if value else "no")
     number = float(value)
     if math.isnan(number):
         return "–"
@@ -197,6 +196,7 @@ def _template() -> Template:
     )
     environment.filters["sensible"] = sensible
     environment.filters["data_uri"] = _data_uri
+    environment.filters["said"] = said
     environment.filters["number_columns"] = number_columns
     source = files("sassgis.data").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(source)
@@ -214,7 +214,54 @@ def render_report(context: ReportContext) -> str:
     str
         A whole page: styles and pictures inside, no scripts, nothing fetched from elsewhere.
     """
-    return _template().render(report=context)
+    return _template().render(report=_said_context(context), language=spoken())
+
+
+def _said_context(context: ReportContext) -> ReportContext:
+    """What the report says in the language in which the program writes; its title is the user's."""
+    if spoken() == "en":
+        return context
+    results = context.key_results
+    return replace(
+        context,
+        subtitle=said(context.subtitle),
+        summary=_said_pairs(context.summary),
+        what_was_run=_said_pairs(context.what_was_run),
+        warnings=tuple(said(text) for text in context.warnings),
+        key_results=None if results is None else _said_table(results),
+        figures=tuple(
+            replace(f, title=said(f.title), caption=said(f.caption), alt=said(f.alt))
+            for f in context.figures
+        ),
+        tables=tuple(_said_table(table) for table in context.tables),
+        provenance=tuple((said(name), value) for name, value in context.provenance),
+    )
+
+
+def _said_pairs(pairs: Sequence[tuple[str, Cell]]) -> tuple[tuple[str, Cell], ...]:
+    return tuple((said(name), _said_cell(value)) for name, value in pairs)
+
+
+def _said_cell(cell: Cell) -> Cell:
+    return said(cell) if isinstance(cell, str) else cell
+
+
+def _said_table(table: ReportTable) -> ReportTable:
+    """A table; sources stay in the words of their publication."""
+    sources = [name == "source" for name, _ in table.columns]
+    return replace(
+        table,
+        title=said(table.title),
+        columns=tuple((said(name), said(unit)) for name, unit in table.columns),
+        rows=tuple(
+            tuple(
+                cell if source else _said_cell(cell)
+                for cell, source in zip(row, sources, strict=True)
+            )
+            for row in table.rows
+        ),
+        note=said(table.note),
+    )
 
 
 def write_report(path: str | PathLike[str], context: ReportContext) -> Path:

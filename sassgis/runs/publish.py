@@ -62,6 +62,7 @@ from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
+from sassgis.model.words import speaking
 from sassgis.report.exposed_report import exposed_table, levels_of, map_objects
 from sassgis.report.map_report import map_report
 from sassgis.report.page import ReportFigure, ReportTable, write_report
@@ -156,7 +157,17 @@ def publish_map(
     tuple of RasterLayer
         The maps of the blocks.
     """
-    extras = extras or Extras()
+    with speaking(done.config.project.language):
+        return _publish_map(work, done, areas, tell, extras or Extras())
+
+
+def _publish_map(
+    work: Path,
+    done: Simulation,
+    areas: Sequence[str] | None,
+    tell: Callable[[str], None],
+    extras: Extras,
+) -> tuple[RasterLayer, ...]:
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     warnings = [*extras.warnings, *done.warnings]
@@ -313,6 +324,11 @@ def _write_tables(
 
 def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
     """Everything that zoning adds to a result; figures are drawn into the folder ``figures``."""
+    with speaking(done.config.project.language):
+        return _zone_extras(rules, found, done, figures)
+
+
+def _zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard = found.hazard
@@ -420,6 +436,18 @@ def publish_profile(
     seed : int
         As used.
     """
+    with speaking(config.project.language):
+        _publish_profile(work, config, result, warnings, csv_file, seed)
+
+
+def _publish_profile(
+    work: Path,
+    config: Config,
+    result: ProfileResult,
+    warnings: Sequence[str],
+    csv_file: Path | None,
+    seed: int,
+) -> None:
     scenarios = [b.name for b in config.blocks]
     tables = work / "tables"
     write_table(tables / "rocks.csv", [profile_rock_frame(result, scenarios)])

@@ -16,15 +16,17 @@ from xml.etree import ElementTree as ET
 
 from pyproj import CRS
 
-from sassgis.io.qgis.layout import PrintLayout, layout_element
+from sassgis.io.qgis.layout import PrintLayout, layout_element, said_layout
 from sassgis.io.qgis.markup import QGIS_VERSION, document
 from sassgis.io.qgis.raster_style import raster_style_elements
 from sassgis.io.qgis.sheet_legend import ShownLayer
 from sassgis.io.qgis.vector_style import vector_style_elements
+from sassgis.io.said_layers import said_raster, said_vector
 from sassgis.io.staging import writing
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.results import RasterLayer
 from sassgis.model.settings import ProjectSettings
+from sassgis.model.words import said
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 _GEOMETRY_NAME = {"marker": "Point", "line": "Line", "fill": "Polygon"}
@@ -136,7 +138,9 @@ def write_project(
         If two layers have the same key, two layouts the same name, or a layout shows a layer that
         is not there.
     """
-    groups = [group for group in map(_without_empty, groups) if group.layers]
+    groups = [_said_group(group) for group in map(_without_empty, groups) if group.layers]
+    layouts = [said_layout(layout) for layout in layouts]
+    abstract = said(abstract)
     entries = [entry for group in groups for entry in group.entries]
     keys = [entry.key for entry in entries]
     if len(set(keys)) != len(keys):
@@ -173,6 +177,22 @@ def _without_empty(group: LayerGroup) -> LayerGroup:
             if (m.layers if isinstance(m, LayerGroup) else not _is_empty(m.content))
         ),
     )
+
+
+def _said_group(group: LayerGroup) -> LayerGroup:
+    """A group with its layers in the language in which the program writes."""
+    return replace(
+        group,
+        name=said(group.name),
+        layers=tuple(
+            _said_group(m) if isinstance(m, LayerGroup) else replace(m, content=_said(m.content))
+            for m in group.layers
+        ),
+    )
+
+
+def _said(content: RasterLayer | VectorLayer) -> RasterLayer | VectorLayer:
+    return said_raster(content) if isinstance(content, RasterLayer) else said_vector(content)
 
 
 def _is_empty(content: RasterLayer | VectorLayer) -> bool:
