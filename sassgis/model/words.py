@@ -2,8 +2,8 @@
 
 They are written in English where they arise, and translated where they leave the program: in files
 of layers, the project with its sheets, figures and the report. The table ``data/words.csv`` holds
-them. ``{}`` in an entry is any text (a number or a name), given again in the translation by the
-same sign, or ``{0}``, ``{1}``, ... where the order differs. A text that is no entry is translated
+them. ``{}`` in an entry is any text (a number or a name) and ``{n}`` numbers only; the translation
+gives them again in the same order. A text that is no entry is translated
 part by part: sentences, parts between semicolons, colons or commas. What is in no entry stays as it
 is: names that the user gave, sources of values.
 """
@@ -62,6 +62,14 @@ def _dictionary(language: Language) -> Dictionary:
     return Dictionary(language)
 
 
+def _form(entry: str) -> re.Pattern[str]:
+    """What a text with numbers and names in it looks like."""
+    literal = re.escape(entry)
+    return re.compile(
+        literal.replace(r"\{\}", "(.+?)").replace(r"\{n\}", r"((?:[^A-Za-zÀ-ÿ]|e-)+?)")
+    )
+
+
 class Dictionary:
     """Entries of one language.
 
@@ -73,13 +81,10 @@ class Dictionary:
 
     def __init__(self, language: Language) -> None:
         rows = word_table()
-        self._whole = {row["en"]: row[language] for row in rows if "{}" not in row["en"]}
+        self._whole = {row["en"]: row[language] for row in rows if "{" not in row["en"]}
         # An entry with more text of its own is the better match.
-        forms = sorted((row for row in rows if "{}" in row["en"]), key=lambda r: -len(r["en"]))
-        self._forms = [
-            (re.compile(re.escape(row["en"]).replace(r"\{\}", "(.+?)")), row[language])
-            for row in forms
-        ]
+        forms = sorted((row for row in rows if "{" in row["en"]), key=lambda r: -len(r["en"]))
+        self._forms = [(_form(row["en"]), row[language].replace("{n}", "{}")) for row in forms]
         self._said: dict[str, str] = {}
         self.missing: set[str] = set()
 

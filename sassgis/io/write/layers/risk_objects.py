@@ -24,7 +24,7 @@ from sassgis.model.styles import FieldInfo, StyleClass, Symbol, VectorStyle, cla
 
 #: No colours of hazard levels, under which objects would not be seen.
 _RAMP = "RdPu"
-_NOTHING_COLOUR = "#d0d0d0"
+_NOTHING_COLOUR = "#8c8c8c"
 #: Less than any risk, and more than 0: what has none is a class of its own.
 _LEAST = 1e-30
 _RISK_LIMITS = (1e-6, 1e-5, 1e-4, 1e-3)
