@@ -64,10 +64,9 @@ def _dictionary(language: Language) -> Dictionary:
 
 def _form(entry: str) -> re.Pattern[str]:
     """What a text with numbers and names in it looks like."""
-    literal = re.escape(entry)
-    return re.compile(
-        literal.replace(r"\{\}", "(.+?)").replace(r"\{n\}", r"((?:[^A-Za-zÀ-ÿ]|e-)+?)")
-    )
+    number = "((?:[^A-Za-zÀ-ÿ]|e-)+?)"
+    literal = re.escape(entry).replace(r"\{\}", "(.+?)")
+    return re.compile(literal.replace(r"\{n\}", number))
 
 
 class Dictionary:

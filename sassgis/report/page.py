@@ -196,7 +196,8 @@ def _template() -> Template:
     )
     environment.filters["sensible"] = sensible
     environment.filters["data_uri"] = _data_uri
-    environment.filters["said"] = said
+    # A function: jinja computes filters of constants once, whatever the language is then.
+    environment.globals["said"] = said
     environment.filters["number_columns"] = number_columns
     source = files("sassgis.data").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(source)
