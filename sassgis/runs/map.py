@@ -258,6 +258,22 @@ def paths_on_line(
     )
 
 
+def some_paths(run: MapRun, planned: Plan, most: int = 40) -> list[LinePaths]:
+    """Paths of the first block of some release points, evenly chosen; not the shortest."""
+    points = np.unique(np.linspace(0, len(planned.points) - 1, most).astype(int))
+    out = []
+    for number, point in enumerate(points):
+        scenarios = planned.scenarios[planned.points.area[point]]
+        scenario = scenarios[number % len(scenarios)]
+        try:
+            shown = paths_on_line(run, planned, int(point) * run.lines_per_point, scenario, 0)
+        except InputError:
+            continue
+        if shown is not None:
+            out.append(shown)
+    return out
+
+
 def _followed_path(
     run: MapRun, planned: Plan, point: int, scenario: int, rock: int
 ) -> LinePaths | None:

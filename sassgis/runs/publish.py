@@ -64,8 +64,9 @@ from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.model.words import speaking
 from sassgis.report.exposed_report import exposed_table, levels_of, map_objects
-from sassgis.report.map_report import map_report
+from sassgis.report.map_report import map_report, release_outlines
 from sassgis.report.page import ReportFigure, ReportTable, write_report
+from sassgis.report.path_page import write_path_page
 from sassgis.report.profile_report import profile_report
 from sassgis.report.run_summary import object_lines, run_lines, zone_lines
 from sassgis.report.zone_figures import zone_figures
@@ -73,7 +74,7 @@ from sassgis.report.zone_report import level_table, zone_facts_of, zone_tables
 from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.inputs import input_files
 from sassgis.runs.job import Simulation
-from sassgis.runs.map import paths_on_line
+from sassgis.runs.map import paths_on_line, some_paths
 
 
 @dataclass(frozen=True)
@@ -229,6 +230,7 @@ def _publish_map(
         what_was_run=(*extras.described, *context.what_was_run),
     )
     write_report(work / "report.html", context)
+    _write_paths(work / "paths.html", done, extras, layers)
     write_manifest(
         work / "manifest.json",
         inputs=input_files(config) | extras.inputs,
@@ -257,6 +259,19 @@ def _exposed(run: MapRun, layers: tuple[RasterLayer, ...], extras: Extras) -> Re
         else ObjectCells.none()
     )
     return exposed_table(placed, cells, layers, extras.levels)
+
+
+def _write_paths(
+    file: Path, done: Simulation, extras: Extras, layers: tuple[RasterLayer, ...]
+) -> None:
+    """Write the page on which paths can be followed, if any block moved."""
+    paths = some_paths(done.run, done.planned)
+    if not paths:
+        return
+    by_stem = {layer.stem: layer for layer in (*layers, *extras.layers)}
+    shown = by_stem.get("hazard_level", by_stem["energy"])
+    outlines, objects = release_outlines(done.run), map_objects(extras.placed)
+    write_path_page(file, done.config.project.name, done.run, shown, paths, outlines, objects)
 
 
 def made_on(config: Config) -> str:
