@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.results import RasterLayer
-from sassgis.model.words import said, spoken
+from sassgis.model.languages import said, spoken
 
 
 def said_raster(layer: RasterLayer) -> RasterLayer:

@@ -27,7 +27,7 @@ from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.results import ControlLine
-from sassgis.model.words import Language
+from sassgis.model.languages import Language
 
 #: The cantons, and Liechtenstein, as the federal model 166.1 names them.
 Canton = Literal[

@@ -15,7 +15,7 @@ from typing import Literal
 
 from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterClass
-from sassgis.model.words import said
+from sassgis.model.languages import said
 
 #: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
 HILLSHADE = "hillshade"

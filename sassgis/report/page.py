@@ -16,7 +16,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
-from sassgis.model.words import said, spoken
+from sassgis.model.languages import said, spoken
 from sassgis.report.number_text import power_of_ten
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.

@@ -62,7 +62,7 @@ from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
-from sassgis.model.words import speaking
+from sassgis.model.languages import speaking
 from sassgis.report.exposed_report import exposed_table, levels_of, map_objects
 from sassgis.report.map_report import map_report, release_outlines
 from sassgis.report.page import ReportFigure, ReportTable, write_report

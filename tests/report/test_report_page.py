@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sassgis.model.errors import OutputError
-from sassgis.model.words import speaking
+from sassgis.model.languages import speaking
 from sassgis.report.figures import runout_figure, to_png
 from sassgis.report.page import (
     ReportContext,

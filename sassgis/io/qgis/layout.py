@@ -23,7 +23,7 @@ from xml.etree import ElementTree as ET
 from sassgis.io.qgis.markup import without_expressions
 from sassgis.io.qgis.sheet_legend import ShownLayer, fill_legend
 from sassgis.io.qgis.text_size import breakable, text_height, text_width, wrapped
-from sassgis.model.words import said
+from sassgis.model.languages import said
 
 Extent = tuple[float, float, float, float]
 

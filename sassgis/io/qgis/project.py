@@ -26,7 +26,7 @@ from sassgis.io.staging import writing
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.results import RasterLayer
 from sassgis.model.settings import ProjectSettings
-from sassgis.model.words import said
+from sassgis.model.languages import said
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 _GEOMETRY_NAME = {"marker": "Point", "line": "Line", "fill": "Polygon"}

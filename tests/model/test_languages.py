@@ -5,7 +5,7 @@ from collections import Counter
 
 import pytest
 
-from sassgis.model.words import LANGUAGES, Dictionary, said, speaking, spoken, word_table
+from sassgis.model.languages import LANGUAGES, Dictionary, said, speaking, spoken, word_table
 
 
 def test_every_word_is_there_in_every_language_with_its_source() -> None:
