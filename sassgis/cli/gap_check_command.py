@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from sassgis.cli.options import JOBS, OUT
+from sassgis.cli.options import JOBS, OUT, cluster_options, who_works
 from sassgis.cli.progress_bar import ProgressBar
 
 
@@ -21,12 +21,20 @@ from sassgis.cli.progress_bar import ProgressBar
     help="Of the battery.",
 )
 @JOBS
+@cluster_options
 @click.option("--quick", is_flag=True, help="Six small sites, to see whether everything runs.")
 @click.option(
     "--development", is_flag=True, help="Allow a battery on which the thresholds were chosen."
 )
 def check_diagnosis(
-    out: Path, worlds: int, seed: int, jobs: int | None, quick: bool, development: bool
+    out: Path,
+    worlds: int,
+    seed: int,
+    jobs: int | None,
+    scheduler: str | None,
+    workers: int | None,
+    quick: bool,
+    development: bool,
 ) -> None:
     """Let the diagnosis answer on synthetic sites with blinded labels, and score it.
 
@@ -35,12 +43,12 @@ def check_diagnosis(
     from sassgis.gap.check.check_scores import acceptance
     from sassgis.runs.gap_check import check
 
-    with ProgressBar() as progress:
+    with who_works(jobs, scheduler, workers) as working, ProgressBar() as progress:
         result = check(
             out,
             worlds=worlds,
             seed=seed,
-            jobs=jobs,
+            jobs=working,
             quick=quick,
             development=development,
             on_progress=progress.step,

@@ -8,8 +8,10 @@ import math
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
-from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool
+from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool, in_own_process
 from sassgis.gap.check.worlds import (
     WorldSpec,
     battery,
@@ -36,6 +38,7 @@ from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, fold
 from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
+from sassgis.runs.workers import Jobs, Workers
 
 WORLDS = 150
 #: Seed of the battery, if none is given.
@@ -125,7 +128,7 @@ def check(
     *,
     worlds: int = WORLDS,
     seed: int = SEED,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     quick: bool = False,
     development: bool = False,
     diagnoser: str = DIAGNOSER,
@@ -151,15 +154,16 @@ def check(
     worlds : int
     seed : int
         Of the battery.
-    jobs : int, optional
-        Processes; default: one for each core.
+    jobs : int or Workers, optional
+        Processes of this machine, default: one for each core; or processes of a cluster, to all of
+        which ``out`` is the same folder.
     quick : bool
         Six small sites, to see whether everything runs.
     development : bool
         Whether a battery may be used on which thresholds were chosen; the scores then say so.
     diagnoser, measurer : str
         Functions as "module:name", called as ``diagnose(config, observations, out, jobs=1,
-        seed=, overwrite=False)`` and ``measured_shrinkage(config, fresh, answer_folder)``.
+        seed=, overwrite=True)`` and ``measured_shrinkage(config, fresh, answer_folder)``.
     thresholds : Path, optional
         Frozen thresholds of the diagnosis; default: those of the package.
     on_progress : callable, optional
@@ -275,7 +279,7 @@ def _claim(place: _Place, plan: dict[str, Any]) -> list[str]:
     return programs
 
 
-def _make(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress) -> None:
+def _make(place: _Place, planned: Sequence[_World], jobs: int | Workers, step: OnProgress) -> None:
     """Write the cases, and the hash of their labels, which stay in memory until they are hashed."""
     with writing(place.root):
         for name in ("cases", "answers"):
@@ -297,11 +301,23 @@ def _make(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress)
     )
 
 
-def _all(tasks: Sequence[Task], jobs: int, step: OnProgress) -> dict[str, Any]:
+@contextmanager
+def _processes(
+    jobs: int | Workers, sandboxed: Path | None = None
+) -> Iterator[Callable[[Iterable[Task]], Iterator[TaskOutcome]]]:
+    """What gives outcomes of tasks: processes of this machine or of a cluster (``WorkerPool``)."""
+    if isinstance(jobs, int):
+        with WorkerPool(jobs, sandboxed) as pool:
+            yield pool.run
+    else:
+        yield partial(jobs.in_order, in_own_process, sandboxed)
+
+
+def _all(tasks: Sequence[Task], jobs: int | Workers, step: OnProgress) -> dict[str, Any]:
     """Values of tasks that must not fail."""
     values: dict[str, Any] = {}
-    with WorkerPool(jobs) as pool:
-        for outcome in pool.run(tasks):
+    with _processes(jobs) as perform:
+        for outcome in perform(tasks):
             if outcome.failure:
                 raise OutputError(f"site {outcome.key} cannot be made: {outcome.failure}")
             values[outcome.key] = outcome.value
@@ -310,7 +326,7 @@ def _all(tasks: Sequence[Task], jobs: int, step: OnProgress) -> dict[str, Any]:
 
 
 def _answer(
-    place: _Place, planned: Sequence[_World], jobs: int, diagnoser: str, step: OnProgress
+    place: _Place, planned: Sequence[_World], jobs: int | Workers, diagnoser: str, step: OnProgress
 ) -> None:
     rocks = {w.case: w.spec.n_rocks for w in planned}
     open_cases = [w.case for w in planned if not _is_answered(place, w.case)]
@@ -324,8 +340,6 @@ def _answer(
     total = len(planned)
     done = total - len(open_cases)
     seen = sum(n for case, n in rocks.items() if case not in open_cases)
-    for case in open_cases:
-        shutil.rmtree(place.answer(case), ignore_errors=True)
     tasks = [
         Task(
             case,
@@ -335,13 +349,13 @@ def _answer(
                 str(place.case(case) / OBSERVATIONS_NAME),
                 str(place.answer(case)),
             ),
-            {"jobs": 1, "seed": 1, "overwrite": False},
+            {"jobs": 1, "seed": 1, "overwrite": True},
             (place.case(case), place.answer(case), partial_folder(place.answer(case))),
         )
         for case in open_cases
     ]
-    with WorkerPool(jobs, place.root) as pool:
-        for outcome in pool.run(tasks):
+    with _processes(jobs, place.root) as perform:
+        for outcome in perform(tasks):
             failure = outcome.failure or _unreadable(place, outcome.key)
             record = {"failure": failure, "seconds": round(outcome.seconds, 2)}
             _write_json(place.record(outcome.key), record)
@@ -383,7 +397,7 @@ def _answer_digests(place: _Place, planned: Sequence[_World]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _open(place: _Place, planned: Sequence[_World], jobs: int, step: OnProgress) -> None:
+def _open(place: _Place, planned: Sequence[_World], jobs: int | Workers, step: OnProgress) -> None:
     """Make the labels anew and write them down, if they have the hash that was blinded."""
     _verify_answers(place, planned)
     tasks = [Task(w.case, f"{_MAKER}:make_label", (w.spec, w.seed, w.case)) for w in planned]
@@ -444,7 +458,7 @@ def _measure(
     place: _Place,
     planned: Sequence[_World],
     answers: dict[str, Answer],
-    jobs: int,
+    jobs: int | Workers,
     measurer: str,
     step: OnProgress,
     tell: Callable[[str], None],
@@ -461,7 +475,7 @@ def _measure(
         return
     tell(f"Measuring the shrinkage of {len(due)} sites on {FRESH_ROCKS} fresh rocks each")
     done = len(due) - len(left)
-    with WorkerPool(jobs) as makers, WorkerPool(jobs, place.root) as measurers:
+    with _processes(jobs) as made, _processes(jobs, place.root) as measured:
         for first in range(0, len(left), _BATCH):
             some = left[first : first + _BATCH]
             fresh = [
@@ -472,12 +486,12 @@ def _measure(
                 )
                 for w in some
             ]
-            for outcome in makers.run(fresh):
+            for outcome in made(fresh):
                 if outcome.failure:
                     raise OutputError(
                         f"fresh rocks of site {outcome.key} cannot be made: {outcome.failure}"
                     )
-            for outcome in measurers.run(_measure_tasks(place, some, measurer)):
+            for outcome in measured(_measure_tasks(place, some, measurer)):
                 _write_json(place.measured(outcome.key), _measured(outcome))
                 shutil.rmtree(place.fresh(outcome.key), ignore_errors=True)
                 done += 1

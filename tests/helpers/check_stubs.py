@@ -29,7 +29,7 @@ def answer(
         "segments": list(segments),
         "reason": "",
     }
-    Path(out).mkdir(parents=True)
+    Path(out).mkdir(parents=True, exist_ok=True)
     rung = "ground" if effect in ("none", "unknown") else effect
     ladder = [{"rung": rung, "share": shrinkage, "ci95": None}]
     content = {"verdict": verdict, "ladder": ladder}
@@ -37,7 +37,7 @@ def answer(
 
 
 def all_none(config: str, observations: str, out: str, **options: Any) -> None:
-    assert options == {"jobs": 1, "seed": 1, "overwrite": False}
+    assert options == {"jobs": 1, "seed": 1, "overwrite": True}
     assert Path(config).is_file()
     assert (Path(observations) / "rocks.csv").is_file()
     answer(out, "none")

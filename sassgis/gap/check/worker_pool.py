@@ -6,8 +6,10 @@ import importlib
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -16,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
+from subprocess import PIPE, Popen
 from types import ModuleType, TracebackType
 from typing import Any
 
@@ -188,6 +191,56 @@ class WorkerPool:
                     raise _ended(running[future], f"exit code {error.code}") from None
                 del running[future]
                 yield outcome
+
+
+def in_own_process(sandboxed: Path | None, task: Task) -> TaskOutcome:
+    """Outcome of one task in a process that is there for it alone, as on a machine of a cluster.
+
+    Raises
+    ------
+    InputError
+        If the sandboxed process has loaded the synthetic sites.
+    OutputError
+        If the process ends, as it does when memory runs out.
+    """
+    # Processes of a cluster may not have children of multiprocessing.
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with Popen([sys.executable, "-c", _SERVE], stdin=PIPE, stdout=PIPE, env=environment) as own:
+        assert own.stdin is not None and own.stdout is not None
+        pickle.dump((sandboxed, task), own.stdin)
+        own.stdin.flush()
+        answer = own.stdout.read()
+        own.wait()
+    if not answer:
+        raise _ended(task.key, f"exit code {own.returncode}")
+    outcome: TaskOutcome | SassgisError = pickle.loads(answer)
+    if isinstance(outcome, SassgisError):
+        raise outcome
+    return outcome
+
+
+_SERVE = "from sassgis.gap.check.worker_pool import serve_one; serve_one()"
+
+
+def serve_one() -> None:
+    """Perform the task that comes by standard input, and end where that ends before."""
+    with os.fdopen(os.dup(1), "wb") as answer:
+        # What a library prints is none of the answer.
+        os.dup2(2, 1)
+        sandboxed, task = pickle.load(sys.stdin.buffer)
+
+        def watch() -> None:
+            os.read(0, 1)
+            os._exit(1)
+
+        threading.Thread(target=watch, name="end with parent", daemon=True).start()
+        _prepare(sandboxed)
+        outcome: TaskOutcome | SassgisError
+        try:
+            outcome = _perform(task)
+        except SassgisError as error:
+            outcome = error
+        pickle.dump(outcome, answer)
 
 
 def _ended(key: str, reason: str) -> OutputError:

@@ -105,7 +105,7 @@ def test_a_class_that_no_rock_reaches_is_not_identified() -> None:
 
 def test_classes_that_the_stops_do_not_tell_apart_are_named() -> None:
     found = calibrated(
-        [site(25, 14, TABLE, tables=("deposits",))], ("debris", "talus"), ("eta_max", "mu_0"), 64
+        [site(25, 34, TABLE, tables=("deposits",))], ("debris", "talus"), ("eta_max", "mu_0"), 64
     )
     assert found.alike == (("debris", "talus"),)
 
@@ -129,7 +129,7 @@ def test_impacts_identify_what_stops_do_not() -> None:
     found = calibrated([seen], ("debris",), ("eta_max", "mu_0"), 32)
     eta, mu_0 = found.fitted
     assert eta.low <= 0.35 <= eta.high and eta.identified
-    assert not mu_0.identified
+    assert mu_0.high - mu_0.low > 5.0 * (eta.high - eta.low)
 
 
 def test_nothing_to_calibrate_on_is_one_line() -> None:

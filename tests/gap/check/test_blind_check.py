@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 
 from sassgis.gap.check.blinded_labels import blinding_hash, labels_text
-from sassgis.gap.check.worker_pool import Task, WorkerPool
+from sassgis.gap.check.worker_pool import Task, WorkerPool, in_own_process
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.io.read.gap_thresholds import read_thresholds
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs import gap_check
+from sassgis.runs.cluster import cluster
 from sassgis.runs.gap_check import check
 
 SEED = 5
@@ -103,6 +104,29 @@ def test_a_silent_diagnosis_is_right_at_null_alone(done: Path) -> None:
     rows = list(csv.DictReader((done / "worlds.csv").open()))
     assert [r["case"] for r in rows] == [f"00{k}" for k in range(1, 5)]
     assert [r["truth"] for r in rows] == [s.verdict for s in SPECS]
+
+
+def test_processes_of_a_cluster_give_the_same_answers(
+    done: Path, thresholds: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip(
+        "distributed", reason='dask is not installed: pip install "sassgis[cluster]"'
+    )
+    out = tmp_path / "out"
+    with cluster(processes=2) as two:
+        with pytest.raises(OutputError, match=r"site 004 ended unexpectedly \(exit code 3\)"):
+            run(out, thresholds, jobs=two, diagnoser="helpers.check_stubs:stops_at_four")
+        run(out, thresholds, jobs=two, diagnoser="helpers.check_stubs:stops_at_four")
+    for names in ("cases/*/observations/*.csv", "answers/*/diagnosis.json"):
+        made = {p.relative_to(out): p.read_bytes() for p in out.glob(names)}
+        assert made == {p.relative_to(done): p.read_bytes() for p in done.glob(names)}, names
+        assert made
+
+
+def test_a_peek_at_the_sites_is_refused_in_a_process_of_its_own(tmp_path: Path) -> None:
+    peek = Task("001", "importlib:import_module", ("sassgis.gap.check.worlds",))
+    assert in_own_process(None, peek).failure == ""
+    assert "must not be seen" in in_own_process(tmp_path, peek).failure
 
 
 def test_the_labels_have_the_hash_that_was_written_before(done: Path) -> None:
