@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from sassgis.io.vector_layer import VectorLayer
-from sassgis.model.results import RasterLayer
 from sassgis.model.languages import said, spoken
+from sassgis.model.results import RasterLayer
 
 
 def said_raster(layer: RasterLayer) -> RasterLayer:

@@ -26,8 +26,8 @@ from sassgis.model.declared import (
 from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
-from sassgis.model.results import ControlLine
 from sassgis.model.languages import Language
+from sassgis.model.results import ControlLine
 
 #: The cantons, and Liechtenstein, as the federal model 166.1 names them.
 Canton = Literal[

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
+from sassgis.model.languages import said
 from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterClass
-from sassgis.model.languages import said
 
 #: A RasterLayer of heights with this name as its ramp is shown as shaded relief.
 HILLSHADE = "hillshade"

@@ -15,11 +15,11 @@ from jinja2 import Environment, StrictUndefined
 
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.languages import said, spoken
 from sassgis.model.map_run import MapRun
 from sassgis.model.ramps import rgb
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_colours, class_tint
-from sassgis.model.languages import said, spoken
 from sassgis.report.figures import relief
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject, footprint

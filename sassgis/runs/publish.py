@@ -58,11 +58,11 @@ from sassgis.io.write.raster import write_raster
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
 from sassgis.model.crs import crs_name
 from sassgis.model.exposure import PlacedObjects
+from sassgis.model.languages import speaking
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
-from sassgis.model.languages import speaking
 from sassgis.report.exposed_report import exposed_table, levels_of, map_objects
 from sassgis.report.map_report import map_report, release_outlines
 from sassgis.report.page import ReportFigure, ReportTable, write_report

@@ -12,8 +12,8 @@ import shapely
 
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.model.grid import Grid
-from sassgis.model.results import Band, ControlLine, RasterLayer
 from sassgis.model.languages import speaking
+from sassgis.model.results import Band, ControlLine, RasterLayer
 from sassgis.report.path_page import write_path_page
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

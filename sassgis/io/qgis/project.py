@@ -24,9 +24,9 @@ from sassgis.io.qgis.vector_style import vector_style_elements
 from sassgis.io.said_layers import said_raster, said_vector
 from sassgis.io.staging import writing
 from sassgis.io.vector_layer import VectorLayer
+from sassgis.model.languages import said
 from sassgis.model.results import RasterLayer
 from sassgis.model.settings import ProjectSettings
-from sassgis.model.languages import said
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 _GEOMETRY_NAME = {"marker": "Point", "line": "Line", "fill": "Polygon"}

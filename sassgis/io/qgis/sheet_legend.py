@@ -9,9 +9,9 @@ from xml.etree import ElementTree as ET
 from sassgis.io.qgis.markup import options, without_expressions
 from sassgis.io.qgis.text_size import text_height, wrapped
 from sassgis.io.vector_layer import VectorLayer
+from sassgis.model.languages import said
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import HILLSHADE, class_labels, class_name
-from sassgis.model.languages import said
 
 #: Space before a layer and between the rows (mm), as in the templates of the sheets.
 _SPACE_BEFORE, _SPACE_BETWEEN = 2.5, 1.2

@@ -22,8 +22,8 @@ from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
-from sassgis.model.results import StopReason
 from sassgis.model.languages import said, spoken
+from sassgis.model.results import StopReason
 from sassgis.report.number_text import thousands
 
 #: Width of a figure: the text width of an A4 page (in).
