@@ -113,8 +113,8 @@ class Dictionary:
 
     def _entry(self, text: str) -> str | None:
         """An entry, whatever its first letter and whether it ends in a full stop."""
-        for end in ("", ".", ")"):
-            bare = text.removesuffix(end) if end else text
+        for end in (".", ")", ""):
+            bare = text.removesuffix(end)
             for start in dict.fromkeys((bare, bare[:1].lower() + bare[1:])):
                 found = self._exact(start)
                 if found is not None:

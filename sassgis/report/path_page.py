@@ -19,7 +19,7 @@ from sassgis.model.languages import said, spoken
 from sassgis.model.map_run import MapRun
 from sassgis.model.ramps import rgb
 from sassgis.model.results import RasterLayer
-from sassgis.model.styles import class_colours, class_tint
+from sassgis.model.styles import class_colours, class_labels, class_name, class_tint
 from sassgis.report.figures import relief
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject, footprint
@@ -51,6 +51,16 @@ def _picture(part: Grid, values: FloatArray, layer: RasterLayer) -> bytes:
         buffer, np.clip(image, 0.0, 1.0), format="png", metadata={"Software": ""}
     )
     return buffer.getvalue()
+
+
+def _legend(layer: RasterLayer) -> list[tuple[str, str]]:
+    """Colour and name of each class, the highest first."""
+    if layer.classes:
+        ordered = sorted(layer.classes, key=lambda entry: -entry.value)
+        return [(class_tint(c), said(class_name(c))) for c in ordered]
+    labels = class_labels(layer.breaks, layer.bands[0].unit)
+    colours = class_colours(layer.breaks, layer.ramp)
+    return list(zip(colours, map(said, labels), strict=True))[::-1]
 
 
 def _around(
@@ -116,6 +126,7 @@ def write_path_page(
     page = environment.from_string(source).render(
         title=title,
         layer=said(layer.title),
+        legend=_legend(layer),
         language=spoken(),
         data=data,
         words={

@@ -59,6 +59,7 @@ def test_nothing_is_fetched_and_names_cannot_end_the_script(page: Path) -> None:
     assert set(re.findall(r"https?://[^\"]+", text)) == {"http://www.w3.org/2000/svg"}
     assert '<html lang="de">' in text and "Bahn auf der Karte" in text
     assert "<title>Slope &amp; co</title>" in text
+    assert text.count('class="sign"') == 3 and "≥ 300 kJ" in text
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed (Debian: chromium)")
