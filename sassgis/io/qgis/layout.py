@@ -364,10 +364,10 @@ def _fill_scale(sheet: _Sheet, bottom: float, scale: float, *, local: bool) -> f
         sheet.move(name, top + box.y - first)
     # QGIS fills in the scale, so that it stays true when the map is moved. Where the coordinates
     # are local, it does not know that they are in metres.
+    text = sheet.items["Scale"].get("labelText", "").removeprefix("Scale 1:")
     if local:
-        sheet.items["Scale"].set(
-            "labelText", f"{said('Scale')} 1:{scale:,.0f}".replace(",", "\u00a0")
-        )
+        text = f"{scale:,.0f}".replace(",", "\u00a0")
+    sheet.items["Scale"].set("labelText", f"{said('Scale')} 1:{text}")
     room = boxes["North arrow"].x - boxes["Scale bar"].x - 16.0
     step_m = round_length(room * scale / 1000.0 / 4.0)
     in_km = step_m >= 1000.0

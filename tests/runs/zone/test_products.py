@@ -162,7 +162,15 @@ def test_sheets_show_every_return_period_and_what_lies_around(german: Path) -> N
         objects = "vector_risk_lines" if name == "Risiko" else "vector_exposed_lines"
         assert keys[:2] == ["vector_barriers", "vector_release_areas"] and objects in keys
         words = " ".join(item.get("labelText", "") for item in sheet.iter("LayoutItem"))
-        for text in ("A. Muster", "2026-01-31", "sassgis", "hier", "frei", "Blockszenarien"):
+        for text in (
+            "A. Muster",
+            "2026-01-31",
+            "sassgis",
+            "hier",
+            "frei",
+            "Blockszenarien",
+            "Massstab",
+        ):
             assert text in words, f"{name}: {text}"
     themes = {t.get("name") for t in project.iter("visibility-preset")}
     assert themes == set(sheets)

@@ -38,6 +38,9 @@ def exposed_layers(placed: PlacedObjects, crs: str) -> list[VectorLayer]:
         crs=crs or None,
     )
     frame = frame.dissolve(["name", "kind"], sort=False).reset_index()[["name", "kind", "geometry"]]
+    # A name is written along a whole road, which its stretches are too short for.
+    stretches = frame.geom_type == "MultiLineString"
+    frame.geometry = frame.geometry.where(~stretches, frame.geometry.line_merge())
     dimension = shapely.get_dimensions(frame.geometry.to_numpy())
     return [
         VectorLayer(
