@@ -138,7 +138,7 @@ def write_project(
         If two layers have the same key, two layouts the same name, or a layout shows a layer that
         is not there.
     """
-    groups = [_said_group(group) for group in map(_without_empty, groups) if group.layers]
+    groups = [_said_group(group) for group in groups]
     layouts = [said_layout(layout) for layout in layouts]
     abstract = said(abstract)
     entries = [entry for group in groups for entry in group.entries]
@@ -166,9 +166,9 @@ def write_project(
     return path
 
 
-def _without_empty(group: LayerGroup) -> LayerGroup:
+def without_empty(group: LayerGroup) -> LayerGroup:
     """A group without layers that have no features, and without groups that have no layers."""
-    members = (_without_empty(m) if isinstance(m, LayerGroup) else m for m in group.layers)
+    members = (without_empty(m) if isinstance(m, LayerGroup) else m for m in group.layers)
     return replace(
         group,
         layers=tuple(

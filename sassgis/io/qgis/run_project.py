@@ -13,7 +13,7 @@ from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.io.qgis.layout import Extent, PrintLayout
-from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.qgis.project import LayerEntry, LayerGroup, without_empty, write_project
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.grid import Grid
 from sassgis.model.map_run import MapRun
@@ -141,28 +141,32 @@ def write_run_project(
         LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy" and not groups)
         for layer in layers
     )
+    shown = [
+        LayerGroup("Stations and measures", entries("barriers", "stations")),
+        LayerGroup(
+            "Release and fall lines",
+            entries("release_areas")
+            + entries("release_points", "fall_lines", "stops", visible=False),
+        ),
+        LayerGroup("Exposed objects", entries(*_EXPOSED, visible=not groups)),
+        *groups,
+        LayerGroup("Footprint", entries("footprint", visible=False)),
+        LayerGroup("Maps", maps, exclusive=True),
+        LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
+    ]
+    full = [group for group in map(without_empty, shown) if group.layers]
+    keys = {entry.key for group in full for entry in group.entries}
     write_project(
         folder / "project.qgz",
         title=imprint.name,
         crs=grid.crs,
-        groups=[
-            LayerGroup("Stations and measures", entries("barriers", "stations")),
-            LayerGroup(
-                "Release and fall lines",
-                entries("release_areas")
-                + entries("release_points", "fall_lines", "stops", visible=False),
-            ),
-            LayerGroup("Exposed objects", entries(*_EXPOSED, visible=not groups)),
-            *groups,
-            LayerGroup("Footprint", entries("footprint", visible=False)),
-            LayerGroup("Maps", maps, exclusive=True),
-            LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
-        ],
+        groups=full,
         extent=reached_extent(layers, grid),
         abstract="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). "
         f"Reach probabilities refer to a width of {grid.cell_size:.4g} m.",
         imprint=imprint,
-        layouts=layouts,
+        # Where no block arrives there are no zones, and no sheet of them.
+        layouts=[layout for layout in layouts if keys.issuperset(layout.layers)],
     )
 
 
