@@ -68,8 +68,10 @@ EVENTS = 3000
 #: The radius of a sphere of 1,000 m³ (m).
 LARGEST_M = (750.0 / math.pi) ** (1.0 / 3.0)
 CELLS_M = (0.1, 0.5, 2.0, 10.0, 50.0)
-#: Relative rounding of energies over a contact and a flight.
+#: Relative rounding of energies over a contact and a flight, and what is added to it where the
+#: gap at which a contact is found is large beside the block, as a share of the gap over its axis.
 ROUNDING = 1e-8
+GAP_SHARE = 1e-3
 
 
 # ---------------------------------------------------------------------------------------------
@@ -195,8 +197,9 @@ def all_finite(rows: np.ndarray, what: str) -> None:
     must(np.isfinite(structured_to_unstructured(rows)), f"{what}: NaN or infinite")
 
 
-def check_log(log: np.ndarray, rock: Any, g: float, on: EffectSettings) -> None:
+def check_log(log: np.ndarray, rock: Any, reading: EngineSettings, on: EffectSettings) -> None:
     """Energies along the log of one block."""
+    g = reading.gravity_mps2
     all_finite(log, "event log")
     must(np.diff(log["t_s"]) >= 0.0, "time runs backwards")
     if log.size < 3:
@@ -215,11 +218,12 @@ def check_log(log: np.ndarray, rock: Any, g: float, on: EffectSettings) -> None:
         gain = gain[log["phase"][:-1] != FLIGHT]
         size = size[log["phase"][:-1] != FLIGHT]
     worst = int(np.argmax(gain)) if gain.size else 0
-    must(gain <= ROUNDING, f"energy grows by {gain[worst] if gain.size else 0:.3g} of itself "
+    most = max(ROUNDING, GAP_SHARE * reading.contact_tolerance_m / rock["b_m"])
+    must(gain <= most, f"energy grows by {gain[worst] if gain.size else 0:.3g} of itself "
          f"at event {worst}")  # fmt: skip
 
 
-def check_rocks(out: Simulated, s: FloatArray | None) -> None:
+def check_rocks(out: Simulated, s: FloatArray, windy: bool) -> None:
     """Rows of blocks, fragments and passages."""
     for name, rows in (("blocks", out.rocks), ("spawned blocks", out.pieces)):
         all_finite(rows, name)
@@ -228,10 +232,10 @@ def check_rocks(out: Simulated, s: FloatArray | None) -> None:
         must(rows["max_energy_kj"] >= 0.0, f"{name}: energy below 0")
         must(rows["max_height_m"] >= 0.0, f"{name}: height below 0")
         must(rows["mass_kg"] > 0.0, f"{name}: no mass")
-        if s is not None:
-            # A block leaves the profile when no part of it is over the ground any more.
-            x, a = rows["runout_m"], 1.001 * rows["a_m"]
-            must((x >= s[0] - a) & (x <= s[-1] + a), f"{name}: stop off the profile")
+        # A block leaves the profile when no part of it is over the ground any more; where it is
+        # then is known but for a push of the wind.
+        x, a = rows["runout_m"], 1.001 * rows["a_m"] + (0.02 if windy else 0.0)
+        must((x >= s[0] - a) & (x <= s[-1] + a), f"{name}: stop off the profile")
     all_finite(out.passages, "passages")
 
 
@@ -267,10 +271,10 @@ def profile_case(rng: np.random.Generator) -> Mapping[str, int]:
         rocks_per_line=BLOCKS, line_keys=np.zeros(1, np.uint64), starts=start[None],
         log_events=EVENTS, effects=on, forest=forest,
     )  # fmt: skip
-    check_rocks(out, s)
+    check_rocks(out, s, on.get(Wind) is not None)
     check_sums(out, BLOCKS)
     for rock, log in zip(out.rocks, out.event_logs, strict=True):
-        check_log(log, rock, reading.gravity_mps2, on)
+        check_log(log, rock, reading, on)
     given_up = int((out.rocks["reason"] == StopReason.STEP_LIMIT).sum())
     return {"profiles": 1, "blocks": BLOCKS, "given up": given_up}
 
@@ -289,7 +293,9 @@ def heights(cell: float, rng: np.random.Generator) -> FloatArray:
 
 
 def map_case(rng: np.random.Generator) -> Mapping[str, int]:
-    cell = float(rng.choice(CELLS_M))
+    blocks = population(rng)
+    # The smallest map is some blocks wide.
+    cell = max(float(rng.choice(CELLS_M)), 0.5 * blocks.axis_1_m[1])
     grid = Grid(heights(cell, rng), 2_700_000.0, 1_150_000.0, cell, "", "")
     n = grid.shape[0]
     x, y = grid.west + cell * 0.2 * n, grid.north - cell * 0.5 * n
@@ -297,7 +303,7 @@ def map_case(rng: np.random.Generator) -> Mapping[str, int]:
     on = effects(rng)
     run = MapRun(
         grid, np.zeros(grid.shape, np.int32), GroundTable((ground_class(rng),)), (area,),
-        (replace(population(rng), name="b"),), (), replace(engine(rng), max_events=2000),
+        (replace(blocks, name="b"),), (), replace(engine(rng), max_events=2000),
         FallLineSettings(smoothing_m=float(rng.choice([0.0, cell]))), SpreadSettings(),
         segment_tolerance_m=0.1, spacing_m=1.5 * cell, placement="grid", rocks_per_point=3,
         seed=int(rng.integers(2**32)), thresholds_kj=(30.0, 300.0), effects=on,
@@ -324,6 +330,8 @@ def check_map(run: MapRun, planned: Plan, progress: Progress, n: int) -> None:
     west, south, east, north = run.grid.bounds
     inside = (rows.x >= west) & (rows.x <= east) & (rows.y >= south) & (rows.y <= north)
     must(inside, "stops off the map")
+    if progress.lost == n:  # a run refuses that
+        return
     layers = map_layers(
         progress.sums, run.grid.shape, sample_of(run, planned, progress), bins_of(run).edges,
         run.grid.cell_size,
@@ -375,10 +383,10 @@ def main() -> None:
     counts, failures = watched(prepared, (), cases, TOO_LONG_S)
     for one in failures[:20]:
         print(one["number"], one["said"], sep="\n")
-    kinds = Counter(one["said"].strip().splitlines()[-1].split(" by ")[0] for one in failures)
-    print(dict(counts), dict(kinds), sep="\n")
+    said = {one["number"]: one["said"].strip().splitlines()[-1] for one in failures}
+    print(dict(counts), dict(Counter(s.split(" by ")[0] for s in said.values())), sep="\n")
     if options.json:
-        rows = {"setups": options.setups, "counts": dict(counts), "failures": failures}
+        rows = {"setups": options.setups, "counts": dict(counts), "failures": said}
         options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     sys.exit(1 if failures else 0)
 

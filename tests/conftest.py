@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from sassgis.cli import main
 from sassgis.runs.samples import copy_sample
 
 ROOT = Path(__file__).resolve().parents[1]
+SYSTEM_PYTHON = Path("/usr/bin/python3")
 
 # What a test writes need not outlive a power cut; waiting for the disk is half of some tests' time.
 os.environ.setdefault("OGR_SQLITE_SYNCHRONOUS", "OFF")
@@ -91,3 +93,14 @@ def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, st
         return stopped.value.code, out, err
 
     return run
+
+
+@pytest.fixture(scope="session")
+def qgis() -> None:
+    if SYSTEM_PYTHON.is_file():
+        done = subprocess.run(
+            [SYSTEM_PYTHON, "-c", "import qgis.core"], capture_output=True, check=False
+        )
+        if done.returncode == 0:
+            return
+    pytest.skip("QGIS for the system's Python is not installed (Debian: python3-qgis)")

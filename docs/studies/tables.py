@@ -305,6 +305,17 @@ def safety_fuzz() -> str:
     return markdown(["reader", "files", "refused in one line", "read", "failed"], body)
 
 
+def safety_extremes() -> str:
+    """What extreme settings do."""
+    found = json.loads((HERE / "safety/extremes.json").read_text(encoding="utf-8"))
+    names = ("profiles", "maps", "refused", "blocks", "given up", "failed")
+    counts = found["counts"]
+    return markdown(
+        ["set-ups", *names],
+        [[f"{n:,}" for n in (found["setups"], *(counts.get(k, 0) for k in names))]],
+    )
+
+
 def _verdicts(counts: dict[str, int]) -> list[str]:
     refused, read = counts.get("refused", 0), counts.get("read", 0)
     total = sum(counts.values())
@@ -328,6 +339,7 @@ TABLES = {
     "field contacts": field_contacts,
     "safety kills": safety_kills,
     "safety fuzz": safety_fuzz,
+    "safety extremes": safety_extremes,
 }
 
 

@@ -13,6 +13,7 @@ from sassgis import __version__
 from sassgis.cli.batch_command import batch
 from sassgis.cli.calibrate_command import calibrate
 from sassgis.cli.cliffs_command import cliffs
+from sassgis.cli.compare_command import compare
 from sassgis.cli.dem_check_command import check as check_terrain
 from sassgis.cli.dem_fetch_command import fetch
 from sassgis.cli.demo_command import demo
@@ -49,7 +50,8 @@ def dem() -> None:
 
 
 for _command in (
-    new, cliffs, init, validate, run, zone, batch, calibrate, sensitivity, profile, export, demo,
+    new, cliffs, init, validate, run, zone, batch, calibrate, sensitivity, profile, compare, export,
+    demo,
 ):  # fmt: skip
     cli.add_command(_command)
 for _command in (template, diagnose, validate_observations, check_diagnosis):

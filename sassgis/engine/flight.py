@@ -14,6 +14,7 @@ from sassgis.engine.state import (
     FLIGHT,
     IMPACT,
     LEFT_PROFILE,
+    STEP_LIMIT,
     Block,
     Output,
     Physics,
@@ -42,6 +43,15 @@ def _time_to_end(state: Record, block: Block, profile: Records) -> float:
     else:
         limit = _LONGEST
     return float(max(limit, 0.0))
+
+
+@inlined
+def _is_over_ground(state: Record, profile: Records, gravity: float, until: float) -> bool:
+    """Whether the centre is over the ground at the end of a flight that has met nothing (s)."""
+    x = state.x + state.vx * until
+    z = state.z + (state.vz - 0.5 * gravity * until) * until
+    here = profile[segment_at(profile, x, state.segment)]
+    return bool(z >= here.z + (x - here.x) * here.tz / here.tx)
 
 
 @inlined
@@ -101,6 +111,10 @@ def flight(
     at_barrier = barrier.line >= 0
     if at_barrier:
         until = barrier.when
+    elif contact.segment < 0 and not _is_over_ground(state, site.profile, g, until):
+        # The ground was missed: what would follow is no motion of a block.
+        end(state, STEP_LIMIT)
+        return
     _advance(state, block, site, output, g, until)
     if at_barrier:
         state.x = site.crossings[barrier.line].x

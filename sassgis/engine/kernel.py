@@ -15,8 +15,8 @@ from sassgis.engine.effects import hooks
 from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.heading import continue_path, start_path
 from sassgis.engine.path import FOLLOWED, Path, place, room_ahead
-from sassgis.engine.profile import last_cell, profile_of, stretches_of, without_straight_vertices
-from sassgis.engine.recording import CellWork, empty_work
+from sassgis.engine.profile import last_stretch, profile_of, stretches_of, without_straight_vertices
+from sassgis.engine.recording import CellWork, empty_work, record_stop
 from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import BARRIER, REST, Block, EventLog, Output, Physics, Site, Spawned
 from sassgis.engine.statistics import (
@@ -303,7 +303,7 @@ def simulate_rocks(
                 return NO_ROOM
             output = Output(rows.passages[n:], work.cells, log, spawned)
             simulate_block(state, block, site, output, setup.physics, effects, path)
-            finish_block(row, block, state, site, rows, totals.sums)
+            finish_block(row, block, state, site, rows, totals.sums, work.cells)
             if work.windows.peak.size:
                 meet_disks(
                     work.cells, state.n_touched, block.mass, totals.windows.disks, work.windows
@@ -396,7 +396,13 @@ def open_row(row: Record, line: int, number: int, spawned: int, start: float) ->
 
 @inlined
 def finish_block(
-    row: Record, block: Block, state: Record, site: Site, rows: Rows, sums: CellSums
+    row: Record,
+    block: Block,
+    state: Record,
+    site: Site,
+    rows: Rows,
+    sums: CellSums,
+    cells: CellWork,
 ) -> None:
     """Write what became of a block: its row, its passages and its stop."""
     row.reason = state.reason
@@ -420,9 +426,12 @@ def finish_block(
         passage.rock = row.rock
     rows.filled[0] = first + state.n_passages
     if state.reason == REST or state.reason == BARRIER:
-        cell = last_cell(site.profile, site.stretches, state.reason, state.x, row.start_m)
-        if cell >= 0:
-            sums.stops[cell] += 1
+        i = last_stretch(site.profile, site.stretches, state.reason, state.x, row.start_m)
+        if i >= 0 and site.stretches[i].cell >= 0:
+            sums.stops[site.stretches[i].cell] += 1
+            state.n_touched = record_stop(
+                site.stretches, cells, state.n_touched, i, state.x, state.began + state.t
+            )
 
 
 @inlined

@@ -227,8 +227,8 @@ def to_cell_border(stretches: Records, i: int, x: float, direction: int) -> tupl
 
 
 @lean
-def last_cell(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
-    """Cell in which a block ends; -1 outside."""
+def last_stretch(profile: Records, stretches: Records, reason: int, x: float, start: float) -> int:
+    """Stretch in which a block ends; -1 outside."""
     if x < profile[0].x or x > profile[last_of(profile)].x:
         return -1
     # The last stretch that starts at or before x.
@@ -244,4 +244,4 @@ def last_cell(profile: Records, stretches: Records, reason: int, x: float, start
     # A block that a wall holds lies in front of it, also on the border of a cell.
     if reason == BARRIER and k > 0 and stretches[k].start >= x > start:
         k -= 1
-    return int(stretches[min(max(k, 0), last_of(stretches) - 1)].cell)
+    return int(min(max(k, 0), last_of(stretches) - 1))

@@ -236,6 +236,24 @@ def record_flight(
 
 
 @lean
+def record_stop(
+    stretches: NDArray[np.void], work: CellWork, n_touched: int, i: int, x: float, t: float
+) -> int:
+    """Record the cell of stretch i, where a block comes to rest; returns the cells touched.
+
+    A block that lands softly is put where it rolls or slides: no path leads into that cell.
+    """
+    cell = stretches[i].cell
+    if work.peak[cell, ENERGY] >= 0.0:
+        return n_touched
+    if work.chord.shape[0] > 0:
+        chord = work.chord[cell]
+        chord[0], chord[1] = _on_map(stretches, i, x)
+        chord[2], chord[3] = chord[0], chord[1]
+    return _raise(work, n_touched, cell, 0.0, 0.0, 0.0, t)
+
+
+@lean
 def record_ground(
     stretches: NDArray[np.void],
     work: CellWork,

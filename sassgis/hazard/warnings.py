@@ -34,7 +34,7 @@ _STOPS = (
         "still moved at the end of their fall line or at the edge of the terrain model, and are "
         "lost from the map",
     ),
-    (StopReason.STEP_LIMIT, "were given up at engine.max_events contacts"),
+    (StopReason.STEP_LIMIT, "were given up: at engine.max_events contacts, or below the ground"),
     (
         StopReason.NEVER_STARTED,
         "never started: the slope at their release point is below the friction there. They are not "

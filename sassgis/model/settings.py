@@ -639,6 +639,9 @@ class OutputSettings(Section):
     stop_points_max: Annotated[
         int, Interval(ge=0, le=100_000_000), "most stop points written to the map"
     ] = 100_000
+    paths_max: Annotated[
+        int, Interval(ge=0, le=10_000), "most paths of single blocks in space, written to the map"
+    ] = 100
     rock_table: Annotated[TableFormat, "one row per block"] = "none"
     passage_table: Annotated[TableFormat, "one row per block and station or barrier"] = "none"
     energy_classes_kj: Annotated[

@@ -50,7 +50,7 @@ from sassgis.terrain.release import take
 from sassgis.terrain.stretch import take_lines
 
 CHUNK_POINTS = 32
-_LOG_EVENTS = 2000
+LOG_EVENTS = 2000
 _PATHS = 100
 
 
@@ -91,14 +91,14 @@ def _work(common: _Common, chunk: Chunk) -> ChunkResult:
     return (_followed if run.followed else _on_lines)(run, planned, chunk, bins)
 
 
-def _terrain(run: MapRun) -> PathTerrain:
+def path_terrain(run: MapRun) -> PathTerrain:
     """What paths are followed on."""
     return PathTerrain(
         run.heights, run.ground, run.segment_tolerance_m, run.control_lines, run.forest
     )
 
 
-def _path_keys(keys: NDArray[np.uint64], scenario: str) -> NDArray[np.uint64]:
+def path_keys(keys: NDArray[np.uint64], scenario: str) -> NDArray[np.uint64]:
     """Identity of release points for the random draws of a block scenario."""
     out: NDArray[np.uint64] = rng.combined(rng.combined(keys, 0), scenario_word(scenario))
     return out
@@ -116,14 +116,14 @@ def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
     parts: list[BlockRows] = []
     for k in scenarios if which.size else ():
         result = follow(
-            _terrain(run),
+            path_terrain(run),
             points,
             run.table,
             run.blocks[k],
             run.engine,
             seed=run.seed,
             rocks_per_point=run.rocks_per_point,
-            point_keys=_path_keys(points.key, run.blocks[k].name),
+            point_keys=path_keys(points.key, run.blocks[k].name),
             point_numbers=which,
             spread_m=run.start_spread_m(area),
             objects=run.objects,
@@ -236,7 +236,7 @@ def paths_on_line(
         rocks_per_line=min(_PATHS, run.rocks_per_line), line_keys=keys,
         first_rock=repetition * run.rocks_per_line,
         starts=prepared.starts(planned.moved[[point]]), control_lines=prepared.crossings,
-        log_events=_LOG_EVENTS, effects=run.effects, forest=run.forest,
+        log_events=LOG_EVENTS, effects=run.effects, forest=run.forest,
     )  # fmt: skip
     s, z = prepared.flat.vertices(0)
     crossed = prepared.crossings
@@ -281,9 +281,9 @@ def _followed_path(
     points = take(planned.points, np.array([point]))
     blocks = run.blocks[scenario]
     result = follow(
-        _terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
-        point_keys=_path_keys(points.key, blocks.name), first_rock=rock,
-        spread_m=run.start_spread_m(int(points.area[0])), log_events=_LOG_EVENTS,
+        path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
+        point_keys=path_keys(points.key, blocks.name), first_rock=rock,
+        spread_m=run.start_spread_m(int(points.area[0])), log_events=LOG_EVENTS,
         effects=run.effects,
     )  # fmt: skip
     log = result.event_logs[0]

@@ -75,6 +75,7 @@ from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.inputs import input_files
 from sassgis.runs.job import Simulation
 from sassgis.runs.map import paths_on_line, some_paths
+from sassgis.runs.path_sample import sample_paths
 
 
 @dataclass(frozen=True)
@@ -188,6 +189,9 @@ def _publish_map(
         *run_vectors.all_layers(run, planned, progress, layers),
         *exposed_layers(extras.placed, run.grid.crs),
     ]
+    paths = sample_paths(run, planned, config.output.paths_max)
+    if paths:
+        vectors.append(run_vectors.block_paths(paths, run.grid.crs))
     counts = _counts(done)
     facts = _facts(done) | extras.facts | counts
     write_geopackage(work / "result.gpkg", vectors, facts)
@@ -372,8 +376,9 @@ def _zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Pat
     if found.without is not None:
         before = hazard_zones(found.without, preset, grid, rules.ref_width_m, confidence)
         both = changes(found.without.levels, hazard.levels)
-        own += [without_barriers(before), level_changes(both, preset, grid)]
-        frames["level_changes"] = change_table(both, preset)
+        codes, labels = zip(*((c.code, c.label) for c in preset.levels), strict=True)
+        own += [without_barriers(before), level_changes(both, codes, grid.crs)]
+        frames["level_changes"] = change_table(both, labels)
     if found.risk is not None:
         risk = risk_vectors(found.risk, rules.placed, grid.crs, currency)
         frames |= risk_frames(found.risk, currency)

@@ -45,19 +45,20 @@ def test_an_energy_that_grows_is_seen() -> None:
     from sassgis.engine.state import EVENT_DTYPE, IMPACT
     from sassgis.model.effects import EffectSettings
     from sassgis.model.results import ROCK_DTYPE
+    from sassgis.model.settings import EngineSettings
 
     rock = np.ones(1, ROCK_DTYPE)[0]
     log = np.zeros(4, EVENT_DTYPE)
     log["t_s"] = [0.0, 1.0, 2.0, 3.0]
     log["phase"] = IMPACT
     log["vx_mps"] = [3.0, 2.0, 2.0, 0.0]
-    extremes.check_log(log, rock, 9.81, EffectSettings())
+    extremes.check_log(log, rock, EngineSettings(), EffectSettings())
     log["vx_mps"] = [3.0, 2.0, 2.1, 0.0]
     with pytest.raises(AssertionError, match="energy grows"):
-        extremes.check_log(log, rock, 9.81, EffectSettings())
+        extremes.check_log(log, rock, EngineSettings(), EffectSettings())
     log["vz_mps"][1] = np.nan
     with pytest.raises(AssertionError, match="NaN"):
-        extremes.check_log(log, rock, 9.81, EffectSettings())
+        extremes.check_log(log, rock, EngineSettings(), EffectSettings())
 
 
 @pytest.mark.parametrize("kind", ["config", "frequencies"])

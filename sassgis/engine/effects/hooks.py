@@ -200,7 +200,9 @@ def after_flight(
         if effects.push.form != wind.OFF:
             wind.push_after(effects.push, state, limit, until, goes_on)
         if effects.stand.form != trees.OFF:
-            state.to_stem -= state.stem_rate * abs(state.x - state.x_from)
+            # A wind may have carried it past the stem.
+            path = abs(state.x - state.x_from)
+            state.to_stem = max(state.to_stem - state.stem_rate * path, 0.0)
             if state.at_stem and not arrived:
                 spin = block.inertia * state.omega * state.omega
                 energy = 0.5 * (state.vx * state.vx + state.vz * state.vz + spin) * block.mass

@@ -73,6 +73,8 @@ OFF, STEMS, FULL_STEMS, VISCOUS = 0, 1, 2, 3
 # Share of the speed that the viscous force takes in a step, and the shortest such step.
 _SHARE_PER_STEP = 0.1
 _SHORTEST_STEP_S = 0.005
+# Beyond it the square of a speed that is given back would be no number any more.
+_LARGEST_EXPONENT = 300.0
 # A block within rounding of the height of the stems passes it in this time.
 _SHORTEST_CUT_S = 1e-6
 # Shortest way along the ground between two turns of a viscous force (m): at the pace of a crawl.
@@ -164,10 +166,13 @@ def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> flo
 
 @kernel
 def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> float:
-    """Share of the speed that the viscous forest leaves after a time."""
+    """Share of the speed that the viscous forest leaves after a time.
+
+    For a negative time it is what gives the speed back; of one that is lost nothing comes back.
+    """
     if stand.form != VISCOUS or stems <= 0.0:
         return 1.0
-    return math.exp(-stand.drag * time / mass)
+    return math.exp(min(-stand.drag * time / mass, _LARGEST_EXPONENT))
 
 
 @kernel

@@ -27,7 +27,8 @@ from sassgis.io.interlis.validation import (
     validate_xtf,
 )
 from sassgis.io.interlis.xtf_document import XtfObject, document
-from sassgis.io.staging import MANIFEST_NAME, writing
+from sassgis.io.read.result_folder import check_is_result
+from sassgis.io.staging import writing
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
@@ -135,12 +136,7 @@ def export_xtf(
         raise ConfigError(
             "validation needs the files of the model", field="models", expected="their folder"
         )
-    if not (result_folder / MANIFEST_NAME).is_file():
-        raise InputError(
-            "is not a result of sassgis",
-            file=result_folder,
-            expected=f"a folder with {MANIFEST_NAME}",
-        )
+    check_is_result(result_folder)
     package = result_folder / PACKAGE_NAME
     if not package.is_file():
         raise InputError(

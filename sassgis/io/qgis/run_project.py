@@ -146,7 +146,7 @@ def write_run_project(
         LayerGroup(
             "Release and fall lines",
             entries("release_areas")
-            + entries("release_points", "fall_lines", "stops", visible=False),
+            + entries("release_points", "fall_lines", "paths", "stops", visible=False),
         ),
         LayerGroup("Exposed objects", entries(*_EXPOSED, visible=not groups)),
         *groups,

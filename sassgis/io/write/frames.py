@@ -157,23 +157,6 @@ def class_table(
     )
 
 
-def object_change_frame(
-    names: Sequence[str],
-    reach: Sequence[tuple[float, float]],
-    energy_kj: Sequence[tuple[float, float]],
-) -> pd.DataFrame:
-    """Exposed objects: reach probability and energy (kJ), before and after."""
-    return pd.DataFrame(
-        {
-            "object": names,
-            "reach_probability_before": [before for before, _ in reach],
-            "reach_probability_after": [after for _, after in reach],
-            "energy_kj_before": [before for before, _ in energy_kj],
-            "energy_kj_after": [after for _, after in energy_kj],
-        }
-    )
-
-
 #: What a spreadsheet takes for the beginning of a formula.
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 

@@ -175,3 +175,13 @@ def test_a_block_that_leaves_the_ground_is_not_pushed_back_into_it():
     assert len(lasted) > 200
     assert max(lasted) <= 0.5 * WIND_STEP_S + 1e-12
     assert np.mean(np.array(lasted) > 1e-6) > 0.95
+
+
+def test_a_stem_that_the_wind_carries_a_block_past_is_met_at_once():
+    """The way to a stem is counted before the push: it was negative, and time ran backwards."""
+    flat = profile(rough_slope(5))
+    out = run(
+        flat, ground(eta_max=0.9), MIXED, EffectSettings(Wind(5.0), Trees(efficiency=1e-3)), n=30,
+        start=(3.0, 20.0), log_events=30_000, forest=forest(flat, 2.0),
+    )  # fmt: skip
+    assert all((np.diff(log["t_s"]) >= 0.0).all() for log in out.event_logs)

@@ -399,7 +399,7 @@ def test_maps_are_in_the_files_what_they_are_in_memory(made: Result, tmp_path: P
 
 def test_export_in_switzerland(made: Result, tmp_path: Path, capsys) -> None:
     with pytest.raises(SystemExit) as stopped:
-        main(["export", str(made.folder), "--xtf", str(tmp_path / "z.xtf"), "--canton", "TI"])
+        main(["export", str(made.folder), "-o", str(tmp_path / "z.xtf"), "--canton", "TI"])
     out, err = capsys.readouterr()
     assert stopped.value.code == 0, err
     text = (tmp_path / "z.xtf").read_text(encoding="utf-8")
@@ -418,7 +418,7 @@ def test_export_elsewhere_is_refused(tmp_path: Path, call, crs: str) -> None:
     case.write_layer("release.gpkg", [box(4.0, 20.0, 8.0, 9.0)], {"name": ["north"]}, crs)
     code, _, err = call("zone", case.config, "-o", tmp_path / "out", "--jobs", "1")
     assert code == 0, err
-    code, out, err = call("export", tmp_path / "out", "--xtf", tmp_path / "z.xtf")
+    code, out, err = call("export", tmp_path / "out", "-o", tmp_path / "z.xtf")
     assert code == 2 and out == ""
     assert err.count("\n") == 1 and err.startswith("Error: ") and "Traceback" not in err
     assert re.search("2056|Switzerland|LV95", err), err
@@ -429,7 +429,7 @@ def test_a_run_without_zones_cannot_be_exported(tmp_path: Path, call) -> None:
     case = two_areas(tmp_path)
     code, _, err = call("run", case.config, "-o", tmp_path / "out", "--jobs", "1")
     assert code == 0, err
-    code, _, err = call("export", tmp_path / "out", "--xtf", tmp_path / "z.xtf")
+    code, _, err = call("export", tmp_path / "out", "-o", tmp_path / "z.xtf")
     assert code == 2 and "no hazard zones" in err and err.count("\n") == 1
 
 

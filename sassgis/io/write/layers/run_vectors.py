@@ -8,6 +8,7 @@ import geopandas as gpd
 import numpy as np
 import shapely
 
+from sassgis.hazard.block_paths import BlockPath
 from sassgis.hazard.control_lines import control_line_rows
 from sassgis.hazard.progress import Progress, joined_lines, kept_stops
 from sassgis.io.vector_layer import VectorLayer
@@ -25,6 +26,8 @@ from sassgis.model.styles import (
     STATION_STYLE,
     STOP_STYLE,
     FieldInfo,
+    Symbol,
+    VectorStyle,
     categorised_style,
 )
 from sassgis.terrain.plan import Plan
@@ -201,6 +204,43 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             {text: (text, _STOP_COLOUR[reason]) for reason, text in STOP_TEXT.items()},
             STOP_STYLE.smallest_scale,
         ),
+    )
+
+
+def block_paths(paths: Sequence[BlockPath], crs: str) -> VectorLayer:
+    """Paths of single blocks, with heights; ``crs`` is empty for local coordinates."""
+    frame = gpd.GeoDataFrame(
+        {
+            "area": [p.area for p in paths],
+            "scenario": [p.scenario for p in paths],
+            "end": [STOP_TEXT[p.reason] for p in paths],
+            "runout_m": np.array([round(p.runout_m, 2) for p in paths], float),
+            "time_s": np.array([round(p.time_s, 2) for p in paths], float),
+            "mass_kg": np.array([round(p.mass_kg, 1) for p in paths], float),
+            "max_energy_kj": np.array([round(p.max_energy_kj, 2) for p in paths], float),
+            "max_speed_mps": np.array([round(p.max_speed_mps, 2) for p in paths], float),
+            "max_height_m": np.array([round(p.max_height_m, 2) for p in paths], float),
+        },
+        geometry=[shapely.LineString(np.column_stack([p.x, p.y, p.z])) for p in paths],
+        crs=crs or None,
+    )
+    return VectorLayer(
+        "paths",
+        "Paths of blocks",
+        "Centres of some blocks, the first of release points evenly over the areas; with heights.",
+        frame,
+        {
+            "area": FieldInfo("release area"),
+            "scenario": FieldInfo("block scenario"),
+            "end": FieldInfo("stopping reason"),
+            "runout_m": FieldInfo("run-out chainage", "m"),
+            "time_s": FieldInfo("duration", "s"),
+            "mass_kg": FieldInfo("mass", "kg"),
+            "max_energy_kj": FieldInfo("largest energy", "kJ"),
+            "max_speed_mps": FieldInfo("largest speed", "m/s"),
+            "max_height_m": FieldInfo("largest passing height", "m"),
+        },
+        style=VectorStyle(Symbol("line", "#d9480f", opacity=0.8, size_mm=0.3)),
     )
 
 

@@ -221,9 +221,30 @@ def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
     return both[both.geometry.area > 0.0].reset_index(drop=True)
 
 
-def level_changes(both: gpd.GeoDataFrame, preset: HazardPreset, grid: Grid) -> VectorLayer:
-    """What walls and nets make of the hazard level; ``both`` from changes, without and with."""
-    codes = [_NO_LEVEL, *(level.code for level in preset.levels)]
+def level_changes(
+    both: gpd.GeoDataFrame,
+    codes: Sequence[str],
+    crs: str,
+    title: str = "What walls and nets change",
+    description: str = "Hazard level without and with walls and nets, from the same blocks.",
+    names: tuple[str, str] = ("level without them", "level with them"),
+) -> VectorLayer:
+    """Pieces of zones by what becomes of their level.
+
+    Parameters
+    ----------
+    both : GeoDataFrame
+        From :func:`changes`.
+    codes : sequence of str
+        Of the levels, from low to high.
+    crs : str
+        Well-known text; empty for local coordinates.
+    title, description : str
+        Of the layer.
+    names : (str, str)
+        What the levels before and after are called.
+    """
+    codes = [_NO_LEVEL, *codes]
     frame = gpd.GeoDataFrame(
         {
             "level_before": [codes[k] for k in both["before"]],
@@ -236,16 +257,16 @@ def level_changes(both: gpd.GeoDataFrame, preset: HazardPreset, grid: Grid) -> V
             "area_m2": both.geometry.area.round(1),
         },
         geometry=list(both.geometry),
-        crs=grid.crs or None,
+        crs=crs or None,
     )
     return VectorLayer(
         "level_changes",
-        "What walls and nets change",
-        "Hazard level without and with walls and nets, from the same blocks.",
+        title,
+        description,
         frame,
         {
-            "level_before": FieldInfo("level without them"),
-            "level_after": FieldInfo("level with them"),
+            "level_before": FieldInfo(names[0]),
+            "level_after": FieldInfo(names[1]),
             "change": FieldInfo("change"),
             "area_m2": FieldInfo("area", "m²"),
         },
@@ -253,13 +274,15 @@ def level_changes(both: gpd.GeoDataFrame, preset: HazardPreset, grid: Grid) -> V
     )
 
 
-def change_table(both: gpd.GeoDataFrame, preset: HazardPreset) -> pd.DataFrame:
-    """Area by level without (rows) and with walls and nets (columns), m²; ``both`` from changes."""
-    labels = ["none", *(level.label for level in preset.levels)]
+def change_table(
+    both: gpd.GeoDataFrame, labels: Sequence[str], rows: str = "level_without"
+) -> pd.DataFrame:
+    """Area by level before (rows) and after (columns), m²; ``both`` from changes."""
+    labels = ["none", *labels]
     area = np.zeros((len(labels), len(labels)))
     np.add.at(area, (both["before"].to_numpy(), both["after"].to_numpy()), both.geometry.area)
     frame = pd.DataFrame(area.round(1), columns=[f"{v} (m2)" for v in labels])
-    frame.insert(0, "level_without", labels)
+    frame.insert(0, rows, labels)
     return frame
 
 

@@ -1,0 +1,407 @@
+"""What changes from one result to another: maps, zones, run-out, control lines, objects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+import shapely
+
+from sassgis.hazard.stored_result import StoredResult
+from sassgis.model.grid import FloatArray, IntArray
+
+LEVEL = "hazard_level"
+REACH_MEAN = "reach probability, mean over the cells reached by either"
+ENERGY_MEAN = "energy (95 % quantile), mean over the cells reached by both"
+HEIGHT_MEAN = "passing height (95 % quantile), mean over the cells reached by both"
+#: Of a normal distribution: 95 % lie within so many standard errors.
+_Z95 = 1.959964
+_RUNOUT = (("median", 0.5), ("95 % quantile", 0.95), ("99 % quantile", 0.99), ("largest", 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedMap:
+    """A map of which two results have the same band.
+
+    Attributes
+    ----------
+    stem, band : str
+        Of the map of both.
+    title, unit : str
+    """
+
+    stem: str
+    band: str
+    title: str
+    unit: str
+
+
+REACH = ComparedMap("reach_probability", "reach", "Reach probability", "1")
+ENERGY = ComparedMap("energy", "q95", "Kinetic energy, 95 % quantile", "kJ")
+HEIGHT = ComparedMap("passing_height", "q95", "Passing height, 95 % quantile", "m")
+COMPARED = (REACH, ENERGY, HEIGHT)
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeRow:
+    """One number before and after.
+
+    Attributes
+    ----------
+    part : {"map", "zones", "run-out", "control line", "object"}
+    name : str
+        Of the level, control line or object; empty where there is one only.
+    quantity, unit : str
+    before, after : float
+        NaN where a result does not have it.
+    """
+
+    part: str
+    name: str
+    quantity: str
+    unit: str
+    before: float
+    after: float
+
+    @property
+    def change(self) -> float:
+        """After less before."""
+        return self.after - self.before
+
+
+@dataclass(frozen=True, slots=True)
+class SettingChange:
+    """A setting, an input or a version in which two results differ, as text; empty: has none."""
+
+    kind: str
+    name: str
+    before: str
+    after: str
+
+
+@dataclass(frozen=True, slots=True)
+class ResultChange:
+    """What changes from one result to another.
+
+    Attributes
+    ----------
+    rows : tuple of ChangeRow
+    differences : tuple of SettingChange
+        Of the two manifests.
+    higher_m2, lower_m2 : float
+        Area of higher and lower hazard level (m²); NaN if levels were not compared.
+    certain_m2 : float
+        Area on which the reach probability changes beyond the sampling error of both (m²).
+    notes : tuple of str
+        What a reader must know before comparing numbers.
+    """
+
+    rows: tuple[ChangeRow, ...]
+    differences: tuple[SettingChange, ...]
+    higher_m2: float
+    lower_m2: float
+    certain_m2: float
+    notes: tuple[str, ...] = ()
+
+    def row(self, part: str, quantity: str, name: str = "") -> ChangeRow:
+        """The row of a number."""
+        wanted = (part, name, quantity)
+        return next(r for r in self.rows if (r.part, r.name, r.quantity) == wanted)
+
+    def of(self, part: str) -> tuple[ChangeRow, ...]:
+        """The rows of a part."""
+        return tuple(r for r in self.rows if r.part == part)
+
+    def lines(self) -> tuple[str, ...]:
+        """The most important numbers in words."""
+        area = self.row("map", "area reached")
+        share = 100.0 * (area.after / area.before - 1.0) if area.before else math.nan
+        reach = self.row("map", REACH_MEAN).change
+        out = [
+            f"Area that blocks reach: {area.before:,.0f} m² before, {area.after:,.0f} m² after"
+            + (f" ({share:+.0f} %)." if math.isfinite(share) else "."),
+        ]
+        if math.isfinite(reach):
+            out.append(
+                "Reach probability, mean change over these cells: "
+                f"{100 * reach:+.2g} percentage points."
+            )
+        energy = self.row("map", ENERGY_MEAN).change
+        if math.isfinite(energy):
+            out.append(
+                "Energy (95 % quantile), mean change over the cells reached by both: "
+                f"{energy:+.3g} kJ."
+            )
+        if math.isfinite(self.higher_m2):
+            out.append(
+                f"Hazard level: higher on {self.higher_m2:,.0f} m², lower on "
+                f"{self.lower_m2:,.0f} m²."
+            )
+        said = [" ".join(line.split()).replace("-", "\u2212") for line in out]
+        return (*said, *self._object_lines())
+
+    def _object_lines(self) -> Iterator[str]:
+        names = dict.fromkeys(r.name for r in self.of("object"))
+        for name in names:
+            energy = self.row("object", "energy (95 % quantile)", name)
+            reach = self.row("object", "reach probability", name)
+            yield (
+                f"{name}: energy (95 % quantile) {energy.before:,.0f} kJ before, "
+                f"{energy.after:,.0f} kJ after; reach probability {100 * reach.before:.2g} % "
+                f"before, {100 * reach.after:.2g} % after."
+            )
+
+
+def difference(before: FloatArray, after: FloatArray) -> FloatArray:
+    """After less before; where no block arrives counts as zero, NaN where none does in either."""
+    old, new = np.asarray(before, np.float64), np.asarray(after, np.float64)
+    change = np.nan_to_num(new) - np.nan_to_num(old)
+    result: FloatArray = np.where(np.isfinite(old) | np.isfinite(new), change, np.nan)
+    return result
+
+
+def compared_maps(before: StoredResult, after: StoredResult) -> tuple[ComparedMap, ...]:
+    """Maps that both results have."""
+    return tuple(m for m in COMPARED if m.stem in before.maps and m.stem in after.maps)
+
+
+def levels_differ(before: StoredResult, after: StoredResult) -> str:
+    """Why hazard levels cannot be compared; empty if they can."""
+    if LEVEL not in before.maps or LEVEL not in after.maps:
+        return "Hazard levels are not compared: not both results have them."
+    classes = [[c.label for c in r.maps[LEVEL].classes] for r in (before, after)]
+    if classes[0] != classes[1]:
+        return "Hazard levels are not compared: the two presets have different levels."
+    widths = [r.manifest["ref_widths_m"]["hazard"] for r in (before, after)]
+    if widths[0] != widths[1]:
+        return (
+            "Hazard levels are not compared: their reference widths are "
+            f"{widths[0]:g} m and {widths[1]:g} m."
+        )
+    return ""
+
+
+def result_change(
+    before: StoredResult,
+    after: StoredResult,
+    objects: tuple[Sequence[str], IntArray, IntArray],
+    notes: Sequence[str] = (),
+) -> ResultChange:
+    """Compare two results on the same cells.
+
+    Parameters
+    ----------
+    before, after : StoredResult
+        From :func:`sassgis.hazard.stored_result.on_common_cells`.
+    objects : (names, cells, owner)
+        Names of the whole objects; cells that they touch, and the position of the object of each.
+    notes : sequence of str
+        What is to be said besides.
+    """
+    why = levels_differ(before, after)
+    level_change = difference(_level(before), _level(after)) if not why else np.full(1, np.nan)
+    cell_m2 = before.grid.cell_size**2
+    found = np.isfinite(level_change).any()
+    return ResultChange(
+        (
+            *_map_rows(before, after),
+            *(() if why else _zone_rows(before, after)),
+            *_runout_rows(before, after),
+            *_control_line_rows(before, after),
+            *_object_rows(before, after, *objects, levels=not why),
+        ),
+        tuple(_differences(before.manifest, after.manifest)),
+        float((level_change > 0.0).sum() * cell_m2) if found else math.nan,
+        float((level_change < 0.0).sum() * cell_m2) if found else math.nan,
+        float(_beyond_sampling(before, after).sum() * cell_m2),
+        (*notes, *([why] if why and LEVEL in {*before.maps, *after.maps} else [])),
+    )
+
+
+def _level(result: StoredResult) -> FloatArray:
+    return result.band(LEVEL, "level")
+
+
+def _beyond_sampling(before: StoredResult, after: StoredResult) -> np.ndarray:
+    """Cells whose reach probability differs by more than both samples explain."""
+    old, new = (r.band(REACH.stem, REACH.band) for r in (before, after))
+    variance = np.zeros(old.shape)
+    for values, result in ((old, before), (new, after)):
+        error = result.band(REACH.stem, "standard_error")
+        variance += np.where(np.isfinite(values), error**2, 0.0)
+    # NaN where an error cannot be estimated: not beyond it.
+    return np.abs(difference(old, new)) > _Z95 * np.sqrt(variance)
+
+
+def _mean(values: FloatArray) -> float:
+    return float(values.mean()) if values.size else math.nan
+
+
+def _map_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
+    cell_m2 = before.grid.cell_size**2
+    old, new = (r.band(REACH.stem, REACH.band) for r in (before, after))
+    was, now = np.isfinite(old), np.isfinite(new)
+    yield ChangeRow("map", "", "area reached", "m2", was.sum() * cell_m2, now.sum() * cell_m2)
+    yield ChangeRow(
+        "map", "", "area reached by one of them only", "m2",
+        float((was & ~now).sum() * cell_m2), float((now & ~was).sum() * cell_m2),
+    )  # fmt: skip
+    either = was | now
+    yield ChangeRow(
+        "map", "", REACH_MEAN, "1", *(_mean(np.nan_to_num(v)[either]) for v in (old, new))
+    )
+    for compared, quantity in ((ENERGY, ENERGY_MEAN), (HEIGHT, HEIGHT_MEAN)):
+        if compared in compared_maps(before, after):
+            values = [r.band(compared.stem, compared.band) for r in (before, after)]
+            both = np.isfinite(values[0]) & np.isfinite(values[1])
+            yield ChangeRow("map", "", quantity, compared.unit, *(_mean(v[both]) for v in values))
+
+
+def _zone_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
+    if before.zones is None or after.zones is None:
+        return
+    for entry in sorted(after.maps[LEVEL].classes, key=lambda c: -c.value):
+        areas = [
+            float(shapely.area(z.polygons[z.classes == entry.value]).sum())
+            for z in (before.zones, after.zones)
+        ]
+        yield ChangeRow("zones", entry.label, "area of zones", "m2", areas[0], areas[1])
+
+
+def _runout_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
+    yield ChangeRow("run-out", "", "blocks that started", "1", before.blocks, after.blocks)
+    if not before.runout_m.size and not after.runout_m.size:
+        return
+    for name, share in _RUNOUT:
+        values = [
+            float(np.quantile(r.runout_m, share)) if r.runout_m.size else math.nan
+            for r in (before, after)
+        ]
+        yield ChangeRow("run-out", "", f"run-out, {name}", "m", values[0], values[1])
+
+
+_AT_LINES = (
+    ("energy_kj_q95", "energy (95 % quantile)", "kJ"),
+    ("speed_mps_q95", "speed (95 % quantile)", "m/s"),
+    ("height_m_q95", "passing height (95 % quantile)", "m"),
+)
+
+
+def _control_line_rows(before: StoredResult, after: StoredResult) -> Iterator[ChangeRow]:
+    for name in dict.fromkeys([*before.control_lines, *after.control_lines]):
+        rows = [r.control_lines.get(name) for r in (before, after)]
+        shares = [
+            math.nan if row is None else float(row["rocks"]) / max(result.blocks, 1)
+            for row, result in zip(rows, (before, after), strict=True)
+        ]
+        yield ChangeRow("control line", name, "share of blocks that arrive", "1", *shares)
+        for column, quantity, unit in _AT_LINES:
+            values = [math.nan if row is None else float(row[column]) for row in rows]
+            yield ChangeRow("control line", name, quantity, unit, *values)
+
+
+_AT_OBJECTS = (
+    (REACH, "reach probability"),
+    (ENERGY, "energy (95 % quantile)"),
+    (HEIGHT, "passing height (95 % quantile)"),
+)
+_RISK = (("deaths_per_year", "deaths", "1/year"), ("loss_per_year", "loss", "{}/year"))
+
+
+def _object_rows(
+    before: StoredResult,
+    after: StoredResult,
+    names: Sequence[str],
+    cells: IntArray,
+    owner: IntArray,
+    *,
+    levels: bool,
+) -> Iterator[ChangeRow]:
+    """The largest values over the cells of each object; 0 where no block arrives."""
+    maps = [(m, q, m.unit) for m, q in _AT_OBJECTS if m in compared_maps(before, after)]
+    if levels:
+        maps.append((ComparedMap(LEVEL, "level", "", ""), "hazard level", "class"))
+    shown = [
+        (quantity, unit, [r.band(m.stem, m.band).ravel() for r in (before, after)])
+        for m, quantity, unit in maps
+    ]
+    for number, name in enumerate(names):
+        own = cells[owner == number]
+        for quantity, unit, values in shown:
+            largest = [float(np.nan_to_num(v[own]).max(initial=0.0)) for v in values]
+            yield ChangeRow("object", name, quantity, unit, *largest)
+        risks = [r.risk.get(name) for r in (before, after)]
+        if any(risks):
+            currency = str(after.manifest["settings"].get("risk", {}).get("currency", "value"))
+            for column, quantity, unit in _RISK:
+                yield ChangeRow(
+                    "object", name, quantity, unit.format(currency),
+                    *(math.nan if r is None else r[column] for r in risks),
+                )  # fmt: skip
+
+
+# ---------------------------------------------------------------------------------------------
+# Manifests
+
+
+def _differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[SettingChange]:
+    """In what two manifests differ: version, seed, settings, contents of the inputs, libraries."""
+    for kind, key in (("program", "sassgis"), ("seed", "seed"), ("preset", "preset")):
+        if before[key] != after[key]:
+            yield SettingChange(kind, key, str(before[key]), str(after[key]))
+    # What a zoning found stands among its settings.
+    old, new = (
+        dict(_flat({k: v for k, v in m["settings"].items() if k != "zoning"}))
+        for m in (before, after)
+    )
+    for name in sorted({*old, *new}):
+        one, two = old.get(name), new.get(name)
+        if one != two and not _same_file(one, two):
+            yield SettingChange("setting", name, _text(one), _text(two))
+    inputs = [
+        {f"{entry['role']}: {PurePath(entry['path']).suffix}": entry for entry in m["inputs"]}
+        for m in (before, after)
+    ]
+    for name in sorted({*inputs[0], *inputs[1]}):
+        entries = [found.get(name) for found in inputs]
+        digests = [None if e is None else e["sha256"] for e in entries]
+        # The settings of a configuration are compared one by one.
+        if digests[0] != digests[1] and not name.startswith("config"):
+            texts = ["" if e is None else f"{e['path']} ({e['sha256'][:8]})" for e in entries]
+            yield SettingChange("input", name.partition(":")[0], *texts)
+    for name in sorted({*before["versions"], *after["versions"]}):
+        versions = [m["versions"].get(name, "") for m in (before, after)]
+        if versions[0] != versions[1]:
+            yield SettingChange("library", name, *versions)
+
+
+def _flat(value: object, name: str = "") -> Iterator[tuple[str, object]]:
+    """Settings by dotted name; items of a list by their own name, if they have one."""
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield from _flat(entry, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
+        for number, entry in enumerate(value, start=1):
+            yield from _flat(entry, f"{name}.{entry.get('name', number)}")
+    else:
+        yield name, value
+
+
+def _same_file(one: object, two: object) -> bool:
+    """Whether two settings name files of the same name: their contents are compared as inputs."""
+    if not isinstance(one, str) or not isinstance(two, str):
+        return False
+    paths = PurePath(one), PurePath(two)
+    return paths[0].name == paths[1].name and any(len(p.parts) > 1 for p in paths)
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, list):
+        return " to ".join(map(str, value)) if len(value) == 2 else ", ".join(map(str, value))
+    return str(value)

@@ -1,0 +1,282 @@
+"""Report of what changes from one result to another: the change first, then what differs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from sassgis.hazard.result_change import (
+    LEVEL,
+    REACH,
+    ChangeRow,
+    ResultChange,
+    compared_maps,
+    difference,
+)
+from sassgis.hazard.stored_result import StoredResult
+from sassgis.model.grid import FloatArray
+from sassgis.report import figures
+from sassgis.report.map_report import save_figure
+from sassgis.report.page import (
+    Cell,
+    ReportAnswer,
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    sensible,
+)
+
+_RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
+_NOTHING = "Cells that no block reaches count as zero."
+_KINDS = {"program": "version of sassgis"}
+
+
+def change_figures(
+    before: StoredResult, after: StoredResult, folder: Path, *, levels: bool
+) -> tuple[ReportFigure, ...]:
+    """Draw the maps before and after and their difference into a folder.
+
+    Parameters
+    ----------
+    before, after : StoredResult
+        On the same cells.
+    folder : Path
+    levels : bool
+        Whether levels can be compared.
+    """
+    grid = after.grid
+    drawn = []
+    if levels:
+        old_level, new_level = before.maps[LEVEL], after.maps[LEVEL]
+        picture = figures.change_figure(
+            grid, old_level, replace(new_level, classes=old_level.classes),
+            names=("Before", "After"), title="Hazard level before and after",
+            release=after.release, control_lines=after.traces,
+        )  # fmt: skip
+        caption = "Levels of the cells, before they are drawn as zones."
+        moved = difference(before.band(LEVEL, "level"), after.band(LEVEL, "level"))
+        drawn.append(
+            ("hazard_level_change", "Hazard level before and after", caption, moved, picture)
+        )
+    for compared in compared_maps(before, after):
+        old, new = (r.band(compared.stem, compared.band) for r in (before, after))
+        title = f"{compared.title}, before and after"
+        moved = difference(old, new)
+        picture = figures.map_change_figure(
+            grid, old, new, moved,
+            unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
+            release=after.release, title=title, note=_NOTHING,
+        )  # fmt: skip
+        width = f" Width {grid.cell_size:.4g} m (one cell)." if compared is REACH else ""
+        drawn.append((f"{compared.stem}_change", title, _NOTHING + width, moved, picture))
+    return tuple(
+        ReportFigure(
+            title, caption, save_figure(folder, name, picture), _alt(moved, grid.cell_size)
+        )
+        for name, title, caption, moved, picture in drawn
+    )
+
+
+def _alt(change: FloatArray, cell_size: float) -> str:
+    """What three maps of a change show."""
+    higher, lower = ((s * change > 0.0).sum() * cell_size**2 for s in (1.0, -1.0))
+    return (
+        "Three maps: before, after, and the change. "
+        f"Higher on {sensible(float(higher))} m², lower on {sensible(float(lower))} m²."
+    )
+
+
+def change_report(
+    before: StoredResult,
+    after: StoredResult,
+    change: ResultChange,
+    pictures: Sequence[ReportFigure],
+    facts: Mapping[str, Cell],
+) -> ReportContext:
+    """Put the report together.
+
+    Parameters
+    ----------
+    before, after : StoredResult
+    change : ResultChange
+    pictures : sequence of ReportFigure
+        From :func:`change_figures`.
+    facts : mapping of str to Cell
+        Where the numbers come from.
+    """
+    differ = ReportTable(
+        "What differs between the two",
+        (("kind", ""), ("what", ""), ("before", ""), ("after", "")),
+        tuple(
+            (_KINDS.get(d.kind, d.kind), d.name, d.before or "–", d.after or "–")
+            for d in change.differences
+        ),
+        "From the two manifests. Inputs are compared by their content, not by their name.",
+    )
+    tables = [
+        _at_places("At stations and barriers", change.of("control line")),
+        _object_table(change, after),
+        differ if change.differences else None,
+    ]
+    return ReportContext(
+        title=_title(before, after),
+        subtitle="What changes from one result to the other",
+        what_was_run=tuple(
+            (f"{name}: {fact}", text)
+            for name, result in (("Before", before), ("After", after))
+            for fact, text in _facts(result)
+        ),
+        warnings=change.notes,
+        verdict=verdict(change),
+        answer=(ReportAnswer("How sure this is", _sure(change)), _differ(change)),
+        key_results=_key_table(change),
+        figures=tuple(pictures),
+        tables=tuple(t for t in tables if t is not None),
+        provenance=tuple(facts.items()),
+    )
+
+
+def _title(before: StoredResult, after: StoredResult) -> str:
+    names = [
+        str(r.manifest["settings"].get("project", {}).get("name", "")) for r in (before, after)
+    ]
+    return " and ".join(dict.fromkeys(n for n in names if n)) + ": before and after"
+
+
+def _facts(result: StoredResult) -> list[tuple[str, Cell]]:
+    manifest = result.manifest
+    facts: list[tuple[str, Cell]] = [
+        ("folder", result.folder.name),
+        ("program", f"sassgis {manifest['sassgis']}, seed {manifest['seed']}"),
+        ("simulated blocks", int(manifest["counts"]["rocks"])),
+    ]
+    if manifest["preset"]:
+        width = manifest["ref_widths_m"].get("hazard")
+        facts.append(("preset, reference width", f"{manifest['preset']}, {width:g} m"))
+    return facts
+
+
+def verdict(change: ResultChange) -> str:
+    """What changes, in a few sentences."""
+    if all(_same(row) for row in change.rows) and not change.higher_m2 and not change.lower_m2:
+        return "Nothing changes: the two results agree in every number that is compared."
+    area = change.row("map", "area reached")
+    said = [_more("Blocks reach", area.change, "m²", "more", "less", "as much ground as before")]
+    if area.before and area.change:
+        said[0] += f" ({sensible(100.0 * area.change / area.before, 2)} %)"
+    if math.isfinite(change.higher_m2):
+        said.append(
+            f"The hazard level is higher on {sensible(change.higher_m2)} m² and lower on "
+            f"{sensible(change.lower_m2)} m²"
+        )
+    runout = [r for r in change.of("run-out") if r.quantity == "run-out, 95 % quantile"]
+    if runout and math.isfinite(runout[0].change):
+        start = "95 % of the blocks stop within a run-out that is"
+        said.append(_more(start, runout[0].change, "m", "longer", "shorter", "the same"))
+    return ". ".join(said) + "."
+
+
+def _same(row: ChangeRow) -> bool:
+    # "Reached by one only" counts each by itself.
+    if row.quantity == "area reached by one of them only":
+        return row.before == row.after == 0.0
+    return row.before == row.after or (math.isnan(row.before) and math.isnan(row.after))
+
+
+def _more(start: str, change: float, unit: str, more: str, less: str, same: str) -> str:
+    if not change:
+        return f"{start} {same}"
+    return f"{start} {sensible(abs(change))} {unit} {more if change > 0.0 else less}"
+
+
+def _sure(change: ResultChange) -> tuple[str, ...]:
+    return (
+        f"On {sensible(change.certain_m2)} m² the reach probability changes by more than the "
+        "sampling of the blocks explains (95 %, the two samples taken as independent).",
+        "With the same seed and release points the samples are alike, and smaller changes are "
+        "real as well. Errors of the model, its parameters and the onset frequencies are not "
+        "included.",
+    )
+
+
+def _differ(change: ResultChange) -> ReportAnswer:
+    heading = "What differs between the two"
+    if not change.differences:
+        return ReportAnswer(heading, ("Program, settings, inputs and libraries are the same.",))
+    kinds = {
+        kind: [d.name for d in change.differences if d.kind == kind]
+        for kind in dict.fromkeys(d.kind for d in change.differences)
+    }
+    points = [
+        f"{kind if len(names) == 1 else kind + 's'}: {', '.join(names)}"
+        for kind, names in ((_KINDS.get(k, k), n) for k, n in kinds.items())
+        if kind != "library"
+    ]
+    if "library" in kinds:
+        points.append("versions of libraries: " + ", ".join(kinds["library"]))
+    return ReportAnswer(heading, ("The table at the end has the values.",), tuple(points))
+
+
+def _key_table(change: ResultChange) -> ReportTable:
+    rows = [r for part in ("map", "zones", "run-out") for r in change.of(part)]
+    return ReportTable(
+        "Before and after",
+        (("quantity", ""), ("unit", ""), ("before", ""), ("after", ""), ("change", "")),
+        tuple(
+            (
+                f"{r.quantity}: {r.name}" if r.name else r.quantity,
+                r.unit.replace("m2", "m²"), r.before, r.after,
+                None if r.quantity.endswith("them only") else r.change,
+            )
+            for r in rows
+        ),
+        "Areas are those of cells, and of zones as they are drawn. Run-out: chainage of the stops "
+        "that the results keep, fragments and entrained blocks left out.",
+    )  # fmt: skip
+
+
+def _at_places(title: str, rows: Sequence[ChangeRow], note: str = "") -> ReportTable | None:
+    """A row for each place, two columns for each quantity."""
+    if not rows:
+        return None
+    quantities = {r.quantity: r.unit.replace("m2", "m²") for r in rows}
+    names = list(dict.fromkeys(r.name for r in rows))
+    found = {(r.name, r.quantity): r for r in rows}
+    heads: list[tuple[str, str]] = [("name", "")]
+    for quantity, unit in quantities.items():
+        shown = "" if unit in ("1", "class") else unit
+        heads += [(f"{quantity}, before", shown), ("after", shown)]
+    body = []
+    for name in names:
+        cells: list[Cell] = [name]
+        for quantity in quantities:
+            row = found.get((name, quantity))
+            cells += [None, None] if row is None else [row.before, row.after]
+        body.append(tuple(cells))
+    return ReportTable(title, tuple(heads), tuple(body), note)
+
+
+def _object_table(change: ResultChange, after: StoredResult) -> ReportTable | None:
+    table = _at_places(
+        "At exposed objects",
+        change.of("object"),
+        "The largest value over the cells of an object, a road as a whole; 0 where no block "
+        "arrives. Deaths and loss are sums over the object.",
+    )
+    if table is None or LEVEL not in after.maps:
+        return table
+    labels = {c.value: c.label for c in after.maps[LEVEL].classes} | {0: "none"}
+    at = [i for i, (name, _) in enumerate(table.columns) if name == "hazard level, before"]
+    shown = {i for k in at for i in (k, k + 1)}
+    return replace(
+        table,
+        rows=tuple(
+            tuple(
+                labels[int(v)] if i in shown and isinstance(v, float) else v
+                for i, v in enumerate(row)
+            )
+            for row in table.rows
+        ),
+    )

@@ -1,0 +1,202 @@
+"""Compare two results: maps of the change, table, zones, project and report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import sassgis
+from sassgis.hazard.result_change import ResultChange, levels_differ, result_change
+from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
+from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.read.objects import object_cells
+from sassgis.io.read.result_folder import read_result
+from sassgis.io.staging import MANIFEST_NAME, staged_output
+from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.frames import write_table
+from sassgis.io.write.geopackage import write_geopackage
+from sassgis.io.write.layers.change_maps import (
+    change_layers,
+    change_rows_table,
+    difference_table,
+    level_change_layer,
+    zone_changes,
+)
+from sassgis.io.write.layers.terrain_layer import terrain_layer
+from sassgis.io.write.manifest import write_manifest
+from sassgis.io.write.raster import write_raster
+from sassgis.model.exposure import PlacedObjects
+from sassgis.model.results import RasterLayer
+from sassgis.report.change_report import change_figures, change_report
+from sassgis.report.page import write_report
+
+
+def compare(
+    before: str | Path,
+    after: str | Path,
+    out: str | Path,
+    *,
+    overwrite: bool = False,
+    say: Callable[[str], None] | None = None,
+) -> ResultChange:
+    """Compare two results and write what changes.
+
+    Parameters
+    ----------
+    before, after : path
+        Folders that ``run``, ``zone`` or ``batch`` (an area, or the mosaic) wrote.
+    out : path
+        Folder of the comparison; appears whole or not at all.
+    overwrite : bool
+        Whether a result that is there already may be replaced.
+    say : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    ResultChange
+
+    Raises
+    ------
+    InputError
+        If a folder is no result, or the cells of the two do not coincide.
+    OutputError
+    """
+    folders = {"before": Path(before), "after": Path(after)}
+    results = [read_result(folder) for folder in folders.values()]
+    with staged_output(Path(out), overwrite) as work:
+        return write_comparison(
+            work,
+            results[0],
+            results[1],
+            _objects(results),
+            inputs={role: folder / MANIFEST_NAME for role, folder in folders.items()},
+            base=Path(out).absolute().parent,
+            say=say,
+        )
+
+
+def _objects(results: Sequence[StoredResult]) -> PlacedObjects:
+    """The objects of both; one that both have, as the second has it."""
+    first, second = (r.objects for r in results)
+    known = {o.whole for o in second.objects}
+    own = [i for i, o in enumerate(first.objects) if o.whole not in known]
+    return PlacedObjects(
+        (*second.objects, *(first.objects[i] for i in own)),
+        (*second.geometries, *(first.geometries[i] for i in own)),
+    )
+
+
+def write_comparison(
+    work: Path,
+    before: StoredResult,
+    after: StoredResult,
+    placed: PlacedObjects,
+    *,
+    inputs: Mapping[str, Path],
+    base: Path,
+    say: Callable[[str], None] | None = None,
+) -> ResultChange:
+    """Write the comparison of two results into a folder.
+
+    Parameters
+    ----------
+    work : Path
+    before, after : StoredResult
+    placed : PlacedObjects
+        At which the largest values are compared.
+    inputs : mapping of str to Path
+        For the manifest, relative to ``base``.
+    base : Path
+    say : callable, optional
+
+    Raises
+    ------
+    InputError
+        If the cells of the two do not coincide.
+    OutputError
+    """
+    tell = say or (lambda _text: None)
+    whole = before.grid.shape, after.grid.shape
+    before, after = on_common_cells(before, after)
+    notes = []
+    if (before.grid.shape, after.grid.shape) != whole:
+        notes.append(
+            "The results cover different places: maps, zones and objects are compared on the "
+            "common part."
+        )
+        placed = objects_within(placed, after.grid)
+    grid = after.grid
+    cells, owner = object_cells(placed, grid)
+    names = list(dict.fromkeys(o.whole for o in placed.objects))
+    number = {name: i for i, name in enumerate(names)}
+    of_whole = [number[o.whole] for o in placed.objects]
+    owner[:] = [of_whole[i] for i in owner.tolist()]
+    change = result_change(before, after, (names, cells, owner), notes)
+    levels = not levels_differ(before, after)
+    tell("Writing the maps of the change")
+    maps = change_layers(before, after)
+    if levels:
+        maps = (level_change_layer(before, after), *maps)
+    terrain = terrain_layer(grid)
+    for layer in (*maps, terrain):
+        write_raster(layer, grid, work / "maps")
+    zones = zone_changes(before, after) if levels else None
+    if zones is not None:
+        write_geopackage(work / "changes.gpkg", [zones[0]])
+        write_table(work / "tables" / "level_changes.csv", [zones[1]])
+    write_table(work / "tables" / "changes.csv", [change_rows_table(change.rows)])
+    write_table(work / "tables" / "differences.csv", [difference_table(change.differences)])
+    _project(work, after, maps, terrain, None if zones is None else zones[0])
+    tell("Drawing the figures")
+    pictures = change_figures(before, after, work / "figures", levels=levels)
+    facts = {"Program": f"sassgis {sassgis.__version__}"} | {
+        f"Settings {name} (SHA-256)": str(r.manifest.get("settings_sha256", ""))
+        for name, r in (("before", before), ("after", after))
+    }
+    write_report(work / "report.html", change_report(before, after, change, pictures, facts))
+    write_manifest(
+        work / MANIFEST_NAME,
+        inputs=inputs,
+        base=base,
+        crs=grid.crs,
+        vertical_datum=grid.vertical_datum,
+        seed=int(after.manifest["seed"]),
+        ref_widths_m=after.manifest["ref_widths_m"],
+        preset=str(after.manifest["preset"]),
+        settings={"before": before.manifest["settings"], "after": after.manifest["settings"]},
+        counts={
+            "rocks_before": int(before.manifest["counts"]["rocks"]),
+            "rocks_after": int(after.manifest["counts"]["rocks"]),
+        },
+        warnings=change.notes,
+    )
+    return change
+
+
+def _project(
+    work: Path,
+    after: StoredResult,
+    maps: Sequence[RasterLayer],
+    terrain: RasterLayer,
+    zones: VectorLayer | None,
+) -> None:
+    """Changed zones and the maps of the change over the relief."""
+    entries = tuple(
+        LayerEntry(layer, f"maps/{layer.stem}.tif", visible=i == 0 and zones is None)
+        for i, layer in enumerate(maps)
+    )
+    changed = () if zones is None else (LayerEntry(zones, "changes.gpkg"),)
+    groups = [
+        LayerGroup("Zones", changed),
+        LayerGroup("Change, after less before", entries, exclusive=True),
+        LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
+    ]
+    write_project(
+        work / "project.qgz",
+        title=f"{after.title}: before and after",
+        crs=after.grid.crs,
+        groups=[group for group in groups if group.layers],
+        extent=after.grid.bounds,
+        abstract="What changes from one result to another.",
+    )
