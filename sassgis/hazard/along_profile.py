@@ -95,6 +95,8 @@ class LinePaths:
     area, scenario : str
     s, z : float64, shape (n,)
         Chainage and height of the profile (m).
+    x, y : float64, shape (n,)
+        Where the profile runs on the map (m).
     ground : int64, shape (n,)
         Ground class of the segment that starts at each vertex.
     ground_names : sequence of str
@@ -109,6 +111,8 @@ class LinePaths:
     scenario: str
     s: FloatArray
     z: FloatArray
+    x: FloatArray
+    y: FloatArray
     ground: IntArray
     ground_names: Sequence[str]
     control_lines: tuple[tuple[ControlLine, float], ...]

@@ -20,7 +20,7 @@ _ZONE = Symbol("fill", "#808080", opacity=ZONE_OPACITY, outline="#4d4d4d", outli
 #: What barriers make of the level of a place: label and colour. Green and purple stand apart for
 #: all common kinds of colour vision, and are no colours of levels.
 LEVEL_CHANGES: Mapping[str, tuple[str, str]] = {
-    "lower": ("Lower level", "#1b7837"),
+    "lower": ("Lower level", "#7fbf7b"),
     "same": ("Same level", "#f7f7f7"),
     "higher": ("Higher level", "#762a83"),
 }

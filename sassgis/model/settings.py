@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -25,6 +26,7 @@ from sassgis.model.declared import (
 from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
+from sassgis.model.languages import Language
 from sassgis.model.results import ControlLine
 
 #: The cantons, and Liechtenstein, as the federal model 166.1 names them.
@@ -36,9 +38,30 @@ Canton = Literal[
 
 @dataclass(frozen=True, slots=True)
 class ProjectSettings(Section):
-    """Title of the project."""
+    """Title of the project and who answers for it, on map sheets and in the report."""
 
     name: Annotated[Text, "title on maps and in the report"] = "rockfall"
+    author: Annotated[Text | None, "who made it", Example("A. Name, Office")] = None
+    contact: Annotated[Text | None, "where to ask: an address", Example("office@example.org")] = (
+        None
+    )
+    rights: Annotated[Text | None, "rights and sources of the terrain", Example("© swisstopo")] = (
+        None
+    )
+    date: Annotated[
+        Text | None, "date, as 2026-01-31; default: the day of the run", Example("2026-01-31")
+    ] = None
+    language: Annotated[
+        Language, "of legends, map sheets, figures and report: English, German, French, Italian"
+    ] = "en"
+
+    def _fits_together(self) -> None:
+        try:
+            date.fromisoformat(self.date or "2026-01-31")
+        except ValueError:
+            raise ConfigError(
+                "is no date", field="date", found=self.date, expected="year-month-day: 2026-01-31"
+            ) from None
 
 
 @dataclass(frozen=True, slots=True)

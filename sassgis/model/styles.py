@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
+from sassgis.model.languages import said
 from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterClass
 
@@ -139,6 +140,8 @@ class VectorStyle:
         Ranges ascending.
     label_column : str
         Whose text is written beside the feature; empty for none.
+    smallest_scale : float
+        Denominator of the smallest scale at which the layer is drawn; 0: at all.
     """
 
     symbol: Symbol
@@ -146,6 +149,7 @@ class VectorStyle:
     column: str = ""
     classes: tuple[StyleClass, ...] = field(default=())
     label_column: str = ""
+    smallest_scale: float = 0.0
 
     def __post_init__(self) -> None:
         if (self.method == "simple") != (not self.classes):
@@ -218,7 +222,7 @@ def class_tint(entry: RasterClass) -> str:
 
 def class_name(entry: RasterClass) -> str:
     """Legend text of a class on a raster; it says where a pale tint represents a hatch."""
-    return f"{entry.label} (pale)" if entry.hatched else entry.label
+    return f"{entry.label} ({said('pale')})" if entry.hatched else entry.label
 
 
 def with_unit(text: str, unit: str) -> str:
@@ -246,7 +250,10 @@ def zero_is_nothing(unit: str) -> bool:
 
 
 def categorised_style(
-    symbol: Symbol, column: str, entries: Mapping[str | int, tuple[str, str]]
+    symbol: Symbol,
+    column: str,
+    entries: Mapping[str | int, tuple[str, str]],
+    smallest_scale: float = 0.0,
 ) -> VectorStyle:
     """One colour per value.
 
@@ -256,6 +263,7 @@ def categorised_style(
         Its colour is replaced by that of each entry.
     column : str
     entries : mapping of value to (label, ``#rrggbb``)
+    smallest_scale : float
 
     Returns
     -------
@@ -269,6 +277,7 @@ def categorised_style(
             StyleClass(label, replace(symbol, colour=colour), value=value)
             for value, (label, colour) in entries.items()
         ),
+        smallest_scale=smallest_scale,
     )
 
 
@@ -310,12 +319,18 @@ RELEASE_AREA_STYLE = VectorStyle(
     Symbol("fill", "#6a3d9a", opacity=0.0, outline="#4a1486", outline_mm=0.5),
     label_column="name",
 )
+#: Single points and lines would run into one another on smaller scales.
+SINGLE_SCALE = 25_000.0
 RELEASE_POINT_STYLE = VectorStyle(
-    Symbol("marker", "#6a3d9a", size_mm=1.6, outline="#ffffff", outline_mm=0.15, shape="triangle")
+    Symbol("marker", "#6a3d9a", size_mm=1.6, outline="#ffffff", outline_mm=0.15, shape="triangle"),
+    smallest_scale=SINGLE_SCALE,
 )
-FALL_LINE_STYLE = VectorStyle(Symbol("line", "#404040", opacity=0.7, size_mm=0.2))
+FALL_LINE_STYLE = VectorStyle(
+    Symbol("line", "#404040", opacity=0.7, size_mm=0.2), smallest_scale=SINGLE_SCALE
+)
 STOP_STYLE = VectorStyle(
-    Symbol("marker", "#1a1a1a", opacity=0.8, size_mm=1.2, outline="#ffffff", outline_mm=0.1)
+    Symbol("marker", "#1a1a1a", opacity=0.8, size_mm=1.2, outline="#ffffff", outline_mm=0.1),
+    smallest_scale=SINGLE_SCALE,
 )
 STATION_STYLE = VectorStyle(
     Symbol("line", "#08519c", size_mm=0.5, dash="dash"), label_column="name"

@@ -18,7 +18,10 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import TraceSet
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
+from sassgis.report.alt_text import map_alt, path_alt, station_alt
+from sassgis.report.figures.map_marks import MapObject
 from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable
+from sassgis.report.run_summary import runout_words
 from sassgis.terrain.plan import Plan
 
 
@@ -222,6 +225,7 @@ def map_report(
     warnings: Sequence[str],
     facts: Mapping[str, object],
     folder: Path,
+    objects: Sequence[MapObject] = (),
 ) -> ReportContext:
     """Draw the figures of a run into ``folder`` and put the report together.
 
@@ -237,6 +241,8 @@ def map_report(
         As in the GeoPackage, the names "terrain_file" and "config_file", and "tolerance_check" if
         there was one.
     folder : Path
+    objects : sequence of (name, geometry)
+        Exposed objects, drawn on the maps.
     """
     outlines = release_outlines(run)
     control_lines: list[tuple[str, str, FloatArray]] = [
@@ -251,10 +257,10 @@ def map_report(
             layer = by_stem[stem]
             figure = figures.map_figure(
                 run.grid, layer, release=outlines, control_lines=control_lines,
-                lines=_drawn_lines(progress) if stem == "stops" else None,
+                lines=_drawn_lines(progress) if stem == "stops" else None, objects=objects,
             )  # fmt: skip
             png = save_figure(folder, f"map_{stem}", figure)
-            pictures.append(ReportFigure(layer.title, layer.note, png))
+            pictures.append(ReportFigure(layer.title, layer.note, png, map_alt(run.grid, layer)))
         if furthest is not None:
             figure = line_figure(furthest)
             pictures.append(
@@ -262,6 +268,7 @@ def map_report(
                     "A path of blocks and the terrain under it",
                     "Flattened into one vertical plane. Walls and nets at their true height.",
                     save_figure(folder, "profile_furthest", figure),
+                    path_alt(furthest),
                 )
             )
         pictures.append(
@@ -269,8 +276,10 @@ def map_report(
                 "Run-out",
                 "Chainage in plan along the path at which blocks stop, by stopping reason.",
                 save_figure(folder, "runout", runout_counts(progress)),
+                f"Histogram: {runout_words(progress)}.",
             )
         )
+    rows = {str(row["name"]): row for row in control_line_rows(progress.control_lines)}
     drawn = station_figures(progress.control_lines, total)
     for (name, figure), stem in zip(drawn, file_stems([n for n, _ in drawn]), strict=True):
         pictures.append(
@@ -278,6 +287,7 @@ def map_report(
                 f"At {name}",
                 "First downhill passage of each block.",
                 save_figure(folder, f"station_{stem}", figure),
+                station_alt(rows[name]),
             )
         )
     ends = stopping_reasons(progress.reasons)

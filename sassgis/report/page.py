@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from os import PathLike
@@ -15,6 +16,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
+from sassgis.model.languages import said, spoken
 from sassgis.report.number_text import power_of_ten
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
@@ -33,7 +35,7 @@ class ReportFigure:
     png : bytes
         The picture, as ``sassgis.report.figures.to_png`` gives it.
     alt : str
-        Words for those who cannot see it; default: the title.
+        What is seen, for those who cannot see it; default: the title.
     """
 
     title: str
@@ -97,10 +99,14 @@ class ReportContext:
     title, subtitle : str
     what_was_run : tuple of (name, value)
         Terrain, release areas, blocks, number of blocks, settings.
+    byline : tuple of str
+        Who made it, when, with which program; below the title.
+    summary : tuple of (name, value)
+        The answer in a box at the top: a line each.
     warnings : tuple of str
-        What a reader must know before trusting the numbers; shown first.
+        What a reader must know before trusting the numbers; follows the box.
     verdict : str
-        The answer in a sentence; stands above all but the warnings.
+        The answer in a sentence; stands above all but the box and the warnings.
     answer : tuple of ReportAnswer
         What follows from it, in plain words.
     key_results : ReportTable, optional
@@ -108,12 +114,12 @@ class ReportContext:
     tables : tuple of ReportTable
     provenance : tuple of (name, value)
         Version, seed, hash of the inputs, input files.
-    language : str
-        Language of the text, as HTML names it.
     """
 
     title: str
     subtitle: str = ""
+    byline: tuple[str, ...] = ()
+    summary: tuple[tuple[str, Cell], ...] = ()
     what_was_run: tuple[tuple[str, Cell], ...] = ()
     warnings: tuple[str, ...] = ()
     verdict: str = ""
@@ -122,7 +128,6 @@ class ReportContext:
     figures: tuple[ReportFigure, ...] = ()
     tables: tuple[ReportTable, ...] = ()
     provenance: tuple[tuple[str, Cell], ...] = ()
-    language: str = "en"
 
 
 def sensible(value: Cell, digits: int = 3) -> str:
@@ -143,7 +148,7 @@ def sensible(value: Cell, digits: int = 3) -> str:
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return said("yes" if value else "no")
     number = float(value)
     if math.isnan(number):
         return "–"
@@ -191,6 +196,8 @@ def _template() -> Template:
     )
     environment.filters["sensible"] = sensible
     environment.filters["data_uri"] = _data_uri
+    # A function: jinja computes filters of constants once, whatever the language is then.
+    environment.globals["said"] = said
     environment.filters["number_columns"] = number_columns
     source = files("sassgis.data").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(source)
@@ -208,7 +215,54 @@ def render_report(context: ReportContext) -> str:
     str
         A whole page: styles and pictures inside, no scripts, nothing fetched from elsewhere.
     """
-    return _template().render(report=context)
+    return _template().render(report=_said_context(context), language=spoken())
+
+
+def _said_context(context: ReportContext) -> ReportContext:
+    """What the report says in the language in which the program writes; its title is the user's."""
+    if spoken() == "en":
+        return context
+    results = context.key_results
+    return replace(
+        context,
+        subtitle=said(context.subtitle),
+        summary=_said_pairs(context.summary),
+        what_was_run=_said_pairs(context.what_was_run),
+        warnings=tuple(said(text) for text in context.warnings),
+        key_results=None if results is None else _said_table(results),
+        figures=tuple(
+            replace(f, title=said(f.title), caption=said(f.caption), alt=said(f.alt))
+            for f in context.figures
+        ),
+        tables=tuple(_said_table(table) for table in context.tables),
+        provenance=tuple((said(name), value) for name, value in context.provenance),
+    )
+
+
+def _said_pairs(pairs: Sequence[tuple[str, Cell]]) -> tuple[tuple[str, Cell], ...]:
+    return tuple((said(name), _said_cell(value)) for name, value in pairs)
+
+
+def _said_cell(cell: Cell) -> Cell:
+    return said(cell) if isinstance(cell, str) else cell
+
+
+def _said_table(table: ReportTable) -> ReportTable:
+    """A table; sources stay in the words of their publication."""
+    sources = [name == "source" for name, _ in table.columns]
+    return replace(
+        table,
+        title=said(table.title),
+        columns=tuple((said(name), said(unit)) for name, unit in table.columns),
+        rows=tuple(
+            tuple(
+                cell if source else _said_cell(cell)
+                for cell, source in zip(row, sources, strict=True)
+            )
+            for row in table.rows
+        ),
+        note=said(table.note),
+    )
 
 
 def write_report(path: str | PathLike[str], context: ReportContext) -> Path:

@@ -13,13 +13,16 @@ from matplotlib.figure import Figure
 from sassgis.hazard.assess import Assessment, Hazard, Rules, raster
 from sassgis.hazard.curves import source_rate
 from sassgis.hazard.levels import hazard_level
+from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
+from sassgis.report.alt_text import map_alt
+from sassgis.report.exposed_report import map_objects
 from sassgis.report.map_report import release_outlines, save_figure
-from sassgis.report.page import ReportFigure
+from sassgis.report.page import ReportFigure, sensible
 
 
 def rings(coverage: Coverage) -> list[FloatArray]:
@@ -87,14 +90,17 @@ def zone_figures(
     around: dict[str, Any] = {
         "release": release_outlines(run),
         "control_lines": [(line.name, line.kind, trace) for line, trace in run.control_lines],
+        "objects": map_objects(rules.placed),
     }
     width = f"Reference width {rules.ref_width_m:.4g} m."
-    drawn: list[tuple[str, str, str, Figure]] = [
+    intensities = [m for m in maps if m.stem.startswith("intensity")]
+    drawn: list[tuple[str, str, str, str, Figure]] = [
         (
             "hazard_level",
             "Hazard zones",
             f"Preset {rules.preset.name}: {rules.preset.title}. Cells, and the zones drawn around "
             f"them, which are never lower. {width}",
+            map_alt(grid, by_stem["hazard_level"]),
             figures.map_figure(
                 grid, by_stem["hazard_level"], zones=rings(hazard.levels), note=width, **around
             ),
@@ -103,9 +109,8 @@ def zone_figures(
             "intensity",
             "Intensity by return period",
             f"Strongest intensity that is reached at least once in the return period. {width}",
-            figures.intensity_figure(
-                grid, [m for m in maps if m.stem.startswith("intensity")], note=width, **around
-            ),
+            " ".join(map_alt(grid, layer) for layer in intensities),
+            figures.intensity_figure(grid, intensities, note=width, **around),
         ),
         (
             "confidence",
@@ -113,6 +118,7 @@ def zone_figures(
             f"Cells whose level changes within the {100 * confidence:g} % interval "
             "of the sampling of blocks. More blocks settle them; other frequencies or ground "
             "values may change any cell.",
+            map_alt(grid, by_stem["confidence"]),
             figures.confidence_figure(
                 grid,
                 by_stem["hazard_level"],
@@ -130,6 +136,10 @@ def zone_figures(
                 "barriers",
                 "What walls and nets change",
                 "Hazard level of the cells without and with walls and nets, from the same blocks.",
+                " ".join(
+                    f"{words}: {map_alt(grid, layer)}"
+                    for words, layer in zip(("Without", "With"), layers, strict=True)
+                ),
                 figures.change_figure(
                     grid, *layers, names=("Without walls and nets", "With them"), note=width,
                     **around,
@@ -142,6 +152,7 @@ def zone_figures(
             "A hazard curve",
             "At the cell that most sources reach. The level is the highest field that the curve "
             f"crosses. {width}",
+            _curve_alt(hazard, place, rules),
             figures.hazard_curve_figure(
                 hazard.curves, place, rules.preset, by_source=curves_at(hazard, place),
                 confidence=confidence, note=_where(hazard, place, grid),
@@ -159,6 +170,7 @@ def zone_figures(
                     f"Risk: {quantity}",
                     "Objects with the largest values, with the 95 % interval of the sampling of "
                     "blocks (at most). Values and vulnerability are the user's.",
+                    _risk_alt(found.risk, quantity, unit),
                     figures.risk_figure(
                         [o.name for o in found.risk.objects], values,
                         found.risk.standard_error(quantity), quantity=quantity, unit=unit,
@@ -166,6 +178,24 @@ def zone_figures(
                 )
             )  # fmt: skip
     return tuple(
-        ReportFigure(title, caption, save_figure(folder, name, figure))
-        for name, title, caption, figure in drawn
+        ReportFigure(title, caption, save_figure(folder, name, figure), alt)
+        for name, title, caption, alt, figure in drawn
     )
+
+
+def _curve_alt(hazard: Hazard, place: int, rules: Rules) -> str:
+    """The rates of a hazard curve at the limits of intensity."""
+    curves = hazard.curves
+    parts = (
+        f"{sensible(curves.rate[place, curves.column(e)])} of {e:g} kJ and more"
+        for e in rules.preset.thresholds_kj
+    )
+    return f"Falling curve. Blocks per year: {', '.join(parts)}."
+
+
+def _risk_alt(risk: RiskTable, quantity: str, unit: str) -> str:
+    """The objects with the largest values."""
+    values = risk.of_object(quantity)
+    first = np.argsort(-values, kind="stable")[:3]
+    parts = (f"{risk.objects[i].name} {sensible(values[i])} {unit}" for i in first if values[i] > 0)
+    return f"Bars, the largest first: {', '.join(parts)}."

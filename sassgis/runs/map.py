@@ -225,7 +225,8 @@ def paths_on_line(
     starts = take(planned.starts, np.array([point]))
     bundle = trace_lines(run, planned.surface, starts, repetition)
     chosen = np.arange(len(bundle)) == member
-    prepared = prepare_lines(run, take_lines(bundle, chosen))
+    line_on_map = take_lines(bundle, chosen)
+    prepared = prepare_lines(run, line_on_map)
     if not len(prepared):
         raise InputError("this fall line is too short for a profile")
     blocks = run.blocks[scenario]
@@ -244,6 +245,8 @@ def paths_on_line(
         scenario=blocks.name,
         s=s,
         z=z,
+        x=np.interp(s, line_on_map.s, line_on_map.x),
+        y=np.interp(s, line_on_map.s, line_on_map.y),
         ground=prepared.flat.ground.astype(np.int64),
         ground_names=run.table.names,
         control_lines=tuple(
@@ -253,6 +256,22 @@ def paths_on_line(
         paths=tuple(trajectory(c, run.engine.gravity_mps2) for c in result.event_logs),
         stops=result.rocks["runout_m"],
     )
+
+
+def some_paths(run: MapRun, planned: Plan, most: int = 40) -> list[LinePaths]:
+    """Paths of the first block of some release points, evenly chosen; not the shortest."""
+    points = np.unique(np.linspace(0, len(planned.points) - 1, most).astype(int))
+    out = []
+    for number, point in enumerate(points):
+        scenarios = planned.scenarios[planned.points.area[point]]
+        scenario = scenarios[number % len(scenarios)]
+        try:
+            shown = paths_on_line(run, planned, int(point) * run.lines_per_point, scenario, 0)
+        except InputError:
+            continue
+        if shown is not None:
+            out.append(shown)
+    return out
 
 
 def _followed_path(
@@ -289,6 +308,8 @@ def _followed_path(
         scenario=blocks.name,
         s=s,
         z=z,
+        x=np.interp(s, path.s, path.x),
+        y=np.interp(s, path.s, path.y),
         ground=flat.ground.astype(np.int64),
         ground_names=run.table.names,
         control_lines=tuple(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,21 @@ from sassgis.hazard.along_profile import ProfileResult
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import line_ends, sample_of
+from sassgis.hazard.reach_angles import reach_angles
 from sassgis.hazard.warnings import rule_warnings, zone_warnings
 from sassgis.io.qgis.layout import PrintLayout
 from sassgis.io.qgis.project import LayerGroup
-from sassgis.io.qgis.run_project import write_run_project, zone_groups, zone_layouts
+from sassgis.io.qgis.run_project import (
+    SheetWords,
+    reached_extent,
+    run_layouts,
+    sheet_words,
+    write_run_project,
+    zone_groups,
+    zone_layouts,
+)
 from sassgis.io.read.config import resolved, settings_hash
+from sassgis.io.read.objects import object_cells
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import (
     passage_frame,
@@ -27,6 +38,7 @@ from sassgis.io.write.frames import (
 )
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers import run_vectors
+from sassgis.io.write.layers.exposed_objects import exposed_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.io.write.layers.risk_objects import risk_frames, risk_vectors
@@ -45,18 +57,24 @@ from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
 from sassgis.model.crs import crs_name
+from sassgis.model.exposure import PlacedObjects
+from sassgis.model.languages import speaking
+from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
-from sassgis.report.map_report import map_report
+from sassgis.report.exposed_report import exposed_table, levels_of, map_objects
+from sassgis.report.map_report import map_report, release_outlines
 from sassgis.report.page import ReportFigure, ReportTable, write_report
+from sassgis.report.path_page import write_path_page
 from sassgis.report.profile_report import profile_report
+from sassgis.report.run_summary import object_lines, run_lines, zone_lines
 from sassgis.report.zone_figures import zone_figures
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_tables
 from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.inputs import input_files
 from sassgis.runs.job import Simulation
-from sassgis.runs.map import paths_on_line
+from sassgis.runs.map import paths_on_line, some_paths
 from sassgis.runs.path_sample import sample_paths
 
 
@@ -71,7 +89,8 @@ class Extras:
         Written to ``hazard.gpkg``.
     groups : tuple of LayerGroup
         On top of the project.
-    layouts : tuple of PrintLayout
+    layouts : callable
+        Gives its map sheets from what every sheet says.
     figures : tuple of ReportFigure
     key_results : ReportTable or None
         Heads the report, in place of the stopping reasons.
@@ -85,6 +104,12 @@ class Extras:
     inputs : dict of str to Path
         Files that were read besides those of the run.
     warnings : tuple of str
+    placed : PlacedObjects
+        Exposed objects, drawn on the maps.
+    levels : dict of str to str
+        The hazard level of each of them by its name; empty without zones.
+    summary : tuple of (str, str)
+        Added to the answer in short.
     preset : str
     ref_widths_m : dict of str to float
         Reference widths besides that of the reach probability (m).
@@ -93,7 +118,7 @@ class Extras:
     layers: tuple[RasterLayer, ...] = ()
     vectors: tuple[VectorLayer, ...] = ()
     groups: tuple[LayerGroup, ...] = ()
-    layouts: tuple[PrintLayout, ...] = ()
+    layouts: Callable[[SheetWords], tuple[PrintLayout, ...]] = lambda _words: ()
     figures: tuple[ReportFigure, ...] = ()
     key_results: ReportTable | None = None
     tables: tuple[ReportTable, ...] = ()
@@ -102,6 +127,9 @@ class Extras:
     frames: dict[str, Any] = field(default_factory=dict)
     inputs: dict[str, Path] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    placed: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
+    levels: dict[str, str] = field(default_factory=dict)
+    summary: tuple[tuple[str, str], ...] = ()
     preset: str = ""
     ref_widths_m: dict[str, float] = field(default_factory=dict)
 
@@ -131,7 +159,17 @@ def publish_map(
     tuple of RasterLayer
         The maps of the blocks.
     """
-    extras = extras or Extras()
+    with speaking(done.config.project.language):
+        return _publish_map(work, done, areas, tell, extras or Extras())
+
+
+def _publish_map(
+    work: Path,
+    done: Simulation,
+    areas: Sequence[str] | None,
+    tell: Callable[[str], None],
+    extras: Extras,
+) -> tuple[RasterLayer, ...]:
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     warnings = [*extras.warnings, *done.warnings]
@@ -147,7 +185,10 @@ def publish_map(
     terrain = terrain_layer(run.grid)
     for layer in (*extras.layers, *layers, terrain):
         write_raster(layer, run.grid, work / "maps")
-    vectors = run_vectors.all_layers(run, planned, progress, layers)
+    vectors = [
+        *run_vectors.all_layers(run, planned, progress, layers),
+        *exposed_layers(extras.placed, run.grid.crs),
+    ]
     paths = sample_paths(run, planned, config.output.paths_max)
     if paths:
         vectors.append(run_vectors.block_paths(paths, run.grid.crs))
@@ -156,10 +197,14 @@ def publish_map(
     write_geopackage(work / "result.gpkg", vectors, facts)
     if extras.vectors:
         write_geopackage(work / "hazard.gpkg", extras.vectors, facts)
-    write_run_project(
-        work, config.project.name, run.grid, layers, terrain, vectors, extras.groups,
-        extras.layouts,
+    imprint = replace(config.project, date=made_on(config))
+    words = sheet_words(
+        run, int(progress.reasons.sum()), imprint, terrain_file=config.dem_path.name,
+        program=f"sassgis {sassgis.__version__}", vectors=vectors,
+        extent=reached_extent(layers, run.grid),
     )  # fmt: skip
+    sheets = (*extras.layouts(words), *run_layouts(words, layers))
+    write_run_project(work, imprint, run.grid, layers, terrain, vectors, extras.groups, sheets)
     _write_tables(work / "tables", done, extras.frames, tell)
     tell("Drawing the figures")
     shown = (
@@ -169,17 +214,27 @@ def publish_map(
     if done.tolerance is not None:
         named["tolerance_check"] = done.tolerance.sentence()
     context = map_report(
-        run, planned, progress, layers, shown, warnings, facts | named, work / "figures"
-    )
+        run, planned, progress, layers, shown, warnings, facts | named, work / "figures",
+        map_objects(extras.placed),
+    )  # fmt: skip
+    exposed = _exposed(run, layers, extras)
     first = () if extras.key_results is None else (context.key_results,)
     context = replace(
         context,
+        byline=_byline(config),
+        summary=(
+            *extras.summary[:1],
+            *run_lines(progress, reach_angles(run, planned, progress)),
+            *object_lines(exposed),
+            *extras.summary[1:],
+        ),
         key_results=extras.key_results or context.key_results,
         figures=(*extras.figures, *context.figures),
-        tables=(*extras.tables, *first, *context.tables),
+        tables=(exposed, *extras.tables, *first, *context.tables),
         what_was_run=(*extras.described, *context.what_was_run),
     )
     write_report(work / "report.html", context)
+    _write_paths(work / "paths.html", done, extras, layers)
     write_manifest(
         work / "manifest.json",
         inputs=input_files(config) | extras.inputs,
@@ -197,6 +252,43 @@ def publish_map(
         checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
     )
     return layers
+
+
+def _exposed(run: MapRun, layers: tuple[RasterLayer, ...], extras: Extras) -> ReportTable:
+    """What reaches the exposed objects; without rows where there are none."""
+    placed = extras.placed
+    cells = (
+        ObjectCells(len(placed), *object_cells(placed, run.grid))
+        if len(placed)
+        else ObjectCells.none()
+    )
+    return exposed_table(placed, cells, layers, extras.levels)
+
+
+def _write_paths(
+    file: Path, done: Simulation, extras: Extras, layers: tuple[RasterLayer, ...]
+) -> None:
+    """Write the page on which paths can be followed, if any block moved."""
+    paths = some_paths(done.run, done.planned)
+    if not paths:
+        return
+    by_stem = {layer.stem: layer for layer in (*layers, *extras.layers)}
+    shown = by_stem.get("hazard_level", by_stem["energy"])
+    outlines, objects = release_outlines(done.run), map_objects(extras.placed)
+    write_path_page(file, done.config.project.name, done.run, shown, paths, outlines, objects)
+
+
+def made_on(config: Config) -> str:
+    """The date on sheets and in the report: that of the configuration, or today."""
+    return config.project.date or date.today().isoformat()
+
+
+def _byline(config: Config) -> tuple[str, ...]:
+    """Who made it, when, with which program; where to ask; whose data."""
+    project = config.project
+    parts = (project.author, made_on(config), f"sassgis {sassgis.__version__}", project.contact,
+             project.rights)  # fmt: skip
+    return tuple(part for part in parts if part)
 
 
 def _counts(done: Simulation) -> dict[str, int]:
@@ -251,6 +343,11 @@ def _write_tables(
 
 def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
     """Everything that zoning adds to a result; figures are drawn into the folder ``figures``."""
+    with speaking(done.config.project.language):
+        return _zone_extras(rules, found, done, figures)
+
+
+def _zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard = found.hazard
@@ -289,17 +386,16 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             without = risk_frames(found.risk_without, currency)
             frames |= {f"{name}_without_barriers": frame for name, frame in without.items()}
     federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
-    rocks = int(done.progress.reasons.sum())
-    title, terrain_file = config.project.name, config.dem_path.name
+    levels = level_table(preset, found)
     return Extras(
         layers=maps,
         vectors=(*own, *risk, *federal),
         groups=zone_groups(maps, own, risk, federal),
-        layouts=zone_layouts(run, rocks, rules, found, title=title, terrain_file=terrain_file),
+        layouts=lambda words: zone_layouts(words, rules, found, risk, grid),
         figures=zone_figures(
             run, rules, found, maps, figures, confidence=confidence, currency=currency
         ),
-        key_results=level_table(preset, found),
+        key_results=levels,
         tables=zone_tables(
             preset, found, sources, design, return_periods_years=periods, currency=currency
         ),
@@ -321,6 +417,9 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
                 config.hazard.repetitions_max,
             ),
         ),
+        placed=rules.placed,
+        levels=levels_of(rules.placed, hazard.levels, preset.levels),
+        summary=zone_lines(levels, found, currency),
         preset=preset.name,
         ref_widths_m={"hazard": rules.ref_width_m},
     )
@@ -357,6 +456,18 @@ def publish_profile(
     seed : int
         As used.
     """
+    with speaking(config.project.language):
+        _publish_profile(work, config, result, warnings, csv_file, seed)
+
+
+def _publish_profile(
+    work: Path,
+    config: Config,
+    result: ProfileResult,
+    warnings: Sequence[str],
+    csv_file: Path | None,
+    seed: int,
+) -> None:
     scenarios = [b.name for b in config.blocks]
     tables = work / "tables"
     write_table(tables / "rocks.csv", [profile_rock_frame(result, scenarios)])

@@ -11,8 +11,9 @@ from sassgis.io.staging import staged_output
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
+from sassgis.runs.inputs import collected_notices, placed_objects
 from sassgis.runs.job import OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import publish_map
+from sassgis.runs.publish import Extras, publish_map
 from sassgis.runs.workers import Jobs
 from sassgis.terrain.plan import Plan
 
@@ -90,15 +91,19 @@ def run(
     config = configured(config, seed)
     tell = say or (lambda _text: None)
     with staged_output(Path(out), overwrite) as work:
+        job = read_job(config, areas, tell)
+        # Read before the blocks are simulated: an error should not come at the end.
+        with collected_notices():
+            placed = placed_objects(config, job.run.grid)
         simulation = simulate_config(
             config,
             work,
-            read_job(config, areas, tell),
+            job,
             jobs=jobs,
             on_progress=on_progress,
             tell=tell,
         )
-        layers = publish_map(work, simulation, areas, tell)
+        layers = publish_map(work, simulation, areas, tell, Extras(placed=placed))
     return result_of(Path(out), simulation, layers)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from sassgis.model.errors import OutputError
+from sassgis.model.languages import speaking
 from sassgis.report.figures import runout_figure, to_png
 from sassgis.report.page import (
     ReportContext,
@@ -64,6 +65,8 @@ TABLE = ReportTable(
 FULL = ReportContext(
     title="Bedrina 1",
     subtitle="100 000 rocks",
+    byline=("A. Author", "2026-01-31"),
+    summary=(("Energy at objects", "12 kJ"),),
     what_was_run=(("Rocks", 100_000),),
     warnings=("12 rocks left the profile",),
     key_results=TABLE,
@@ -73,13 +76,16 @@ FULL = ReportContext(
 )
 
 
-def test_full_report_says_everything_warnings_first() -> None:
+def test_full_report_says_everything_the_answer_first_and_then_the_warnings() -> None:
     text = Page(render_report(FULL)).text
     order = [
         "Bedrina 1 100 000 rocks",
+        "A. Author · 2026-01-31",
+        "In short",
+        "Energy at objects 12 kJ",
         "Read this first",
         "12 rocks left the profile",
-        "Main results",
+        "Contents Main results What was computed Figures Run-out Tables Stations",
         "Over the rocks that pass.",
         "What was computed",
         "Figure 1. Run-out.",
@@ -87,8 +93,9 @@ def test_full_report_says_everything_warnings_first() -> None:
         "Table 1. Stations",
         "How to repeat this run",
     ]
-    places = [text.index(part) for part in order]
-    assert places == sorted(places)
+    places = []
+    for part in order:
+        places.append(text.index(part, places[-1] if places else 0))
     assert "energy, 95 % kJ" in text
     assert "road 812 1\u2009234" in text
     assert "camera 2 – 7" in text
@@ -114,6 +121,8 @@ def test_everything_from_outside_is_escaped() -> None:
         ReportContext(
             title=evil,
             subtitle=evil,
+            byline=(evil,),
+            summary=((evil, evil),),
             what_was_run=((evil, evil),),
             warnings=(evil,),
             key_results=table,
@@ -125,7 +134,7 @@ def test_everything_from_outside_is_escaped() -> None:
     parsed = Page(page)
     assert "script" not in parsed.tags
     assert not [name for name, _ in parsed.attributes if name.startswith("on")]
-    assert parsed.text.count(evil) == 20
+    assert parsed.text.count(evil) == 25
     assert parsed.open == []
 
 
@@ -134,7 +143,9 @@ def test_nothing_is_fetched_from_elsewhere() -> None:
     parsed = Page(page)
     assert not {"script", "link", "iframe", "object", "base", "form"} & set(parsed.tags)
     for name, value in parsed.attributes:
-        if name in {"src", "href", "srcset", "action", "poster"}:
+        if name == "href":
+            assert value[1:] in [words for key, words in parsed.attributes if key == "id"]
+        elif name in {"src", "srcset", "action", "poster"}:
             assert value.startswith("data:image/png;base64,")
     assert not re.search(r"https?:|//[a-z]|url\(|@import", page.split("data:image/png")[0])
 
@@ -192,3 +203,19 @@ def test_number_columns_are_told_from_words() -> None:
 )
 def test_sensible_digits(value: object, text: str) -> None:
     assert sensible(value) == text
+
+
+def test_a_figure_opens_in_full_without_a_second_copy_of_it() -> None:
+    page = render_report(FULL)
+    assert '<figure id="figure-1">' in page and '<a href="#figure-1"' in page
+    assert "figure:target img { max-width: none; }" in page
+    assert page.count("base64,") == 1
+
+
+def test_the_page_has_the_language_of_the_program_and_leaves_names_and_sources() -> None:
+    table = ReportTable("Sources", (("name", ""), ("source", "")), (("Oberwald", "high (red)"),))
+    with speaking("fr"):
+        page = Page(render_report(replace(FULL, tables=(table,))))
+    assert ("lang", "fr") in page.attributes
+    assert "En bref" in page.text and "In short" not in page.text
+    assert "Oberwald high (red)" in page.text and "Bedrina 1" in page.text

@@ -15,7 +15,7 @@ import functools
 import math
 import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
@@ -23,6 +23,7 @@ from xml.etree import ElementTree as ET
 from sassgis.io.qgis.markup import without_expressions
 from sassgis.io.qgis.sheet_legend import ShownLayer, fill_legend
 from sassgis.io.qgis.text_size import breakable, text_height, text_width, wrapped
+from sassgis.model.languages import said
 
 Extent = tuple[float, float, float, float]
 
@@ -67,6 +68,17 @@ class PrintLayout:
     facts: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
     page: Literal["A3", "A4"] = "A3"
+
+
+def said_layout(layout: PrintLayout) -> PrintLayout:
+    """A sheet in the language in which the program writes; its title is the user's."""
+    return replace(
+        layout,
+        name=said(layout.name),
+        subtitle=said(layout.subtitle),
+        facts=tuple((said(name), said(text)) for name, text in layout.facts),
+        notes=tuple(said(note) for note in layout.notes),
+    )
 
 
 class Box(NamedTuple):
@@ -221,7 +233,7 @@ def layout_element(
     if unknown or not layout.layers:
         raise ValueError(f"layout {layout.name}: no such layers in the project: {unknown}")
     shown = [layers[key] for key in layout.layers]
-    facts = (*layout.facts, ("Coordinates", crs_name or "local, in m"))
+    facts = (*layout.facts, (said("Coordinates"), crs_name or said("local, in m")))
     for factor in _SHRINKING:
         sheet = _Sheet(layout.page, layout.name)
         scale = _fill_map(sheet, layout.extent, shown)
@@ -352,8 +364,10 @@ def _fill_scale(sheet: _Sheet, bottom: float, scale: float, *, local: bool) -> f
         sheet.move(name, top + box.y - first)
     # QGIS fills in the scale, so that it stays true when the map is moved. Where the coordinates
     # are local, it does not know that they are in metres.
+    text = sheet.items["Scale"].get("labelText", "").removeprefix("Scale 1:")
     if local:
-        sheet.items["Scale"].set("labelText", f"Scale 1:{scale:,.0f}".replace(",", "\u00a0"))
+        text = f"{scale:,.0f}".replace(",", "\u00a0")
+    sheet.items["Scale"].set("labelText", f"{said('Scale')} 1:{text}")
     room = boxes["North arrow"].x - boxes["Scale bar"].x - 16.0
     step_m = round_length(room * scale / 1000.0 / 4.0)
     in_km = step_m >= 1000.0

@@ -9,21 +9,24 @@ from __future__ import annotations
 import copy
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from pyproj import CRS
 
-from sassgis.io.qgis.layout import PrintLayout, layout_element
+from sassgis.io.qgis.layout import PrintLayout, layout_element, said_layout
 from sassgis.io.qgis.markup import QGIS_VERSION, document
 from sassgis.io.qgis.raster_style import raster_style_elements
 from sassgis.io.qgis.sheet_legend import ShownLayer
 from sassgis.io.qgis.vector_style import vector_style_elements
+from sassgis.io.said_layers import said_raster, said_vector
 from sassgis.io.staging import writing
 from sassgis.io.vector_layer import VectorLayer
+from sassgis.model.languages import said
 from sassgis.model.results import RasterLayer
+from sassgis.model.settings import ProjectSettings
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
 _GEOMETRY_NAME = {"marker": "Point", "line": "Line", "fill": "Polygon"}
@@ -99,6 +102,7 @@ def write_project(
     groups: Sequence[LayerGroup],
     extent: tuple[float, float, float, float],
     abstract: str = "",
+    imprint: ProjectSettings | None = None,
     layouts: Sequence[PrintLayout] = (),
 ) -> Path:
     """Write a QGIS project.
@@ -117,6 +121,8 @@ def write_project(
         What is shown at first (m).
     abstract : str
         In the properties of the project.
+    imprint : ProjectSettings, optional
+        Author, contact, rights and date, in the properties too.
     layouts : sequence of PrintLayout
         Map sheets; each is also a map theme, with which the window shows the same layers.
 
@@ -132,13 +138,16 @@ def write_project(
         If two layers have the same key, two layouts the same name, or a layout shows a layer that
         is not there.
     """
+    groups = [_said_group(group) for group in groups]
+    layouts = [said_layout(layout) for layout in layouts]
+    abstract = said(abstract)
     entries = [entry for group in groups for entry in group.entries]
     keys = [entry.key for entry in entries]
     if len(set(keys)) != len(keys):
         raise ValueError(f"layers of a project need one name each: {keys}")
     if len({layout.name for layout in layouts}) != len(layouts):
         raise ValueError("layouts of a project need one name each")
-    root = _project(title, crs, groups, extent, abstract)
+    root = _project(title, crs, groups, extent, abstract, imprint or ProjectSettings())
     root.append(_themes(entries, layouts))
     sheets = ET.SubElement(root, "Layouts")
     shown = {e.key: ShownLayer(e.key, e.datasource, e.content) for e in entries}
@@ -157,12 +166,46 @@ def write_project(
     return path
 
 
+def without_empty(group: LayerGroup) -> LayerGroup:
+    """A group without layers that have no features, and without groups that have no layers."""
+    members = (without_empty(m) if isinstance(m, LayerGroup) else m for m in group.layers)
+    return replace(
+        group,
+        layers=tuple(
+            m
+            for m in members
+            if (m.layers if isinstance(m, LayerGroup) else not _is_empty(m.content))
+        ),
+    )
+
+
+def _said_group(group: LayerGroup) -> LayerGroup:
+    """A group with its layers in the language in which the program writes."""
+    return replace(
+        group,
+        name=said(group.name),
+        layers=tuple(
+            _said_group(m) if isinstance(m, LayerGroup) else replace(m, content=_said(m.content))
+            for m in group.layers
+        ),
+    )
+
+
+def _said(content: RasterLayer | VectorLayer) -> RasterLayer | VectorLayer:
+    return said_raster(content) if isinstance(content, RasterLayer) else said_vector(content)
+
+
+def _is_empty(content: RasterLayer | VectorLayer) -> bool:
+    return isinstance(content, VectorLayer) and content.frame.empty
+
+
 def _project(
     title: str,
     crs: str,
     groups: Sequence[LayerGroup],
     extent: tuple[float, float, float, float],
     abstract: str,
+    imprint: ProjectSettings,
 ) -> ET.Element:
     root = ET.Element("qgis", version=QGIS_VERSION, projectname=title)
     ET.SubElement(root, "homePath", path="")
@@ -183,6 +226,15 @@ def _project(
     ET.SubElement(metadata, "type")
     ET.SubElement(metadata, "title").text = title
     ET.SubElement(metadata, "abstract").text = abstract
+    if imprint.contact or imprint.author:
+        contact = ET.SubElement(metadata, "contact")
+        ET.SubElement(contact, "name").text = imprint.author or ""
+        ET.SubElement(contact, "email").text = imprint.contact or ""
+    if imprint.rights:
+        ET.SubElement(metadata, "rights").text = imprint.rights
+    ET.SubElement(metadata, "author").text = imprint.author or ""
+    if imprint.date:
+        ET.SubElement(metadata, "creation").text = f"{imprint.date}T00:00:00"
     view = ET.SubElement(root, "ProjectViewSettings", UseProjectScales="0")
     box = dict(zip(("xmin", "ymin", "xmax", "ymax"), map(repr, map(float, extent)), strict=True))
     default = ET.SubElement(view, "DefaultViewExtent", box)
@@ -332,6 +384,12 @@ def _map_layer(entry: LayerEntry, reference: ET.Element) -> ET.Element:
         note = content.description
         style = vector_style_elements(content.style, content.columns, content.fields)
         provider = "ogr"
+        if content.style.smallest_scale:
+            attributes |= {
+                "hasScaleBasedVisibilityFlag": "1",
+                "minScale": f"{content.style.smallest_scale:g}",
+                "maxScale": "0",
+            }
         layer = ET.Element(
             "maplayer",
             {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +12,99 @@ import shapely
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.zoning.generalise import Coverage
-from sassgis.io.qgis.layout import PrintLayout
-from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.qgis.layout import Extent, PrintLayout
+from sassgis.io.qgis.project import LayerEntry, LayerGroup, without_empty, write_project
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.grid import Grid
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
+from sassgis.model.settings import ProjectSettings
 
 _VECTORS = "hazard.gpkg"
+_EXPOSED = ("exposed_points", "exposed_areas", "exposed_lines")
+#: Layers of ``result.gpkg`` on every sheet, the top first.
+_ON_SHEETS = ("barriers", "release_areas", *_EXPOSED)
+
+
+@dataclass(frozen=True, slots=True)
+class SheetWords:
+    """What every sheet of a run says, and what it shows around its map.
+
+    Attributes
+    ----------
+    title : str
+    facts : tuple of (str, str)
+    notes : tuple of str
+    extent : (west, south, east, north)
+    around : tuple of str
+        Keys of the layers on top of the map.
+    """
+
+    title: str
+    facts: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    extent: Extent
+    around: tuple[str, ...]
+
+    def sheet(self, name: str, subtitle: str, *layers: str) -> PrintLayout:
+        """A sheet that shows layers over the terrain."""
+        shown = (*self.around, *layers, "raster_terrain")
+        return PrintLayout(name, self.title, subtitle, shown, self.extent, self.facts, self.notes)
+
+
+def sheet_words(
+    run: MapRun,
+    rocks: int,
+    imprint: ProjectSettings,
+    *,
+    terrain_file: str,
+    program: str,
+    vectors: Sequence[VectorLayer],
+    extent: Extent,
+) -> SheetWords:
+    """What every sheet says.
+
+    Parameters
+    ----------
+    run : MapRun
+    rocks : int
+        Simulated blocks.
+    imprint : ProjectSettings
+        With a date.
+    terrain_file, program : str
+    vectors : sequence of VectorLayer
+        Layers in ``result.gpkg``.
+    extent : (west, south, east, north)
+    """
+    grid = run.grid
+    effects = ", ".join(run.effects.names).replace("_", " ")
+    facts = (
+        ("Author", imprint.author),
+        ("Date", imprint.date),
+        ("Program", program),
+        ("Model", f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {run.path_words}"
+         + (f"; with {effects}" if effects else "")),
+        ("Terrain", f"{terrain_file}, cells of {grid.cell_size:.4g} m; heights "
+         f"{grid.vertical_datum or 'of an unstated datum'}"),
+        ("Release areas", ", ".join(a.name for a in run.areas)),
+        ("Block scenarios", ", ".join(b.name for b in run.blocks)),
+        ("Simulated blocks", f"{rocks}"),
+        ("Contact", imprint.contact),
+        ("Rights", imprint.rights),
+    )  # fmt: skip
+    drawn = {v.name for v in vectors if not v.frame.empty}
+    return SheetWords(
+        imprint.name,
+        tuple((name, text) for name, text in facts if text),
+        (),
+        extent,
+        tuple(f"vector_{name}" for name in _ON_SHEETS if name in drawn),
+    )
 
 
 def write_run_project(
     folder: Path,
-    title: str,
+    imprint: ProjectSettings,
     grid: Grid,
     layers: tuple[RasterLayer, ...],
     terrain: RasterLayer,
@@ -36,63 +117,73 @@ def write_run_project(
     Parameters
     ----------
     folder : Path
-    title : str
+    imprint : ProjectSettings
+        Title, author, contact, rights and date.
     grid : Grid
     layers : tuple of RasterLayer
-        Maps of what was simulated, in ``maps``; the first one bounds the view.
+        Maps of what was simulated, in ``maps``.
     terrain : RasterLayer
         In ``maps`` too.
     vectors : sequence of VectorLayer
         In ``result.gpkg``.
     groups : sequence of LayerGroup
-        On top of the project.
+        Of a zoning: below what was drawn, above the maps of the blocks.
     layouts : sequence of PrintLayout
     """
     by_name = {v.name: v for v in vectors}
 
-    def entries(*names: str, hidden: tuple[str, ...] = ()) -> tuple[LayerEntry, ...]:
+    def entries(*names: str, visible: bool = True) -> tuple[LayerEntry, ...]:
         return tuple(
-            LayerEntry(by_name[n], "result.gpkg", visible=n not in hidden)
-            for n in names
-            if n in by_name
+            LayerEntry(by_name[n], "result.gpkg", visible=visible) for n in names if n in by_name
         )
 
     maps = tuple(
         LayerEntry(layer, f"maps/{layer.stem}.tif", visible=layer.stem == "energy" and not groups)
         for layer in layers
     )
+    shown = [
+        LayerGroup("Stations and measures", entries("barriers", "stations")),
+        LayerGroup(
+            "Release and fall lines",
+            entries("release_areas")
+            + entries("release_points", "fall_lines", "paths", "stops", visible=False),
+        ),
+        LayerGroup("Exposed objects", entries(*_EXPOSED, visible=not groups)),
+        *groups,
+        LayerGroup("Footprint", entries("footprint", visible=False)),
+        LayerGroup("Maps", maps, exclusive=True),
+        LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
+    ]
+    full = [group for group in map(without_empty, shown) if group.layers]
+    keys = {entry.key for group in full for entry in group.entries}
     write_project(
         folder / "project.qgz",
-        title=title,
+        title=imprint.name,
         crs=grid.crs,
-        groups=[
-            *groups,
-            LayerGroup("Stations and measures", entries("barriers", "stations")),
-            LayerGroup(
-                "Release and fall lines",
-                entries(
-                    "release_areas",
-                    "release_points",
-                    "fall_lines",
-                    "paths",
-                    "stops",
-                    hidden=("release_points", "fall_lines", "paths", "stops"),
-                ),
-            ),
-            LayerGroup("Footprint", entries("footprint", hidden=("footprint",))),
-            LayerGroup("Maps", maps, exclusive=True),
-            LayerGroup("Terrain", (LayerEntry(terrain, "maps/terrain.tif"),)),
-        ],
-        extent=_reached_extent(layers, grid),
+        groups=full,
+        extent=reached_extent(layers, grid),
         abstract="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). "
         f"Reach probabilities refer to a width of {grid.cell_size:.4g} m.",
-        layouts=layouts,
+        imprint=imprint,
+        # Where no block arrives there are no zones, and no sheet of them.
+        layouts=[layout for layout in layouts if keys.issuperset(layout.layers)],
     )
 
 
-def _reached_extent(
-    layers: tuple[RasterLayer, ...], grid: Grid
-) -> tuple[float, float, float, float]:
+def run_layouts(words: SheetWords, layers: Sequence[RasterLayer]) -> tuple[PrintLayout, ...]:
+    """Sheets of what was simulated: energy, passing height, reach probability."""
+    titles = {layer.stem: layer.title for layer in layers}
+    return tuple(
+        words.sheet(name, titles[stem], f"raster_{stem}")
+        for name, stem in (
+            ("Energy", "energy"),
+            ("Passing height", "passing_height"),
+            ("Reach probability", "reach_probability"),
+        )
+    )
+
+
+def reached_extent(layers: tuple[RasterLayer, ...], grid: Grid) -> Extent:
     """What blocks reach, with a margin."""
     reached = np.isfinite(layers[0].bands[0].values)
     if not reached.any():
@@ -158,53 +249,68 @@ def zone_groups(
 
 
 def zone_layouts(
-    run: MapRun,
-    rocks: int,
-    rules: Rules,
-    found: Assessment,
-    *,
-    title: str,
-    terrain_file: str,
+    words: SheetWords, rules: Rules, found: Assessment, risk: Sequence[VectorLayer], grid: Grid
 ) -> tuple[PrintLayout, ...]:
-    """The sheets of a zoning: hazard level, and intensity at the middle return period."""
-    grid, preset = run.grid, rules.preset
-    extent = _zone_extent(found.hazard.intensities[-1].zones, grid)
-    barriers = any(g.kind != "station" for g, _ in run.control_lines)
-    on_top = ("vector_barriers",) if barriers else ()
-    facts = (
-        ("Model", f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {run.path_words}"
-         + (f"; with {', '.join(run.effects.names).replace('_', ' ')}"
-            if run.effects.names else "")),
-        ("Terrain", f"{terrain_file}, cells of {grid.cell_size:.4g} m; heights "
-         f"{grid.vertical_datum or 'of an unstated datum'}"),
-        ("Release areas", ", ".join(a.name for a in run.areas)),
-        ("Simulated blocks", f"{rocks}"),
-        ("Rules", preset.title),
-        ("Reference width", f"{rules.ref_width_m:.4g} m"),
-    )  # fmt: skip
-    notes = (
-        "Hazard follows from the onset frequencies that the user stated.",
-        *(f"{text[:1].upper()}{text[1:]}" for text in preset_unverified(preset)[:1]),
+    """The sheets of a zoning: hazard level, intensity by return period, risk.
+
+    Parameters
+    ----------
+    words : SheetWords
+    rules : Rules
+    found : Assessment
+    risk : sequence of VectorLayer
+        Layers of the exposed objects with their risk.
+    grid : Grid
+    """
+    preset = rules.preset
+    words = replace(
+        words,
+        facts=(
+            *words.facts,
+            ("Onset frequencies", onset_words(rules)),
+            ("Rules", preset.title),
+            ("Reference width", f"{rules.ref_width_m:.4g} m"),
+        ),
+        notes=(
+            "Hazard follows from the onset frequencies that the user stated.",
+            *(f"{text[:1].upper()}{text[1:]}" for text in preset_unverified(preset)[:1]),
+        ),
+        extent=_zone_extent(found.hazard.intensities[-1].zones, grid),
     )
-    middle = preset.return_periods[len(preset.return_periods) // 2]
-    stem = f"intensity_{middle:g}"
-    return (
-        PrintLayout(
-            "Hazard level", title, "Hazard zones, rockfall",
-            (*on_top, "vector_release_areas", "vector_hazard_zones",
-             "raster_terrain"),
-            extent, facts, notes,
-        ),
-        PrintLayout(
-            f"Intensity {middle:g} years", title,
-            f"Intensity of rockfall, return period {middle:g} years",
-            (*on_top, "vector_release_areas", f"raster_{stem}", "raster_terrain"),
-            extent, facts, notes,
-        ),
+    sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", "vector_hazard_zones")]
+    sheets += [
+        words.sheet(
+            f"Intensity {years:g} years",
+            f"Intensity of rockfall, return period {years:g} years",
+            f"raster_intensity_{years:g}",
+        )
+        for years in preset.return_periods
+    ]
+    sheets.append(
+        words.sheet(
+            "Intensity extreme event", "Intensity of rockfall, extreme event",
+            "raster_intensity_extreme",
+        )
     )  # fmt: skip
+    if risk:
+        around = tuple(k for k in words.around if not k.startswith("vector_exposed"))
+        shown = (f"vector_{layer.name}" for layer in risk)
+        sheets.append(replace(words, around=around).sheet("Risk", "Risk of rockfall", *shown))
+    return tuple(sheets)
 
 
-def _zone_extent(zones: Coverage, grid: Grid) -> tuple[float, float, float, float]:
+def onset_words(rules: Rules) -> str:
+    """Onset frequencies by scenario: of each release area, or from the least to the greatest."""
+    by_scenario: dict[str, list[float]] = {}
+    for (_, scenario), frequency in rules.frequencies.items():
+        by_scenario.setdefault(scenario, []).append(frequency)
+    return "; ".join(
+        f"{name} {min(f):.3g}" + (f" to {max(f):.3g}" if max(f) > min(f) else "")
+        for name, f in by_scenario.items()
+    ) + " blocks a year in each release area"  # fmt: skip
+
+
+def _zone_extent(zones: Coverage, grid: Grid) -> Extent:
     if not zones.polygons.size:
         return grid.bounds
     west, south, east, north = shapely.total_bounds(zones.polygons)

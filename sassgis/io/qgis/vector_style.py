@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree as ET
 
 from sassgis.io.qgis.markup import number, options, rgba, text_element
 from sassgis.model.styles import FieldInfo, Symbol, VectorStyle
+
+#: Names are written at this scale and larger ones.
+LABEL_SCALE = 100_000.0
+#: Columns that the tip of a feature shows.
+_TIP_COLUMNS = 8
 
 _OPEN_END = 1e300
 _HATCH_ANGLE = {"diagonal": "45", "horizontal": "0", "falling": "135"}
@@ -220,7 +226,17 @@ def _labeling(style: VectorStyle) -> ET.Element:
         priority="5",
         centroidInside="1",
     )
-    ET.SubElement(settings, "rendering", drawLabels="1", obstacle="1", displayAll="0")
+    # What QGIS 3.22 calls scaleMax is the denominator of the smallest scale.
+    ET.SubElement(
+        settings,
+        "rendering",
+        drawLabels="1",
+        obstacle="1",
+        displayAll="0",
+        scaleVisibility="1",
+        scaleMin="0",
+        scaleMax=f"{LABEL_SCALE:.0f}",
+    )
     return labeling
 
 
@@ -248,9 +264,20 @@ def vector_style_elements(
     elements.append(text_element("featureBlendMode", "0"))
     elements.append(text_element("layerOpacity", "1"))
     elements += _form(columns, fields)
+    elements.append(text_element("mapTip", _map_tip(columns, fields)))
     if style.label_column:
         elements.append(text_element("previewExpression", f'"{style.label_column}"'))
     return elements
+
+
+def _map_tip(columns: Sequence[str], fields: Mapping[str, FieldInfo]) -> str:
+    """What QGIS shows of a feature under the pointer: the first columns with their units."""
+    rows = (
+        f'<tr><td>{html.escape(fields[name].alias)}</td><td><b>[% "{name}" %]</b> '
+        f"{html.escape(fields[name].unit)}</td></tr>"
+        for name in [name for name in columns if name in fields][:_TIP_COLUMNS]
+    )
+    return f"<table>{''.join(rows)}</table>"
 
 
 def _form(columns: Sequence[str], fields: Mapping[str, FieldInfo]) -> list[ET.Element]:

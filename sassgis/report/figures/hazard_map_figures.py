@@ -24,8 +24,10 @@ from sassgis.report.figures.class_maps import (
 )
 from sassgis.report.figures.map_marks import (
     MapControlLine,
+    MapObject,
     cut_extent,
     draw_map_control_lines,
+    draw_objects,
     draw_release,
     draw_zones,
     footprint,
@@ -126,6 +128,7 @@ def _maps(
     release: Sequence[FloatArray],
     zones: Sequence[FloatArray],
     control_lines: Sequence[MapControlLine],
+    objects: Sequence[MapObject],
     extent: Extent | None,
 ) -> Figure:
     """Lay panels of one extent side by side, with one legend below."""
@@ -146,7 +149,7 @@ def _maps(
         (_MAX_HEIGHT_IN - rows * _HEAD_IN) / rows / aspect,
     )
     map_h = map_w * aspect
-    notes = [note, line_key(bool(release), False, control_lines, bool(zones))]
+    notes = [note, line_key(bool(release), False, control_lines, bool(zones), objects)]
     if factor > 1:
         notes.append(
             f"Drawn with one dot for {factor} × {factor} cells; each shows the highest class in it."
@@ -175,6 +178,7 @@ def _maps(
         relief.draw_relief(ax, part)
         _draw_panel(ax, panel, window, part, factor, (box[2] - box[0]) / map_w)
         draw_zones(ax, zones)
+        draw_objects(ax, objects, box)
         draw_release(ax, release)
         draw_map_control_lines(ax, control_lines, box, 72.0 * map_w / (box[2] - box[0]))
         relief.map_axes(ax, box, parts=5 if map_w > 4.0 else 3)
@@ -260,6 +264,7 @@ def intensity_figure(
     release: Sequence[FloatArray] = (),
     zones: Sequence[FloatArray] = (),
     control_lines: Sequence[MapControlLine] = (),
+    objects: Sequence[MapObject] = (),
     extent: Extent | None = None,
     title: str = "Intensity by return period",
     note: str = "",
@@ -278,6 +283,8 @@ def intensity_figure(
     zones : float, each of shape (n, 2)
         Outlines of zones (m).
     control_lines : (name, kind, coordinates of shape (n, 2))
+    objects : (name, geometry)
+        Exposed objects.
     extent : (west, south, east, north), optional
         Default: all that any of the maps shows.
     title, note : str
@@ -300,7 +307,7 @@ def intensity_figure(
     panels = [_Panel(layer.title, _class_layer(grid, layer), layer.classes) for layer in layers]
     return _maps(
         grid, panels, [_Legend("", layers[0].classes)], title=title, note=note, release=release,
-        zones=zones, control_lines=control_lines, extent=extent,
+        zones=zones, control_lines=control_lines, objects=objects, extent=extent,
     )  # fmt: skip
 
 
@@ -313,6 +320,7 @@ def confidence_figure(
     release: Sequence[FloatArray] = (),
     zones: Sequence[FloatArray] = (),
     control_lines: Sequence[MapControlLine] = (),
+    objects: Sequence[MapObject] = (),
     extent: Extent | None = None,
     title: str = "Where the sample of blocks leaves the level open",
     note: str = "",
@@ -321,7 +329,7 @@ def confidence_figure(
 
     Parameters
     ----------
-    grid, level, release, zones, control_lines, extent, title, note
+    grid, level, release, zones, control_lines, objects, extent, title, note
         As in :func:`intensity_figure`.
     uncertain : bool, shape of the grid
 
@@ -345,6 +353,7 @@ def confidence_figure(
         release=release,
         zones=zones,
         control_lines=control_lines,
+        objects=objects,
         extent=extent,
     )
 
@@ -371,6 +380,7 @@ def change_figure(
     release: Sequence[FloatArray] = (),
     zones: Sequence[FloatArray] = (),
     control_lines: Sequence[MapControlLine] = (),
+    objects: Sequence[MapObject] = (),
     extent: Extent | None = None,
     title: str = "What the barriers make of the hazard level",
     note: str = "",
@@ -379,7 +389,7 @@ def change_figure(
 
     Parameters
     ----------
-    grid, release, zones, control_lines, extent, title, note
+    grid, release, zones, control_lines, objects, extent, title, note
         As in :func:`intensity_figure`.
     before, after : RasterLayer
         Maps of the same classes.
@@ -418,5 +428,5 @@ def change_figure(
         [_Legend("Level", before.classes), _Legend("Change", kinds)],
         title=title,
         note=f"{changes[:1].upper()}{changes[1:]}. {note}".strip(),
-        release=release, zones=zones, control_lines=control_lines, extent=extent,
+        release=release, zones=zones, control_lines=control_lines, objects=objects, extent=extent,
     )  # fmt: skip

@@ -36,10 +36,12 @@ from sassgis.report.figures.map_marks import (
     HALO,
     MAX_LINES,
     MapControlLine,
+    MapObject,
     all_points,
     cut_extent,
     draw_lines,
     draw_map_control_lines,
+    draw_objects,
     draw_release,
     draw_zones,
     footprint,
@@ -124,6 +126,7 @@ def map_figure(
     lines: TraceSet | None = None,
     control_lines: Sequence[MapControlLine] = (),
     zones: Sequence[FloatArray] = (),
+    objects: Sequence[MapObject] = (),
     extent: Extent | None = None,
     title: str | None = None,
     note: str | None = None,
@@ -146,6 +149,8 @@ def map_figure(
         Stations, walls and nets.
     zones : float, each of shape (n, 2)
         Outlines of zones (m).
+    objects : (name, geometry)
+        Exposed objects.
     extent : (west, south, east, north), optional
         Part of the grid to show (m); default: the layer and the release,
         with a margin.
@@ -166,7 +171,11 @@ def map_figure(
     part, part_values = window.grid(grid), window.cut(values)
     factor = -(-max(part.shape) // relief.MAX_CELLS)
     key = line_key(
-        bool(marks.size), lines is not None and len(lines) > 0, control_lines, bool(zones)
+        bool(marks.size),
+        lines is not None and len(lines) > 0,
+        control_lines,
+        bool(zones),
+        objects,
     )
     notes = [layer.note if note is None else note, *_reductions(factor, lines, classes), key]
     coarse = relief.coarsen(part_values, factor, "max")
@@ -209,6 +218,7 @@ def map_figure(
             gid="layer",
         )
     draw_zones(ax, zones)
+    draw_objects(ax, objects, box)
     if lines is not None and len(lines):
         draw_lines(ax, lines)
     draw_release(ax, release, release_points)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import shapely
@@ -19,6 +20,13 @@ from sassgis.report.figures.style import BLUE, INK, SMALL, text_width_pt
 
 #: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a control line.
 MapControlLine = tuple[str, str, FloatArray]
+
+#: Name of an exposed object and its geometry.
+MapObject = tuple[str, Any]
+
+#: Names of objects beyond this number hide the map.
+MAX_OBJECT_NAMES = 30
+_OBJECT = "#5a4632"
 
 #: Fall lines beyond this number hide the layer; an even choice of them is drawn.
 MAX_LINES = 120
@@ -150,6 +158,41 @@ def draw_release(ax: Axes, areas: Sequence[FloatArray], points: FloatArray | Non
         )
 
 
+def draw_objects(ax: Axes, objects: Sequence[MapObject], box: Extent) -> None:
+    """Draw exposed objects: areas and points filled, roads and lines pale with a dark edge."""
+    for name, geometry in objects:
+        seen = shapely.clip_by_rect(geometry, *box)
+        if seen.is_empty:
+            continue
+        for part in shapely.get_parts(seen):
+            xy = shapely.get_coordinates(part)
+            if isinstance(part, shapely.Polygon):
+                ax.fill(xy[:, 0], xy[:, 1], fc=_OBJECT, ec="white", lw=0.5, zorder=6)
+            elif isinstance(part, shapely.Point):
+                ax.plot(*xy.T, "D", ms=3.5, mfc=_OBJECT, mec="white", mew=0.4, zorder=6)
+            else:
+                ax.plot(*xy.T, color=_OBJECT, lw=2.4, zorder=5.5)
+                ax.plot(*xy.T, color="white", lw=1.2, zorder=5.6)
+        if len(objects) <= MAX_OBJECT_NAMES:
+            _name_object(ax, name, seen, box)
+
+
+def _name_object(ax: Axes, name: str, seen: Any, box: Extent) -> None:
+    """Write a name beside an object, towards the middle of the map."""
+    longest = max(shapely.get_parts(seen), key=lambda part: part.length)
+    at = (
+        longest.interpolate(0.3, normalized=True)
+        if shapely.get_dimensions(longest) == 1
+        else longest.centroid
+    )
+    left = at.x > (box[0] + box[2]) / 2.0
+    ax.annotate(
+        name, (at.x, at.y), xytext=(-4 if left else 4, 0), textcoords="offset points",
+        ha="right" if left else "left", va="center", size=SMALL - 1.0, color=_OBJECT,
+        path_effects=HALO, zorder=21, clip_on=True, annotation_clip=True, gid="object",
+    )  # fmt: skip
+
+
 def draw_lines(ax: Axes, lines: TraceSet) -> None:
     """Draw an even choice of the fall lines."""
     chosen = np.unique(np.linspace(0, len(lines) - 1, min(len(lines), MAX_LINES)).astype(int))
@@ -218,10 +261,15 @@ def draw_map_control_lines(
 
 
 def line_key(
-    release: bool, lines: bool, control_lines: Sequence[MapControlLine], zones: bool = False
+    release: bool,
+    lines: bool,
+    control_lines: Sequence[MapControlLine],
+    zones: bool = False,
+    objects: Sequence[MapObject] = (),
 ) -> str:
     """Say in words what the lines on the map are."""
     kinds = {kind for _, kind, _ in control_lines}
+    drawn = {int(shapely.get_dimensions(geometry)) == 1 for _, geometry in objects}
     parts = [
         "black outline or triangle: release area" if release else "",
         "thin black lines: fall lines" if lines else "",
@@ -229,6 +277,8 @@ def line_key(
         "blue dashes: station" if "station" in kinds else "",
         "green line: wall" if "wall" in kinds else "",
         "green dots: net" if "net" in kinds else "",
+        "brown: buildings and people" if False in drawn else "",
+        "white with a brown edge: roads and lines" if True in drawn else "",
     ]
     text = "; ".join(part for part in parts if part)
     return f"{text[:1].upper()}{text[1:]}." if text else ""

@@ -17,10 +17,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import said, spoken
 from sassgis.model.results import StopReason
 from sassgis.report.number_text import thousands
 
@@ -146,10 +148,21 @@ def new_figure(width_in: float, height_in: float, *, constrained: bool = True) -
 def to_png(figure: Figure) -> bytes:
     """Draw a figure as PNG; the same figure gives the same bytes on every run."""
     buffer = io.BytesIO()
+    _say(figure)
     with house_style():
         # Without this matplotlib writes its version into the file.
         figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()
+
+
+def _say(figure: Figure) -> None:
+    """Put the texts of a figure into the language in which the program writes."""
+    if spoken() == "en":
+        return
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        words = text.get_text()
+        text.set_text(said(words))
 
 
 def save(figure: Figure, path: str | PathLike[str]) -> Path:
@@ -172,6 +185,7 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
 def wrap(text: str, width_in: float, size: float = SMALL) -> str:
     """Break a text into lines that fit a width at a font size (points)."""
     # A letter of DejaVu Sans is on average 0.56 of the font size wide.
+    text = said(text)
     letters = max(12, int(width_in * 72.0 / (0.56 * size)))
     return "\n".join(
         line for part in text.splitlines() for line in (textwrap.wrap(part, letters) or [""])

@@ -115,6 +115,7 @@ def test_the_legend_is_in_order(seen: dict[str, Any]) -> None:
     assert [g["group"] for g in seen["tree"]] == [
         "Stations and measures",
         "Release and fall lines",
+        "Exposed objects",
         "Footprint",
         "Maps",
         "Terrain",
@@ -153,6 +154,7 @@ def test_columns_and_signs_explain_themselves(seen: dict[str, Any]) -> None:
     assert [c["label"] for c in barriers["renderer"]["classes"]] == ["wall", "net"]
     assert layer(seen, "Stations")["labels"] == "name"
     assert layer(seen, "Release areas")["labels"] == "name"
+    assert layer(seen, "Buildings and people")["labels"] == "name"
     ends = [c["value"] for c in layer(seen, "Stopping points")["renderer"]["classes"]]
     assert "rest" in ends and "barrier" in ends
 

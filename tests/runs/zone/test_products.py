@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import html
 import re
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from xml.etree import ElementTree
 
 import geopandas as gpd
 import numpy as np
@@ -117,6 +119,90 @@ def made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         main(["zone", str(case.config), "-o", str(folder / "out"), "--jobs", "1"])
     assert stopped.value.code == 0
     return Result(case, folder / "out")
+
+
+@pytest.fixture(scope="module")
+def german(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("german")
+    case = with_everything(folder)
+    case.sections["project"] = {
+        "language": "de", "author": "A. Muster", "contact": "hier", "rights": "frei",
+        "date": "2026-01-31",
+    }  # fmt: skip
+    case.write()
+    with pytest.raises(SystemExit) as stopped:
+        main(["zone", str(case.config), "-o", str(folder / "out"), "--jobs", "1"])
+    assert stopped.value.code == 0
+    return folder / "out"
+
+
+def test_the_answer_comes_first_and_names_the_objects(german: Path) -> None:
+    page = html.unescape((german / "report.html").read_text(encoding="utf-8"))
+    summary = page[page.index('<section class="summary">') : page.index("</section>")]
+    for words in ("Gefahrenzonen", "Reichweite", "Pauschalgefälle", "exponierten Objekt", "Risiko"):
+        assert words in summary, words
+    assert "A. Muster · 2026-01-31 · sassgis" in page
+    exposed = page[page.index("Exponierte Objekte</caption>") :].split("</table>")[0]
+    assert all(f"<td>{name}</td>" in exposed for name in ("left", "right", "lane"))
+    alts = re.findall(r'alt="([^"]+)"', page)
+    assert len(alts) > 8 and all(re.search(r"\d", alt) for alt in alts)
+
+
+def test_sheets_show_every_return_period_and_what_lies_around(german: Path) -> None:
+    with zipfile.ZipFile(german / "project.qgz") as archive:
+        project = ElementTree.fromstring(archive.read("project.qgs"))
+    sheets = {s.get("name"): s for s in project.findall("Layouts/Layout")}
+    assert list(sheets) == [
+        "Gefahrenstufe", "Intensität 30 Jahre", "Intensität 100 Jahre", "Intensität 300 Jahre",
+        "Intensität Extremereignis", "Risiko", "Energie", "Sprunghöhe", "Trefferwahrscheinlichkeit",
+    ]  # fmt: skip
+    for name, sheet in sheets.items():
+        (shown,) = sheet.iter("LayerSet")
+        keys = [layer.text for layer in shown]
+        objects = "vector_risk_lines" if name == "Risiko" else "vector_exposed_lines"
+        assert keys[:2] == ["vector_barriers", "vector_release_areas"] and objects in keys
+        words = " ".join(item.get("labelText", "") for item in sheet.iter("LayoutItem"))
+        for text in (
+            "A. Muster",
+            "2026-01-31",
+            "sassgis",
+            "hier",
+            "frei",
+            "Blockszenarien",
+            "Massstab",
+        ):
+            assert text in words, f"{name}: {text}"
+    themes = {t.get("name") for t in project.iter("visibility-preset")}
+    assert themes == set(sheets)
+    groups = [g.get("name") for g in project.find("layer-tree-group").findall("layer-tree-group")]
+    assert groups.index("Ausbruch und Falllinien") < groups.index("Gefahr")
+
+
+def test_no_layer_of_the_project_is_empty(german: Path) -> None:
+    with zipfile.ZipFile(german / "project.qgz") as archive:
+        project = ElementTree.fromstring(archive.read("project.qgs"))
+    sources = [layer.findtext("datasource") for layer in project.iter("maplayer")]
+    vectors = [s.split("|layername=") for s in sources if "|" in s]
+    assert len(vectors) > 8
+    assert [n for f, n in vectors if not len(gpd.read_file(german / f, layer=n))] == []
+
+
+ENGLISH = re.compile(r"\b(?:the|of|and|with|which|from|blocks?|are|is|height|zones|years?)\b")
+
+
+def test_no_word_of_sheets_and_report_is_left_in_english(german: Path) -> None:
+    page = html.unescape((german / "report.html").read_text(encoding="utf-8"))
+    seen = re.sub(r"<style>.*?</style>", "", page, flags=re.S)
+    # Sources of values stay in the words of their publications.
+    seen = re.sub(r"Bodenklassen</caption>.*?</table>", "", seen, flags=re.S)
+    lines = [*re.sub(r"<[^>]+>", "\n", seen).splitlines(), *re.findall(r'alt="([^"]+)"', page)]
+    assert [line.strip() for line in lines if ENGLISH.search(line)] == []
+    with zipfile.ZipFile(german / "project.qgz") as archive:
+        project = ElementTree.fromstring(archive.read("project.qgs"))
+    texts = [item.get("labelText", "").split("[%")[0] for item in project.iter("LayoutItem")]
+    texts += [entry.get("label", "") for entry in project.iter("category")]
+    texts += [entry.get("name", "") for entry in project.iter("layer-tree-group")]
+    assert [text for text in texts if ENGLISH.search(text)] == []
 
 
 def centres(shape: tuple[int, int]) -> np.ndarray:

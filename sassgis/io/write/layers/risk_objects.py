@@ -22,8 +22,9 @@ from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.styles import FieldInfo, StyleClass, Symbol, VectorStyle, class_colours
 
-_RAMP = "YlOrRd"
-_NOTHING_COLOUR = "#d0d0d0"
+#: No colours of hazard levels, under which objects would not be seen.
+_RAMP = "RdPu"
+_NOTHING_COLOUR = "#8c8c8c"
 #: Less than any risk, and more than 0: what has none is a class of its own.
 _LEAST = 1e-30
 _RISK_LIMITS = (1e-6, 1e-5, 1e-4, 1e-3)
@@ -211,7 +212,7 @@ def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
     ]
     edges = [_LEAST, *limits, float("inf")]
     classes = [StyleClass("none", replace(symbol, colour=_NOTHING_COLOUR), upper=_LEAST)]
-    for k, colour in enumerate(class_colours(limits, _RAMP)):
+    for k, colour in enumerate(class_colours((0.0, *limits), _RAMP)):
         classes.append(
             StyleClass(
                 labels[k], replace(symbol, colour=colour), lower=edges[k], upper=edges[k + 1]

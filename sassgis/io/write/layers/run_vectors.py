@@ -142,6 +142,7 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
                 text: (text, "#c1121f" if end in _LINE_CUT else FALL_LINE_STYLE.symbol.colour)
                 for end, text in LINE_END_TEXT.items()
             },
+            FALL_LINE_STYLE.smallest_scale,
         ),
     )
 
@@ -201,6 +202,7 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             STOP_STYLE.symbol,
             "end",
             {text: (text, _STOP_COLOUR[reason]) for reason, text in STOP_TEXT.items()},
+            STOP_STYLE.smallest_scale,
         ),
     )
 

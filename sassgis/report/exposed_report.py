@@ -1,0 +1,97 @@
+"""Exposed objects in the report: where they are, and what reaches them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import shapely
+
+from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.model.exposure import PlacedObjects
+from sassgis.model.grid import FloatArray
+from sassgis.model.hazard import HazardLevel
+from sassgis.model.map_run import ObjectCells
+from sassgis.model.results import RasterLayer
+from sassgis.report.figures.map_marks import MapObject
+from sassgis.report.page import Cell, ReportTable
+
+#: Objects beyond this number are in the tables of the run only.
+MOST_ROWS = 40
+
+
+def map_objects(placed: PlacedObjects) -> list[MapObject]:
+    """Exposed objects for drawing: the stretches of a road or line as one."""
+    return [
+        (name, shapely.union_all([placed.geometries[i] for i in own]))
+        for name, own in _wholes(placed).items()
+    ]
+
+
+def _wholes(placed: PlacedObjects) -> dict[str, list[int]]:
+    wholes: dict[str, list[int]] = {}
+    for number, thing in enumerate(placed.objects):
+        wholes.setdefault(thing.whole, []).append(number)
+    return wholes
+
+
+def largest_on(cells: ObjectCells, layer: RasterLayer, band: str) -> FloatArray:
+    """The largest value of a band on the cells of each object; NaN where no block arrives."""
+    (values,) = (b.values.ravel() for b in layer.bands if b.name == band)
+    out = np.full(cells.n_objects, np.nan)
+    np.fmax.at(out, cells.number, values[cells.cell].astype(float))
+    return out
+
+
+def levels_of(
+    placed: PlacedObjects, zones: Coverage, levels: Sequence[HazardLevel]
+) -> dict[str, str]:
+    """The highest level of the zones that each object touches, by its name; "none" outside all."""
+    highest = np.full(len(placed), -1)
+    if len(placed) and zones.polygons.size:
+        tree = shapely.STRtree(zones.polygons)
+        owner, zone = tree.query(list(placed.geometries), predicate="intersects")
+        np.maximum.at(highest, owner, zones.classes[zone].astype(int) - 1)
+    labels = ["none", *(level.label for level in levels)]
+    return {name: labels[highest[own].max() + 1] for name, own in _wholes(placed).items()}
+
+
+def exposed_table(
+    placed: PlacedObjects,
+    cells: ObjectCells,
+    layers: Sequence[RasterLayer],
+    levels: Mapping[str, str],
+) -> ReportTable:
+    """What reaches the exposed objects; the largest energy first.
+
+    Parameters
+    ----------
+    placed : PlacedObjects
+    cells : ObjectCells
+        The cells that they touch.
+    layers : sequence of RasterLayer
+        Maps of the blocks.
+    levels : mapping of str to str
+        Of :func:`levels_of`; empty without zones.
+    """
+    by_stem = {layer.stem: layer for layer in layers}
+    columns = [("energy", "q95"), ("energy", "max"), ("passing_height", "q95"),
+               ("reach_probability", "reach")]  # fmt: skip
+    values = [largest_on(cells, by_stem[stem], band) for stem, band in columns]
+    rows: list[tuple[Cell, ...]] = []
+    for name, own in _wholes(placed).items():
+        peaks = [float(np.fmax.reduce(v[own])) for v in values]
+        first = own[0]
+        place = [] if not levels else [levels[name]]
+        rows.append((name, placed.objects[first].kind, *place, *peaks))
+    rows.sort(key=lambda row: -np.nan_to_num(float(row[-4] or 0.0), nan=-1.0))
+    more = f" {len(rows) - MOST_ROWS} more are in the tables." if len(rows) > MOST_ROWS else ""
+    return ReportTable(
+        "Exposed objects",
+        (("object", ""), ("kind", ""), *([("hazard level", "")] if levels else []),
+         ("energy, 95 %", "kJ"), ("largest energy", "kJ"), ("height, 95 %", "m"),
+         ("reach probability", "")),
+        tuple(rows[:MOST_ROWS]),
+        "The largest value of the maps on the cells that the object touches. A dash: no block "
+        f"arrives.{more}",
+    )  # fmt: skip
