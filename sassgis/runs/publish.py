@@ -457,7 +457,7 @@ def publish_profile(
         As used.
     """
     with speaking(config.project.language):
-        _publish_profile(work, config, result, warnings, csv_file, seed)
+        _publish_profile(work, config, result, warnings, own_file, seed)
 
 
 def _publish_profile(
@@ -465,7 +465,7 @@ def _publish_profile(
     config: Config,
     result: ProfileResult,
     warnings: Sequence[str],
-    csv_file: Path | None,
+    own_file: Path | None,
     seed: int,
 ) -> None:
     scenarios = [b.name for b in config.blocks]
