@@ -4,8 +4,8 @@ from __future__ import annotations
 
 
 def thousands(value: float, decimals: int = 0) -> str:
-    """Write a number with a thin space between thousands."""
-    return f"{value:,.{decimals}f}".replace(",", "\u2009").replace("-", "\u2212")
+    """Write a number with a narrow space between thousands, at which no line breaks."""
+    return f"{value:,.{decimals}f}".replace(",", "\u202f").replace("-", "\u2212")
 
 
 def power_of_ten(exponent: int) -> str:

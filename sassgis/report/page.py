@@ -166,7 +166,7 @@ def sensible(value: Cell, digits: int = 3) -> str:
         elif decimals:
             # A friction of 0.8 is not known to be 0.800.
             text = text.rstrip("0").rstrip(".")
-    return text.replace(",", "\u2009").replace("-", "\u2212")
+    return text.replace(",", "\u202f").replace("-", "\u2212")
 
 
 def _is_number(value: Cell) -> bool:

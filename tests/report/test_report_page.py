@@ -97,7 +97,7 @@ def test_full_report_says_everything_the_answer_first_and_then_the_warnings() ->
     for part in order:
         places.append(text.index(part, places[-1] if places else 0))
     assert "energy, 95 % kJ" in text
-    assert "road 812 1\u2009234" in text
+    assert "road 812 1\u202f234" in text
     assert "camera 2 – 7" in text
     assert "nothing" not in text
 
@@ -188,17 +188,17 @@ def test_number_columns_are_told_from_words() -> None:
         ("as it is", "as it is"),
         (True, "yes"),
         (0.0, "0"),
-        (1234567, "1\u2009234\u2009567"),
+        (1234567, "1\u202f234\u202f567"),
         (0.01234, "0.0123"),
         (4.567, "4.57"),
         (0.8, "0.8"),
         (9.996, "10"),
         (812.34, "812"),
-        (10340.2, "10\u2009340"),
+        (10340.2, "10\u202f340"),
         (-3.14159, "\u22123.14"),
         (100.0, "100"),
         (2.5e-6, "2.50 × 10⁻⁶"),
-        (np.int64(70000), "70\u2009000"),
+        (np.int64(70000), "70\u202f000"),
     ],
 )
 def test_sensible_digits(value: object, text: str) -> None:

@@ -43,7 +43,7 @@ def test_round_steps(span: float, parts: int, step: float) -> None:
 
 
 def test_numbers_have_thin_spaces_and_true_minus() -> None:
-    assert thousands(-1234567.0) == "\u22121\u2009234\u2009567"
+    assert thousands(-1234567.0) == "\u22121\u202f234\u202f567"
 
 
 def test_wrap_keeps_all_words_and_the_given_lines() -> None:

@@ -309,7 +309,7 @@ def test_areas_in_tables_are_those_of_the_layers(made: Result) -> None:
     # Cells of zones: every reached cell lies in one of them.
     assert table["cells"].sum() == (made.band("hazard_level", "level") > 0).sum()
     report = html.unescape((made.folder / "report.html").read_text(encoding="utf-8"))
-    text = re.sub(r"<[^>]+>", " ", report).replace(",", "").replace("\u2009", "")
+    text = re.sub(r"<[^>]+>", " ", report).replace(",", "").replace("\u202f", "")
     for code in LEVELS:
         area = zones[zones["hazard_level"] == code].geometry.area.sum()
         if area:
