@@ -15,7 +15,7 @@ from sassgis.cli.options import OUT, OVERWRITE
 @OUT
 @OVERWRITE
 def compare(before: Path, after: Path, out: Path, overwrite: bool) -> None:
-    """Compare the results in the folders BEFORE and AFTER: maps, zones, run-out, objects."""
+    """Say what changes from the result BEFORE to the result AFTER."""
     from sassgis.runs.compare import compare as compare_results
 
     change = compare_results(before, after, out, overwrite=overwrite)

@@ -119,6 +119,7 @@ def test_the_ladder_and_the_first_sentence_are_there(answered: Path) -> None:
     assert all(s["ci95"][0] <= s["value"] <= s["ci95"][1] for s in settings)
 
 
+@pytest.mark.battery
 def test_processes_and_an_interruption_change_nothing(
     everything: Path, answered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -106,6 +106,7 @@ def test_a_silent_diagnosis_is_right_at_null_alone(done: Path) -> None:
     assert [r["truth"] for r in rows] == [s.verdict for s in SPECS]
 
 
+@pytest.mark.battery
 def test_processes_of_a_cluster_give_the_same_answers(
     done: Path, thresholds: Path, tmp_path: Path
 ) -> None:

@@ -162,7 +162,7 @@ def test_the_report_says_first_what_changed(compared: Path) -> None:
     words = " ".join(words.split())
     assert words.index("Blocks reach") < words.index("How sure this is") < words.index("Figure 1")
     assert "less" in words and "barriers.wall.height_m" in words
-    assert words.index("Before and after") < words.index("At exposed objects")
+    assert words.rindex("Before and after") < words.rindex("At exposed objects")
     listed = {f["path"] for f in json.loads((compared / "manifest.json").read_text())["files"]}
     found = {
         p.relative_to(compared).as_posix()
