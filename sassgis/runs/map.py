@@ -29,9 +29,9 @@ from sassgis.hazard.progress import (
 )
 from sassgis.model import rng
 from sassgis.model.errors import InputError
-from sassgis.model.grid import IntArray
+from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import BlockRows, MapRun
-from sassgis.model.profiles import TraceSet
+from sassgis.model.profiles import ReleasePoints, TraceSet
 from sassgis.model.settings import LateralDeflection
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
@@ -274,33 +274,51 @@ def some_paths(run: MapRun, planned: Plan, most: int = 40) -> list[LinePaths]:
     return out
 
 
+def follow_one(run: MapRun, points: ReleasePoints, scenario: int, rock: int = 0) -> Simulated:
+    """One block of each release point of an area once more, with its event log."""
+    blocks = run.blocks[scenario]
+    return follow(
+        path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
+        point_keys=path_keys(points.key, blocks.name), first_rock=rock,
+        spread_m=run.start_spread_m(int(points.area[0])), log_events=LOG_EVENTS,
+        effects=run.effects,
+    )  # fmt: skip
+
+
+def path_in_plan(grid: Grid, log: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Chainage and coordinates of a path that was followed, where its block moves on (m).
+
+    A block that slides back a little does so on its own path.
+    """
+    ahead = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
+    return (
+        log["x_m"][ahead],
+        grid.west + log["u"][ahead] * grid.cell_size,
+        grid.north - log["v"][ahead] * grid.cell_size,
+    )
+
+
 def _followed_path(
     run: MapRun, planned: Plan, point: int, scenario: int, rock: int
 ) -> LinePaths | None:
     """The path of one block that was followed, with the profile under it; None: too short."""
     points = take(planned.points, np.array([point]))
     blocks = run.blocks[scenario]
-    result = follow(
-        path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
-        point_keys=path_keys(points.key, blocks.name), first_rock=rock,
-        spread_m=run.start_spread_m(int(points.area[0])), log_events=LOG_EVENTS,
-        effects=run.effects,
-    )  # fmt: skip
+    result = follow_one(run, points, scenario, rock)
     log = result.event_logs[0]
-    places = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
-    if places.size < 2:
+    chainage, x, y = path_in_plan(run.heights, log)
+    if chainage.size < 2:
         return None
-    grid = run.heights
     path = TraceSet(
-        offset=np.array([0, places.size], np.int64),
-        x=grid.west + log["u"][places] * grid.cell_size,
-        y=grid.north - log["v"][places] * grid.cell_size,
-        s=log["x_m"][places],
+        offset=np.array([0, chainage.size], np.int64),
+        x=x,
+        y=y,
+        s=chainage,
         point=np.zeros(1, np.int64),
         fan=np.zeros(1),
         end=np.zeros(1, np.uint8),
     )
-    flat = profiles(grid, path, run.ground, run.segment_tolerance_m)
+    flat = profiles(run.heights, path, run.ground, run.segment_tolerance_m)
     s, z = flat.vertices(0)
     crossed = control_line_crossings(run.control_lines, path)
     return LinePaths(

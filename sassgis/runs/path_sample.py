@@ -8,12 +8,11 @@ import numpy as np
 
 from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
-from sassgis.engine.simulate_paths import follow
 from sassgis.hazard.block_paths import BlockPath
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import StopReason
-from sassgis.runs.map import LOG_EVENTS, path_keys, path_terrain
+from sassgis.runs.map import LOG_EVENTS, follow_one, path_in_plan
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import Plan
 from sassgis.terrain.prepare import line_draw_keys, prepare_lines, trace_lines
@@ -56,24 +55,15 @@ def _followed(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Ite
     points = take(planned.points, which[known])
     if not len(points):
         return
-    blocks = run.blocks[scenario]
-    area = int(points.area[0])
-    result = follow(
-        path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
-        point_keys=path_keys(points.key, blocks.name), spread_m=run.start_spread_m(area),
-        log_events=LOG_EVENTS, effects=run.effects,
-    )  # fmt: skip
-    grid = run.heights
+    name = points.area_names[int(points.area[0])]
+    result = follow_one(run, points, scenario)
     for i, log in enumerate(result.event_logs):
-        s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
-        # A block that slides back a little does so on its own path.
-        ahead = np.flatnonzero(np.diff(log["x_m"], prepend=-np.inf) > 0.0)
-        if ahead.size < 2:
+        chainage, east, north = path_in_plan(run.heights, log)
+        if chainage.size < 2:
             continue
-        known_s = log["x_m"][ahead]
-        x = np.interp(s, known_s, grid.west + log["u"][ahead] * grid.cell_size)
-        y = np.interp(s, known_s, grid.north - log["v"][ahead] * grid.cell_size)
-        yield _path(points.area_names[area], blocks.name, (x, y, z), result, i)
+        s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
+        x, y = np.interp(s, chainage, east), np.interp(s, chainage, north)
+        yield _path(name, run.blocks[scenario].name, (x, y, z), result, i)
 
 
 def _on_lines(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterator[BlockPath]:
