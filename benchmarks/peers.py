@@ -77,11 +77,17 @@ def python_of(requirement: str, folder: Path) -> Path:
     return python
 
 
+def peer_environment() -> dict[str, str]:
+    """Variables with which another program keeps to one core, and to its own packages."""
+    own = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    return own | _ONE_CORE
+
+
 def peer_run(python: Path, script: str, profile: Path, rocks: int) -> dict[str, Any]:
     """One run of another program."""
     done = subprocess.run(
         [python, SCRIPTS / script, profile, str(rocks)],
-        env={**os.environ, **_ONE_CORE}, capture_output=True, text=True, check=False,
+        env=peer_environment(), capture_output=True, text=True, check=False,
     )  # fmt: skip
     if done.returncode:
         said = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]

@@ -1,10 +1,11 @@
 """Rate, memory and compilation time of sassgis on the benchmark slope, compared with SAGA.
 
-    python benchmarks/run.py [--repeats 3] [--rough] [--path followed] [--json FILE]
+    python benchmarks/run.py [--repeats 3] [--rough] [--path followed] [--flowpy FOLDER] [--json F]
 
 Each figure comes from a process of its own. The rate counts complete trajectories with all map
 statistics on, from release points to sums per cell, on one core, after compilation. The comparison
-with SAGA has two ratios: of complete runs, and of blocks and walks only, without set-up.
+with SAGA has two ratios: of complete runs, and of blocks and walks only, without set-up. With
+``--flowpy`` com4FlowPy is timed too, in an environment that pip makes in FOLDER.
 """
 
 from __future__ import annotations
@@ -88,7 +89,9 @@ def _child(folder: Path, repeats: int, path: str, cache: Path) -> dict[str, Any]
     return result
 
 
-def measure(repeats: int, rough: bool, path: str) -> dict[str, Any]:
+def measure(
+    repeats: int, rough: bool, path: str, environments: Path | None = None
+) -> dict[str, Any]:
     """All figures, in one run of this script."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "slope"
@@ -97,6 +100,12 @@ def measure(repeats: int, rough: bool, path: str) -> dict[str, Any]:
         cold = _child(folder, 1, path, cache)
         warm = _child(folder, repeats, path, cache)
         other = saga.measure(folder, repeats=repeats)
+        routed = None
+        if environments is not None:
+            # It brings the engine of sassgis along, which nobody else here needs.
+            import flowpy
+
+            routed = flowpy.measure(folder, environments, repeats=repeats)
     rate = [warm["rocks"] / s for s in warm["cpu_s"]]
     result: dict[str, Any] = {
         "rocks": warm["rocks"],
@@ -108,6 +117,7 @@ def measure(repeats: int, rough: bool, path: str) -> dict[str, Any]:
         "first_call_compiling_s": cold["first_s"],
         "first_call_from_cache_s": warm["first_s"],
         "saga": other,
+        "com4flowpy": routed,
     }
     if other.get("available"):
         result["ratio_whole"] = result["trajectories_per_wall_s"] / (
@@ -123,13 +133,15 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--rough", action="store_true", help="metre-scale roughness on the slope")
     parser.add_argument("--path", choices=("fall_line", "followed"), default="fall_line")
+    parser.add_argument("--flowpy", type=Path, help="also com4FlowPy, with an environment there")
     parser.add_argument("--json", type=Path, help="also write the figures to a file")
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.child:
         print(json.dumps(simulate_once(given.child, given.repeats, given.path)))
         return
-    result = measure(given.repeats, given.rough, given.path)
+    environments = given.flowpy.resolve() if given.flowpy else None
+    result = measure(given.repeats, given.rough, given.path, environments)
     if given.json:
         given.json.write_text(json.dumps(result, indent=2) + "\n")
     print(f"slope: {'rough' if given.rough else 'plain'}, {given.path}, {result['rocks']} blocks")
@@ -155,6 +167,13 @@ def main() -> None:
         )
     else:
         print(result["saga"]["message"])
+    if result["com4flowpy"]:
+        routed = result["com4flowpy"]["cells_per_s"]
+        own = result["further_trajectories_per_s"] / slope.ROCKS_PER_CELL
+        print(
+            f"com4FlowPy: {routed:,.2f} release cells per second; "
+            f"sassgis: {own:,.0f}, with {slope.ROCKS_PER_CELL} blocks in each"
+        )
 
 
 if __name__ == "__main__":

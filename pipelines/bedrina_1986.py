@@ -40,7 +40,7 @@ def main(argv: list[str] | None = None) -> None:
     results = {
         name: run_profile(
             given.folder / f"config_{name}.toml", given.output / name, overwrite=given.overwrite
-        )
+        ).found
         for name in ("before", "after")
     }
     hits = pd.DataFrame(

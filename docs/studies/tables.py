@@ -322,6 +322,125 @@ def _verdicts(counts: dict[str, int]) -> list[str]:
     return [f"{n:,}" for n in (total, refused, read, total - refused - read)]
 
 
+def speed(name: str) -> Any:
+    """Results of one of the benchmarks."""
+    return json.loads((HERE / "speed" / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def speed_slope() -> str:
+    """Blocks per second on the benchmark slope, and walks of SAGA."""
+    body = []
+    for name, label in (
+        ("plain", "plain, fall lines"),
+        ("rough", "rough, fall lines"),
+        ("followed", "plain, followed paths"),
+    ):
+        one = speed(name)
+        saga = one["saga"]
+        walks = saga["walks"] / sorted(saga["seconds"])[len(saga["seconds"]) // 2]
+        body.append(
+            [
+                label,
+                f"{one['trajectories_per_wall_s']:,.0f}",
+                f"{one['further_trajectories_per_s']:,.0f}",
+                f"{walks:,.0f} ({one['ratio_whole']:.1f})",
+                f"{saga['walks_per_s']:,.0f} ({one['ratio_further']:.1f})",
+                f"{one['first_call_compiling_s']:.0f}",
+                f"{one['first_call_from_cache_s']:.1f}",
+                f"{one['peak_mb']:.0f}",
+            ]
+        )
+    head = ["slope", "blocks/s, whole", "without set-up", "SAGA, walks/s, whole", "without set-up"]
+    head += ["first call, compiling (s)", "from the cache (s)", "memory (MB)"]
+    return markdown(head, body)
+
+
+def speed_effects() -> str:
+    """What each effect costs."""
+    found = speed("effects")
+    return markdown(
+        ["effect", "time, none = 1", "mean run-out (m)", "fragments and entrained blocks"],
+        [
+            [name, f"{r['ratio']:.2f}", f"{r['mean_runout_m']:.0f}", f"{r['pieces']}"]
+            for name, r in found.items()
+        ],
+    )
+
+
+def speed_limits() -> str:
+    """What the parts of a simulation cost."""
+    return markdown(
+        ["part", "for each block", "ns each", "µs for each block"],
+        [
+            [
+                {"sum": "sum of the parts", "engine": "the engine"}.get(name, name),
+                f"{r['per_block']:.1f}" if r.get("per_block") else "",
+                f"{r['ns']:.0f}" if "ns" in r else "",
+                f"{r['us']:.1f}" if r["us"] else "",
+            ]
+            for name, r in speed("limits").items()
+        ],
+    )
+
+
+def speed_peers() -> str:
+    """Rates of other programs."""
+    what = {
+        "sassgis": ("ellipse with rotation", "impulse with friction, rolling, sliding"),
+        "PlatRock 2D": ("lumped mass with rotation", "R_n and R_t, rolling"),
+        "PyRockfall": ("lumped mass", "R_n and R_t, sliding"),
+    }
+    return markdown(
+        ["program", "rock", "contact", "rocks/s", "sassgis makes", "median stop (m)"],
+        [
+            [
+                f"{name} {r.get('version', '')}".strip(),
+                *what[name],
+                *(
+                    ["–", r["failure"], "–"]
+                    if "failure" in r
+                    else [
+                        f"{r['rocks_per_s']:,.0f}",
+                        "–" if name == "sassgis" else f"{r['sassgis_times']:,.0f} times as many",
+                        f"{r['median_stop_m']:.0f}",
+                    ]
+                ),
+            ]
+            for name, r in speed("peers").items()
+        ],
+    )
+
+
+def speed_routed() -> str:
+    """Release cells per second."""
+    cells = 3000
+    own = speed("plain")
+    rate = own["further_trajectories_per_s"] * cells / own["rocks"]
+    routed = speed("flowpy")
+    return markdown(
+        ["program", "release cells/s"],
+        [
+            [f"com4FlowPy {routed['version']}", f"{routed['cells_per_s']:.2f}"],
+            ["sassgis", f"{rate:,.0f}"],
+        ],
+    )
+
+
+def speed_canton() -> str:
+    """A synthetic canton and parts of it."""
+    names = ("areas", "points", "rocks", "km2", "jobs")
+    times = ("areas_cpu_s", "mosaic_cpu_s", "wall_s")
+    head = ["areas", "points in each", "blocks at a point", "km²", "processes"]
+    head += ["areas, processor time (s)", "maps and zones, processor time (s)", "whole (s)"]
+    return markdown(
+        [*head, "memory (GB)"],
+        [
+            [f"{r[k]:,.0f}" for k in (*names, *times)] + [f"{1e-3 * r['peak_mb']:.1f}"]
+            for r in (*speed("growth"), *speed("canton"))
+        ],
+    )
+
+
 TABLES = {
     "discretisation valley": lambda: discretisation("valley"),
     "discretisation bedrina": lambda: discretisation("bedrina"),
@@ -340,6 +459,12 @@ TABLES = {
     "safety kills": safety_kills,
     "safety fuzz": safety_fuzz,
     "safety extremes": safety_extremes,
+    "speed slope": speed_slope,
+    "speed effects": speed_effects,
+    "speed limits": speed_limits,
+    "speed peers": speed_peers,
+    "speed canton": speed_canton,
+    "speed routed": speed_routed,
 }
 
 

@@ -59,4 +59,4 @@ def profile(
         seed=seed,
         overwrite=overwrite,
     )
-    click.echo(f"{result.rocks.size} blocks. Open {out / 'report.html'} in a browser.")
+    click.echo(f"{result.found.rocks.size} blocks. Open {out / 'report.html'} in a browser.")

@@ -327,8 +327,12 @@ def after_impact(
         if push != 0.0:
             angle += math.atan2(push, abs(ahead))
     backwards = ahead < 0.0
-    if abs(angle) > _NO_TURN or backwards:
+    if backwards or (state.phase == FLIGHT and abs(angle) > _NO_TURN):
         turn_heading(state, block, site, path, physics.gravity, angle, gu, gv)
+    else:
+        # Of what goes on along the ground before_ground turns the heading: where the profile began
+        # anew at a corner that the block has just come over, it would meet it again without end.
+        state.turn = angle
 
 
 @inlined

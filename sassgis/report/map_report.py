@@ -276,7 +276,7 @@ def map_report(
                 "Run-out",
                 "Chainage in plan along the path at which blocks stop, by stopping reason.",
                 save_figure(folder, "runout", runout_counts(progress)),
-                f"Histogram: {runout_words(progress)}.",
+                f"Histogram: {runout_words(progress.runout.sum(axis=0))}.",
             )
         )
     rows = {str(row["name"]): row for row in control_line_rows(progress.control_lines)}

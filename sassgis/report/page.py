@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
 from os import PathLike
@@ -40,7 +40,7 @@ class ReportFigure:
 
     title: str
     caption: str
-    png: bytes
+    png: bytes = field(repr=False)
     alt: str = ""
 
 
@@ -183,7 +183,7 @@ def number_columns(table: ReportTable) -> tuple[bool, ...]:
     )
 
 
-def _data_uri(png: bytes) -> str:
+def data_uri(png: bytes) -> str:
     """Put a picture into the page itself."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
@@ -195,7 +195,7 @@ def _template() -> Template:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["sensible"] = sensible
-    environment.filters["data_uri"] = _data_uri
+    environment.filters["data_uri"] = data_uri
     # A function: jinja computes filters of constants once, whatever the language is then.
     environment.globals["said"] = said
     environment.filters["number_columns"] = number_columns
@@ -215,11 +215,11 @@ def render_report(context: ReportContext) -> str:
     str
         A whole page: styles and pictures inside, no scripts, nothing fetched from elsewhere.
     """
-    return _template().render(report=_said_context(context), language=spoken())
+    return _template().render(report=context, language=spoken())
 
 
-def _said_context(context: ReportContext) -> ReportContext:
-    """What the report says in the language in which the program writes; its title is the user's."""
+def said_report(context: ReportContext) -> ReportContext:
+    """The report in the language in which the program writes; its title is the user's."""
     if spoken() == "en":
         return context
     results = context.key_results

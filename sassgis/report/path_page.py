@@ -23,7 +23,7 @@ from sassgis.model.styles import class_colours, class_labels, class_name, class_
 from sassgis.report.figures import relief
 from sassgis.report.figures.map_figure import class_numbers, shown_values
 from sassgis.report.figures.map_marks import MapObject, footprint
-from sassgis.report.page import _data_uri
+from sassgis.report.page import data_uri
 
 _MOST_DOTS = 1200
 #: Share of the colour of the map over the relief.
@@ -116,7 +116,7 @@ def write_path_page(
     part = window.grid(run.grid)
     data = {
         "extent": part.bounds,
-        "picture": _data_uri(_picture(part, window.cut(values), layer)),
+        "picture": data_uri(_picture(part, window.cut(values), layer)),
         "around": _around(run, outlines, objects),
         "paths": [_path(shown) for shown in paths],
     }

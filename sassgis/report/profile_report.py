@@ -20,6 +20,7 @@ from sassgis.report.map_report import (
     stopping_reasons,
 )
 from sassgis.report.page import Cell, ReportContext, ReportFigure
+from sassgis.report.run_summary import profile_lines
 
 _QUANTITIES: tuple[tuple[Literal["energy", "speed", "height"], str], ...] = (
     ("energy", "Energy"),
@@ -50,6 +51,7 @@ def profile_report(
     result: ProfileResult,
     warnings: Sequence[str],
     effects: Sequence[str],
+    byline: tuple[str, ...],
     provenance: tuple[tuple[str, Cell], ...],
     folder: Path,
 ) -> ReportContext:
@@ -61,6 +63,8 @@ def profile_report(
     warnings : sequence of str
     effects : sequence of str
         Names of those that are switched on.
+    byline : tuple of str
+        Who made it, when, with which program.
     provenance : tuple of (name, value)
     folder : Path
     """
@@ -78,6 +82,8 @@ def profile_report(
             ("Fragments and entrained blocks", spawned),
             ("Effects beyond the model of 1986", ", ".join(effects) or "none"),
         ),
+        byline=byline,
+        summary=profile_lines(result),
         warnings=tuple(warnings),
         key_results=stopping_reasons(reasons),
         figures=tuple(

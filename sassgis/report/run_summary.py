@@ -1,9 +1,10 @@
-"""The answer of a run in a few lines: run-out, angles, exposed objects, zones, risk."""
+"""The answer of a run in a few lines: run-out, angles, exposed objects, stations, zones, risk."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from sassgis.hazard.along_profile import ProfileResult
 from sassgis.hazard.assess import Assessment
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.reach_angles import ReachAngles
@@ -20,9 +21,8 @@ def runout_quantile_m(counts: IntArray, share: float) -> int:
     return int(np.searchsorted(below, share * below[-1])) + 1
 
 
-def runout_words(progress: Progress) -> str:
-    """Run-out of all blocks; empty for none."""
-    counts = progress.runout.sum(axis=0)
+def runout_words(counts: IntArray) -> str:
+    """Run-out of blocks that were counted in bins of 1 m; empty for none."""
     if not counts.sum():
         return ""
     median, most = (runout_quantile_m(counts, share) for share in (0.5, 0.95))
@@ -35,7 +35,7 @@ def runout_words(progress: Progress) -> str:
 
 def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
     """Run-out of all blocks, and the angles under which their stops are seen."""
-    words = runout_words(progress)
+    words = runout_words(progress.runout.sum(axis=0))
     lines = [("Run-out", f"{words} (along the path, in plan)")] if words else []
     for name, values, start in (
         ("Reach angle", angles.reach_deg, "release point"),
@@ -43,6 +43,24 @@ def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
     ):
         if np.isfinite(values).any():
             lines.append((name, f"{_angle_text(values)}, seen from the {start}"))
+    return tuple(lines)
+
+
+def profile_lines(result: ProfileResult) -> Lines:
+    """Where the blocks of a profile stop, and what passes its stations and meets its barriers."""
+    stops = np.concatenate([result.rocks["runout_m"], result.pieces["runout_m"]])
+    words = runout_words(np.bincount(np.maximum(stops, 0.0).astype(np.int64)))
+    lines = [("Run-out", f"{words} (chainage)")] if words else []
+    for k, (line, _) in enumerate(result.profile.control_lines):
+        energy = result.control_lines.distribution(k, "energy_kj")
+        text = f"{energy.count} of {result.rocks.size} blocks arrive"
+        if energy.count:
+            (most,) = energy.quantile(0.95)
+            text += f"; energy: 95 % of them below {sensible(most)} kJ"
+        name = line.name
+        if line.kind != "station":
+            name += f" ({line.kind}, {line.height_m:g} m)"
+        lines.append((name, text))
     return tuple(lines)
 
 

@@ -7,34 +7,41 @@ mosaic as a whole, to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sassgis.hazard.assess import Rules, curves_of
 from sassgis.hazard.bins import bins_for
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums, Sample
-from sassgis.hazard.progress import Progress
+from sassgis.hazard.progress import Progress, SourceTally
+from sassgis.hazard.source_sums import SourceSums
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.io.read.tiles import Part, Terrain
-from sassgis.io.write.block_maps import TILE, BlockMaps
+from sassgis.io.write.block_maps import TILE, BlockMaps, Unfinished, finish_map
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.model.grid import Grid
 from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
-from sassgis.model.results import RasterLayer
+from sassgis.model.results import ControlLine, RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUMS, Bins
-from sassgis.runs.batch_state import SIMULATION_NAME, Record, add_cells, read_state
+from sassgis.runs.batch_state import Record, add_cells, add_objects, read_state
 from sassgis.runs.checkpoint import progress_from
+from sassgis.runs.workers import Processes
 
 #: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
 BASE, _PER_CELL = 800 << 20, 600
+#: Smaller blocks are not made so that more can be at work (bytes, besides the program itself).
+_LEAST_SHARE = 256 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +60,14 @@ class Reached:
         return Part(self.part.row + row, self.part.col + col, n_rows, n_cols)
 
 
+class Maps(NamedTuple):
+    """Maps of a mosaic: of hazard, of what was simulated, of the terrain."""
+
+    hazard: Sequence[RasterLayer]
+    blocks: Sequence[RasterLayer]
+    terrain: RasterLayer
+
+
 def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
     """Memory that the maps of a place take (bytes), with all that its areas have counted."""
     reached = sum(a.record.reached for a in areas if a.part.common(place) is not None)
@@ -64,6 +79,18 @@ def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
     # sums with room to grow, those that are added, and their parts.
     per_reached = 10 * 8 * bins.threshold.size + 3 * sums
     return BASE + place.n_rows * place.n_cols * _PER_CELL + reached * per_reached
+
+
+def shared(memory_bytes: int, cores: int) -> tuple[int, int]:
+    """How many blocks may be at work at the same time, and the memory of each (bytes).
+
+    As many results wait to be written, in this process, as are at work.
+    """
+    for n in range(cores, 1, -1):
+        left = memory_bytes - (n + 1) * BASE
+        if left >= 2 * (n + 1) * _LEAST_SHARE:
+            return n, BASE + left // (2 * (n + 1))
+    return 1, memory_bytes
 
 
 def divided(
@@ -117,8 +144,9 @@ def write_blocks(
     blocks: Sequence[tuple[Part, Sequence[Reached]]],
     areas: Sequence[Reached],
     bins: Bins,
+    cores: int,
     tell: Callable[[str], None],
-) -> None:
+) -> Maps:
     """Write all maps of a mosaic.
 
     Parameters
@@ -136,19 +164,63 @@ def write_blocks(
     areas : sequence of Reached
         All, by name.
     bins : Bins
+    cores : int
+        Blocks at work at the same time.
     tell : callable
+
+    Returns
+    -------
+    Maps
+        Of their values only the smallest and the largest.
     """
-    sample = _sample(run, areas)
-    with BlockMaps(terrain.frame(place), maps) as files:
-        for i, (block, own) in enumerate(blocks, start=1):
+    task = _Task(config, terrain, rules, run, bins, _sample(run, areas))
+    hazard: set[str] = set()
+    with (
+        BlockMaps(terrain.frame(place), maps) as files,
+        closing(_each(_maps_of, task, blocks, cores)) as made,
+    ):
+        for i, ((block, own), found) in enumerate(zip(blocks, made, strict=True), start=1):
             tell(f"Block {i} of {len(blocks)} of the mosaic: {len(own)} areas")
-            grid = terrain.read(block)
-            for layer in (
-                terrain_layer(grid),
-                *_layers(config, rules, run, grid, block, own, bins, sample),
-            ):
+            hazard |= {layer.stem for layer in found.hazard}
+            for layer in (found.terrain, *found.hazard, *found.blocks):
                 files.write(layer, block.row - place.row, block.col - place.col)
-        tell("Writing the overviews of the maps")
+    tell("Writing the overviews of the maps")
+    with closing(_each(_finish, None, files.unfinished, cores)) as finished:
+        for _ in finished:
+            pass
+    layers = [u.layer for u in files.unfinished]
+    stem = found.terrain.stem
+    return Maps(
+        [m for m in layers if m.stem in hazard],
+        [m for m in layers if m.stem not in {*hazard, stem}],
+        next(m for m in layers if m.stem == stem),
+    )
+
+
+def _each(
+    work: Callable[[Any, Any], Any], common: Any, tasks: Sequence[Any], cores: int
+) -> Generator[Any, None, None]:
+    """Results in the order of the tasks; few wait, as they are large."""
+    if cores > 1 and len(tasks) > 1:
+        yield from Processes(cores, ahead=1).in_order(work, common, tasks)
+    else:
+        yield from (work(common, task) for task in tasks)
+
+
+def _finish(_: None, unfinished: Unfinished) -> None:
+    finish_map(unfinished)
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What the blocks of a mosaic have in common."""
+
+    config: Config
+    terrain: Terrain
+    rules: Rules
+    run: MapRun
+    bins: Bins
+    sample: Sample
 
 
 def _sample(run: MapRun, areas: Sequence[Reached]) -> Sample:
@@ -168,7 +240,8 @@ def added_up(
     block: Part,
     areas: Sequence[Reached],
     bins: Bins,
-    name: str = SIMULATION_NAME,
+    *,
+    without: bool = False,
 ) -> tuple[Progress, list[Sampled]]:
     """What areas have counted in a block, in all and by source.
 
@@ -182,48 +255,76 @@ def added_up(
     areas : sequence of Reached
     bins : Bins
         Of all areas.
-    name : str
-        Of the file of sums.
+    without : bool
+        Whether without walls and nets.
     """
     control_lines = tuple(g for g, _ in run.control_lines)
     total = Progress(0, MapSums(grid.values.size), ControlLineSums(()))
     for i, area in enumerate(areas):
-        state = read_state(area.folder / name)
-        own = progress_from(
-            state, area.part.n_rows * area.part.n_cols,
-            tuple(control_lines[k] for k in area.record.control_lines),
-        )  # fmt: skip
+        own, state = _of_area(area, control_lines, without)
         add_cells(total, (), bins, block, i, area.part, own, state["thresholds_kj"])
+    return total, _sources(replace(run, grid=grid), areas, total)
+
+
+def _of_area(
+    area: Reached, control_lines: Sequence[ControlLine], without: bool
+) -> tuple[Progress, dict[str, NDArray[Any]]]:
+    """What an area has counted, as sums and as it was saved; with all ``control_lines``."""
+    state = read_state(area.folder, without)
+    own = tuple(control_lines[k] for k in area.record.control_lines)
+    return progress_from(state, area.part.n_rows * area.part.n_cols, own), state
+
+
+def _sources(run: MapRun, areas: Sequence[Reached], total: Progress) -> list[Sampled]:
     # Outlines are of no account here.
     named = tuple(ReleaseArea(a.name, None, tuple(a.record.frequencies)) for a in areas)
     frequencies = {(a.name, k): f for a in areas for k, f in a.record.frequencies.items()}
-    return total, sampled_sources(replace(run, grid=grid, areas=named), total, frequencies)
+    return sampled_sources(replace(run, areas=named), total, frequencies)
 
 
-def _layers(
-    config: Config,
-    rules: Rules,
-    run: MapRun,
-    grid: Grid,
-    block: Part,
-    areas: Sequence[Reached],
-    bins: Bins,
-    sample: Sample,
-) -> tuple[RasterLayer, ...]:
-    """The maps of a block; none where no area has counted anything."""
-    total, sampled = added_up(run, grid, block, areas, bins)
+def met_objects(
+    run: MapRun, areas: Sequence[Reached], bins: Bins, *, without: bool = False
+) -> tuple[Progress, list[Sampled]]:
+    """What areas have counted at stations and barriers, and by source at exposed objects.
+
+    Parameters as those of added_up; there is nothing in cells.
+    """
+    control_lines = tuple(g for g, _ in run.control_lines)
+    total = Progress(0, MapSums(1), ControlLineSums(control_lines))
+    n = bins.threshold.size
+    for i, area in enumerate(areas):
+        record = area.record
+        if not (record.control_lines or record.objects):
+            continue
+        own, state = _of_area(area, control_lines, without)
+        total.control_lines.add_sums(own.control_lines, np.array(record.control_lines, np.int64))
+        for (_, scenario), tally in sorted(own.sources.items()):
+            joined = SourceTally(
+                SourceSums(n), SourceSums(n), ControlLineSums(()), tally.rocks, tally.never_started
+            )
+            add_objects(joined, bins, record, tally, state["thresholds_kj"])
+            total.sources[i, scenario] = joined
+    return total, _sources(run, areas, total)
+
+
+def _maps_of(task: _Task, block: tuple[Part, Sequence[Reached]]) -> Maps:
+    """The maps of a block; only that of the terrain where no area has counted anything."""
+    (place, areas), config, rules, bins = block, task.config, task.rules, task.bins
+    grid = task.terrain.read(place)
+    total, sampled = added_up(task.run, grid, place, areas, bins)
     curves = curves_of(sampled, bins.threshold)
     del sampled
     total.sources.clear()
-    layers: tuple[RasterLayer, ...] = ()
+    of_hazard: tuple[RasterLayer, ...] = ()
+    of_blocks: tuple[RasterLayer, ...] = ()
     if curves.places.size:
-        layers += hazard_layers(
+        of_hazard = hazard_layers(
             curves, rules.preset, grid.shape, rules.ref_width_m,
             return_periods=rules.preset.return_periods, confidence=config.hazard.confidence,
         )  # fmt: skip
     if total.sums.cells.size:
-        layers += map_layers(
-            total.sums, grid.shape, sample, bins.edges, grid.cell_size,
+        of_blocks = map_layers(
+            total.sums, grid.shape, task.sample, bins.edges, grid.cell_size,
             config.output.energy_classes_kj,
         )  # fmt: skip
-    return layers
+    return Maps(of_hazard, of_blocks, terrain_layer(grid))

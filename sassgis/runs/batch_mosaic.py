@@ -17,10 +17,10 @@ from sassgis.io.read.ground_map import built_in_table, ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
 from sassgis.io.staging import MANIFEST_NAME, staged_output, writing
-from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.zones import joined_layers
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.grid import Grid
+from sassgis.model.languages import speaking
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature, no_ground
@@ -30,15 +30,11 @@ from sassgis.runs.batch_blocks import (
     bins_of_place,
     bytes_needed,
     divided,
+    shared,
     write_blocks,
 )
-from sassgis.runs.batch_state import (
-    SIMULATION_NAME,
-    WITHOUT_BARRIERS_NAME,
-    Record,
-    add_area,
-    read_state,
-)
+from sassgis.runs.batch_layers import write_besides
+from sassgis.runs.batch_state import Record, add_area, read_state
 from sassgis.runs.batch_zones import ZoneTask, zones_by_group
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.inputs import (
@@ -50,7 +46,7 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.job import Job, Simulation, workers_asked
 from sassgis.runs.workers import Jobs
-from sassgis.runs.zone import without_barriers, write_zones
+from sassgis.runs.zone import compares_barriers, without_barriers, write_zones
 from sassgis.terrain.plan import plan
 
 MOSAIC_NAME = "mosaic"
@@ -58,8 +54,8 @@ _FINGERPRINT_NAME = "batch.json"
 #: A mosaic of more cells than this is made block by block, within this memory (bytes).
 _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
 _BY_BLOCKS = (
-    "The mosaic was made block by block and has maps and zones only: no tables, risk, report and "
-    "project; more memory, or batches of neighbouring areas, give them."
+    "The mosaic was made block by block and has no report, no sheets, and no fall lines and stops "
+    "of single blocks; more memory, or batches of neighbouring areas, give them."
 )
 
 
@@ -76,7 +72,7 @@ def write_mosaic(
     """Add up all areas and write what they give together.
 
     Within ``memory_bytes``, if given: a mosaic for which that is not enough, or of more than a
-    hundred million cells, is made block by block and has maps and zones only.
+    hundred million cells, is made block by block and has no report.
     """
     parts = [[records[c.stem].fingerprint for c in candidates], notices]
     fingerprint = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -85,14 +81,16 @@ def write_mosaic(
         tell("The mosaic is there already")
         return None, notices
     tell("Adding up the areas")
-    blocks = _blocks(setting, candidates, records, folder, memory_bytes)
+    asked = workers_asked(setting.config, jobs)
+    cores = asked if isinstance(asked, int) else 1
+    blocks = _blocks(setting, candidates, records, folder, memory_bytes, cores)
     if blocks is not None:
         said = (*notices, *_said(list(records.values())), _BY_BLOCKS)
-        cores = workers_asked(setting.config, jobs)
-        with staged_output(target, overwrite=True) as work:
-            said = _write_blocks(
-                work, setting, blocks, said, cores if isinstance(cores, int) else 1, tell
-            )
+        with (
+            staged_output(target, overwrite=True) as work,
+            speaking(setting.config.project.language),
+        ):
+            said = _write_blocks(work, setting, candidates, blocks, said, cores, tell)
             _keep(work, fingerprint)
         return None, said
     config = replace(
@@ -121,16 +119,15 @@ def write_mosaic(
 
         done = simulation(job, without=False)
         without = None
-        barriers = any(g.kind != "station" for g, _ in job.run.control_lines)
-        if barriers and config.hazard.compare_barriers:
+        if compares_barriers(config, job.run):
             without = simulation(without_barriers(job), without=True)
 
         def keep(_found: Assessment) -> None:
             _keep(work, fingerprint)
 
         names = [c.name for c in candidates]
-        found, _, warnings = write_zones(work, rules, done, without, names, tell, keep)
-    return found, (*warnings, *done.warnings)
+        found, published = write_zones(work, rules, done, without, names, tell, keep)
+    return found, published.warnings
 
 
 def _keep(work: Path, fingerprint: str) -> None:
@@ -148,6 +145,7 @@ class _Blocks:
     bins: Bins
     blocks: list[tuple[Part, list[Reached]]]
     memory_bytes: int
+    at_once: int
 
 
 def _blocks(
@@ -156,6 +154,7 @@ def _blocks(
     records: dict[str, Record],
     folder: Path,
     memory_bytes: int | None,
+    cores: int,
 ) -> _Blocks | None:
     """The blocks of a mosaic that is too large to be made as a whole; None for others."""
     areas = tuple(
@@ -171,18 +170,20 @@ def _blocks(
     # Zones, tables, figures and the report take about as much again.
     if 2 * bytes_needed(place, areas, bins) <= most and place.n_rows * place.n_cols <= _MOST_CELLS:
         return None
-    return _Blocks(place, areas, bins, divided(place, areas, bins, most), most)
+    at_once, share = shared(most, cores)
+    return _Blocks(place, areas, bins, divided(place, areas, bins, share), most, at_once)
 
 
 def _write_blocks(
     work: Path,
     setting: Setting,
+    candidates: Sequence[Candidate],
     made: _Blocks,
     warnings: tuple[str, ...],
     cores: int,
     tell: Callable[[str], None],
 ) -> tuple[str, ...]:
-    """Write maps, zones and manifest of a mosaic that is made block by block; its warnings."""
+    """Write all that a mosaic has which is made block by block; its warnings."""
     config, rules, terrain, bins = setting.config, setting.rules, setting.terrain, made.bins
     frame = terrain.frame(made.place)
     # One cell is enough where only settings count: processes get all cells of a grid in full.
@@ -194,16 +195,17 @@ def _write_blocks(
         empty, thresholds_kj=rules.preset.thresholds_kj, ref_width_m=rules.ref_width_m,
         repetitions=max(a.record.repetitions for a in made.areas),
     )  # fmt: skip
-    write_blocks(
-        work / "maps", config, terrain, rules, run, made.place, made.blocks, made.areas, bins, tell
-    )
+    maps = write_blocks(
+        work / "maps", config, terrain, rules, run, made.place, made.blocks, made.areas, bins,
+        made.at_once, tell,
+    )  # fmt: skip
     beside = 4 * felt_cells(rules.zones, frame.cell_size)
     task = ZoneTask(config, terrain, rules, run, made.place, bins, beside)
     counted = [a for a in made.areas if a.record.reached]
     drawn, said = zones_by_group(task, counted, cores, made.memory_bytes, tell)
     warnings += said
-    if drawn:
-        write_geopackage(work / "hazard.gpkg", joined_layers(drawn), {"preset": rules.preset.name})
+    zones = joined_layers(drawn) if drawn else []
+    write_besides(work, setting, run, frame, candidates, made.areas, bins, maps, zones)
     write_manifest(
         work / MANIFEST_NAME,
         inputs=input_files(config),
@@ -290,10 +292,6 @@ def _sum_of_areas(
     released = int(sum(r.rocks for r, _ in own))
     share = run.stop_points_max / released if released else 1.0
     for i, (record, folder) in enumerate(own):
-        file = folder / WITHOUT_BARRIERS_NAME
-        if not without or not file.is_file():
-            # Where an area has no walls and nets, both are the same.
-            file = folder / SIMULATION_NAME
-        part = record.part(setting.terrain)
-        add_area(total, run, planned, place, i, record, part, read_state(file), share)
+        part, state = record.part(setting.terrain), read_state(folder, without)
+        add_area(total, run, planned, place, i, record, part, state, share)
     return total

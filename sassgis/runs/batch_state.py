@@ -123,14 +123,23 @@ def write_state(path: Path, progress: Progress, run: MapRun) -> None:
         write_saved(path, arrays, compressed=True)
 
 
-def read_state(path: Path) -> dict[str, NDArray[Any]]:
-    """What write_state wrote.
+def read_state(folder: Path, without: bool = False) -> dict[str, NDArray[Any]]:
+    """What write_state wrote into the folder of an area.
+
+    Parameters
+    ----------
+    folder : Path
+    without : bool
+        Whether of its blocks without walls and nets; where it has none, both are the same.
 
     Raises
     ------
     InputError
         If the file is damaged.
     """
+    path = folder / WITHOUT_BARRIERS_NAME
+    if not (without and path.is_file()):
+        path = folder / SIMULATION_NAME
     return saved_or_refused(path, "the sums of a release area; delete its folder to run it again")
 
 
@@ -208,21 +217,17 @@ def add_area(
     own = progress_from(
         state, part.n_rows * part.n_cols, tuple(of_all[i] for i in record.control_lines)
     )
-    bins = bins_of(run)
-    add_cells(total, of_all, bins, place, area, part, own, state["thresholds_kj"])
-    columns = _columns(state["thresholds_kj"], bins.threshold)
-    control_lines = np.array(record.control_lines, np.int64)
-    objects = np.array(record.objects, np.int64)
-    total.control_lines.add_sums(own.control_lines, control_lines)
+    bins, thresholds_kj = bins_of(run), state["thresholds_kj"]
+    add_cells(total, of_all, bins, place, area, part, own, thresholds_kj)
+    total.control_lines.add_sums(own.control_lines, np.array(record.control_lines, np.int64))
     total.reasons += own.reasons
     total.lost += own.lost
     total.pieces += own.pieces
     total.runout = _sum_of(total.runout, own.runout)
     for (_, scenario), tally in sorted(own.sources.items()):
-        joined, counts = total.sources[area, scenario], tally.objects.counts()
-        wide = (_widened(c, columns, bins.threshold.size) for c in (counts.count, counts.square))
-        joined.objects.add(objects[counts.places], *wide)
-        joined.control_lines.add_sums(tally.control_lines, control_lines)
+        joined = total.sources[area, scenario]
+        add_objects(joined, bins, record, tally, thresholds_kj)
+        joined.control_lines.add_sums(tally.control_lines, np.array(record.control_lines, np.int64))
     first_point = int(np.flatnonzero(planned.points.area == area)[0])
     first_line = first_point * run.lines_per_point
     total.lines += [_moved_lines(lines, first_point) for lines in own.lines]
@@ -233,6 +238,16 @@ def add_area(
     if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
         reach, line, scenario, rock = own.furthest
         total.furthest = (reach, line + first_line, scenario, rock)
+
+
+def add_objects(
+    joined: SourceTally, bins: Bins, record: Record, tally: SourceTally, thresholds_kj: FloatArray
+) -> None:
+    """Add what a source has counted at exposed objects, by their numbers in the batch."""
+    counts, n = tally.objects.counts(), bins.threshold.size
+    columns = _columns(thresholds_kj, bins.threshold)
+    wide = (_widened(c, columns, n) for c in (counts.count, counts.square))
+    joined.objects.add(np.array(record.objects, np.int64)[counts.places], *wide)
 
 
 def _widened(counts: IntArray, columns: IntArray, n: int) -> IntArray:

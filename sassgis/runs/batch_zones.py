@@ -21,8 +21,8 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.batch_blocks import Reached, added_up, bytes_needed
-from sassgis.runs.batch_state import WITHOUT_BARRIERS_NAME
 from sassgis.runs.workers import Processes
+from sassgis.runs.zone import compares_barriers
 
 #: Layers of a group that make sense for all of them together.
 _LAYERS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
@@ -106,14 +106,13 @@ def _zones(task: ZoneTask, areas: Sequence[Reached]) -> list[VectorLayer]:
     box = _box(task, areas)
     grid = task.terrain.read(box)
     _, sampled = added_up(task.run, grid, box, areas, task.bins)
-    without = None
-    built = any(g.kind != "station" for g, _ in task.run.control_lines)
-    if built and config.hazard.compare_barriers:
+    alone = None
+    if compares_barriers(config, task.run):
         # Zones with walls and nets are drawn within those without.
-        _, without = added_up(task.run, grid, box, areas, task.bins, WITHOUT_BARRIERS_NAME)
+        _, alone = added_up(task.run, grid, box, areas, task.bins, without=True)
     found = assess(
         replace(rules, vulnerability=None, placed=PlacedObjects((), ())),
-        grid, task.bins.threshold, sampled, without,
+        grid, task.bins.threshold, sampled, alone,
         confidence=config.hazard.confidence, by_source=False,
     )  # fmt: skip
     width = rules.ref_width_m

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from sassgis.io.staging import staged_output
 from sassgis.model import rng
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import speaking
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.profiles import (
     ControlLineCrossings,
@@ -32,6 +33,8 @@ from sassgis.model.profiles import (
 )
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import PROBABILITIES
+from sassgis.report.notebook import in_short
+from sassgis.report.page import ReportContext
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.publish import publish_profile
 from sassgis.terrain.fall_lines import fall_line_surface, trace
@@ -41,6 +44,27 @@ from sassgis.terrain.stretch import SHORTEST_LINE_M, with_lead_in
 
 _LOG_EVENTS = 2000
 _DRAWN = 100
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileRunResult:
+    """What a run along one profile left.
+
+    Attributes
+    ----------
+    folder : Path
+    found : ProfileResult
+        Blocks, passages, paths, quantiles along the slope.
+    report : ReportContext
+        What the report says; a notebook shows it in short.
+    """
+
+    folder: Path
+    found: ProfileResult = field(repr=False)
+    report: ReportContext = field(repr=False)
+
+    def _repr_html_(self) -> str:
+        return in_short(self.report, self.folder)
 
 
 def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
@@ -271,7 +295,7 @@ def run_profile(
     rocks: int | None = None,
     seed: int | None = None,
     overwrite: bool = False,
-) -> ProfileResult:
+) -> ProfileRunResult:
     """Run one profile and write figures, tables and report.
 
     Parameters
@@ -291,7 +315,7 @@ def run_profile(
 
     Returns
     -------
-    ProfileResult
+    ProfileRunResult
 
     Raises
     ------
@@ -310,12 +334,13 @@ def run_profile(
             else:
                 profile = profile_from_csv(config, None if csv_file is None else Path(csv_file))
         result = simulate_profile(config, profile, seed=seed, rocks=rocks)
-        publish_profile(
-            work,
-            config,
-            result,
-            [*config.notes, *notices, *profile_warnings(result, config.effects)],
-            own_file=own_file,
-            seed=config.run.seed if seed is None else seed,
-        )
-    return result
+        with speaking(config.project.language):
+            report = publish_profile(
+                work,
+                config,
+                result,
+                [*config.notes, *notices, *profile_warnings(result, config.effects)],
+                own_file=own_file,
+                seed=config.run.seed if seed is None else seed,
+            )
+    return ProfileRunResult(Path(out), result, report)

@@ -41,7 +41,7 @@ from sassgis.io.write.layers import run_vectors
 from sassgis.io.write.layers.exposed_objects import exposed_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.maps import map_layers
-from sassgis.io.write.layers.risk_objects import risk_frames, risk_vectors
+from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.io.write.layers.zones import (
     change_table,
@@ -58,14 +58,19 @@ from sassgis.io.write.raster import write_raster
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
 from sassgis.model.crs import crs_name
 from sassgis.model.exposure import PlacedObjects
-from sassgis.model.languages import speaking
 from sassgis.model.map_run import MapRun, ObjectCells
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import exposed_table, levels_of, map_objects
 from sassgis.report.map_report import map_report, release_outlines
-from sassgis.report.page import ReportFigure, ReportTable, write_report
+from sassgis.report.page import (
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    said_report,
+    write_report,
+)
 from sassgis.report.path_page import write_path_page
 from sassgis.report.profile_report import profile_report
 from sassgis.report.run_summary import object_lines, run_lines, zone_lines
@@ -134,14 +139,33 @@ class Extras:
     ref_widths_m: dict[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class Published:
+    """What was written of a run on the map.
+
+    Attributes
+    ----------
+    layers : tuple of RasterLayer
+        The maps of the blocks.
+    report : ReportContext
+        What the report says, in its language.
+    warnings : tuple of str
+        In English.
+    """
+
+    layers: tuple[RasterLayer, ...]
+    report: ReportContext
+    warnings: tuple[str, ...]
+
+
 def publish_map(
     work: Path,
     done: Simulation,
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
     extras: Extras | None = None,
-) -> tuple[RasterLayer, ...]:
-    """Write the result of a run on the map.
+) -> Published:
+    """Write the result of a run on the map, in the language that is spoken (languages.speaking).
 
     Parameters
     ----------
@@ -156,20 +180,9 @@ def publish_map(
 
     Returns
     -------
-    tuple of RasterLayer
-        The maps of the blocks.
+    Published
     """
-    with speaking(done.config.project.language):
-        return _publish_map(work, done, areas, tell, extras or Extras())
-
-
-def _publish_map(
-    work: Path,
-    done: Simulation,
-    areas: Sequence[str] | None,
-    tell: Callable[[str], None],
-    extras: Extras,
-) -> tuple[RasterLayer, ...]:
+    extras = extras or Extras()
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     warnings = [*extras.warnings, *done.warnings]
@@ -204,7 +217,9 @@ def _publish_map(
         extent=reached_extent(layers, run.grid),
     )  # fmt: skip
     sheets = (*extras.layouts(words), *run_layouts(words, layers))
-    write_run_project(work, imprint, run.grid, layers, terrain, vectors, extras.groups, sheets)
+    write_run_project(
+        work, imprint, run.grid, words.extent, layers, terrain, vectors, extras.groups, sheets
+    )
     _write_tables(work / "tables", done, extras.frames, tell)
     tell("Drawing the figures")
     shown = (
@@ -219,7 +234,7 @@ def _publish_map(
     )  # fmt: skip
     exposed = _exposed(run, layers, extras)
     first = () if extras.key_results is None else (context.key_results,)
-    context = replace(
+    report = replace(
         context,
         byline=_byline(config),
         summary=(
@@ -233,7 +248,8 @@ def _publish_map(
         tables=(exposed, *extras.tables, *first, *context.tables),
         what_was_run=(*extras.described, *context.what_was_run),
     )
-    write_report(work / "report.html", context)
+    report = said_report(report)
+    write_report(work / "report.html", report)
     _write_paths(work / "paths.html", done, extras, layers)
     write_manifest(
         work / "manifest.json",
@@ -251,7 +267,7 @@ def _publish_map(
         warnings=warnings,
         checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
     )
-    return layers
+    return Published(layers, report, tuple(warnings))
 
 
 def _exposed(run: MapRun, layers: tuple[RasterLayer, ...], extras: Extras) -> ReportTable:
@@ -343,11 +359,6 @@ def _write_tables(
 
 def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
     """Everything that zoning adds to a result; figures are drawn into the folder ``figures``."""
-    with speaking(done.config.project.language):
-        return _zone_extras(rules, found, done, figures)
-
-
-def _zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard = found.hazard
@@ -381,10 +392,7 @@ def _zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Pat
         frames["level_changes"] = change_table(both, labels)
     if found.risk is not None:
         risk = risk_vectors(found.risk, rules.placed, grid.crs, currency)
-        frames |= risk_frames(found.risk, currency)
-        if found.risk_without is not None:
-            without = risk_frames(found.risk_without, currency)
-            frames |= {f"{name}_without_barriers": frame for name, frame in without.items()}
+        frames |= risk_tables(found.risk, found.risk_without, currency)
     federal = federal_layers(config, grid, preset, rules.ref_width_m, hazard, found.by_area)
     levels = level_table(preset, found)
     return Extras(
@@ -441,8 +449,8 @@ def publish_profile(
     *,
     own_file: Path | None,
     seed: int,
-) -> None:
-    """Write the result of a run along one profile.
+) -> ReportContext:
+    """Write the result of a run along one profile, in the language that is spoken.
 
     Parameters
     ----------
@@ -455,19 +463,12 @@ def publish_profile(
         The profile, or the line under which it lies, if it is not that of the configuration.
     seed : int
         As used.
+
+    Returns
+    -------
+    ReportContext
+        What the report says.
     """
-    with speaking(config.project.language):
-        _publish_profile(work, config, result, warnings, own_file, seed)
-
-
-def _publish_profile(
-    work: Path,
-    config: Config,
-    result: ProfileResult,
-    warnings: Sequence[str],
-    own_file: Path | None,
-    seed: int,
-) -> None:
     scenarios = [b.name for b in config.blocks]
     tables = work / "tables"
     write_table(tables / "rocks.csv", [profile_rock_frame(result, scenarios)])
@@ -478,8 +479,10 @@ def _publish_profile(
         ("Settings and inputs (SHA-256)", settings_hash(config)),
     )
     effects = config.effects.names
-    context = profile_report(result, warnings, effects, provenance, work / "figures")
-    write_report(work / "report.html", context)
+    report = said_report(
+        profile_report(result, warnings, effects, _byline(config), provenance, work / "figures")
+    )
+    write_report(work / "report.html", report)
     own = {} if own_file is None else {"profile": own_file}
     write_manifest(
         work / "manifest.json",
@@ -501,3 +504,4 @@ def _publish_profile(
         },
         warnings=warnings,
     )
+    return report

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from sassgis.hazard.progress import Progress
 from sassgis.io.staging import staged_output
+from sassgis.model.languages import speaking
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
+from sassgis.report.notebook import in_short
+from sassgis.report.page import ReportContext
 from sassgis.runs.inputs import collected_notices, placed_objects
 from sassgis.runs.job import OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import Extras, publish_map
+from sassgis.runs.publish import Extras, Published, publish_map
 from sassgis.runs.workers import Jobs
 from sassgis.terrain.plan import Plan
 
@@ -34,6 +37,8 @@ class RunResult:
         Time of the simulation alone.
     run, planned, progress, layers
         Inputs, plan, sums and layers, for further work in Python.
+    report : ReportContext
+        What the report says; a notebook shows it in short.
     """
 
     folder: Path
@@ -41,10 +46,14 @@ class RunResult:
     reasons: dict[StopReason, int]
     warnings: tuple[str, ...]
     seconds: float
-    run: MapRun
-    planned: Plan
-    progress: Progress
-    layers: tuple[RasterLayer, ...]
+    run: MapRun = field(repr=False)
+    planned: Plan = field(repr=False)
+    progress: Progress = field(repr=False)
+    layers: tuple[RasterLayer, ...] = field(repr=False)
+    report: ReportContext = field(repr=False)
+
+    def _repr_html_(self) -> str:
+        return in_short(self.report, self.folder)
 
 
 def run(
@@ -103,14 +112,15 @@ def run(
             on_progress=on_progress,
             tell=tell,
         )
-        layers = publish_map(work, simulation, areas, tell, Extras(placed=placed))
-    return result_of(Path(out), simulation, layers)
+        with speaking(config.project.language):
+            published = publish_map(work, simulation, areas, tell, Extras(placed=placed))
+    return result_of(Path(out), simulation, published)
 
 
-def result_of(out: Path, done: Simulation, layers: tuple[RasterLayer, ...]) -> RunResult:
+def result_of(out: Path, done: Simulation, published: Published) -> RunResult:
     """What a run left."""
     reasons = {r: int(done.progress.reasons[r]) for r in StopReason}
     return RunResult(
-        out, int(done.progress.reasons.sum()), reasons, done.warnings, done.seconds, done.run,
-        done.planned, done.progress, layers,
+        out, int(done.progress.reasons.sum()), reasons, published.warnings, done.seconds,
+        done.run, done.planned, done.progress, published.layers, published.report,
     )  # fmt: skip

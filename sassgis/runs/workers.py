@@ -62,9 +62,16 @@ class Processes:
     """Processes of this machine, for work that Python itself has a large share in.
 
     They leave Ctrl-C to the process that started them, and end with it.
+
+    Attributes
+    ----------
+    count : int
+    ahead : int
+        Results of each that may wait. Tasks differ: while the first is at work others are done.
     """
 
     count: int
+    ahead: int = 16
 
     def in_order(
         self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
@@ -81,8 +88,8 @@ class Processes:
                 _single_threaded(),
                 ProcessPoolExecutor(self.count, get_context("spawn"), _begin, (common,)) as pool,
             ):
-                # Tasks differ: while the first is at work others are done and wait for it.
-                yield from _in_order(pool, partial(_with_common, work), tasks, 16 * self.count)
+                work_on = partial(_with_common, work)
+                yield from _in_order(pool, work_on, tasks, self.ahead * self.count)
         except BrokenProcessPool:
             raise OutputError(
                 "a worker process was lost; memory may have run out; the same command goes on from "

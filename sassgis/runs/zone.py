@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sassgis.hazard.assess import Assessment, Rules, assess, curves_of, share_uncertain
@@ -14,12 +14,12 @@ from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.read.objects import object_cells
 from sassgis.io.staging import staged_output
+from sassgis.model.languages import speaking
 from sassgis.model.map_run import MapRun, ObjectCells
-from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import publish_map, zone_extras
+from sassgis.runs.publish import Published, publish_map, zone_extras
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.workers import Jobs
 
@@ -29,9 +29,12 @@ class ZoneResult:
     """What zoning left: the run, the rules, and what was found."""
 
     run: RunResult
-    rules: Rules
-    found: Assessment
+    rules: Rules = field(repr=False)
+    found: Assessment = field(repr=False)
     seconds: float
+
+    def _repr_html_(self) -> str:
+        return self.run._repr_html_()
 
 
 def prepared(job: Job, rules: Rules) -> Job:
@@ -52,6 +55,12 @@ def without_barriers(job: Job) -> Job:
         (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
     )
     return Job(replace(job.run, control_lines=control_lines), job.planned, ())
+
+
+def compares_barriers(config: Config, run: MapRun) -> bool:
+    """Whether there are walls and nets, and zones and risk without them are wanted too."""
+    built = any(line.kind != "station" for line, _ in run.control_lines)
+    return built and config.hazard.compare_barriers
 
 
 def zone(
@@ -93,11 +102,9 @@ def zone(
         job = prepared(job, rules)
         began = time.perf_counter()
         done, without = simulations(config, work, job, rules, jobs, on_progress, tell)
-        found, layers, warnings = write_zones(work, rules, done, without, areas, tell)
+        found, published = write_zones(work, rules, done, without, areas, tell)
         seconds = time.perf_counter() - began
-    result = result_of(Path(out), done, layers)
-    result = replace(result, warnings=(*warnings, *result.warnings))
-    return ZoneResult(result, rules, found, seconds)
+    return ZoneResult(result_of(Path(out), done, published), rules, found, seconds)
 
 
 def write_zones(
@@ -108,8 +115,8 @@ def write_zones(
     areas: Sequence[str] | None,
     tell: Callable[[str], None],
     first: Callable[[Assessment], None] | None = None,
-) -> tuple[Assessment, tuple[RasterLayer, ...], tuple[str, ...]]:
-    """Find the zones and write everything into ``work``.
+) -> tuple[Assessment, Published]:
+    """Find the zones and write everything into ``work``, in the language of the configuration.
 
     Parameters
     ----------
@@ -124,17 +131,15 @@ def write_zones(
     Returns
     -------
     found : Assessment
-    layers : tuple of RasterLayer
-        The maps of the blocks.
-    warnings : tuple of str
-        Of the zoning.
+    published : Published
     """
     tell("Drawing the zones")
     found = assessed(rules, done, without)
     if first is not None:
         first(found)
-    extras = zone_extras(rules, found, done, work / "figures")
-    return found, publish_map(work, done, areas, tell, extras), extras.warnings
+    with speaking(done.config.project.language):
+        extras = zone_extras(rules, found, done, work / "figures")
+        return found, publish_map(work, done, areas, tell, extras)
 
 
 def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Assessment:
@@ -195,8 +200,7 @@ def simulations(
         repetitions_max=repetitions_max, enough=None if limit is None else enough,
         schedule=schedule, check=check,
     )  # fmt: skip
-    barriers = any(g.kind != "station" for g, _ in job.run.control_lines)
-    if not (barriers and config.hazard.compare_barriers):
+    if not compares_barriers(config, job.run):
         return done, None
     tell("Once more without walls and nets")
     without = simulate_config(

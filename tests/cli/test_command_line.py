@@ -86,7 +86,7 @@ def test_seed_and_area_are_passed_on(slope: Slope, call) -> None:
 
 def long_run(slope: Slope) -> None:
     """Enough chunks and rocks to be interrupted in the middle."""
-    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="1000")
+    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="250")
 
 
 def digests(folder: Path) -> dict[str, str]:

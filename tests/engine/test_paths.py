@@ -461,6 +461,32 @@ def test_a_wind_against_them_turns_blocks_back() -> None:
     assert np.median(out.rocks["runout_m"]) < np.median(calm.rocks["runout_m"])
 
 
+# --- where segments meet under a rolling block ---------------------------------------------------
+
+
+@pytest.mark.parametrize("relief", [0.0, 0.05])
+def test_a_block_that_rolls_over_the_border_of_two_grounds_moves_on(relief: float) -> None:
+    """It met the corner ahead of it again each time that its heading turned, on the spot."""
+    grid = grid_of(
+        lambda x, y: (
+            500.0 - 0.9 * np.minimum(x, -10.0) - 0.04 * y
+            + relief * np.sin(2.0 * np.pi * x / 9.0) * np.cos(2.0 * np.pi * y / 7.0)
+        ), 60, 60, 2.0,
+    )  # fmt: skip
+    on = ground(mu_f=0.7, restitution=0.3)
+    strips = np.broadcast_to((np.arange(60) // 2 % 2).astype(np.int32), grid.shape)
+    x0, y0 = middle(grid)
+    points = points_at(np.array([x0 - 50.0]), np.array([y0]))
+    blocks = BlockPopulation("b", (0.8, 1.2), (0.6, 0.9), (0.5, 0.8), (2700.0, 2700.0))
+    out = follow(
+        PathTerrain(grid, strips, 0.25), points,
+        GroundTable((on, dataclasses.replace(on, name="other"))), blocks, HAZARD, seed=3,
+        rocks_per_point=4000, point_keys=points.key,
+    )  # fmt: skip
+    assert (out.rocks["reason"] != StopReason.STEP_LIMIT).all()
+    assert np.median(out.rocks["runout_m"]) > 30.0
+
+
 # --- where the terrain ends or says little -------------------------------------------------------
 
 

@@ -191,6 +191,7 @@ def test_columns_that_are_not_read_and_former_keys_are_warned_of(tmp_path: Path)
     assert told["data"]["warnings"] == list(found.warnings)
 
 
+@pytest.mark.battery
 def test_speeds_in_kilometres_per_hour_show_up(everything: Path, tmp_path: Path) -> None:
     def faster(rows: list[list[str]]) -> list[list[str]]:
         k = rows[0].index("speed_mps")
@@ -216,6 +217,7 @@ def changed(case: Path, folder: Path, **changes: Callable[[dict[str, str], int],
     return case
 
 
+@pytest.mark.battery
 def test_rocks_in_two_groups_are_answered_with_a_warning(everything: Path, tmp_path: Path) -> None:
     def grouped(row: dict[str, str], k: int) -> None:
         row["group"] = "monday" if k % 3 else "tuesday"

@@ -385,6 +385,11 @@ def test_a_zone_that_the_edge_cuts_slantwise_does_not_grow_along_it() -> None:
     for turned in (classes, classes[::-1], classes.T):
         out = generalised(turned, 2.0)
         assert out.sum() < 1.1 * turned.sum()
+        # Nor along the edge of what is known.
+        known = np.pad(np.ones(turned.shape, bool), 20)
+        same = generalised(np.pad(turned, 20), 2.0, known=known)
+        np.testing.assert_array_equal(same[20:-20, 20:-20], out)
+        assert same.sum() == out.sum()
 
 
 def test_a_hole_at_the_edge_of_the_raster_is_none() -> None:

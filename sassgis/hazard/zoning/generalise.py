@@ -154,14 +154,43 @@ def _closed(mask: BoolArray, gap: int) -> BoolArray:
     return _eroded(_dilated(mask, shape), shape)
 
 
-def _narrow(mask: BoolArray, width: int) -> BoolArray:
+def _carried_on(mask: BoolArray, width: int, known: BoolArray) -> BoolArray:
+    """A mask that goes on where nothing is known, as it is at the nearest cells that are known.
+
+    Larger by the width on each side. Of known cells that are equally near, one in the mask counts.
+    Beyond twice the width from the mask it may end: no disk there bears on the mask.
+    """
+    if known.all():
+        return np.pad(mask, width, mode="edge")
+    inside = np.pad(mask, width)
+    outside = np.pad(known, width) & ~inside
+    out = inside.copy()
+    reach = 2 * width
+    near = ndimage.maximum_filter(inside, 2 * reach + 1) & ~inside & ~outside
+    for box in ndimage.find_objects(ndimage.label(near)[0]):
+        # The nearest known cell of each of these lies within the reach, across at most.
+        around = tuple(slice(max(s.start - 2 * reach, 0), s.stop + 2 * reach) for s in box)
+        out[around] |= near[around] & _nearer(inside[around], outside[around])
+    return out
+
+
+def _nearer(inside: BoolArray, outside: BoolArray) -> BoolArray:
+    """Cells that lie no farther from some cells than from others; all if there are no others."""
+    if not outside.any():
+        return np.ones_like(inside)
+    distance = ndimage.distance_transform_edt
+    nearer: BoolArray = distance(~inside) <= distance(~outside)
+    return nearer
+
+
+def _narrow(mask: BoolArray, width: int, known: BoolArray) -> BoolArray:
     """Cells of parts that are too narrow for a disk."""
     if width == 1:
         return np.zeros_like(mask)
     shape = _disk(width)
-    # Beyond the raster a part goes on as it is at the edge. Cut off there, its acute corners would
-    # be narrow however far they grew, and they would grow along the whole edge.
-    wide = _dilated(_eroded(np.pad(mask, width, mode="edge"), shape), shape)
+    # Beyond what is known a part goes on as it is at the edge. Cut off there, its acute corners
+    # would be narrow however far they grew, and they would grow along the whole edge.
+    wide = _dilated(_eroded(_carried_on(mask, width, known), shape), shape)
     # A disk does not reach into the corners of a wide part: they are not narrow for that.
     slack = (width // 2 + 1) // 2
     near = _dilated(wide, _square(2 * slack + 1))[slack:-slack, slack:-slack]
@@ -174,14 +203,14 @@ def _widened(mask: BoolArray, width: int, known: BoolArray) -> BoolArray:
     Step by step, so that they do not grow through terrain that is unknown.
     """
     for _ in range(width):
-        narrow = _narrow(mask, width)
+        narrow = _narrow(mask, width, known)
         if not narrow.any():
             break
         mask = mask | (_dilated(narrow, _disk(3))[1:-1, 1:-1] & known)
     return mask
 
 
-def _without_rims(classes: IntArray, width: int) -> IntArray:
+def _without_rims(classes: IntArray, width: int, known: BoolArray) -> IntArray:
     """Raise parts of a class that are narrow and beside a higher one to that one.
 
     From the lowest class up: several narrow rims beside each other become one that is wide enough,
@@ -189,7 +218,7 @@ def _without_rims(classes: IntArray, width: int) -> IntArray:
     """
     out = classes.copy()
     for k in range(1, int(classes.max())):
-        narrow = _narrow(out == k, width)
+        narrow = _narrow(out == k, width, known)
         if narrow.any():
             part = regions(narrow.astype(np.int64))
             raised = _joining(part.of_cell, out, part.cells.size)
@@ -373,7 +402,7 @@ def generalised(
         out = _with_each(out, is_known, lambda region: _widened(region, width, is_known))
         out = _with_each(out, is_known, lambda region: _closed(region, gap))
         out = _without_small_holes(out, smallest, is_known)
-        out = _without_rims(out, width)
+        out = _without_rims(out, width, is_known)
         out = _without_small_regions(out, smallest, is_known)
         if np.array_equal(out, before):
             return out

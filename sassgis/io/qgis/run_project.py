@@ -106,7 +106,8 @@ def write_run_project(
     folder: Path,
     imprint: ProjectSettings,
     grid: Grid,
-    layers: tuple[RasterLayer, ...],
+    extent: Extent,
+    layers: Sequence[RasterLayer],
     terrain: RasterLayer,
     vectors: Sequence[VectorLayer],
     groups: Sequence[LayerGroup] = (),
@@ -120,7 +121,10 @@ def write_run_project(
     imprint : ProjectSettings
         Title, author, contact, rights and date.
     grid : Grid
-    layers : tuple of RasterLayer
+        Its heights are not looked at.
+    extent : (west, south, east, north)
+        What is shown at first (m).
+    layers : sequence of RasterLayer
         Maps of what was simulated, in ``maps``.
     terrain : RasterLayer
         In ``maps`` too.
@@ -161,7 +165,7 @@ def write_run_project(
         title=imprint.name,
         crs=grid.crs,
         groups=full,
-        extent=reached_extent(layers, grid),
+        extent=extent,
         abstract="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). "
         f"Reach probabilities refer to a width of {grid.cell_size:.4g} m.",
         imprint=imprint,
@@ -201,7 +205,7 @@ def reached_extent(layers: tuple[RasterLayer, ...], grid: Grid) -> Extent:
 
 
 def zone_groups(
-    maps: tuple[RasterLayer, ...],
+    maps: Sequence[RasterLayer],
     own: Sequence[VectorLayer],
     risk: Sequence[VectorLayer],
     federal: Sequence[VectorLayer],
@@ -210,7 +214,7 @@ def zone_groups(
 
     Parameters
     ----------
-    maps : tuple of RasterLayer
+    maps : sequence of RasterLayer
         In ``maps``.
     own, risk, federal : sequence of VectorLayer
         In ``hazard.gpkg``.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -32,8 +32,24 @@ TILE = 512
 _CACHE = 64 << 20
 
 
+@dataclass(frozen=True, slots=True)
+class Unfinished:
+    """A map all of whose blocks are written: the file that holds them, and the one to make."""
+
+    layer: RasterLayer
+    between: Path
+    target: Path
+
+
+def finish_map(unfinished: Unfinished) -> None:
+    """Turn the file in between into a Cloud-Optimised GeoTIFF with overviews."""
+    with rasterio.Env(GDAL_CACHEMAX=_CACHE), writing(unfinished.target):
+        rasterio.shutil.copy(unfinished.between, unfinished.target, **cog_options(unfinished.layer))
+        unfinished.between.unlink()
+
+
 class BlockMaps:
-    """Maps of a grid that is too large for the memory; close it to finish the files.
+    """Maps of a grid that is too large for the memory: close them, then finish_map each.
 
     Cells of blocks that are never written are nodata. The files are those of write_raster, but for
     a map of classes whose other bands hold no classes: it holds fractions whatever the values.
@@ -51,6 +67,7 @@ class BlockMaps:
         self._folder = folder
         self._open: dict[str, tuple[Any, RasterLayer]] = {}
         self._limits: dict[str, tuple[float, float]] = {}
+        self._unfinished: list[Unfinished] = []
         self._env = rasterio.Env(GDAL_CACHEMAX=_CACHE)
 
     def __enter__(self) -> BlockMaps:
@@ -67,7 +84,7 @@ class BlockMaps:
     ) -> None:
         try:
             for stem in list(self._open):
-                self._finish(stem, kind is None)
+                self._close(stem, kind is None)
         finally:
             self._env.__exit__(kind, error, trace)
 
@@ -97,23 +114,28 @@ class BlockMaps:
             low, high = self._limits.get(layer.stem, (np.inf, -np.inf))
             self._limits[layer.stem] = min(low, float(shown.min())), max(high, float(shown.max()))
 
+    @property
+    def unfinished(self) -> tuple[Unfinished, ...]:
+        """The maps, once they are closed; of their values only the smallest and the largest."""
+        return tuple(self._unfinished)
+
     def _between(self, stem: str) -> Path:
         return self._folder / f"{stem}.blocks.tif"
 
-    def _finish(self, stem: str, whole: bool) -> None:
-        """Turn the file in between into a Cloud-Optimised GeoTIFF with overviews and a style."""
+    def _close(self, stem: str, whole: bool) -> None:
+        """Close a map whose blocks are written, and write its style."""
         dataset, layer = self._open.pop(stem)
         between, target = self._between(stem), self._folder / f"{stem}.tif"
         with writing(target):
             dataset.close()
-            if whole:
-                rasterio.shutil.copy(between, target, **cog_options(layer))
-            between.unlink()
-        if whole:
-            # Styles without limits of their own go from the smallest to the largest value.
-            limits = np.array([self._limits.get(stem, (np.nan, np.nan))])
-            first = replace(layer.bands[0], values=limits)
-            write_style(replace(layer, bands=(first, *layer.bands[1:])), target)
+            if not whole:
+                between.unlink()
+                return
+        # Styles without limits of their own go from the smallest to the largest value.
+        limits = np.array([self._limits.get(stem, (np.nan, np.nan))])
+        layer = replace(layer, bands=(replace(layer.bands[0], values=limits), *layer.bands[1:]))
+        write_style(layer, target)
+        self._unfinished.append(Unfinished(layer, between, target))
 
 
 def _number_type(layer: RasterLayer) -> tuple[str, float]:

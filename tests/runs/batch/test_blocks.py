@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import zipfile
 from pathlib import Path
 
 import geopandas as gpd
@@ -17,8 +18,8 @@ from sassgis.model.errors import OutputError
 from sassgis.model.statistics_table import default_bins
 from sassgis.runs import batch_blocks, batch_outcomes, batch_zones
 from sassgis.runs.batch import batch
-from sassgis.runs.batch_blocks import BASE, Reached, bytes_needed, divided
-from sassgis.runs.batch_state import Record
+from sassgis.runs.batch_blocks import BASE, Reached, bytes_needed, divided, shared
+from sassgis.runs.batch_state import Record, read_state
 from sassgis.runs.batch_zones import groups
 
 GIGABYTE = 1e9
@@ -58,22 +59,33 @@ def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
     batch(valley.releases, done.folder, dem=valley.tiles, jobs=1, mosaic_only=True)
 
 
-def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
-    done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Little memory is enough for all but the whole mosaic, and for the zones of all areas."""
     monkeypatch.setattr(batch_blocks, "TILE", 128)
+    monkeypatch.setattr(batch_zones, "bytes_needed", lambda *_: 1)
+
+
+@pytest.mark.usefixtures("small_blocks")
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
+    jobs: int, done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "out"
+    memory = 1.05 * BASE / GIGABYTE
+    if jobs == 2:
+        # As if the program itself were small.
+        monkeypatch.setattr(batch_blocks, "BASE", 1 << 20)
+        monkeypatch.setattr(batch_blocks, "_LEAST_SHARE", 1 << 20)
+        memory = 0.1
     shutil.copytree(done.folder / "areas", out / "areas")
     shutil.copy(done.folder / "summary.csv", out)
     said: list[str] = []
-    # Little enough for many blocks; the zones of the one group of areas are drawn all the same.
-    memory = 1.05 * BASE / GIGABYTE
-    monkeypatch.setattr(batch_zones, "bytes_needed", lambda *_: 1)
     result = batch(
-        valley.releases, out, dem=valley.tiles, jobs=1, memory_gb=memory, say=said.append
+        valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory, say=said.append
     )
     assert sum(text.startswith("Block ") for text in said) > 5
-    assert result.found is None and any("maps and zones only" in text for text in result.warnings)
+    assert result.found is None and any("has no report" in text for text in result.warnings)
     whole = sorted((done.folder / "mosaic" / "maps").glob("*.tif"))
     assert [f.name for f in sorted((out / "mosaic" / "maps").glob("*.tif"))] == [
         f.name for f in whole
@@ -100,8 +112,41 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
             gpd.read_file(f / "mosaic" / "hazard.gpkg", layer=layer) for f in (done.folder, out)
         )
         assert len(one) and one.equals(two), layer
-    again = batch(valley.releases, out, dem=valley.tiles, jobs=1, memory_gb=memory, say=said.append)
+    layers = {
+        "hazard.gpkg": ("risk_objects", "risk_lines"),
+        "result.gpkg": ("release_areas", "stations", "barriers", "exposed_areas"),
+    }
+    for file, names in layers.items():
+        for name in names:
+            one, two = (gpd.read_file(f / "mosaic" / file, layer=name) for f in (done.folder, out))
+            assert len(one) and one.equals(two), name
+    tables = {f.name: f.read_bytes() for f in (out / "mosaic" / "tables").glob("*.csv")}
+    assert {"zones.csv", "risk_total.csv", "risk_objects_without_barriers.csv"} <= set(tables)
+    for name, text in tables.items():
+        assert text == (done.folder / "mosaic" / "tables" / name).read_bytes(), name
+    with zipfile.ZipFile(out / "mosaic" / "project.qgz") as packed:
+        project = packed.read("project.qgs").decode()
+    for source in (
+        "hazard.gpkg|layername=risk_objects",
+        "maps/hazard_level.tif",
+        "maps/energy.tif",
+    ):
+        assert source in project
+    again = batch(
+        valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory, say=said.append
+    )
     assert said[-1] == "The mosaic is there already" and again.found is None
+
+
+def test_an_area_without_barriers_left_the_same_with_and_without(
+    done: Stopped, tmp_path: Path
+) -> None:
+    own = done.folder / "areas" / "nord"
+    assert (own / "without_barriers.npz").is_file()
+    shutil.copy(own / "simulation.npz", tmp_path)
+    with_them, without = (read_state(tmp_path, without) for without in (False, True))
+    assert with_them.keys() == without.keys()
+    assert all(np.array_equal(with_them[k], without[k]) for k in with_them)
 
 
 def area(part: Part, reached: int) -> Reached:
@@ -130,6 +175,18 @@ def test_blocks_cover_a_place_once_and_fit_into_the_memory() -> None:
     assert len(blocks) > 4 and (covered == 1).all()
     # A block of one tile is not divided, whatever it needs.
     assert max(b.n_rows for b, _ in divided(place, areas, bins, 0)) == batch_blocks.TILE
+
+
+def test_cores_share_the_memory_of_a_mosaic() -> None:
+    for memory in (0, 4 << 30, 8 << 30, 64 << 30):
+        for cores in (1, 2, 8):
+            n, share = shared(memory, cores)
+            assert 1 <= n <= cores
+            if n > 1:
+                assert (n + 1) * BASE + 2 * (n + 1) * (share - BASE) <= memory
+            else:
+                assert share == memory
+    assert shared(8 << 30, 2)[0] == 2 and shared(1 << 30, 8)[0] == 1
 
 
 def test_areas_that_meet_through_others_are_one_group() -> None:

@@ -27,7 +27,8 @@ def bedrina(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Path) -> None:
-    result = run_profile(bedrina, tmp_path / "out", rocks=40)
+    done = run_profile(bedrina, tmp_path / "out", rocks=40)
+    result = done.found
     found = {p.relative_to(tmp_path / "out").as_posix() for p in (tmp_path / "out").rglob("*.*")}
     assert {"report.html", "manifest.json", "tables/rocks.csv", "figures/profile.png"} <= found
     assert {f"figures/{n}_along.png" for n in ("energy", "speed", "height")} <= found
@@ -40,6 +41,11 @@ def test_a_profile_from_a_table_leaves_all_its_files(bedrina: Path, tmp_path: Pa
         )
     counts = json.loads((tmp_path / "out" / "manifest.json").read_text())["counts"]
     assert counts["rocks"] == 40
+    in_short = dict(done.report.summary)
+    reached = f"{arrivals(result, '2')} of 40 blocks arrive; energy: 95 % of them below "
+    assert str(in_short["2 (net, 5 m)"]).startswith(reached)
+    stops = f"longest {int(result.rocks['runout_m'].max()) + 1} m (chainage)"
+    assert str(in_short["Run-out"]).endswith(stops)
     # To be copied into a configuration: no spaces between thousands.
     assert "<td>1986</td>" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
 
@@ -84,7 +90,7 @@ def test_shares_and_histograms_count_the_passages(bedrina: Path) -> None:
 def test_a_profile_from_the_terrain_meets_the_stations_of_the_map(small, tmp_path: Path) -> None:
     points = gpd.read_file(small.folder / "result.gpkg", layer="release_points")
     x, y = points.geometry.iloc[0].coords[0]
-    result = run_profile(small.config, tmp_path / "out", point=(x, y), rocks=20)
+    result = run_profile(small.config, tmp_path / "out", point=(x, y), rocks=20).found
     names = [g.name for g, _ in result.profile.control_lines]
     assert "upper talus" in names
     assert result.profile.s[0] == 0.0 and result.profile.z[0] > result.profile.z[-1] + 100.0
@@ -111,7 +117,7 @@ def test_a_drawn_line_gives_the_heights_of_the_terrain_under_it(small, tmp_path:
     result = run_profile(
         small.config, tmp_path / "out", line_file=line_file(tmp_path, ends), rocks=5
     )
-    profile = result.profile
+    profile = result.found.profile
     assert profile.name.endswith("drawn") and profile.s[-1] == pytest.approx(ends.length)
     assert "upper talus" in [g.name for g, _ in profile.control_lines]
     with rasterio.open(small.config.parent / "dem.tif") as raster:

@@ -192,16 +192,16 @@ def test_interrupted_and_resumed_is_uninterrupted(
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("change", "repetitions"),
     [
-        {"hazard.uncertain_share_max": None},
-        {"hazard.repetitions_max": 1},
-        {"hazard.uncertain_share_max": 0.9999, "hazard.confidence": 0.5},
+        ({"hazard.uncertain_share_max": None}, 1),
+        ({"hazard.repetitions_max": 1}, 1),
+        ({"hazard.repetitions_max": 2}, 2),
     ],
-    ids=["no repetitions", "one repetition", "sooner enough"],
+    ids=["no repetitions", "one repetition", "two repetitions"],
 )
 def test_other_repetitions_than_those_of_an_interrupted_run(
-    whole: tuple[Case, Path], tmp_path: Path, change: dict[str, object]
+    whole: tuple[Case, Path], tmp_path: Path, change: dict[str, object], repetitions: int
 ) -> None:
     """What was computed for more repetitions does not get into a result of fewer."""
     config = load_config(whole[0].config)
@@ -211,7 +211,7 @@ def test_other_repetitions_than_those_of_an_interrupted_run(
     other = replace(config, hazard=replace(config.hazard, **hazard))
     resumed = zoned(other, tmp_path / "work")
     fresh = zoned(other, tmp_path / "fresh")
-    assert fresh.done.run.repetitions == 1 == resumed.done.run.repetitions
+    assert fresh.done.run.repetitions == repetitions == resumed.done.run.repetitions
     assert same_curves(resumed.curves, fresh.curves)
     assert resumed.found.without is not None and fresh.found.without is not None
     assert same_curves(resumed.found.without.curves, fresh.found.without.curves)

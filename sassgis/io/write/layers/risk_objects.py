@@ -108,6 +108,17 @@ def risk_frames(table: RiskTable, currency: str) -> dict[str, pd.DataFrame]:
     return frames
 
 
+def risk_tables(
+    table: RiskTable, without: RiskTable | None, currency: str
+) -> dict[str, pd.DataFrame]:
+    """The tables of a run with walls and nets, and those of ``without`` them if there are any."""
+    frames = risk_frames(table, currency)
+    if without is not None:
+        before = risk_frames(without, currency)
+        frames |= {f"{name}_without_barriers": frame for name, frame in before.items()}
+    return frames
+
+
 def _with_errors(quantities: Sequence[str]) -> list[str]:
     return [name for q in quantities for name in (f"{q}_per_year", f"{q}_per_year_se")]
 

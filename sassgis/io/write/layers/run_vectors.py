@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import geopandas as gpd
 import numpy as np
 import shapely
+from numpy.typing import ArrayLike
 
 from sassgis.hazard.block_paths import BlockPath
 from sassgis.hazard.control_lines import control_line_rows
@@ -16,6 +17,7 @@ from sassgis.io.write.layers.footprint import footprints
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
+from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import Outcome, RasterLayer, StopReason
 from sassgis.model.styles import (
     BARRIER_STYLE,
@@ -50,16 +52,28 @@ _LINE_CUT = (LineEnd.LEFT_DEM, LineEnd.NODATA, LineEnd.MAX_LENGTH)
 def release_areas(run: MapRun, planned: Plan) -> VectorLayer:
     """Release areas with what was released in them."""
     rocks = planned.rocks_of_point(run)
-    per_area = np.bincount(planned.points.area, weights=rocks, minlength=len(run.areas))
+    n = len(run.areas)
+    return released_from(
+        run.areas,
+        np.bincount(planned.points.area, minlength=n),
+        np.bincount(planned.points.area, weights=rocks, minlength=n),
+        run.grid.crs,
+    )
+
+
+def released_from(
+    areas: Sequence[ReleaseArea], points: ArrayLike, rocks: ArrayLike, crs: str
+) -> VectorLayer:
+    """Release areas with the numbers of their release points and blocks."""
     frame = gpd.GeoDataFrame(
         {
-            "name": [a.name for a in run.areas],
-            "scenarios": [";".join(a.scenarios) for a in run.areas],
-            "points": np.bincount(planned.points.area, minlength=len(run.areas)).astype(np.int64),
-            "rocks": per_area.astype(np.int64),
+            "name": [a.name for a in areas],
+            "scenarios": [";".join(a.scenarios) for a in areas],
+            "points": np.asarray(points, np.int64),
+            "rocks": np.asarray(rocks, np.int64),
         },
-        geometry=[a.geometry if a.geometry.area > 0 else a.geometry.buffer(1.0) for a in run.areas],
-        crs=run.grid.crs or None,
+        geometry=[a.geometry if a.geometry.area > 0 else a.geometry.buffer(1.0) for a in areas],
+        crs=crs or None,
     )
     return VectorLayer(
         "release_areas",

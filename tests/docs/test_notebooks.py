@@ -1,0 +1,45 @@
+"""The notebooks of the documentation run, and results show themselves in them."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+
+def shown(code: str, names: dict[str, Any]) -> Any:
+    """Run a cell; what a notebook would show below it."""
+    tree = ast.parse(code)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, "cell", "exec"), names)
+    return eval(compile(ast.Expression(last.value), "cell", "eval"), names) if last else None
+
+
+@pytest.mark.battery
+def test_the_notebook_of_the_valley(
+    repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = repository / "docs" / "notebooks" / "valley.ipynb"
+    cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    # What is stored could be out of date.
+    assert not any(cell["outputs"] for cell in code)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    values = [shown("".join(cell["source"]), names) for cell in code]
+    zones, curves, lines, profile, printed = values
+    assert printed is None
+    for result, words in ((zones, ("Hazard zones", "Run-out")), (profile, ("net Mitte",))):
+        html = result._repr_html_()
+        assert all(word in html for word in words)
+        assert html.count("<img") == 1 and len(re.findall("data:image/png", html)) == 1
+        (link,) = re.findall(r'<a href="([^"]+)">', html)
+        assert (tmp_path / link).is_file()
+        # No arrays and pictures in the text that a terminal shows.
+        assert len(repr(result)) < 2000
+    assert (curves["from 0 kJ"] >= curves["from 300 kJ"]).all()
+    assert lines.loc["net Mitte", "blocks"] > 0
