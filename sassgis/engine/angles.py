@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from sassgis.model.jit import inlined
+from sassgis.model.jit import fused
 
 # Beyond this the reduction loses digits (rad).
 _LARGEST = 1e5
@@ -21,7 +21,7 @@ _QUARTER_2 = 7.54978941586159635335e-8
 _QUARTER_3 = 5.39030285815811905290e-15
 
 
-@inlined
+@fused
 def cos_sin(angle: float) -> tuple[float, float]:
     """Cosine and sine of an angle (rad)."""
     if not abs(angle) < _LARGEST:

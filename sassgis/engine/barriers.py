@@ -29,7 +29,7 @@ class Meeting(NamedTuple):
     speed_left: float  # share of the speed
 
 
-@kernel
+@lean
 def no_meeting() -> Meeting:
     """No barrier is met."""
     return Meeting(-1, np.inf, PASSED, 1.0)
@@ -106,7 +106,7 @@ def _write_passage(
     state.n_passages += 1
 
 
-@kernel
+@lean
 def _at_barrier(crossing: Record, energy: float) -> tuple[int, float]:
     """What a block that meets a barrier does, and the share of its speed that is left."""
     if energy > crossing.capacity:
@@ -220,7 +220,7 @@ def control_lines_on_ground(
     return no_meeting()
 
 
-@kernel
+@lean
 def after_barrier(state: Record, outcome: int) -> None:
     """End the motion of a block that a barrier stops; remember where a net holds one."""
     if outcome == STOPPED:

@@ -18,7 +18,7 @@ from sassgis.engine.heading import (
     wedged,
 )
 from sassgis.engine.landing import land
-from sassgis.engine.path import FOLLOWED, Path, note_passages
+from sassgis.engine.path import Path, note_passages
 from sassgis.engine.profile import segment_at, stretch_from
 from sassgis.engine.rolling import rolling_friction
 from sassgis.engine.rows import Record, last_of
@@ -51,7 +51,7 @@ def simulate_block(
     output: Output,
     physics: Physics,
     effects: hooks.Effects | None,
-    path: Path,
+    path: Path | None,
 ) -> None:
     """Simulate one block from its start to its end.
 
@@ -66,17 +66,16 @@ def simulate_block(
     physics : Physics
     effects : Effects, optional
         None for the model of 1986 alone.
-    path : Path
-        Whose ``form`` says whether the block stays on the profile of the site or is followed.
+    path : Path, optional
+        None for a block that stays on the profile of the site.
     """
-    followed = path.form == FOLLOWED
     hooks.on_start(effects, state, block)
     while state.phase != END:
         state.events += 1
         if state.events > physics.max_events:
             end(state, STEP_LIMIT)
         elif state.phase == FLIGHT:
-            if followed:
+            if path is not None:
                 before_flight(state, block, site, path, physics)
             flight(state, block, site, output, physics, effects)
         elif state.phase == IMPACT:
@@ -84,11 +83,11 @@ def simulate_block(
             impacts = state.impacts
             spawned = output.spawned.filled[0]
             land(state, block, site, output, physics, effects)
-            if followed:
+            if path is not None:
                 stays_on_known(state, site)
                 place_spawned(state, output.spawned, spawned)
                 after_impact(state, block, site, path, physics, into, state.impacts > impacts)
-        elif followed:
+        elif path is not None:
             gu, gv = before_ground(state, block, site, path, physics)
             if state.phase != FLIGHT:
                 x = state.x
@@ -100,9 +99,9 @@ def simulate_block(
                 end_at_rest(state, block)
         else:
             ground_motion(state, block, site, output, physics, effects)
-        if followed and last_of(site.crossings) > 0:
+        if path is not None and last_of(site.crossings) > 0:
             note_passages(site, path)
-    if followed:
+    if path is not None:
         stays_on_known(state, site)
     if state.reason == REST and not state.moved:
         state.reason = NEVER_STARTED

@@ -15,7 +15,7 @@ import numpy as np
 from sassgis.engine.angles import cos_sin
 from sassgis.engine.rows import Records, last_of
 from sassgis.engine.touching import Flying, contact_with_segment, contact_with_vertex
-from sassgis.model.jit import inlined, lean
+from sassgis.model.jit import fused, inlined, lean
 
 
 class Contact(NamedTuple):
@@ -117,7 +117,7 @@ def _times_over(
     return max(first, (rear - flying.x) / flying.vx), min(last, (front - flying.x) / flying.vx)
 
 
-@inlined
+@fused
 def _within_reach(
     above: float, rate: float, fall: float, reach: float, first: float, last: float
 ) -> float:
@@ -219,7 +219,7 @@ def next_contact(
     return best
 
 
-@inlined
+@fused
 def _contact_at(
     flying: Flying,
     tolerance: float,

@@ -10,10 +10,10 @@ from sassgis.engine.ellipse import inertia, mean_radius
 from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Start
 from sassgis.model import rng
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 
-@kernel
+@lean
 def _draw_volume(key: np.uint64, low: float, high: float, exponent: float) -> float:
     """Draw a volume: N(V > v) falls as v^-exponent between the limits; NaN: all equally likely."""
     u = rng.uniform(key, rng.VOLUME, 0)
@@ -28,7 +28,7 @@ def _draw_volume(key: np.uint64, low: float, high: float, exponent: float) -> fl
     return low * math.exp(-math.log1p(u * math.expm1(-exponent * span)) / exponent)
 
 
-@kernel
+@lean
 def draw_block(low: Record, high: Record, key: np.uint64) -> Block:
     """Draw one block between limits (rows of model.blocks.LIMITS_DTYPE).
 
@@ -54,7 +54,7 @@ def draw_block(low: Record, high: Record, key: np.uint64) -> Block:
     return block_of(a, b, c, density, mass, key)
 
 
-@kernel
+@lean
 def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.uint64) -> Block:
     """A block of given axes (m), density (kg/m³) and mass (kg)."""
     own = inertia(a, b)
@@ -65,7 +65,7 @@ def block_of(a: float, b: float, c: float, density: float, mass: float, key: np.
     )  # fmt: skip
 
 
-@kernel
+@lean
 def with_inertia(block: Block, own: float) -> Block:
     """The block with another moment of inertia per unit mass (m²)."""
     return Block(
@@ -74,7 +74,7 @@ def with_inertia(block: Block, own: float) -> Block:
     )  # fmt: skip
 
 
-@kernel
+@lean
 def draw_start(low: Record, high: Record, key: np.uint64, nearest: float, farthest: float) -> Start:
     """Draw how a block starts, between limits of its chainage (m) and as for draw_block."""
     return Start(

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 
-from sassgis.model.jit import kernel
+from sassgis.model.jit import kernel, lean
 
 
-@kernel
+@lean
 def inertia(a: float, b: float) -> float:
     """Moment of inertia per unit mass about the axis normal to the plane (m²): (a² + b²)/5."""
     return 0.2 * (a * a + b * b)
 
 
-@kernel
+@lean
 def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float]:
     """Centre as seen from the point of contact, in local axes.
 
@@ -35,7 +35,7 @@ def contact_frame(a: float, b: float, theta: float) -> tuple[float, float, float
     return frame_of(a, b, math.sin(theta), math.cos(theta))
 
 
-@kernel
+@lean
 def frame_of(a: float, b: float, s: float, c: float) -> tuple[float, float, float]:
     """As contact_frame, from the sine and cosine of the angle."""
     y = math.sqrt(a * a * s * s + b * b * c * c)

@@ -24,7 +24,7 @@ from sassgis.engine.state import (
     same_event,
 )
 from sassgis.engine.touching import Flying
-from sassgis.model.jit import inlined
+from sassgis.model.jit import fused, inlined
 
 #: Ground that is known ahead of a block, beyond its longest semi-axis (m).
 MARGIN_M = 0.01
@@ -54,7 +54,7 @@ def _is_over_ground(state: Record, profile: Records, gravity: float, until: floa
     return bool(z >= here.z + (x - here.x) * here.tz / here.tx)
 
 
-@inlined
+@fused
 def _advance(
     state: Record, block: Block, site: Site, output: Output, gravity: float, until: float
 ) -> None:
@@ -82,7 +82,7 @@ def _advance(
         state.moved = True
 
 
-@inlined
+@fused
 def flight(
     state: Record,
     block: Block,

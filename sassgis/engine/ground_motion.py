@@ -42,7 +42,7 @@ from sassgis.engine.state import (
     same_event,
 )
 from sassgis.engine.touching import Flying
-from sassgis.model.jit import inlined, kernel, lean
+from sassgis.model.jit import fused, inlined, lean
 
 # Gap at which a block that moves along the ground touches ground ahead of it (m).
 _TOUCH = 1e-11
@@ -58,7 +58,7 @@ class Ahead(NamedTuple):
     segment: int  # that is met, -1 for none
 
 
-@kernel
+@lean
 def tips(block: Block, friction: float) -> bool:
     """Whether sliding friction turns a block over: μ_f > (a² − b²)/(2 a b).
 
@@ -110,7 +110,7 @@ def _friction(state: Record, block: Block, site: Site) -> float:
     return float(ground.mu_f)
 
 
-@inlined
+@fused
 def _look_ahead(
     state: Record, block: Block, site: Site, physics: Physics, pull: float, tips_at: float
 ) -> Ahead:
@@ -174,7 +174,7 @@ def _look_ahead(
     return Ahead(length, x_end, ends_by, lift, contact.segment)
 
 
-@inlined
+@fused
 def _advance(
     state: Record, block: Block, site: Site, output: Output, stretch: Stretch, length: float
 ) -> None:
@@ -207,7 +207,7 @@ def _advance(
         state.moved = True
 
 
-@inlined
+@fused
 def ground_motion(
     state: Record,
     block: Block,
@@ -303,7 +303,7 @@ def _gains(
     return Stretch(state.x, x_end, v2, dv2, spin2, dspin2)
 
 
-@inlined
+@fused
 def _go_on(state: Record, block: Block, site: Site, physics: Physics, ahead: Ahead) -> None:
     """Begin what ends a stretch."""
     what = ahead.ends_by

@@ -54,7 +54,7 @@ from sassgis.engine.state import (
 )
 from sassgis.model import rng
 from sassgis.model.cell_geometry import exact, height_at
-from sassgis.model.jit import inlined, kernel, lean
+from sassgis.model.jit import fused, inlined, lean
 
 # On the ground the heading turns by so much at most before the profile begins anew (rad); κ times
 # the length of a step, where that is longer than so many radii.
@@ -282,7 +282,7 @@ def _take(state: Record, block: Block, work: float) -> None:
         state.speed *= left
 
 
-@inlined
+@fused
 def after_impact(
     state: Record,
     block: Block,
@@ -346,7 +346,7 @@ def before_flight(state: Record, block: Block, site: Site, path: Path, physics: 
         look_ahead(state, block, site, path, needed, physics.gravity)
 
 
-@inlined
+@fused
 def before_ground(
     state: Record, block: Block, site: Site, path: Path, physics: Physics
 ) -> tuple[float, float]:
@@ -388,13 +388,13 @@ def before_ground(
     return gu, gv
 
 
-@kernel
+@lean
 def _bending(gravity: float, steep2: float, level2: float) -> float:
     """κ (1/m), from the squares of the gradient and of the horizontal speed (m²/s²)."""
     return gravity * math.sqrt(steep2) / ((1.0 + steep2) * max(level2, 1e-9))
 
 
-@kernel
+@lean
 def _bent(angle: float, kappa_s: float) -> float:
     """By how much an angle to the descent falls over a length, times κ (rad)."""
     return angle - 2.0 * math.atan(math.tan(0.5 * angle) * math.exp(-kappa_s))

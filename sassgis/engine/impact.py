@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 SCALE, COULOMB, RESTITUTION = 0, 1, 2
 #: The laws of impact by the names that they have in the settings.
 RULES = {"scale": SCALE, "coulomb": COULOMB, "restitution": RESTITUTION}
 
 
-@kernel
+@lean
 def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega: float) -> float:
     """η_min: share of the kinetic energy kept when P becomes the centre of rotation.
 
@@ -27,7 +27,7 @@ def energy_kept(x: float, y: float, inertia: float, vx: float, vy: float, omega:
     return momentum * momentum / (before * (inertia + x * x + y * y))
 
 
-@kernel
+@lean
 def turn_about_contact(
     x: float, y: float, inertia: float, vx: float, vy: float, omega: float
 ) -> tuple[float, float, float]:
@@ -39,7 +39,7 @@ def turn_about_contact(
     return y * after, -x * after, after
 
 
-@kernel
+@lean
 def slip_at_contact(
     x: float, y: float, inertia: float, vx: float, vy: float, omega: float, mu: float
 ) -> tuple[float, float, float]:
@@ -65,7 +65,7 @@ def slip_at_contact(
     return vx + jx, vy + jy, omega + (x * jy - y * jx) / inertia
 
 
-@kernel
+@lean
 def restitution_at(e: float, halved_at: float, approach: float) -> float:
     """Coefficient of restitution at a normal speed of the contact: e/(1 + (v_n/v)²).
 
@@ -74,7 +74,7 @@ def restitution_at(e: float, halved_at: float, approach: float) -> float:
     return e / (1.0 + (approach / halved_at) ** 2)
 
 
-@kernel
+@lean
 def rebound_at_contact(
     x: float,
     y: float,
@@ -130,7 +130,7 @@ def rebound_at_contact(
     return vx + jx, vy + p, omega + (x * p - y * jx) / inertia
 
 
-@kernel
+@lean
 def charged(resistance: float, vx: float, impulse: float, before: float) -> float:
     """Share of the energy that the ground takes from an impact as it does from rolling.
 
@@ -150,7 +150,7 @@ def charged(resistance: float, vx: float, impulse: float, before: float) -> floa
     return 2.0 * resistance * impulse * abs(vx) / before if before > 0.0 else 0.0
 
 
-@kernel
+@lean
 def limited(
     wx: float, wy: float, spin: float, inertia: float, most: float
 ) -> tuple[float, float, float]:
@@ -162,7 +162,7 @@ def limited(
     return wx, wy, spin
 
 
-@kernel
+@lean
 def soft_landing(
     x: float,
     y: float,
@@ -184,7 +184,7 @@ def soft_landing(
     return limited(wx, wy, spin, inertia, kept * before)
 
 
-@kernel
+@lean
 def impact(
     x: float,
     y: float,
@@ -241,7 +241,7 @@ def impact(
     return limited(wx, wy, spin, inertia, eta_max * before)
 
 
-@kernel
+@lean
 def normal_force(
     x: float,
     y: float,

@@ -14,11 +14,21 @@ from sassgis.engine.draws import block_of, draw_block, draw_start
 from sassgis.engine.effects import hooks
 from sassgis.engine.effects.spawning import room_for
 from sassgis.engine.heading import continue_path, start_path
-from sassgis.engine.path import FOLLOWED, Path, place, room_ahead
+from sassgis.engine.path import Path, place, room_ahead
 from sassgis.engine.profile import last_stretch, profile_of, stretches_of, without_straight_vertices
 from sassgis.engine.recording import CellWork, empty_work, record_stop
 from sassgis.engine.rows import Record, Records, last_of
-from sassgis.engine.state import BARRIER, REST, Block, EventLog, Output, Physics, Site, Spawned
+from sassgis.engine.state import (
+    BARRIER,
+    REST,
+    Block,
+    EventLog,
+    Output,
+    Physics,
+    Site,
+    Spawned,
+    Start,
+)
 from sassgis.engine.statistics import (
     CellSums,
     Disks,
@@ -41,7 +51,7 @@ from sassgis.engine.statistics import (
 )
 from sassgis.model import rng
 from sassgis.model.cell_geometry import exact
-from sassgis.model.jit import inlined, kernel
+from sassgis.model.jit import fused, inlined, kernel, lean
 
 #: What simulate_lines returns: whether all went well; whether there were too few rows for passages
 #: or spawned blocks; whether one released block spawned more blocks than there is room for.
@@ -179,7 +189,6 @@ def simulate_lines(
     rows: Rows,
     work: Work,
     effects: hooks.Effects | None,
-    path: Path,
 ) -> int:
     """Simulate all blocks of some lines, with the blocks that they spawn.
 
@@ -195,8 +204,6 @@ def simulate_lines(
         As working_space makes it.
     effects : Effects, optional
         None for the model of 1986 alone.
-    path : Path
-        As no_path makes it: blocks stay on their lines.
 
     Returns
     -------
@@ -207,7 +214,7 @@ def simulate_lines(
     for i in range(n_lines):
         status = simulate_rocks(
             i, site_of(i, lines, setup), lines.number[i], lines.key[i], lines.start[i, 0],
-            lines.start[i, 1], setup, totals, rows, work, effects, path,
+            lines.start[i, 1], setup, totals, rows, work, effects, None,
         )  # fmt: skip
         if status != DONE:
             return status
@@ -228,7 +235,8 @@ def simulate_paths(
 ) -> int:
     """Simulate all blocks of some release points, each along the path that it takes.
 
-    Parameters as those of simulate_lines; the cells of the totals are those of the path's register.
+    Parameters as those of simulate_lines, and the terrain that the paths are followed on; the cells
+    of the totals are those of its register.
     """
     site = Site(work.vertices, setup.grounds, work.crossings, work.stretches)
     n_points = points.number.size
@@ -243,7 +251,7 @@ def simulate_paths(
     return DONE
 
 
-@kernel
+@lean
 def close_stratum(totals: Totals, work: Work) -> None:
     """Add the blocks of a stratum of the sample to the sums, and clear their tally."""
     close_line(work.tally, work.n_line[0], totals.reach)
@@ -252,7 +260,7 @@ def close_stratum(totals: Totals, work: Work) -> None:
     work.n_line[:] = 0
 
 
-@kernel
+@inlined
 def simulate_rocks(
     i: int,
     site: Site,
@@ -265,30 +273,21 @@ def simulate_rocks(
     rows: Rows,
     work: Work,
     effects: hooks.Effects | None,
-    path: Path,
+    path: Path | None,
 ) -> int:
     """Simulate all blocks of line or release point ``i``.
 
     ``first`` and ``second`` are limits of the starting chainage (m), or the place of the release
-    point (cells). Returns as simulate_lines.
+    point (cells), ``path`` what paths are followed on. Returns as simulate_lines.
     """
     state = work.state[0]
     spawned = work.spawned
-    followed = path.form == FOLLOWED
     limits = setup.limits[i if setup.limits.shape[0] > 1 else 0]
     for r in range(setup.n_rocks):
         # The released block first, then those that it and they spawn, in turn.
         key = rng.rock_key(setup.seed, line_key, setup.first_rock + r)
-        start = draw_start(
-            limits[0], limits[1], key, 0.0 if followed else first, 0.0 if followed else second
-        )
         block = hooks.on_block(effects, draw_block(limits[0], limits[1], key))
-        if followed:
-            u, v = draw_place(key, first, second, path.spread)
-            if not start_path(state, block, site, path, u, v):
-                u, v = first, second
-                start_path(state, block, site, path, u, v)
-        start_released(state, block, site, setup.physics, start)
+        start = release(state, block, site, setup, limits, key, first, second, path)
         number = i * setup.n_rocks + r
         row = rows.rocks[number]
         open_row(row, line, setup.first_rock + r, 0, state.x)
@@ -298,7 +297,7 @@ def simulate_rocks(
         spawned.filled[0] = 0
         while True:
             n = rows.filled[0]
-            n_lines = path.line_kind.size if followed else last_of(site.crossings)
+            n_lines = last_of(site.crossings) if path is None else path.line_kind.size
             if n + n_lines > rows.passages.size:
                 return NO_ROOM
             output = Output(rows.passages[n:], work.cells, log, spawned)
@@ -308,7 +307,7 @@ def simulate_rocks(
                 meet_disks(
                     work.cells, state.n_touched, block.mass, totals.windows.disks, work.windows
                 )
-            if followed:
+            if path is not None:
                 end_place[0], end_place[1] = place(state, state.x)
                 if path.register.counts[FULL]:
                     return NO_ROOM
@@ -322,7 +321,7 @@ def simulate_rocks(
             leaving = spawned.rows[n_spawned]
             n_spawned += 1
             block = hooks.on_block(effects, spawned_block(leaving, block.density, key, n_spawned))
-            if followed:
+            if path is not None:
                 continue_path(state, block, site, path, leaving)
             start_spawned(state, block, site, leaving, start.x)
             row = rows.spawned[rows.filled[1]]
@@ -340,7 +339,31 @@ def simulate_rocks(
     return DONE
 
 
-@kernel
+@inlined
+def release(
+    state: Record,
+    block: Block,
+    site: Site,
+    setup: Setup,
+    limits: Records,
+    key: np.uint64,
+    first: float,
+    second: float,
+    path: Path | None,
+) -> Start:
+    """Let a block go as its key says; parameters as those of simulate_rocks."""
+    if path is None:
+        start = draw_start(limits[0], limits[1], key, first, second)
+    else:
+        start = draw_start(limits[0], limits[1], key, 0.0, 0.0)
+        u, v = draw_place(key, first, second, path.spread)
+        if not start_path(state, block, site, path, u, v):
+            start_path(state, block, site, path, first, second)
+    start_released(state, block, site, setup.physics, start)
+    return start
+
+
+@lean
 def draw_place(key: np.uint64, u: float, v: float, spread: float) -> tuple[float, float]:
     """Where a block starts: anywhere in the square (cells) that its release point represents."""
     if spread <= 0.0:
@@ -374,14 +397,14 @@ def site_of(i: int, lines: Lines, setup: Setup) -> Site:
     return Site(profile, setup.grounds, crossings, stretches)
 
 
-@kernel
+@lean
 def spawned_block(spawned_row: Record, density: float, key: np.uint64, number: int) -> Block:
     """The spawned block of some number of a released block with a key; it has draws of its own."""
     own = rng.mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
     return block_of(spawned_row.a, spawned_row.b, spawned_row.c, density, spawned_row.mass, own)
 
 
-@kernel
+@lean
 def open_row(row: Record, line: int, number: int, spawned: int, start: float) -> None:
     """Write which block a row is about, and the chainage at which it starts (m).
 
@@ -394,7 +417,7 @@ def open_row(row: Record, line: int, number: int, spawned: int, start: float) ->
     row.start_m = start
 
 
-@inlined
+@fused
 def finish_block(
     row: Record,
     block: Block,

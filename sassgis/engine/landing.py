@@ -27,7 +27,7 @@ from sassgis.engine.state import (
     log_event,
 )
 from sassgis.model import rng
-from sassgis.model.jit import inlined, kernel, lean
+from sassgis.model.jit import fused, inlined, lean
 
 #: A flight that begins in contact without a normal speed is looked at again after this turn (rad).
 FIRST_TURN = 1e-4
@@ -45,13 +45,13 @@ class Velocity(NamedTuple):
     omega: float
 
 
-@kernel
+@lean
 def _kinetic(block: Block, vx: float, vz: float, omega: float) -> float:
     """Kinetic energy (J/kg)."""
     return 0.5 * (vx * vx + vz * vz + block.inertia * omega * omega)
 
 
-@kernel
+@lean
 def _trembles(state: Record, block: Block, energy: float, gravity: float) -> bool:
     """Whether contacts on one spot show that a block only trembles: it has come to rest."""
     if abs(state.x - state.spot_x) + abs(state.z - state.spot_z) < _SAME_SPOT * block.radius:
@@ -83,14 +83,14 @@ def _varied_normal(state: Record, block: Block, site: Site, vt: float) -> tuple[
     return -p * mz, mz
 
 
-@kernel
+@lean
 def _resistance(block: Block, ground: Record) -> float:
     """μ_r (1 + I/r²): energy that rolling takes, over the normal force and the path."""
     mu_r = rolling_friction(ground.mu_0, ground.k, ground.d_star_m, block.radius)
     return float(block.roll_share * mu_r)
 
 
-@inlined
+@fused
 def _rebound(
     state: Record,
     block: Block,
@@ -146,7 +146,7 @@ def _rebound(
     return hooks.on_loss(effects, state, block, output.spawned, here, ground, lost)
 
 
-@inlined
+@fused
 def land(
     state: Record,
     block: Block,

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.engine.cell_register import CellRegister, empty_register, registered
+from sassgis.engine.cell_register import CellRegister, registered
 from sassgis.engine.contact import is_convex
 from sassgis.engine.flight import MARGIN_M
 from sassgis.engine.recording import STRETCH_DTYPE
@@ -25,11 +25,7 @@ from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import CROSSING_DTYPE, FLIGHT, VERTEX_DTYPE, Block, Site
 from sassgis.model.cell_geometry import SHORTEST_STRETCH, cell_index, exact, height_at, next_line
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.jit import inlined, lean
-from sassgis.model.map_run import ObjectCells
-
-#: Whether a block moves along a given profile, or its path is followed on the terrain.
-FIXED, FOLLOWED = 0, 1
+from sassgis.model.jit import fused, inlined, lean
 
 # Vertices, stretches and crossings of the ground just ahead for which there is room.
 _ROOM = 512
@@ -49,7 +45,6 @@ _ROUNDING = 1e-9
 class Path(NamedTuple):
     """What a path is followed on."""
 
-    form: int
     heights: FloatArray  # (n_rows, n_cols), of the cell centres (m)
     ground: NDArray[np.int32]  # as heights: position in the ground table
     stems: FloatArray  # (n_cells,) per m²; empty without a forest
@@ -69,17 +64,6 @@ class Path(NamedTuple):
     register: CellRegister
 
 
-def no_path() -> Path:
-    """No terrain: blocks stay on their lines."""
-    none = np.empty(0)
-    numbers = np.empty(0, np.int64)
-    return Path(
-        FIXED, np.empty((0, 0)), np.empty((0, 0), np.int32), none, none, 1.0, 0.0, 0.0, 0.0, 0.0,
-        none, none, numbers, numbers, none, none, np.empty(0, np.bool_),
-        empty_register((0, 0), 0, None, ObjectCells.none()),
-    )  # fmt: skip
-
-
 def room_ahead() -> tuple[Records, Records, Records]:
     """Room for vertices, crossings and stretches of the ground ahead."""
     return (
@@ -96,7 +80,7 @@ def place(state: Record, x: float) -> tuple[float, float]:
     return state.from_u + exact(along * state.du), state.from_v + exact(along * state.dv)
 
 
-@inlined
+@fused
 def gradient(path: Path, u: float, v: float, radius: float) -> tuple[float, float, bool]:
     """Slope of the terrain along u and v at the scale of a block (m per m), and whether known.
 
@@ -121,7 +105,7 @@ def _height(path: Path, u: float, v: float) -> float:
     return height_at(path.heights, u, v, int(np.floor(v)), int(np.floor(u)))
 
 
-@inlined
+@fused
 def begin_profile(
     state: Record, block: Block, site: Site, path: Path, z: float, slope: float, ground: int,
     gravity: float, behind: int,
@@ -268,7 +252,7 @@ def sample_behind(
     return count if wall >= _LEAST_WALL * block.b else 0
 
 
-@inlined
+@fused
 def _mirror_vertices(profile: Records, first: int, count: int, x: float) -> None:
     """Turn some vertices about a chainage (m), and the segments between them and before them."""
     for j in range(first + count - 1, first - 1, -1):
@@ -316,7 +300,7 @@ def _cell_between(state: Record, path: Path, x: float, after: float) -> int:
     return int(cell)
 
 
-@inlined
+@fused
 def _add_vertex(site: Site, x: float, z: float) -> None:
     """End the last segment at chainage x and height z (m); the ground is that of the last."""
     profile = site.profile
@@ -335,7 +319,7 @@ def _add_vertex(site: Site, x: float, z: float) -> None:
     profile[0].last = n + 1
 
 
-@inlined
+@fused
 def _add_stretch(
     state: Record, site: Site, path: Path, cell: int, segment: int, end: float
 ) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from sassgis.engine.angles import cos_sin
 from sassgis.engine.state import Block
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 # What ends a stretch of rolling or sliding. Only TO_SLIDING and LIFT_OFF are found here; PART is a
 # stretch that an effect has cut, after which the motion goes on, TO_ROLLING one of sliding after
@@ -23,13 +23,13 @@ _ANGLE = 1e-8
 _MOST_STEPS = 60
 
 
-@kernel
+@lean
 def rolling_friction(mu_0: float, k: float, d_star: float, radius: float) -> float:
     """μ_r = μ_0 + k d*/d, equation (2); d is the diameter of the block."""
     return mu_0 + k * d_star / (2.0 * radius)
 
 
-@kernel
+@lean
 def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
     """Rolling speed above which an ellipse leaves the ground before it stands upright (m/s).
 
@@ -42,7 +42,7 @@ def lift_off_speed(block: Block, gravity: float, cos_slope: float) -> float:
     return math.sqrt(2.0 * energy / block.roll_share)
 
 
-@kernel
+@lean
 def _force_before_upright(
     block: Block,
     v: float,
@@ -92,7 +92,7 @@ def _force_before_upright(
     return force, rate
 
 
-@kernel
+@lean
 def lift_off_angle(
     block: Block,
     v: float,
@@ -140,7 +140,7 @@ def lift_off_angle(
     )
 
 
-@kernel
+@lean
 def _guess(upright: float, weight: float) -> float:
     """About how long before the upright the force ends (rad), from that upright (m/s²).
 
@@ -151,7 +151,7 @@ def _guess(upright: float, weight: float) -> float:
     return math.sqrt(sine2) * (1.0 + sine2 * (1.0 / 6.0 + 0.075 * sine2))
 
 
-@kernel
+@lean
 def _end_of_force(
     block: Block,
     v: float,
@@ -201,7 +201,7 @@ def _end_of_force(
     return min(max(angle, low), high)
 
 
-@kernel
+@lean
 def rolling_stretch(
     block: Block,
     theta: float,

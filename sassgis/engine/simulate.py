@@ -25,7 +25,6 @@ from sassgis.engine.kernel import (
     simulate_lines,
     working_space,
 )
-from sassgis.engine.path import no_path
 from sassgis.engine.state import EVENT_DTYPE, Physics
 from sassgis.engine.statistics import Disks, Exceedance, Objects, by_name, empty_sums, flat_bins
 from sassgis.model.blocks import BlockPopulation
@@ -374,7 +373,7 @@ def simulate(
         n_passages = room * crossings.chainage.size * rocks_per_line
         rows = empty_rows(n, n_passages, room * n if hooked is not None else 0, log_events)
         work = working_space(totals, most_spawned(effects))
-        status = simulate_lines(lines, setup, totals, rows, work, hooked, no_path())
+        status = simulate_lines(lines, setup, totals, rows, work, hooked)
         if status != NO_ROOM:
             break
         room *= 4

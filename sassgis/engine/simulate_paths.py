@@ -23,7 +23,7 @@ from sassgis.engine.kernel import (
     simulate_paths,
     working_space,
 )
-from sassgis.engine.path import FOLLOWED, Path
+from sassgis.engine.path import Path
 from sassgis.engine.simulate import (
     Simulated,
     control_line_table,
@@ -196,7 +196,6 @@ def _path(
     xy = np.concatenate([np.empty((0, 2)), *traces])
     none = np.empty(0)
     return Path(
-        form=FOLLOWED,
         heights=np.ascontiguousarray(grid.values, np.float64),
         ground=np.ascontiguousarray(terrain.ground, np.int32),
         stems=none if forest is None else forest.stems_per_m2,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine.recording import CellWork
 from sassgis.engine.rows import Record, Records, record_type
-from sassgis.model.jit import inlined, kernel
+from sassgis.model.jit import fused, inlined, lean
 
 # Phases, as they are written to the event log.
 FLIGHT, IMPACT, ROLLING, SLIDING, END = 0, 1, 2, 3, 4
@@ -227,7 +227,7 @@ class Output(NamedTuple):
     spawned: Spawned
 
 
-@inlined
+@fused
 def log_event(log: EventLog, state: Record, ux: float, uz: float) -> None:
     """Write the state to the event log, with the direction of the ground."""
     i = log.filled[0]
@@ -256,7 +256,7 @@ def end(state: Record, reason: int) -> None:
     state.reason = reason
 
 
-@kernel
+@lean
 def end_at_rest(state: Record, block: Block) -> None:
     """End the motion of a block that lies still, at a barrier if one has held it here."""
     end(state, BARRIER if abs(state.x - state.held_x) < block.a else REST)

@@ -25,7 +25,7 @@ import numpy as np
 
 from sassgis.engine.angles import cos_sin
 from sassgis.engine.rows import Record
-from sassgis.model.jit import inlined, kernel
+from sassgis.model.jit import inlined, lean
 
 _MAX_STEPS = 500
 # Deeper than this share of b a contact counts also while it opens.
@@ -87,7 +87,7 @@ def _open_for(
     return step, error if rate < 0.0 else np.inf
 
 
-@kernel
+@lean
 def contact_with_segment(
     flying: Flying, start: float, end: float, tolerance: float, ground: Record, length: float
 ) -> tuple[float, bool]:
@@ -205,7 +205,7 @@ def contact_with_segment(
     return (t, False) if t <= end else (np.inf, False)
 
 
-@kernel
+@lean
 def _outside(
     u: float,
     w: float,
@@ -259,7 +259,7 @@ def _outside(
     return gap, run * nu + approach * nw + lever * omega, bound
 
 
-@kernel
+@lean
 def vertex_gap(
     x: float, z: float, cos_t: float, sin_t: float, a: float, b: float, px: float, pz: float
 ) -> tuple[float, float, float, float]:
@@ -301,7 +301,7 @@ def vertex_gap(
     return -(dx * nx + dz * nz) - support, nx, nz, lever
 
 
-@kernel
+@lean
 def contact_with_vertex(
     flying: Flying, start: float, end: float, tolerance: float, behind: Record, vertex: Record
 ) -> tuple[float, float, float]:
@@ -380,7 +380,7 @@ def contact_with_vertex(
     return np.inf, 0.0, 0.0
 
 
-@kernel
+@lean
 def _vertex_counts(
     approach: float,
     rate: float,

@@ -51,22 +51,33 @@ def lean(function: F) -> F:
 
     It does not count the references to the arrays that it is given; its caller holds them. In the
     motion of a block counting them took half of the time. One that makes an array does not compile.
+    Its machine code has no entry from Python, which takes a tenth of the time to compile: where
+    Python calls it, it is compiled once more with one.
     """
-    return _compiled(function, _nrt=False)
+    return _compiled(function, _nrt=False, no_cpython_wrapper=True)
 
 
-def inlined(function: F) -> F:
+def fused(function: F) -> F:
     """As lean, and made part of the machine code of its callers.
 
-    For the parts of a long kernel: passing many arrays costs more than most of what they do. Only
-    compiled code can call it: for calls from Python each part would be compiled once more.
+    For the parts of a long kernel: passing many arrays costs more than most of what they do.
     """
     return _compiled(function, _nrt=False, forceinline=True, no_cpython_wrapper=True)
 
 
+def inlined(function: F) -> F:
+    """Put in the place of each call before types are found, without machine code of its own.
+
+    For short functions, and for long ones that only one kernel calls: each function that is
+    compiled for itself costs a tenth of a second, and a long one is optimised once more for each
+    caller above it. Where many long ones stand in each other, copying them takes longer than that.
+    """
+    return _compiled(function, inline="always")
+
+
 @functools.cache
 def _kind(only_compiled: bool) -> type:
-    """The class of a compiled function, or of one that only compiled code can call."""
+    """The class of a compiled function, or of one without an entry from Python."""
     from numba.core import types as numba_types
     from numba.core.registry import CPUDispatcher
 
@@ -77,13 +88,19 @@ def _kind(only_compiled: bool) -> type:
         plain = {name: types.unliteral(kind) for name, kind in kws.items()}
         return CPUDispatcher.get_call_template(self, tuple(map(types.unliteral, args)), plain)
 
-    def refuse(self: Any, *_: object, **__: object) -> None:
-        raise TypeError(f"{self.__name__} can be called by compiled code only")
+    def call(self: Any, *given: object) -> object:
+        return _with_entry(self.py_func)(*given)
 
     own: dict[str, Any] = {"get_call_template": get_call_template}
     if only_compiled:
-        own["__call__"] = refuse
+        own["__call__"] = call
     return type("Compiled", (CPUDispatcher,), own)
+
+
+@functools.cache
+def _with_entry(function: F) -> F:
+    """A compiled function that Python can call; not kept, where it would be taken for the other."""
+    return _compiled(function, _nrt=False, cache=False)
 
 
 def _compiled(function: F, **options: Any) -> F:
@@ -98,8 +115,8 @@ def _compiled(function: F, **options: Any) -> F:
     # Where the machine code is kept is decided here, as the function is decorated.
     config.CACHE_DIR = before or str(_cache_folder())
     try:
-        options["no_cfunc_wrapper"] = True
-        compiled: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+        options = {"cache": True, "no_cfunc_wrapper": True, **options}
+        compiled: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
     if not config.DISABLE_JIT:

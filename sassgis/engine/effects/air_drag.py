@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Interval
 
 from sassgis.model.effects import EffectSection
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ def prepare(settings: AirDrag | None) -> Drag:
     )
 
 
-@kernel
+@lean
 def sphericity(a: float, b: float, c: float) -> float:
     """Surface of the sphere of equal volume over that of the ellipsoid (Thomsen's formula)."""
     p = 1.6075
@@ -73,7 +73,7 @@ def sphericity(a: float, b: float, c: float) -> float:
     return float((a * b * c) ** (2.0 / 3.0) / mean ** (1.0 / p))
 
 
-@kernel
+@lean
 def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
     """K of the deceleration K v² (1/m): ½ ρ C_d A / m, A the mean section of the tumbling block.
 
@@ -90,7 +90,7 @@ def resistance(drag: Drag, a: float, b: float, c: float, mass: float) -> float:
     return float(0.5 * drag.density * coefficient * section / mass)
 
 
-@kernel
+@lean
 def slowed(factor: float, vx: float, vz: float, time: float) -> tuple[float, float]:
     """Velocity after drag alone has acted for a time: v / (1 + K v t), exact."""
     size = math.sqrt(vx * vx + vz * vz)

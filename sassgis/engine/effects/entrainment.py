@@ -14,7 +14,7 @@ from sassgis.engine.rows import Record
 from sassgis.engine.state import Block, Spawned
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
-from sassgis.model.jit import kernel, lean
+from sassgis.model.jit import lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def prepare(settings: Entrainment | None) -> LooseBlocks:
     )
 
 
-@kernel
+@lean
 def blocks_entrained(loose: LooseBlocks, key: np.uint64, number: int, lost: float) -> int:
     """How many blocks an impact that takes ``lost`` (J) entrains: Poisson, at most 20."""
     mean = loose.number
@@ -91,14 +91,14 @@ def blocks_entrained(loose: LooseBlocks, key: np.uint64, number: int, lost: floa
     return n
 
 
-@kernel
+@lean
 def speed_of_each(loose: LooseBlocks, n: int, lost: float, mass: float) -> float:
     """Speed of each of n blocks of a mass (kg), all together with no more than ``lost`` (J)."""
     own = min(loose.share, 1.0 / n) * lost
     return math.sqrt(2.0 * max(own, 0.0) / mass)
 
 
-@kernel
+@lean
 def angle_of(key: np.uint64, number: int, i: int) -> float:
     """Angle above the ground at which block i leaves (rad), up to 45 degrees."""
     return _STEEPEST * rng.uniform(key, rng.ENTRAINED_ANGLE, 64 * number + i)

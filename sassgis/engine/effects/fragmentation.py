@@ -102,7 +102,7 @@ def prepare(settings: Fragmentation | None) -> Breaking:
     )
 
 
-@kernel
+@lean
 def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool:
     """Whether an impact that takes ``lost`` (J/kg) breaks the block."""
     if lost <= max(breaking.energy, 0.0):
@@ -114,7 +114,7 @@ def breaks(breaking: Breaking, key: np.uint64, number: int, lost: float) -> bool
     return bool(rng.uniform(key, rng.BREAKS, number) < 1.0 - whole)
 
 
-@kernel
+@lean
 def most_fragments(breaking: Breaking, volume: float) -> int:
     """Most fragments that a block of a volume (m³) can have, none of them below the smallest.
 

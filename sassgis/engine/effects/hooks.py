@@ -31,7 +31,7 @@ from sassgis.engine.rows import Record, Records, record_type
 from sassgis.engine.state import STATE_FIELDS, Block, Site, Spawned
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
-from sassgis.model.jit import inlined
+from sassgis.model.jit import fused, inlined
 
 #: The state of a block, with what effects remember of it and of the step that it makes.
 BLOCK_DTYPE = record_type(
@@ -120,7 +120,7 @@ def on_start(effects: Effects | None, state: Record, block: Block) -> None:
             state.to_stem = trees.to_next_stem(block.key, 0)
 
 
-@inlined
+@fused
 def before_flight(
     effects: Effects | None,
     state: Record,
@@ -167,7 +167,7 @@ def _brake(effects: Effects, state: Record, block: Block, time: float) -> float:
     return kept
 
 
-@inlined
+@fused
 def after_flight(
     effects: Effects | None,
     state: Record,

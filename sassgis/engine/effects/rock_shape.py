@@ -10,7 +10,7 @@ from annotated_types import Interval
 
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +55,13 @@ def prepare(settings: RockShape | None) -> Shape:
     return Shape(forms[settings.form], float(settings.strength))
 
 
-@kernel
+@lean
 def tumbling_inertia(a: float, b: float, c: float) -> float:
     """Mean of the three moments of inertia per unit mass (m²)."""
     return 2.0 / 15.0 * (a * a + b * b + c * c)
 
 
-@kernel
+@lean
 def lands_flat(shape: Shape, key: np.uint64, number: int, b: float, c: float) -> bool:
     """Whether an impact falls on the flat side of the block."""
     if shape.form != FLAT_LANDING:

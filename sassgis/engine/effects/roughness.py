@@ -11,7 +11,7 @@ from annotated_types import Interval
 
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ def prepare(settings: Roughness | None) -> Rough:
     )
 
 
-@kernel
+@lean
 def tilt(rough: Rough, key: np.uint64, number: int, radius: float) -> float:
     """Angle by which the surface that an impact meets is turned (rad), positive uphill."""
     u = rng.uniform(key, rng.TILT, number)
@@ -72,7 +72,7 @@ def tilt(rough: Rough, key: np.uint64, number: int, radius: float) -> float:
     return math.atan(bridged * steepest * math.cos(2.0 * math.pi * u))
 
 
-@kernel
+@lean
 def tilted(
     rough: Rough,
     key: np.uint64,

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from annotated_types import Interval
 
 from sassgis.model.effects import EffectSection
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,14 +87,14 @@ def prepare(settings: SoftGround | None) -> Soft:
     )
 
 
-@kernel
+@lean
 def rebound_left(soft: Soft, normal_speed: float) -> float:
     """Share of the normal rebound that is left (Pfeiffer and Bowen 1989)."""
     ratio = normal_speed / soft.reference
     return 1.0 / (1.0 + ratio * ratio)
 
 
-@kernel
+@lean
 def scar_depth(soft: Soft, mass: float, radius: float, normal_speed: float) -> float:
     """Depth of the scar (m).
 
@@ -109,7 +109,7 @@ def scar_depth(soft: Soft, mass: float, radius: float, normal_speed: float) -> f
     return float(soft.depth * twice**0.4 * 2.0**0.6 / (1.765 * soft.modulus**0.4 * radius**0.2))
 
 
-@kernel
+@lean
 def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float) -> float:
     """Share of the energy that is left after the drag along the scar.
 
@@ -125,7 +125,7 @@ def scar_energy_left(soft: Soft, mass: float, radius: float, normal_speed: float
     return math.exp(-soft.drag * soft.density * section * chord / mass)
 
 
-@kernel
+@lean
 def after_impact(
     soft: Soft, mass: float, radius: float, into: float, wt: float, wn: float, omega: float
 ) -> tuple[float, float, float]:

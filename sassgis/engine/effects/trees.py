@@ -15,7 +15,7 @@ from sassgis.engine.state import Block, Site
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
-from sassgis.model.jit import kernel, lean
+from sassgis.model.jit import lean
 from sassgis.model.tree_species import energy_ratios
 
 
@@ -112,7 +112,7 @@ def prepare(settings: Trees | None, has_stems: bool) -> Stand:
     )
 
 
-@kernel
+@lean
 def stems_per_metre(stand: Stand, stems: float, diameter: float, width: float) -> float:
     """Stems that a block of some width meets on a metre of its path in plan.
 
@@ -130,13 +130,13 @@ def stems_per_metre(stand: Stand, stems: float, diameter: float, width: float) -
     return float(stems * (width + diameter))
 
 
-@kernel
+@lean
 def to_next_stem(key: np.uint64, number: int) -> float:
     """Stems that are expected up to the next one that is met: exponential with mean 1."""
     return -math.log(rng.uniform(key, rng.STEM_DISTANCE, number))
 
 
-@kernel
+@lean
 def share_taken(offset: float) -> float:
     """Share of the energy of a stem that a hit takes, by its distance from the middle.
 
@@ -154,7 +154,7 @@ def share_taken(offset: float) -> float:
     return float(min(max(share, 0.0), 1.0))
 
 
-@kernel
+@lean
 def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> float:
     """Energy that a stem of a diameter (m) takes (J)."""
     centimetres = 100.0 * diameter
@@ -164,7 +164,7 @@ def stem_loss(stand: Stand, key: np.uint64, number: int, diameter: float) -> flo
     return float(most)
 
 
-@kernel
+@lean
 def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> float:
     """Share of the speed that the viscous forest leaves after a time.
 
@@ -175,7 +175,7 @@ def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> flo
     return math.exp(min(-stand.drag * time / mass, _LARGEST_EXPONENT))
 
 
-@kernel
+@lean
 def left_after_path(stand: Stand, stems: float, mass: float, speed: float, path: float) -> float:
     """Share of the speed that it leaves after a path along the ground: dv = -k/m dx."""
     if stand.form != VISCOUS or stems <= 0.0 or speed <= 0.0:
@@ -183,7 +183,7 @@ def left_after_path(stand: Stand, stems: float, mass: float, speed: float, path:
     return max(1.0 - stand.drag * path / (mass * speed), 0.0)
 
 
-@kernel
+@lean
 def longest_step(stand: Stand, stems: float, mass: float) -> float:
     """Longest time between two turns of the viscous force (s): a tenth of the speed, or 5 ms."""
     if stand.form != VISCOUS or stems <= 0.0:
@@ -191,7 +191,7 @@ def longest_step(stand: Stand, stems: float, mass: float) -> float:
     return max(_SHARE_PER_STEP * mass / stand.drag, _SHORTEST_STEP_S)
 
 
-@kernel
+@lean
 def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> tuple[bool, float]:
     """Whether a block in flight is below the height of the stems, and when that changes (s).
 
@@ -276,7 +276,7 @@ def before_stretch(
     return gap
 
 
-@kernel
+@lean
 def speed_left_at_stem(stand: Stand, state: Record, key: np.uint64, energy: float) -> float:
     """Share of the speed that is left after the stem that a step has come to.
 

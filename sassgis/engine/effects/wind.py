@@ -10,7 +10,7 @@ from annotated_types import Interval
 
 from sassgis.engine.rows import Record
 from sassgis.model.effects import EffectSection
-from sassgis.model.jit import kernel
+from sassgis.model.jit import lean
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ def prepare(settings: Wind | None) -> Push:
     return Push(STEADY, float(settings.acceleration_mps2), WIND_STEP_S)
 
 
-@kernel
+@lean
 def longest_step(push: Push, state: Record) -> float:
     """Longest step of a flight (s), infinite without wind.
 
@@ -66,13 +66,13 @@ def longest_step(push: Push, state: Record) -> float:
     return float((0.5 + state.push_before) * push.step)
 
 
-@kernel
+@lean
 def push_before(push: Push, state: Record, limit: float) -> None:
     """Push a block before a step of flight of ``limit`` (s)."""
     state.vx += state.about * push.acceleration * state.push_before * limit
 
 
-@kernel
+@lean
 def push_after(push: Push, state: Record, limit: float, until: float, goes_on: bool) -> None:
     """Push it after the step, which has taken ``until`` (s): the speed gained is exact."""
     state.vx += state.about * push.acceleration * (until - state.push_before * limit)
