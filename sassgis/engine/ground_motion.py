@@ -237,18 +237,21 @@ def ground_motion(
         if state.phase == ROLLING:
             mu = _friction(state, block, site)
             tips_at = math.inf
-    pull = g * (down - mu * ux)
+    free = g * (down - mu * ux)
+    pull, longest = hooks.before_stretch(effects, state, block, site, free, ux)
     state.vx = state.speed * direction * ux
     state.vz = state.speed * direction * uz
     log_event(output.log, state, direction * ux, direction * uz)
 
     ahead = _look_ahead(state, block, site, physics, pull, tips_at)
-    ends_by = ahead.ends_by
-    length, x_end, cut = hooks.before_stretch(
-        effects, state, block, site, pull, ux, ahead.length, ahead.x_end
-    )
+    length, x_end, ends_by = ahead.length, ahead.x_end, ahead.ends_by
+    cut = longest < length
     if cut:
+        length = longest
+        x_end = state.x + direction * ux * length
         ends_by = PART
+    if ends_by != STOP:
+        pull = hooks.pull_over(effects, state, block, free, pull, length)
     stretch = _gains(state, block, x_end, pull, length, ends_by, mu * g * ux)
     barrier = no_meeting()
     if last_of(site.crossings) > 0:
@@ -268,7 +271,7 @@ def ground_motion(
         state.x = stretch.x_end
     state.lines_from = state.x
     state.furthest = max(state.furthest, state.x)
-    hooks.after_stretch(effects, state, block, length, at_barrier)
+    hooks.after_stretch(effects, state, block, at_barrier or not cut)
     state.vx = direction * state.speed * ux
     state.vz = direction * state.speed * uz
     if at_barrier:

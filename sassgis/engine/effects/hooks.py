@@ -216,69 +216,64 @@ def after_flight(
 
 @inlined
 def before_stretch(
-    effects: Effects | None,
-    state: Record,
-    block: Block,
-    site: Site,
-    pull: float,
-    ux: float,
-    length: float,
-    x_end: float,
-) -> tuple[float, float, bool]:
+    effects: Effects | None, state: Record, block: Block, site: Site, pull: float, ux: float
+) -> tuple[float, float]:
     """Begin a stretch of rolling or sliding.
 
     Parameters
     ----------
     pull : float
-        Acceleration along the ground (m/s²).
+        Acceleration along the ground without effects (m/s²).
     ux : float
         Cosine of the slope.
-    length, x_end : float
-        Longest length of the stretch and chainage of its end (m).
 
     Returns
     -------
-    length, x_end : float
-        (m)
-    cut : bool
-        Whether an effect has shortened it.
+    pull : float
+        (m/s²)
+    longest : float
+        Path along which it holds (m).
     """
-    cut = False
+    longest = np.inf
     if effects is not None and effects.stand.form != trees.OFF:
         state.x_from = state.x
-        gap = trees.before_stretch(effects.stand, state, block, site, pull, ux)
-        if gap < length * ux:
-            length = gap / ux
-            x_end = state.x + state.direction * gap
-            cut = True
-        else:
-            state.at_stem = False
-        # Half of the force before the stretch and half after it: second order in its length.
-        kept = trees.left_after_path(
-            effects.stand, state.stems, block.mass, state.speed, 0.5 * length
-        )
-        state.speed *= kept
-        state.omega *= kept
-    return length, x_end, cut
+        pull, longest = trees.before_stretch(effects.stand, state, block, site, pull, ux)
+    return pull, longest
 
 
 @inlined
-def after_stretch(
-    effects: Effects | None, state: Record, block: Block, length: float, at_barrier: bool
-) -> None:
-    """End a stretch of rolling or sliding of some length (m)."""
+def pull_over(
+    effects: Effects | None, state: Record, block: Block, pull: float, drawn: float, path: float
+) -> float:
+    """Acceleration over a path that the stretch has turned out to take, without a stop (m/s²).
+
+    Parameters
+    ----------
+    pull, drawn : float
+        As given to before_stretch, and as returned by it (m/s²).
+    """
+    if effects is not None and effects.stand.form == trees.VISCOUS:
+        return trees.pull_over(effects.stand, state.stems, block.mass, state.speed, pull, path)
+    return drawn
+
+
+@inlined
+def after_stretch(effects: Effects | None, state: Record, block: Block, arrived: bool) -> None:
+    """End a stretch of rolling or sliding.
+
+    Parameters
+    ----------
+    arrived : bool
+        Whether it ended before the path that before_stretch gave.
+    """
     if effects is not None and effects.stand.form != trees.OFF:
         state.to_stem -= state.stem_rate * abs(state.x - state.x_from)
-        if state.at_stem and not at_barrier:
+        if state.at_stem and not arrived:
             spin = block.inertia * state.omega * state.omega
             energy = 0.5 * (state.speed * state.speed + spin) * block.mass
             kept = trees.speed_left_at_stem(effects.stand, state, block.key, energy)
-        else:
-            kept = trees.left_after_path(
-                effects.stand, state.stems, block.mass, state.speed, 0.5 * length
-            )
-        state.speed *= kept
-        state.omega *= kept
+            state.speed *= kept
+            state.omega *= kept
 
 
 @inlined

@@ -10,12 +10,12 @@ import numpy as np
 from annotated_types import Interval
 
 from sassgis.engine.profile import segment_at, to_cell_border
-from sassgis.engine.rows import Record
+from sassgis.engine.rows import Record, Records, last_of
 from sassgis.engine.state import Block, Site
 from sassgis.model import rng
 from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
-from sassgis.model.jit import lean
+from sassgis.model.jit import inlined, lean
 from sassgis.model.tree_species import energy_ratios
 
 
@@ -77,8 +77,17 @@ _SHORTEST_STEP_S = 0.005
 _LARGEST_EXPONENT = 300.0
 # A block within rounding of the height of the stems passes it in this time.
 _SHORTEST_CUT_S = 1e-6
-# Shortest way along the ground between two turns of a viscous force (m): at the pace of a crawl.
+# On a stretch of the ground it closes this share of the difference to the steady speed, or more
+# where that changes the speed by no larger share of itself, up to so much; the shortest stretch (m)
+# at the pace of a crawl, and that pace (m/s).
+_SHARE_ON_GROUND = 0.25
+_MOST_CLOSED = 0.95
 _CREEP = 0.1
+_SLOWEST = 1e-6
+# Steps of Newton's method for the time in which a path is gone.
+_NEWTON = 4
+# Cells of the same forest that a step passes at most.
+_MOST_CELLS = 8
 
 #: What a block remembers of the forest.
 MEMORY = (
@@ -89,6 +98,13 @@ MEMORY = (
     ("diameter", np.float64),  # of the stems there, at breast height (m)
     ("at_stem", np.bool_),  # whether the present step ends at a stem
 )
+
+
+class Drawn(NamedTuple):
+    """Motion along the ground in a forest."""
+
+    pull: float  # acceleration (m/s²)
+    path: float  # along which it holds (m)
 
 
 class Stand(NamedTuple):
@@ -176,11 +192,58 @@ def left_by_viscous(stand: Stand, stems: float, mass: float, time: float) -> flo
 
 
 @lean
-def left_after_path(stand: Stand, stems: float, mass: float, speed: float, path: float) -> float:
-    """Share of the speed that it leaves after a path along the ground: dv = -k/m dx."""
-    if stand.form != VISCOUS or stems <= 0.0 or speed <= 0.0:
-        return 1.0
-    return max(1.0 - stand.drag * path / (mass * speed), 0.0)
+def on_ground(stand: Stand, stems: float, mass: float, speed: float, pull: float) -> Drawn:
+    """How the viscous forest lets a block go on along straight ground: v' = p − k v/m.
+
+    Exact at the end of the path; before it the square of the speed is taken as linear.
+
+    Parameters
+    ----------
+    speed, pull : float
+        Speed now (m/s), and acceleration p without the forest (m/s²).
+    """
+    if stand.form != VISCOUS or stems <= 0.0:
+        return Drawn(pull, np.inf)
+    rate = stand.drag / mass
+    steady = pull / rate
+    closed = _SHARE_ON_GROUND * max(speed / max(abs(speed - steady), _SLOWEST), 1.0)
+    time = -math.log1p(-min(closed, _MOST_CLOSED)) / rate
+    time = max(time, _CREEP / max(speed, steady, _SLOWEST))
+    if steady < 0.0:
+        time = min(time, math.log1p(-speed / steady) / rate)
+    path, after = _after(rate, steady, speed, time)
+    if path <= 0.0:
+        return Drawn(pull, np.inf)
+    if after < _SLOWEST and steady <= 0.0:
+        after = 0.0
+    return Drawn(0.5 * (after * after - speed * speed) / path, path)
+
+
+@inlined
+def _after(rate: float, steady: float, speed: float, time: float) -> tuple[float, float]:
+    """Path (m) and speed (m/s) after a time in which the steady speed is approached."""
+    closed = -math.expm1(-rate * time)
+    return steady * time + (speed - steady) * closed / rate, speed + (steady - speed) * closed
+
+
+@lean
+def pull_over(
+    stand: Stand, stems: float, mass: float, speed: float, pull: float, path: float
+) -> float:
+    """As on_ground, the acceleration (m/s²) of a block that goes on for a path (m), and no stop."""
+    if stand.form != VISCOUS or stems <= 0.0 or path <= 0.0:
+        return pull
+    rate = stand.drag / mass
+    steady = pull / rate
+    square = speed * speed + 2.0 * (pull - rate * speed) * path
+    time = 2.0 * path / (speed + math.sqrt(max(square, 0.0)))
+    after = speed
+    for _ in range(_NEWTON):
+        gone, after = _after(rate, steady, speed, time)
+        if after <= 0.0:
+            return 0.5 * -speed * speed / path
+        time += (path - gone) / after
+    return 0.5 * (after * after - speed * speed) / path
 
 
 @lean
@@ -214,6 +277,28 @@ def time_to_height(stand: Stand, above: float, climb: float, gravity: float) -> 
 
 
 @lean
+def to_other_forest(stretches: Records, i: int, x: float, direction: int) -> tuple[int, float]:
+    """Stretch ahead of a block that moves in a direction, and how far its forest goes on (m).
+
+    To the next vertex at most: there the height above the ground changes otherwise. Of a long
+    straight slope a few cells are looked at.
+    """
+    i, gap = to_cell_border(stretches, i, x, direction)
+    here = stretches[i]
+    j = i + direction
+    while (
+        0 <= j < last_of(stretches)
+        and abs(j - i) < _MOST_CELLS
+        and stretches[j].segment == here.segment
+        and stretches[j].stems == here.stems
+        and stretches[j].diameter == here.diameter
+    ):
+        gap += stretches[j + 1].start - stretches[j].start
+        j += direction
+    return i, gap
+
+
+@lean
 def before_flight(
     stand: Stand,
     state: Record,
@@ -224,7 +309,7 @@ def before_flight(
 ) -> float:
     """How long a flight may go on before the forest changes or a stem is met (s)."""
     direction = 1 if state.vx >= 0.0 else -1
-    ahead, gap = to_cell_border(site.stretches, state.stretch, state.x, direction)
+    ahead, gap = to_other_forest(site.stretches, state.stretch, state.x, direction)
     stretch = site.stretches[ahead]
     stems = stretch.stems
     limit = longest
@@ -258,9 +343,9 @@ def before_flight(
 @lean
 def before_stretch(
     stand: Stand, state: Record, block: Block, site: Site, pull: float, ux: float
-) -> float:
-    """Chainage over which a block may roll or slide before the forest changes or a stem is met."""
-    ahead, gap = to_cell_border(site.stretches, state.stretch, state.x, state.direction)
+) -> Drawn:
+    """Acceleration of a block that rolls or slides, until the forest changes or a stem is met."""
+    ahead, gap = to_other_forest(site.stretches, state.stretch, state.x, state.direction)
     stretch = site.stretches[ahead]
     state.stems = stretch.stems
     state.diameter = stretch.diameter
@@ -268,12 +353,11 @@ def before_stretch(
     state.at_stem = state.stem_rate * gap >= state.to_stem
     if state.at_stem:
         gap = state.to_stem / state.stem_rate
-    time = longest_step(stand, stretch.stems, block.mass)
-    step = max((state.speed + 0.5 * abs(pull) * time) * time, _CREEP) * ux
-    if step < gap:
-        gap = step
+    drawn = on_ground(stand, stretch.stems, block.mass, state.speed, pull)
+    if drawn.path * ux < gap:
         state.at_stem = False
-    return gap
+        return drawn
+    return Drawn(drawn.pull, gap / ux)
 
 
 @lean
