@@ -40,10 +40,10 @@ from sassgis.engine.state import (
     end_at_rest,
     log_event,
 )
-from sassgis.model.jit import inlined, lean
+from sassgis.model.jit import fused, lean
 
 
-@inlined
+@fused
 def simulate_block(
     state: Record,
     block: Block,

@@ -70,7 +70,8 @@ def inlined(function: F) -> F:
 
     For short functions, and for long ones that only one kernel calls: each function that is
     compiled for itself costs a tenth of a second, and a long one is optimised once more for each
-    caller above it. Where many long ones stand in each other, copying them takes longer than that.
+    caller above it. Where many long ones stand in each other, copying them takes longer than that,
+    and what stands in a kernel counts references at each call, as the kernel does.
     """
     return _compiled(function, inline="always")
 
