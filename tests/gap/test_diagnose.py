@@ -150,7 +150,9 @@ def test_processes_and_an_interruption_change_nothing(
     assert json.loads((tmp_path / "two" / "diagnosis.json").read_text()) == expected
 
 
-@pytest.mark.parametrize(("kind", "n"), [("stops", 15), ("stations", 15)])
+@pytest.mark.parametrize(
+    ("kind", "n"), [pytest.param("stops", 15, marks=pytest.mark.battery), ("stations", 15)]
+)
 def test_little_is_enough_for_an_answer(tmp_path: Path, kind: str, n: int) -> None:
     case = make_case(tmp_path / "case", kind, n)
     found = run(case, tmp_path / "out")

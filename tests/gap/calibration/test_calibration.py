@@ -110,6 +110,7 @@ def test_classes_that_the_stops_do_not_tell_apart_are_named() -> None:
     assert found.alike == (("debris", "talus"),)
 
 
+@pytest.mark.battery
 def test_sites_of_one_ground_agree_and_of_different_ground_do_not() -> None:
     one = site(30, 15, table_of(eta_max=0.75))
     same = site(30, 16, table_of(eta_max=0.75), "other")

@@ -87,7 +87,9 @@ def test_rocks_that_are_left_out_do_not_count() -> None:
         assert minimum_without(surface, found, [weights])[0] == pytest.approx(expected, abs=0.08)
 
 
-@pytest.mark.parametrize(("second", "contradict"), [(0.5, False), (0.9, True)])
+@pytest.mark.parametrize(
+    ("second", "contradict"), [pytest.param(0.5, False, marks=pytest.mark.battery), (0.9, True)]
+)
 def test_sites_contradict_if_the_common_best_suits_none(second: float, contradict: bool) -> None:
     rng = np.random.default_rng(4)
     points = first_design(2, 160, 1)
