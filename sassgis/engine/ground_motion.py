@@ -251,7 +251,7 @@ def ground_motion(
         x_end = state.x + direction * ux * length
         ends_by = PART
     if ends_by != STOP:
-        pull = hooks.pull_over(effects, state, block, free, pull, length)
+        pull = hooks.pull_over(effects, state, block, free, length)
     stretch = _gains(state, block, x_end, pull, length, ends_by, mu * g * ux)
     barrier = no_meeting()
     if last_of(site.crossings) > 0:

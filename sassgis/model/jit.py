@@ -1,4 +1,4 @@
-"""The one decorator for compiled code.
+"""The decorators of compiled code.
 
 numba's on-disk cache looks only at the file that holds the function: after an edit in a callee that
 lives in another file it would serve stale machine code. The cache therefore lives in a folder named
@@ -77,7 +77,7 @@ def inlined(function: F) -> F:
 
 
 @functools.cache
-def _kind(only_compiled: bool) -> type:
+def _kind(without_entry: bool) -> type:
     """The class of a compiled function, or of one without an entry from Python."""
     from numba.core import types as numba_types
     from numba.core.registry import CPUDispatcher
@@ -93,7 +93,7 @@ def _kind(only_compiled: bool) -> type:
         return _with_entry(self.py_func)(*given)
 
     own: dict[str, Any] = {"get_call_template": get_call_template}
-    if only_compiled:
+    if without_entry:
         own["__call__"] = call
     return type("Compiled", (CPUDispatcher,), own)
 

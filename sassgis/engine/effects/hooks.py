@@ -243,18 +243,15 @@ def before_stretch(
 
 @inlined
 def pull_over(
-    effects: Effects | None, state: Record, block: Block, pull: float, drawn: float, path: float
+    effects: Effects | None, state: Record, block: Block, pull: float, path: float
 ) -> float:
-    """Acceleration over a path that the stretch has turned out to take, without a stop (m/s²).
+    """Acceleration over a path (m) that the stretch has turned out to take, without a stop (m/s²).
 
-    Parameters
-    ----------
-    pull, drawn : float
-        As given to before_stretch, and as returned by it (m/s²).
+    ``pull`` is that without effects, as before_stretch was given it.
     """
-    if effects is not None and effects.stand.form == trees.VISCOUS:
+    if effects is not None:
         return trees.pull_over(effects.stand, state.stems, block.mass, state.speed, pull, path)
-    return drawn
+    return pull
 
 
 @inlined

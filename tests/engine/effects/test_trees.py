@@ -246,6 +246,19 @@ def test_a_viscous_forest_stops_a_rolling_rock(cell):
     assert out.rocks["runout_m"][0] == pytest.approx(end, abs=0.02 * end)
 
 
+@pytest.mark.parametrize("k", [60.0, 600.0, 6000.0])
+def test_a_viscous_forest_lets_a_rolling_rock_come_to_its_steady_speed(k):
+    # g (sin β − μ cos β) m/k, whether it starts faster or slower.
+    pull = 1.0
+    slope_of = math.radians(ANGLE)
+    ground = plain(mu_0=math.tan(slope_of) - pull / (G * math.cos(slope_of)))
+    effects = EffectSettings(Trees("viscous", drag_kgps=k))
+    flat = profile(slope((2000.0, ANGLE)))
+    at = control_lines(1900.0)
+    out = run(flat, ground, ROLLING, effects, n=1, control_lines=at, forest=forest(flat, 0.01))
+    assert out.passages["speed_mps"] == pytest.approx(pull * MASS / k, rel=1e-3)
+
+
 def test_a_strong_stem_stops_a_rock_where_it_is_met():
     # Ways to the first stem are exponential. Friction is just above the slope, so that a rock that
     # has been stopped stays.
