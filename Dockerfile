@@ -15,9 +15,10 @@ WORKDIR /src
 COPY . .
 RUN pip install --no-cache-dir ".[cluster,parquet]" && rm -rf /src/*
 
-# Compiled kernels: mount a volume here to keep them.
+# Compiled kernels: mount a volume here to keep them. With `docker run --user` name a folder that
+# belongs to that user, or they are compiled at each start.
 ENV SASSGIS_CACHE_DIR=/var/cache/sassgis
-RUN mkdir -m 1777 /var/cache/sassgis
+RUN mkdir -m 755 /var/cache/sassgis
 WORKDIR /data
 ENTRYPOINT ["sassgis"]
 CMD ["--help"]

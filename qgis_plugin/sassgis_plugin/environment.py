@@ -55,7 +55,8 @@ def find_python(chosen: str = "") -> list[str]:
         *([str(path)] for path in own if path.is_file()),
     ]
     for command in [[chosen]] if chosen else candidates:
-        if answer([*command, "-c", _SUITS]) == "True":
+        # Isolated: not from modules in the current folder.
+        if answer([*command, "-I", "-c", _SUITS]) == "True":
             return command
     tried = chosen or ", ".join(" ".join(command) for command in candidates) or "none found"
     raise QgsProcessingException(
@@ -109,11 +110,11 @@ class MakeEnvironment(QgsProcessingAlgorithm):
         python = find_python(self.parameterAsFile(parameters, "PYTHON", context))
         feedback.setProgressText(f"Environment: {folder}")
         folder.parent.mkdir(parents=True, exist_ok=True)
-        run([*python, "-m", "venv", "--clear", folder], feedback)
+        run([*python, "-I", "-m", "venv", "--clear", folder], feedback)
         feedback.setProgress(10)
         feedback.setProgressText("Libraries: this takes some minutes")
         source = self.parameterAsString(parameters, "SOURCE", context).strip()
-        pip = (in_environment("python"), "-m", "pip", "--disable-pip-version-check", "--no-input")
-        run([*pip, "install", source], feedback)
+        pip = (in_environment("python"), "-I", "-m", "pip", "--no-input")
+        run([*pip, "install", "--disable-pip-version-check", source], feedback)
         check_program(feedback)
         return {"PROGRAM": str(in_environment("sassgis"))}

@@ -90,6 +90,8 @@ def main(arguments: list[str] | None = None) -> None:
     logging.basicConfig(level=logging.DEBUG if debug else logging.ERROR, format="%(message)s")
     for chatty in ("numba", "matplotlib", "rasterio", "fiona"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
+    if not debug:
+        logging.getLogger("sassgis.model.jit").setLevel(logging.WARNING)
     try:
         code: Any = cli.main(
             args=[a for a in given if a != "--debug"], prog_name="sassgis", standalone_mode=False

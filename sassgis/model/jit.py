@@ -3,17 +3,36 @@
 numba's on-disk cache looks only at the file that holds the function: after an edit in a callee that
 lives in another file it would serve stale machine code. The cache therefore lives in a folder named
 after the contents of every compiled module, so that an edit anywhere starts a fresh one.
+
+What is read from the cache is run. So it is used only where nobody but the user can have written,
+and nothing in the current folder decides where that is; else each process compiles anew.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import logging
 import os
+import stat
+import sys
 import tempfile
+import warnings
 from collections.abc import Callable
+from multiprocessing import parent_process
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
+
+try:  # Windows has neither; there a user's folders are the user's.
+    import grp
+    import pwd
+except ImportError:  # pragma: no cover
+    _OWNERS = False
+else:
+    _OWNERS = True
+
+log = logging.getLogger(__name__)
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _COMPILED_ROOMS = ("model", "engine", "terrain", "hazard", "gap/residuals", "gap/check/worlds")
@@ -22,23 +41,85 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 @functools.cache
-def _cache_folder() -> Path:
-    """Folder of the machine code that belongs to the sources as they stand."""
+def _numba() -> ModuleType:
+    """numba, without the settings that it would take from a file in the current folder."""
+    warnings.filterwarnings("ignore", "A Numba config file is found")
+    # Where there is no yaml numba leaves its file alone.
+    hidden = {} if "numba" in sys.modules else {"yaml": sys.modules.get("yaml")}
+    sys.modules |= dict.fromkeys(hidden)  # type: ignore[arg-type]
+    try:
+        import numba
+    finally:
+        for name, module in hidden.items():
+            sys.modules.pop(name)
+            if module is not None:
+                sys.modules[name] = module
+    return numba
+
+
+@functools.cache
+def _cache_folder() -> Path | None:
+    """Folder of the machine code that belongs to the sources as they stand; None: keep none."""
     digest = hashlib.sha256()
     for room in _COMPILED_ROOMS:
         for path in sorted((_PACKAGE / room).rglob("*.py")):
             digest.update(path.name.encode())
             digest.update(path.read_bytes())
-    default = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "sassgis"
-    base = Path(os.environ.get("SASSGIS_CACHE_DIR", default))
-    folder = base / digest.hexdigest()[:16]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        base = os.environ.get("SASSGIS_CACHE_DIR") or _user_cache()
+        # A relative one would be another folder in each project.
+        if not os.path.isabs(base):
+            raise OSError(f"{base} is not an absolute path")
+        folder = Path(base).resolve() / digest.hexdigest()[:16]
+        for made in (folder.parent, folder):
+            made.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _check_own(folder)
         with tempfile.TemporaryFile(dir=folder):
             pass
-    except OSError:
-        return Path(tempfile.gettempdir()) / "sassgis" / digest.hexdigest()[:16]
+    except (OSError, RuntimeError) as error:
+        if parent_process() is None:
+            log.warning(
+                "compiled code is not kept, so that each command compiles anew: %s "
+                "(SASSGIS_CACHE_DIR names another folder)", error,
+            )  # fmt: skip
+        return None
     return folder
+
+
+def _user_cache() -> str:
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    return str((Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "sassgis")
+
+
+def _check_own(folder: Path) -> None:
+    """Refuse a folder that anybody but the user or root can change, as ssh does for its keys.
+
+    Raises
+    ------
+    OSError
+        That names the folder, or the one above it, that belongs to somebody else or can be written
+        by others.
+    """
+    if not _OWNERS:  # pragma: no cover
+        return
+    user = os.geteuid()
+    for place in (folder, *folder.parents):
+        found = place.stat()
+        if found.st_uid not in ((user,) if place == folder else (user, 0)):
+            raise OSError(f"{place} belongs to another user")
+        shared = found.st_mode & (stat.S_IWOTH | (0 if _is_private(found.st_gid) else stat.S_IWGRP))
+        # In a folder such as /tmp nobody can replace what belongs to another.
+        if shared and (place == folder or not found.st_mode & stat.S_ISVTX):
+            raise OSError(f"others can write in {place}")
+
+
+def _is_private(group: int) -> bool:
+    """Whether a group is the user's own, of the same name and without other members."""
+    try:
+        user, found = pwd.getpwuid(os.geteuid()).pw_name, grp.getgrgid(group)
+    except KeyError:
+        return False
+    return found.gr_name == user and set(found.gr_mem) <= {user}
 
 
 def kernel(function: F) -> F:
@@ -106,20 +187,21 @@ def _with_entry(function: F) -> F:
 
 def _compiled(function: F, **options: Any) -> F:
     """Compile with numba; its settings of cache and level hold for this package's code."""
-    import numba
-
-    config: Any = numba.config
+    numba: Any = _numba()
+    config = numba.config
     if not os.environ.get("NUMBA_OPT"):
         # A sixth less time to compile than at numba's own level, for code that is no slower.
         config.OPT = type(config.OPT)(2)
-    before = config.CACHE_DIR
+    folder = _cache_folder()
     # Where the machine code is kept is decided here, as the function is decorated.
-    config.CACHE_DIR = before or str(_cache_folder())
+    before = {name: getattr(config, name, "") for name in ("CACHE_DIR", "CACHE_LOCATOR_CLASSES")}
+    config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = str(folder or ""), ""
     try:
-        options = {"cache": True, "no_cfunc_wrapper": True, **options}
+        options = {"cache": folder is not None, "no_cfunc_wrapper": True, **options}
         compiled: Any = numba.njit(nogil=True, error_model="numpy", **options)(function)
     finally:
-        config.CACHE_DIR = before
+        for name, value in before.items():
+            setattr(config, name, value)
     if not config.DISABLE_JIT:
         compiled.__class__ = _kind("no_cpython_wrapper" in options)
     out: F = compiled
