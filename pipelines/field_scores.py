@@ -1,6 +1,6 @@
 """Are run-out and width of the stops right at Tschamut and Authume, on rocks left out as well?
 
-    python pipelines/field_scores.py [DATA] -o OUT [--sets 256] [--count 16] [--overwrite]
+    python pipelines/field_scores.py [DATA] -o OUT [--sets 256] [--count 16]
 
 Simulates the observed rocks from where they were released, each along the path that it takes: with
 the built-in classes, chosen by the description of the site alone; with the class that was
@@ -51,7 +51,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--sets", type=int, default=256, help="parameter sets that are tried")
     parser.add_argument("--count", type=int, default=16, help="simulations of each rock and set")
     given = parser.parse_args(argv)
-    out: Path = tables.fresh(given.output, given.overwrite)
+    out: Path = tables.fresh(given.output)
     (out / "notes.txt").write_text("Written by field_scores.py\n", encoding="utf-8")
     meadow, quarry = tschamut(given.data), authume(given.data)
     sites = {site.name: site for site in (meadow, quarry)}

@@ -81,7 +81,7 @@ def write(data: Path, out: Path) -> FieldCase:
 def main(argv: list[str] | None = None) -> None:
     """Write the case, diagnose it on one half and score on the other."""
     given = parser(__doc__).parse_args(argv)
-    case = write(given.data, fresh(given.output, given.overwrite))
+    case = write(given.data, fresh(given.output))
     groups = pd.read_csv(given.output / "groups.csv")
     study(case, given, dict(zip(groups["rock_id"], groups["mass"], strict=True)))
 

@@ -99,7 +99,7 @@ def write(data: Path, out: Path) -> FieldCase:
 def main(argv: list[str] | None = None) -> None:
     """Write the case, predict each contact, diagnose."""
     given = parser(__doc__).parse_args(argv)
-    case = write(given.data, fresh(given.output, given.overwrite))
+    case = write(given.data, fresh(given.output))
     folder = given.data / FOLDER
     more = {
         "contacts": contact_study(folder, given.output, given.seed),

@@ -313,10 +313,7 @@ def diagnosed(
     from sassgis.runs.diagnose import diagnose
 
     folder = given.output / f"diagnosis_{split}"
-    answer = diagnose(
-        case.config, case.observations[fit], folder, jobs=given.jobs, seed=given.seed,
-        overwrite=True,
-    )  # fmt: skip
+    answer = diagnose(case.config, case.observations[fit], folder, jobs=given.jobs, seed=given.seed)
     verdict, shrinkage = answer.verdict, answer.shrinkage
     report: dict[str, Any] = {
         "fitted_on": answer.rocks,

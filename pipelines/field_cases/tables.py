@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +57,6 @@ def parser(doc: str | None) -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(description=(doc or "").splitlines()[0])
     made.add_argument("data", type=Path, nargs="?", default=DATA, help="folder of the field data")
     made.add_argument("-o", "--output", type=Path, required=True)
-    made.add_argument("--overwrite", action="store_true")
     made.add_argument("--jobs", type=int, default=1)
     made.add_argument("--seed", type=int, default=1986)
     made.add_argument("--case-only", action="store_true", help="write the case without a diagnosis")
@@ -84,22 +82,16 @@ def field_file(data: Path, folder: str, file: str) -> Path:
     return path
 
 
-def fresh(folder: Path, overwrite: bool) -> Path:
+def fresh(folder: Path) -> Path:
     """An empty folder for the results.
 
     Raises
     ------
     OutputError
-        If it is not empty and must not be overwritten.
+        If it is not empty.
     """
     if folder.exists() and any(folder.iterdir()):
-        # Only folders written by such a pipeline are removed.
-        if not (overwrite and (folder / _NOTES).is_file()):
-            raise OutputError(
-                f"{folder}: is not empty; expected an empty folder, or one that a field case was "
-                "written to and --overwrite"
-            )
-        shutil.rmtree(folder)
+        raise OutputError(f"{folder}: is not empty; expected an empty folder")
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 

@@ -82,7 +82,7 @@ def written_configuration(
     settings : sequence of str
         As ``sassgis init --set`` takes them.
     replace : bool
-        Whether one with other settings, perhaps edited by hand, may be replaced.
+        Whether one with other settings may be replaced, unless it was edited by hand.
     feedback : QgsProcessingFeedback
 
     Raises
@@ -94,12 +94,16 @@ def written_configuration(
     new = config.with_name("sassgis.new.toml")
     options = [part for setting in settings for part in ("--set", setting)]
     files = ("--dem", dem, "--release", release)
-    run([program_path(), "init", new, *files, *options, "--overwrite"], feedback)
+    arguments = (*files, *options, "--overwrite")
+    run([program_path(), "init", new, *arguments], feedback)
     same = config.is_file() and config.read_bytes() == new.read_bytes()
     if config.is_file() and not same and not replace:
         raise QgsProcessingException(
             f"{config}: differs from what would be written (see {new.name}). Give it as the "
             "configuration, choose another folder, or tick 'Replace a result'."
         )
-    new.replace(config)
+    new.unlink()
+    if not same:
+        # The program leaves one that was edited by hand as it is.
+        run([program_path(), "init", config, *arguments], feedback)
     return config

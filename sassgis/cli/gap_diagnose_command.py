@@ -54,6 +54,7 @@ def diagnose(
     The same command goes on after an interruption.
     """
     from sassgis.report.gap_answer import verdict_sentence
+    from sassgis.runs.diagnose import MAP_NAME
     from sassgis.runs.diagnose import diagnose as run_diagnosis
     from sassgis.runs.hypothesis_fits import DRAWS
 
@@ -80,7 +81,7 @@ def diagnose(
 
         with ProgressBar() as progress:
             change = map_change(
-                config, out / "model" / "config.toml", out / "map", jobs, say=progress.say
+                config, out / "model" / "config.toml", out / MAP_NAME, jobs, say=progress.say
             )
         for line in change.lines():
             click.echo(line)

@@ -26,7 +26,7 @@ import click
     help="Set a key, as release.spacing_m=5; may be given several times.",
 )
 @click.option("--all", "every", is_flag=True, help="Every key, with its meaning and default.")
-@click.option("--overwrite", is_flag=True, help="Replace a file that is there.")
+@click.option("--overwrite", is_flag=True, help="Replace a file that nobody has changed.")
 def init(
     file: Path,
     dem: Path | None,

@@ -16,7 +16,9 @@ OUT = click.option(
     "-o", "--output", "out", required=True, type=click.Path(path_type=Path), help="Folder to write."
 )
 CONFIG = click.argument("config", type=click.Path(path_type=Path))
-OVERWRITE = click.option("--overwrite", is_flag=True, help="Replace a result that is there.")
+OVERWRITE = click.option(
+    "--overwrite", is_flag=True, help="Replace a result that nobody has changed."
+)
 SEED = click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), help="In place of run.seed of the configuration."
 )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sassgis.model.errors import InputError
+from sassgis.model.noted_files import noted
 
 #: Key of what the arrays belong to.
 FINGERPRINT = "fingerprint"
@@ -35,14 +36,14 @@ def write_saved(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: bool
         No objects.
     compressed : bool
     """
-    fresh = path.with_suffix(".new")
+    fresh = noted(path.with_suffix(".new"))
     save = np.savez_compressed if compressed else np.savez
     try:
         with fresh.open("wb") as stream:
             save(stream, **arrays, **{_NAMES: _names_of(arrays)})  # type: ignore[arg-type]
             stream.flush()
             os.fsync(stream.fileno())
-        fresh.replace(path)
+        fresh.replace(noted(path))
     finally:
         fresh.unlink(missing_ok=True)
 

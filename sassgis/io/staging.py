@@ -6,8 +6,9 @@ import errno
 import os
 import shutil
 import sqlite3
+import stat
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
@@ -16,7 +17,21 @@ from typing import IO
 import pyogrio.errors
 import rasterio.errors
 
+from sassgis.io.own_files import (
+    LITTER,
+    MANIFEST_NAME,
+    SIDECAR,
+    Stamp,
+    delete_files,
+    entries,
+    is_own,
+    own_files,
+    remember,
+    remove_empty,
+    stamp_of,
+)
 from sassgis.model.errors import OutputError, SassgisError
+from sassgis.model.noted_files import MARKER_NAME, PARTIAL, noted, notes_of
 
 try:  # Advisory locks exist on POSIX only; elsewhere two runs into one folder are not caught.
     import fcntl
@@ -25,12 +40,10 @@ except ImportError:  # pragma: no cover
 else:
     _LOCKS = True
 
-#: A folder is taken for a result of sassgis, and may be replaced by one, if it holds this file.
-MANIFEST_NAME = "manifest.json"
 #: Files and folders of this stem are the saved state of a simulation and outlive a failed run.
 CHECKPOINT_STEM = "checkpoint"
-#: Marks a working folder, so that no folder of the user's own is mistaken for one.
-MARKER_NAME = ".sassgis-partial"
+#: What GDAL and SQLite put beside a file while they write it.
+_BESIDE = (SIDECAR, "-journal", ".ovr.tmp")
 
 _REASONS = {
     errno.ENOSPC: "the disk is full",
@@ -141,6 +154,7 @@ def writing(path: Path) -> Iterator[None]:
     Parameters
     ----------
     path : Path
+        Noted as written by the run, if it lies in a working folder.
 
     Raises
     ------
@@ -148,6 +162,7 @@ def writing(path: Path) -> Iterator[None]:
         In place of any OSError and any error of rasterio, pyogrio, GDAL or SQLite in the block.
     """
     try:
+        noted(path)
         yield
     except OSError as error:
         raise output_error(error, path) from error
@@ -160,11 +175,11 @@ def writing(path: Path) -> Iterator[None]:
 def partial_folder(target: Path) -> Path:
     """The working folder of a result: beside it, so that a rename can put it in place."""
     target = Path(os.path.realpath(target))
-    return target.with_name(target.name + ".partial")
+    return target.with_name(target.name + PARTIAL)
 
 
 @contextmanager
-def staged_output(target: Path, overwrite: bool) -> Iterator[Path]:
+def staged_output(target: Path, overwrite: bool, parts: Sequence[str] = ()) -> Iterator[Path]:
     """Give a working folder that becomes ``target`` if the block ends well.
 
     The working folder is ``<target>.partial``. When the block ends it is renamed to ``target``; an
@@ -172,12 +187,17 @@ def staged_output(target: Path, overwrite: bool) -> Iterator[Path]:
     deleted, except for a file or folder named ``checkpoint`` (any suffix), which the next run into
     the same target finds in its working folder.
 
+    Files are deleted only if a run wrote them and they are still as it did: those of an older
+    result by its manifest, those of a working folder by the notes of ``writing``.
+
     Parameters
     ----------
     target : Path
         Folder of the result. Missing parents are made.
     overwrite : bool
         Whether a result that is there already may be replaced.
+    parts : sequence of str
+        Folders of the result in which another command may have put a result of its own.
 
     Yields
     ------
@@ -187,13 +207,14 @@ def staged_output(target: Path, overwrite: bool) -> Iterator[Path]:
     Raises
     ------
     OutputError
-        If the target exists and must not be replaced, if another run is writing it, or if the
-        disk is full, not writable, or fails.
+        If the target exists and must not be replaced, if it or the working folder holds anything
+        that no run wrote, if another run is writing it, or if the disk is full, not writable, or
+        fails.
     """
     shown = target
     target = Path(os.path.realpath(target))
     work = partial_folder(target)
-    _check_target(target, shown, overwrite)
+    seen = _check_target(target, shown, overwrite, parts)
     with _open_work(work):
         try:
             yield work
@@ -205,11 +226,12 @@ def staged_output(target: Path, overwrite: bool) -> Iterator[Path]:
                 raise output_error(error, shown) from error
             raise
         try:
-            _check_target(target, shown, overwrite)
-            for entry in work.iterdir():
-                if _outlives_failure(entry):
-                    _remove(entry)
-            _swap(work, target)
+            seen = _check_target(target, shown, overwrite, parts, seen)
+            delete_files(work, _noted_files(work, saved=True))
+            remove_empty(work / CHECKPOINT_STEM)
+            for name, _ in entries(work):
+                noted(target / name)
+            _swap(work, target, shown, seen, parts)
         except (OSError, OutputError) as error:
             # The result is whole: better left where it is than computed again.
             line = str(output_error(error, shown)) if isinstance(error, OSError) else str(error)
@@ -231,8 +253,12 @@ def alone(target: Path) -> Iterator[None]:
     OutputError
         If another run is writing it, or the disk is full or not writable.
     """
-    with _open_work(partial_folder(target)):
-        yield
+    work = partial_folder(target)
+    with _open_work(work):
+        try:
+            yield
+        finally:
+            _clear(work)
 
 
 @contextmanager
@@ -256,59 +282,132 @@ def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
     OutputError
         If the target exists and must not be replaced, or the disk is full or not writable.
     """
-    if target.exists() and not overwrite:
-        raise OutputError(f"{target}: exists already; choose another name, or --overwrite")
+    target = Path(os.path.realpath(target))
+    _check_file(target, overwrite)
     with writing(target):
         target.parent.mkdir(parents=True, exist_ok=True)
         work = Path(tempfile.mkdtemp(prefix=f".{target.stem}-", dir=target.parent))
     try:
         yield work / target.name
         with writing(target):
+            _check_file(target, overwrite)
+            remember(target, work / target.name)
             os.replace(work / target.name, target)
     finally:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def _check_target(target: Path, shown: Path, overwrite: bool) -> None:
+def _check_file(target: Path, overwrite: bool) -> None:
+    if not os.path.lexists(target):
+        return
+    if not overwrite:
+        raise OutputError(f"{target}: exists already; choose another name, or --overwrite")
+    if not is_own(target):
+        raise OutputError(
+            f"{target}: has changed since sassgis wrote it, or is not of sassgis, and is not "
+            "deleted even with --overwrite; move it away, or choose another name"
+        )
+
+
+def check_output(target: Path, overwrite: bool) -> None:
+    """Raise OutputError where ``staged_output`` would; nothing is touched."""
+    _check_target(Path(os.path.realpath(target)), target, overwrite)
+    work = partial_folder(target)
+    if os.path.lexists(work):
+        _check_work(work)
+        _check_notes(work)
+
+
+def _check_target(
+    target: Path,
+    shown: Path,
+    overwrite: bool,
+    parts: Sequence[str] = (),
+    seen: Mapping[str, Stamp] | None = None,
+) -> dict[str, Stamp]:
+    """Files of the result that is there and may be replaced; none where there is nothing."""
     with writing(shown):
         if not os.path.lexists(target):
-            return
+            return {}
         if not target.is_dir():
             raise OutputError(f"{shown}: is a file; the result needs a folder")
         if os.path.ismount(target):
             raise OutputError(f"{shown}: is the root of a disk; choose a folder within it")
         if not any(target.iterdir()):
-            return
+            return {}
         if not overwrite:
             raise OutputError(
                 f"{shown}: exists and is not empty; choose another folder, or --overwrite"
             )
-        if not (target / MANIFEST_NAME).is_file():
+        return own_files(target, shown, seen or {}, parts)
+
+
+def result_files(folder: Path) -> list[Path]:
+    """The files of a result but for its manifest; of a working folder what the run has noted."""
+    if (folder / MARKER_NAME).is_file():
+        own: Mapping[str, object] = _noted_files(folder)
+    else:
+        own = dict(entries(folder))
+    return [folder / n for n in own if n != MANIFEST_NAME and not _outlives_failure(n)]
+
+
+def _noted_files(work: Path, saved: bool | None = None) -> dict[str, Stamp]:
+    """Files that runs have noted in their working folder: all, only what is saved, or all else."""
+    notes = notes_of(work)
+    return {
+        name: stamp_of(state)
+        for name, state in entries(work)
+        if stat.S_ISREG(state.st_mode)
+        and any(name.removesuffix(end) in notes for end in ("", *_BESIDE))
+        and saved in (None, _outlives_failure(name))
+    }
+
+
+def _check_work(work: Path) -> None:
+    """Refuse the place of a working folder if it is taken by anything else."""
+    with writing(work):
+        taken = os.path.islink(work) or (os.path.lexists(work) and not work.is_dir())
+        marker = work / MARKER_NAME
+        if (
+            taken
+            or os.path.islink(marker)
+            or (work.is_dir() and any(work.iterdir()) and not marker.is_file())
+        ):
             raise OutputError(
-                f"{shown}: is not a result of sassgis (it has no {MANIFEST_NAME}) and is not "
-                "deleted even with --overwrite; choose another folder"
+                f"{work}: exists already: the result is prepared in a folder of this name; "
+                "move it away or delete it"
             )
+
+
+def _check_notes(work: Path) -> None:
+    """Refuse a working folder that holds a file which no run has noted."""
+    with writing(work):
+        own = _noted_files(work)
+        for name, _ in entries(work):
+            if name not in own and Path(name).name not in LITTER:
+                raise OutputError(
+                    f"{work / name}: is not noted as written by sassgis, which clears this folder; "
+                    "move it away or delete it"
+                )
 
 
 @contextmanager
 def _open_work(work: Path) -> Iterator[None]:
     """Make, mark and lock the working folder; leave no empty one behind."""
+    _check_work(work)
     with writing(work):
-        if work.is_dir() and any(work.iterdir()) and not (work / MARKER_NAME).is_file():
-            raise OutputError(
-                f"{work}: exists already: the result is prepared in a folder of this name; "
-                "move it away or delete it"
-            )
         work.mkdir(parents=True, exist_ok=True)
-        marker = (work / MARKER_NAME).open("a", encoding="utf-8")
+        marker = noted(work / MARKER_NAME).open("a", encoding="utf-8")
     with marker:
         _lock(marker, work)
+        _check_notes(work)
         _clear(work)
         try:
             yield
         finally:
             if work.is_dir() and [entry.name for entry in work.iterdir()] == [MARKER_NAME]:
-                _remove(work)
+                delete_files(work, _noted_files(work, saved=True))
+                remove_empty(work)
 
 
 def _lock(marker: IO[str], work: Path) -> None:
@@ -323,39 +422,38 @@ def _lock(marker: IO[str], work: Path) -> None:
         return
 
 
-def _outlives_failure(entry: Path) -> bool:
-    return entry.name == MARKER_NAME or entry.name.split(".")[0] == CHECKPOINT_STEM
+def _outlives_failure(name: str) -> bool:
+    return name == MARKER_NAME or name.split("/")[0].split(".")[0] == CHECKPOINT_STEM
 
 
 def _clear(work: Path) -> None:
-    """Delete what is half written; the checkpoint and the marker stay."""
-    for entry in list(work.iterdir()) if work.is_dir() else ():
-        if not _outlives_failure(entry):
-            _remove(entry)
-
-
-def _remove(entry: Path) -> None:
-    if entry.is_dir() and not entry.is_symlink():
-        shutil.rmtree(entry, ignore_errors=True)
-    else:
-        with suppress(OSError):
-            entry.unlink()
+    """Delete what is half written, and its notes; marker and saved states stay."""
+    with suppress(OSError):
+        delete_files(work, _noted_files(work, saved=False))
+        remove_empty(work)
+        kept = _noted_files(work, saved=True)
+        # In place, as the file is locked; no longer than before, as the disk may be full.
+        with (work / MARKER_NAME).open("r+", encoding="utf-8") as marker:
+            marker.writelines(f"{name}\n" for name in kept if name != MARKER_NAME)
+            marker.truncate()
 
 
 def _flush_to_disk(work: Path) -> None:
     """Wait for the disk: some file systems report only now that they are full."""
     # Windows flushes only what is open for writing.
     mode = os.O_RDONLY if os.name == "posix" else os.O_RDWR
-    for folder, _, names in os.walk(work):
-        for name in names:
-            descriptor = os.open(Path(folder) / name, mode)
+    for name, state in entries(work):
+        if stat.S_ISREG(state.st_mode):
+            descriptor = os.open(work / name, mode)
             try:
                 os.fsync(descriptor)
             finally:
                 os.close(descriptor)
 
 
-def _swap(work: Path, target: Path) -> None:
+def _swap(
+    work: Path, target: Path, shown: Path, seen: Mapping[str, Stamp], parts: Sequence[str]
+) -> None:
     """Rename ``work`` to ``target``; what was there is deleted after, or put back on failure."""
     if not target.is_dir():
         os.rename(work, target)
@@ -365,11 +463,15 @@ def _swap(work: Path, target: Path) -> None:
     aside = next(name for name in names if not os.path.lexists(name))
     os.rename(target, aside)
     try:
+        # Once more where nobody looks for it: what has come or changed in between is put back.
+        seen = _check_target(aside, shown, True, parts, seen)
         os.rename(work, target)
-    except OSError:
-        os.rename(aside, target)
+    except BaseException:
+        if not os.path.lexists(target):
+            os.rename(aside, target)
         raise
-    _remove(aside)
+    delete_files(aside, seen)
+    remove_empty(aside)
 
 
 def _speaks_of_output(error: Exception, work: Path) -> bool:

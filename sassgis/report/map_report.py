@@ -15,6 +15,7 @@ from sassgis.hazard.progress import Progress, joined_lines
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems
 from sassgis.model.map_run import MapRun
+from sassgis.model.noted_files import noted
 from sassgis.model.profiles import TraceSet
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
@@ -166,7 +167,7 @@ def save_figure(folder: Path, name: str, figure: Figure) -> bytes:
     """Save a figure as ``<name>.png`` and return its bytes."""
     png = figures.to_png(figure)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{name}.png").write_bytes(png)
+    noted(folder / f"{name}.png").write_bytes(png)
     return png
 
 

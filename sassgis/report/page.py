@@ -17,6 +17,7 @@ from jinja2 import Environment, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
 from sassgis.model.languages import said, spoken
+from sassgis.model.noted_files import noted
 from sassgis.report.number_text import power_of_ten
 
 #: What a cell of a table may hold; numbers are written with sensible digits, None as a dash.
@@ -282,7 +283,7 @@ def write_report(path: str | PathLike[str], context: ReportContext) -> Path:
     target = Path(path)
     page = render_report(context)
     try:
-        target.write_text(page, encoding="utf-8", newline="\n")
+        noted(target).write_text(page, encoding="utf-8", newline="\n")
     except OSError as error:
         reason = error.strerror or str(error)
         raise OutputError(f"{target}: the report cannot be written ({reason})") from error

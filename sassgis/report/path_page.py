@@ -17,6 +17,7 @@ from sassgis.hazard.along_profile import LinePaths
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.languages import said, spoken
 from sassgis.model.map_run import MapRun
+from sassgis.model.noted_files import noted
 from sassgis.model.ramps import rgb
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_colours, class_labels, class_name, class_tint
@@ -135,4 +136,4 @@ def write_path_page(
             "above": said("block above the ground"),
         },
     )
-    file.write_text(page, encoding="utf-8", newline="\n")
+    noted(file).write_text(page, encoding="utf-8", newline="\n")

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.hazard.assess import Assessment, Rules
-from sassgis.io.staging import writing
+from sassgis.io.staging import check_output, writing
 from sassgis.io.write.batch_summary import BatchSummary
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.run_config import Config
 from sassgis.runs.batch_area import AREAS_NAME, kept_areas, read_setting
 from sassgis.runs.batch_areas import Candidate, batch_config, find_areas
-from sassgis.runs.batch_mosaic import write_mosaic
+from sassgis.runs.batch_mosaic import MOSAIC_NAME, write_mosaic
 from sassgis.runs.batch_outcomes import outcomes
 from sassgis.runs.batch_state import RECORD_NAME, Record
 from sassgis.runs.job import OnProgress
@@ -101,7 +101,8 @@ def batch(
     ConfigError, InputError
         If what all areas share cannot be used, or no area could be run.
     OutputError
-        If a result exists already, or the disk is full or not writable.
+        If a result exists already, or one that is due to be replaced holds a file that no run
+        wrote; or the disk is full or not writable.
     Interrupted
         If the user stops the batch; what was computed is kept.
     """
@@ -112,9 +113,11 @@ def batch(
     setting, notices = read_setting(loaded, candidates, first_margin_m, mosaic_only)
     _check_folder(folder)
     kept = kept_areas(setting, candidates, folder, overwrite, tell)
+    waiting = [c for c in candidates if c.stem not in kept]
+    for own in (*map(_folder, waiting), *([MOSAIC_NAME] if waiting else [])):
+        check_output(folder / own, overwrite=True)
     summary = _summary(folder, loaded, candidates, setting.rules, kept)
     records = dict(kept)
-    waiting = [c for c in candidates if c.stem not in kept]
     memory_bytes = None if memory_gb is None else int(memory_gb * 1e9)
     running = outcomes(setting, waiting, folder, jobs, on_progress, tell, memory_bytes)
     try:
@@ -148,7 +151,8 @@ def _check_folder(folder: Path) -> None:
     with writing(folder):
         if folder.exists() and not folder.is_dir():
             raise OutputError(f"{folder}: is a file; the result needs a folder")
-        if folder.is_dir() and any(folder.iterdir()) and not (folder / SUMMARY_NAME).is_file():
+        known = any((folder / name).exists() for name in (SUMMARY_NAME, AREAS_NAME))
+        if folder.is_dir() and any(folder.iterdir()) and not known:
             raise OutputError(
                 f"{folder}: is not empty and not of a batch (it has no {SUMMARY_NAME}); choose "
                 "another folder"

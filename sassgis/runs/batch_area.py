@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 import sassgis
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.progress import Progress
+from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.config import SECTIONS, file_digest, settings_hash
 from sassgis.io.read.ground_map import ground_raster, read_ground_table
 from sassgis.io.read.tiles import Part, Terrain, open_terrain
 from sassgis.io.read.vector_features import Feature
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
-from sassgis.io.staging import MANIFEST_NAME, staged_output
+from sassgis.io.staging import staged_output
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.exposure import PlacedObjects

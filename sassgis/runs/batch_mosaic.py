@@ -12,11 +12,12 @@ from pathlib import Path
 from sassgis.hazard.assess import Assessment, felt_cells
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.warnings import simulation_warnings
+from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.config import resolved
 from sassgis.io.read.ground_map import built_in_table, ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
-from sassgis.io.staging import MANIFEST_NAME, staged_output, writing
+from sassgis.io.staging import staged_output, writing
 from sassgis.io.write.layers.zones import joined_layers
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.grid import Grid

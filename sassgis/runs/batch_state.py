@@ -14,9 +14,10 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
 from sassgis.hazard.source_sums import SourceSums
+from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.tiles import Part, Terrain
 from sassgis.io.saved_arrays import saved_or_refused, write_saved
-from sassgis.io.staging import MANIFEST_NAME, writing
+from sassgis.io.staging import writing
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import FallLines, MapRun
 from sassgis.model.results import ControlLine

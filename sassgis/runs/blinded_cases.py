@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +71,5 @@ def make_fresh(spec: WorldSpec, seed: int, rocks: int, folder: str) -> None:
     world = make_world(spec, seed)
     fresh = fresh_rocks(world, rocks)
     names = observe(world, spec.kind, 1, _CAMPAIGN).tables  # type: ignore[arg-type]
-    shutil.rmtree(folder, ignore_errors=True)
     tables = {name: table for name, table in fresh.tables.items() if name in names}
     write_observations(Path(folder), tables, fresh.metadata)

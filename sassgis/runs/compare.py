@@ -8,10 +8,11 @@ from pathlib import Path
 import sassgis
 from sassgis.hazard.result_change import ResultChange, levels_differ, result_change
 from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
+from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
 from sassgis.io.read.objects import object_cells
 from sassgis.io.read.result_folder import read_result
-from sassgis.io.staging import MANIFEST_NAME, staged_output
+from sassgis.io.staging import staged_output
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import write_table
 from sassgis.io.write.geopackage import write_geopackage

@@ -67,7 +67,7 @@ from sassgis.gap.which.verdict import (
 )
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds, thresholds_of
-from sassgis.io.staging import staged_output
+from sassgis.io.staging import staged_output, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
@@ -87,6 +87,8 @@ from sassgis.runs.hypothesis_fits import (
 from sassgis.runs.job import workers_asked
 from sassgis.runs.workers import Jobs
 
+#: Folder of the result in which the maps before and after are put, where they are wanted.
+MAP_NAME = "map"
 #: With fewer rocks nothing can be left out.
 _FEWEST_ROCKS = 5
 #: With fewer groups of rocks a warning is given.
@@ -151,7 +153,10 @@ def diagnose(
     """
     tell = say or (lambda _text: None)
     # Many small products of matrices: threads of the linear algebra would only wait for each other.
-    with threadpool_limits(1, "blas"), staged_output(Path(out), overwrite) as work:
+    with (
+        threadpool_limits(1, "blas"),
+        staged_output(Path(out), overwrite, parts=(MAP_NAME,)) as work,
+    ):
         settings = load_config(config)
         tell("Reading the inputs")
         case = replace(read_case(settings, observations), ground_range=ground_range)
@@ -192,12 +197,11 @@ def diagnose(
             ),
         )
         tell("Writing the results")
+        _write_models(work / ENSEMBLE, made, diagnosis)
         if report:
             write_outputs(work, case, diagnosis, Path(config))
         else:
             write_diagnosis_json(work / "diagnosis.json", diagnosis)
-            (work / "model").mkdir()
-        _write_models(work / ENSEMBLE, made, diagnosis)
     return diagnosis
 
 
@@ -480,7 +484,9 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
             for own in (next(e for e in made.fits if made.model(e).model == model),)
         },
     }
-    file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+    with writing(file):
+        file.parent.mkdir()
+        file.write_text(json.dumps(kept, indent=1), encoding="utf-8")
 
 
 def answer(config: str | Path, observations: str | Path, out: str | Path, **options: Any) -> None:

@@ -7,7 +7,6 @@ import json
 import math
 import os
 import secrets
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ from sassgis.gap.check.worlds import (
     world_seeds,
 )
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
-from sassgis.io.staging import partial_folder, writing
+from sassgis.io.staging import alone, partial_folder, staged_output, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
@@ -107,8 +106,12 @@ class _Place:
     def labels(self) -> Path:
         return self.root / "blinded" / "labels.json"
 
+    @property
+    def cases(self) -> Path:
+        return self.root / "cases"
+
     def case(self, case: str) -> Path:
-        return self.root / "cases" / case
+        return self.cases / case
 
     def answer(self, case: str) -> Path:
         return self.root / "answers" / case
@@ -117,7 +120,7 @@ class _Place:
         return self.root / "answers" / f"{case}.json"
 
     def fresh(self, case: str) -> Path:
-        return self.root / "fresh" / case
+        return partial_folder(self.root / "fresh") / case
 
     def measured(self, case: str) -> Path:
         return self.root / "shrinkage" / f"{case}.json"
@@ -202,7 +205,7 @@ def check(
     try:
         programs = _claim(place, plan)
         require_library(world.spec.law for world in planned)
-        if not place.blinding.exists():
+        if not (place.blinding.exists() and place.cases.is_dir()):
             tell(f"Making {len(planned)} sites")
             _make(place, planned, jobs, step)
         if not place.answer_list.exists():
@@ -281,24 +284,21 @@ def _claim(place: _Place, plan: dict[str, Any]) -> list[str]:
 
 def _make(place: _Place, planned: Sequence[_World], jobs: int | Workers, step: OnProgress) -> None:
     """Write the cases, and the hash of their labels, which stay in memory until they are hashed."""
-    with writing(place.root):
-        for name in ("cases", "answers"):
-            shutil.rmtree(place.root / name, ignore_errors=True)
-            (place.root / name).mkdir()
-    tasks = [
-        Task(w.case, f"{_MAKER}:make_case", (w.spec, w.seed, w.case, str(place.case(w.case))))
-        for w in planned
-    ]
-    made = _all(tasks, jobs, step)
-    salt = secrets.token_hex(32)
-    _write_text(place.salt, f"{salt}\n")
-    lines = [f"{made[w.case]['digest']}  cases/{w.case}" for w in planned]
-    _write_text(place.case_list, "\n".join(lines) + "\n")
-    text = labels_text([made[w.case]["label"] for w in planned])
-    # Last: its presence says that everything before it is there.
-    _write_text(
-        place.blinding, f"{blinding_hash(salt, text)}  blinded/salt.txt + blinded/labels.json\n"
-    )
+    with staged_output(place.cases, overwrite=False) as work:
+        tasks = [
+            Task(w.case, f"{_MAKER}:make_case", (w.spec, w.seed, w.case, str(work / w.case)))
+            for w in planned
+        ]
+        made = _all(tasks, jobs, step)
+        salt = secrets.token_hex(32)
+        _write_text(place.salt, f"{salt}\n")
+        lines = [f"{made[w.case]['digest']}  cases/{w.case}" for w in planned]
+        _write_text(place.case_list, "\n".join(lines) + "\n")
+        text = labels_text([made[w.case]["label"] for w in planned])
+        _write_text(
+            place.blinding,
+            f"{blinding_hash(salt, text)}  blinded/salt.txt + blinded/labels.json\n",
+        )
 
 
 @contextmanager
@@ -486,17 +486,16 @@ def _measure(
                 )
                 for w in some
             ]
-            for outcome in made(fresh):
-                if outcome.failure:
-                    raise OutputError(
-                        f"fresh rocks of site {outcome.key} cannot be made: {outcome.failure}"
-                    )
-            for outcome in measured(_measure_tasks(place, some, measurer)):
-                _write_json(place.measured(outcome.key), _measured(outcome))
-                shutil.rmtree(place.fresh(outcome.key), ignore_errors=True)
-                done += 1
-                step(done, len(due), FRESH_ROCKS * done)
-    shutil.rmtree(place.root / "fresh", ignore_errors=True)
+            with alone(place.root / "fresh"):
+                for outcome in made(fresh):
+                    if outcome.failure:
+                        raise OutputError(
+                            f"fresh rocks of site {outcome.key} cannot be made: {outcome.failure}"
+                        )
+                for outcome in measured(_measure_tasks(place, some, measurer)):
+                    _write_json(place.measured(outcome.key), _measured(outcome))
+                    done += 1
+                    step(done, len(due), FRESH_ROCKS * done)
 
 
 def _measure_tasks(place: _Place, some: Iterable[_World], measurer: str) -> list[Task]:

@@ -13,7 +13,8 @@ import pytest
 from helpers.zone_slope import box, two_areas
 
 from sassgis.cli.progress_bar import ProgressBar
-from sassgis.io.staging import alone
+from sassgis.io.staging import alone, check_output
+from sassgis.model.noted_files import MARKER_NAME
 
 COMMANDS = {
     "run": ("run", "config.toml"),
@@ -67,6 +68,128 @@ def test_results_that_are_open_elsewhere_are_replaced_whole(site: Path, call) ->
     with closing(sqlite3.connect(site / "out" / "result.gpkg")) as database:
         assert database.execute("PRAGMA integrity_check").fetchone() == ("ok",)
     assert not list(site.glob("out.*"))
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    files = [p for p in folder.rglob("*") if p.is_file()]
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
+
+
+def refused(site: Path, call, monkeypatch: pytest.MonkeyPatch, *command: object) -> str:
+    """The line with which a command stops before it computes anything; all stays as it was."""
+    before = everything(site)
+    with monkeypatch.context() as patched:
+        patched.setattr("sassgis.runs.job.simulate_map", None)
+        for command_of in ("run", "zone"):
+            patched.setattr(f"sassgis.runs.{command_of}.read_job", None)
+        code, _, err = call(*command)
+    assert code == 3, err
+    assert everything(site) == before
+    return error_of(err)
+
+
+@pytest.mark.parametrize("name", ["run", "zone"])
+def test_overwrite_stops_at_a_file_of_the_user(
+    site: Path, call, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The configuration and the terrain of the next run, kept in the result of the last."""
+    again = command(site, name, "--overwrite")
+    assert call(*command(site, name))[0] == 0
+    for own in ("config.toml", "dem.tif"):
+        mine = site / "out" / own
+        mine.write_bytes((site / own).read_bytes())
+        assert f"{mine}: is not a file that" in refused(site, call, monkeypatch, *again)
+        mine.unlink()
+    project = site / "out" / "project.qgz"
+    project.write_bytes(project.read_bytes() + b"saved")
+    assert f"{project}: has changed" in refused(site, call, monkeypatch, *again)
+    project.rename(site / "project.qgz")
+    assert call(*again)[0] == 0
+    check_output(site / "out", overwrite=True)
+    assert (site / "project.qgz").read_bytes().endswith(b"saved")
+
+
+def test_overwrite_of_a_batch_stops_at_a_file_of_the_user(
+    site: Path, call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = site / "out"
+    assert call(*command(site, "batch"))[0] == 0
+    again = command(site, "batch", "--seed", "7", "--overwrite")
+    for place in ("areas/south", "areas/south.partial", "mosaic", "mosaic.partial"):
+        mine = out / place / "mine.toml"
+        mine.parent.mkdir(exist_ok=True)
+        if place.endswith(".partial"):
+            (mine.parent / MARKER_NAME).touch()
+        mine.write_text("mine")
+        assert f"{mine}: " in refused(site, call, monkeypatch, *again)
+        mine.unlink()
+    summary = out / "summary.csv"
+    whole = summary.read_text()
+    summary.write_text(whole + "a note\n")
+    # Neither is it touched where nothing is to be computed.
+    for line in (command(site, "batch"), again):
+        assert f"{summary}: has changed" in refused(site, call, monkeypatch, *line)
+    summary.unlink()
+    # Beside what the batch writes, anything may lie.
+    for place in (out, out / "areas"):
+        (place / "mine.toml").write_text("mine")
+    code, _, err = call(*again)
+    assert code == 0, err
+    assert [(p / "mine.toml").read_text() for p in (out, out / "areas")] == ["mine"] * 2
+    for place in ("areas/north", "areas/south", "mosaic"):
+        check_output(out / place, overwrite=True)
+
+
+def test_a_folder_with_a_summary_is_no_batch(
+    site: Path, call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (site / "out").mkdir()
+    (site / "out" / "summary.csv").write_text("chapter,words\n")
+    line = refused(site, call, monkeypatch, *command(site, "batch", "--overwrite"))
+    assert "summary.csv: has changed since sassgis wrote it, or is not of sassgis" in line
+
+
+def test_what_other_commands_write_is_replaced_as_long_as_nobody_changed_it(
+    site: Path, call
+) -> None:
+    for name in ("run", "zone"):
+        code, _, err = call(name, site / "config.toml", "-o", site / name, "--jobs", "1")
+        assert code == 0, err
+    x, y = 2_700_010.0, 1_149_935.0
+    commands = (
+        ("run", site / "config.toml", "--jobs", "1"),
+        ("zone", site / "config.toml", "--jobs", "1"),
+        ("compare", site / "run", site / "run"),
+        ("profile", site / "config.toml", "--point", x, y),
+        ("sensitivity", site / "config.toml", "--samples", "2", "--rocks", "2", "--jobs", "1"),
+        ("export", site / "zone", ".xtf"),
+        ("export", site / "zone", ".kml"),
+        ("init", ".toml"),
+        ("schema", ".json"),
+        ("new", ".gpkg", "--crs", "EPSG:2056"),
+        ("dem", "check", site / "dem.tif", "--html", ".html"),
+        ("cliffs", site / "dem.tif", "--threshold", "30", ".gpkg"),
+    )
+    for k, words in enumerate(commands):
+        target = site / f"made{k}"
+        ending = next((w for w in words if isinstance(w, str) and w[:1] == "." and w[1:]), None)
+        if ending is None:
+            given = [*words, "-o", target]
+        else:
+            target = target.with_suffix(ending)
+            given = [target if w == ending else w for w in words]
+            if words[0] in ("export", "cliffs"):
+                given.insert(-1, "-o")
+        for overwrite in ((), ("--overwrite",), ("--overwrite",)):
+            code, _, err = call(*given, *overwrite)
+            assert code == 0, (words, err)
+        assert call(*given)[0] == 3
+        changed = target if target.is_file() else target / "report.html"
+        changed.write_bytes(changed.read_bytes() + b"mine")
+        before = everything(site)
+        code, _, err = call(*given, "--overwrite")
+        assert code == 3 and f"{changed}: has changed" in error_of(err), words
+        assert everything(site) == before
 
 
 def mount(*arguments: object) -> None:

@@ -161,9 +161,8 @@ def test_data_that_are_not_there_are_told_in_one_line(
         tables.field_file(tmp_path, "tschamut2014", "terrain.asc")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
-    for overwrite in (False, True):
-        with pytest.raises(OutputError):
-            tables.fresh(tmp_path / "full", overwrite)
+    with pytest.raises(OutputError):
+        tables.fresh(tmp_path / "full")
     assert (tmp_path / "full" / "file").is_file()
 
 

@@ -58,7 +58,7 @@ def peeks_at_modules(config: str, observations: str, out: str, **_: Any) -> None
     try:
         import sassgis.gap.check.worlds  # noqa: F401
     except ImportError as error:
-        Path(out).mkdir()
+        Path(out).mkdir(parents=True)
         (Path(out) / "refused.txt").write_text(str(error))
 
 

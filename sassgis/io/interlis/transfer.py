@@ -8,7 +8,6 @@ Federal Office for the Environment's minimal geodata model 166.1:
 from __future__ import annotations
 
 import json
-import os
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,7 +27,7 @@ from sassgis.io.interlis.validation import (
 )
 from sassgis.io.interlis.xtf_document import XtfObject, document
 from sassgis.io.read.result_folder import check_is_result
-from sassgis.io.staging import writing
+from sassgis.io.staging import staged_file, writing
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
@@ -177,23 +176,15 @@ def write_xtf(
     OutputError
         If the file exists or cannot be written.
     """
-    if xtf_path.exists() and not overwrite:
-        raise OutputError(f"{xtf_path}: exists; choose another name, or --overwrite")
     objects = {
         name: _objects(geopackage_path, kind, canton) for name, kind in FEDERAL_CLASSES.items()
     }
-    partial = xtf_path.with_name(xtf_path.name + ".partial")
-    with writing(xtf_path):
-        xtf_path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with partial.open("w", encoding="utf-8", newline="\n") as stream:
-                stream.writelines(document(objects, _NAMESPACE))
-            problems = check_xtf(partial)
-            if problems:  # pragma: no cover
-                raise OutputError(f"{xtf_path}: not written, a fault of sassgis: {problems[0]}")
-            os.replace(partial, xtf_path)
-        finally:
-            partial.unlink(missing_ok=True)
+    with staged_file(xtf_path, overwrite) as work, writing(xtf_path):
+        with work.open("w", encoding="utf-8", newline="\n") as stream:
+            stream.writelines(document(objects, _NAMESPACE))
+        problems = check_xtf(work)
+        if problems:  # pragma: no cover
+            raise OutputError(f"{xtf_path}: not written, a fault of sassgis: {problems[0]}")
     return XtfSummary(xtf_path, {name: len(found) for name, found in objects.items()})
 
 

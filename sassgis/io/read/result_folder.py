@@ -17,8 +17,8 @@ from pyogrio.errors import DataLayerError, DataSourceError
 
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.dem import open_raster
-from sassgis.io.staging import MANIFEST_NAME
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import ExposedObject, PlacedObjects
 from sassgis.model.grid import FloatArray, Grid

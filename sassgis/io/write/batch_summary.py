@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from sassgis.io.staging import writing
+from sassgis.io.staging import staged_file
 from sassgis.io.write.frames import without_formulas
 
 #: So many times as long as the table took to write the next one waits.
@@ -103,11 +103,12 @@ class BatchSummary:
             self._next = time.monotonic() + _SHARE * (time.monotonic() - began)
 
     def write(self) -> None:
-        """Write the table; whole or not at all."""
-        with writing(self._path):
-            fresh = self._path.with_suffix(".csv.new")
-            try:
-                without_formulas(self.frame()).to_csv(fresh, index=False)
-                fresh.replace(self._path)
-            finally:
-                fresh.unlink(missing_ok=True)
+        """Write the table; whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If somebody has changed it, or the disk is full or not writable.
+        """
+        with staged_file(self._path, overwrite=True) as fresh:
+            without_formulas(self.frame()).to_csv(fresh, index=False)

@@ -12,8 +12,8 @@ from typing import Any
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.io.read.checked import first_line
 from sassgis.io.read.config import LISTS, SECTIONS, declared_sections
+from sassgis.io.staging import staged_file
 from sassgis.model.declared import Declared
-from sassgis.model.errors import OutputError
 
 _HEAD = """\
 # Configuration of a sassgis run.
@@ -134,12 +134,8 @@ def write_new(file: Path, text: str, overwrite: bool) -> None:
     OutputError
         If there is one already and it must not be replaced, or if it cannot be written.
     """
-    if file.exists() and not overwrite:
-        raise OutputError(f"{file}: exists; choose another name, or --overwrite")
-    try:
-        file.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{file}: cannot be written: {error.strerror}") from error
+    with staged_file(file, overwrite) as work:
+        work.write_text(text, encoding="utf-8")
 
 
 def _summary(section: str) -> str:

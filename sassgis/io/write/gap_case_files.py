@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,9 @@ import rasterio
 from numpy.typing import NDArray
 from rasterio.transform import from_origin
 
-from sassgis.io.staging import writing
+from sassgis.io.staging import staged_output, writing
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.noted_files import noted
 
 __all__ = ["CONFIG_NAME", "OBSERVATIONS_NAME", "folder_digest", "write_case", "write_observations"]
 
@@ -64,7 +64,7 @@ def write_case(
     tables: Mapping[str, Mapping[str, NDArray[Any]]],
     metadata: Mapping[str, float],
 ) -> Path:
-    """Write a case; a folder of this name is replaced, and appears whole or not at all.
+    """Write a case; its folder appears whole or not at all.
 
     Parameters
     ----------
@@ -89,18 +89,15 @@ def write_case(
     Raises
     ------
     OutputError
-        If the disk is full or not writable.
+        If there is such a folder, or the disk is full or not writable.
     """
-    work = folder.with_name(f"{folder.name}.partial")
-    with writing(folder):
-        shutil.rmtree(work, ignore_errors=True)
-        work.mkdir(parents=True)
+    with staged_output(folder, overwrite=False) as work, writing(folder):
         _raster(work / "dem.tif", dem, dem.values)
         _raster(work / "ground.tif", dem, (class_codes + 1).astype(np.uint8))
         points = gpd.GeoDataFrame(
             geometry=gpd.points_from_xy(*np.asarray(releases).T[:3]), crs=dem.crs
         )
-        pyogrio.write_dataframe(points, work / "release.gpkg", driver="GPKG")
+        pyogrio.write_dataframe(points, noted(work / "release.gpkg"), driver="GPKG")
         config = _CONFIG.format(
             title=json.dumps(title),
             datum=f"vertical_datum = {json.dumps(dem.vertical_datum)}\n"
@@ -110,10 +107,8 @@ def write_case(
             classes=", ".join(f"{k + 1} = {json.dumps(n)}" for k, n in enumerate(class_names)),
             blocks="\n".join(f"{k} = [{low!r}, {high!r}]" for k, (low, high) in blocks.items()),
         )
-        (work / CONFIG_NAME).write_text(config, encoding="utf-8")
+        noted(work / CONFIG_NAME).write_text(config, encoding="utf-8")
         write_observations(work / OBSERVATIONS_NAME, tables, metadata)
-        shutil.rmtree(folder, ignore_errors=True)
-        work.rename(folder)
     return folder / CONFIG_NAME
 
 
@@ -146,10 +141,10 @@ def write_observations(
         for name, columns in tables.items():
             # Tenths of a millimetre of national coordinates; nobody measures nearer.
             pd.DataFrame(dict(columns)).to_csv(
-                folder / f"{name}.csv", index=False, float_format="%.11g"
+                noted(folder / f"{name}.csv"), index=False, float_format="%.11g"
             )
         keys = pd.DataFrame({"key": list(metadata), "value": list(metadata.values())})
-        keys.to_csv(folder / "metadata.csv", index=False)
+        keys.to_csv(noted(folder / "metadata.csv"), index=False)
     return folder
 
 
@@ -165,7 +160,7 @@ def folder_digest(folder: Path) -> str:
 def _raster(file: Path, grid: Grid, values: NDArray[Any]) -> None:
     n_rows, n_cols = grid.shape
     with rasterio.open(
-        file,
+        noted(file),
         "w",
         driver="GTiff",
         width=n_cols,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 import os
@@ -18,8 +17,9 @@ import pyogrio
 import rasterio
 
 import sassgis
-from sassgis.io.digests import content_digest
-from sassgis.io.staging import CHECKPOINT_STEM, MANIFEST_NAME, MARKER_NAME, writing
+from sassgis.io.digests import content_digest, json_digest
+from sassgis.io.own_files import MANIFEST_DIGEST
+from sassgis.io.staging import result_files, writing
 from sassgis.model.errors import InputError
 
 MANIFEST_FORMAT = 1
@@ -62,8 +62,9 @@ def write_manifest(
 ) -> Path:
     """Write the manifest of the result in ``path.parent``.
 
-    It is the last file of a result to be written, as it lists the others with their digests. It
-    holds no time and no path of the machine: equal runs give equal manifests.
+    It is the last file of a result to be written, as it lists the others with their digests: these
+    files, and no others, may be replaced later. It holds no time and no path of the machine: equal
+    runs give equal manifests.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ def write_manifest(
     OutputError
         If the disk is full or not writable.
     """
-    content = {
+    content: dict[str, object] = {
         "format": MANIFEST_FORMAT,
         "sassgis": sassgis.__version__,
         "versions": software_versions(),
@@ -121,9 +122,10 @@ def write_manifest(
         "checks": plain(checks or {}),
         "files": [
             _described(file, file.relative_to(path.parent).as_posix())
-            for file in _result_files(path.parent)
+            for file in result_files(path.parent)
         ],
     }
+    content[MANIFEST_DIGEST] = json_digest(content)
     with writing(path):
         text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
         path.write_text(text + "\n", encoding="utf-8")
@@ -177,11 +179,8 @@ def plain(value: object) -> object:
 
 
 def settings_digest(settings: object) -> str:
-    """SHA-256 of the settings in canonical JSON; the order of the keys does not matter."""
-    text = json.dumps(
-        plain(settings), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
-    )
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+    """SHA-256 of the settings; the order of the keys does not matter."""
+    return json_digest(plain(settings))
 
 
 def input_files(given: Path) -> list[Path]:
@@ -205,14 +204,3 @@ def _shown(file: Path, base: Path) -> str:
         return Path(os.path.relpath(file, base)).as_posix()
     except ValueError:  # On another drive (Windows).
         return file.as_posix()
-
-
-def _result_files(folder: Path) -> list[Path]:
-    own = (MANIFEST_NAME, MARKER_NAME)
-    return sorted(
-        file
-        for file in folder.rglob("*")
-        if file.is_file()
-        and file.name not in own
-        and file.relative_to(folder).parts[0].split(".")[0] != CHECKPOINT_STEM
-    )

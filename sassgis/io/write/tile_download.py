@@ -12,7 +12,7 @@ from rasterio.errors import RasterioError
 from sassgis.io.read.stac import TileOffer
 from sassgis.io.read.web import NoAnswer, opened
 from sassgis.io.staging import writing
-from sassgis.model.errors import InputError
+from sassgis.model.errors import InputError, OutputError
 
 #: Beginning of a multihash: code of the function and length of the digest.
 _MULTIHASHES = {"1220": "sha256", "1340": "sha512", "1114": "sha1", "d50110": "md5"}
@@ -43,10 +43,15 @@ def fetch_tile(offer: TileOffer, folder: Path, *, timeout_s: float = 30.0, tries
     InputError
         If the server refuses or goes silent, or what it sends is damaged.
     OutputError
-        If the disk is full or not writable.
+        If another file has the name of the tile, or the disk is full or not writable.
     """
     target, part = folder / offer.name, folder / f"{offer.name}.part"
-    if target.exists() and not _damage(offer, target):
+    if target.exists():
+        if wrong := _damage(offer, target):
+            raise OutputError(
+                f"{target}: is not the tile that the server offers ({wrong}); delete it or move it "
+                "away, and the same command fetches it"
+            )
         return False
     for left in range(tries - 1, -1, -1):
         try:

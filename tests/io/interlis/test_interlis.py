@@ -21,6 +21,7 @@ from shapely.geometry import box
 from sassgis.io.interlis.transfer import export_xtf, write_xtf
 from sassgis.io.interlis.validation import XTF_NAMESPACE, check_xtf, validate_xtf
 from sassgis.io.interlis.xtf_document import touching_at_corners
+from sassgis.io.own_files import WRITTEN_NAME
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.federal import hazard_area
 from sassgis.io.write.layers.federal_model import FEDERAL_CLASSES, MODEL_NAME
@@ -331,17 +332,22 @@ def test_folders_that_are_no_result(result: Path, tmp_path: Path) -> None:
 def test_files_in_the_way(result: Path, tmp_path: Path) -> None:
     xtf = tmp_path / "a.xtf"
     xtf.write_text("mine")
-    with pytest.raises(OutputError, match="exists"):
-        export_xtf(result, xtf)
+    for overwrite, words in ((False, "exists"), (True, "a.xtf: .*not of sassgis")):
+        with pytest.raises(OutputError, match=words):
+            export_xtf(result, xtf, overwrite=overwrite)
     assert xtf.read_text() == "mine"
+    xtf.unlink()
+    export_xtf(result, xtf)
     export_xtf(result, xtf, overwrite=True)
     assert len(objects(xtf)) == 12
     (tmp_path / "folder").mkdir()
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match=r"folder: .*not of sassgis"):
         export_xtf(result, tmp_path / "folder", overwrite=True)
     with pytest.raises(OutputError, match="cannot be written"):
         export_xtf(result, xtf / "b.xtf")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.xtf", "folder", "result"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        WRITTEN_NAME, "a.xtf", "folder", "result"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from pathlib import Path
 import pyogrio
 import pytest
 
+from sassgis.io.own_files import WRITTEN_NAME
 from sassgis.io.read.site_layers import site_layers
 from sassgis.io.write.site_template import site_template
 from sassgis.model.errors import InputError, OutputError
@@ -17,7 +18,7 @@ from sassgis.model.errors import InputError, OutputError
 def test_empty_layers_with_their_system_and_domains(tmp_path: Path) -> None:
     file = tmp_path / "new" / "site.gpkg"
     assert site_template(file, crs="EPSG:2056") == file.with_suffix(".qgz")
-    assert sorted(p.name for p in file.parent.iterdir()) == ["site.gpkg", "site.qgz"]
+    assert sorted(p.name for p in file.parent.iterdir()) == [WRITTEN_NAME, "site.gpkg", "site.qgz"]
     for own in site_layers():
         info = pyogrio.read_info(file, layer=own.name)
         assert info["features"] == 0 and info["crs"] == "EPSG:2056"

@@ -11,16 +11,18 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from helpers.listed_results import list_files
 
-from sassgis.io.staging import MARKER_NAME, partial_folder, staged_output, writing
+from sassgis.io.staging import partial_folder, staged_output, writing
 from sassgis.model.errors import InputError, OutputError
+from sassgis.model.noted_files import MARKER_NAME, noted, notes_of
 
 
 def make_result(target: Path, text: str, overwrite: bool = False) -> None:
     with staged_output(target, overwrite) as work:
         (work / "maps").mkdir()
-        (work / "maps" / "a.txt").write_text(text)
-        (work / "manifest.json").write_text("{}")
+        noted(work / "maps" / "a.txt").write_text(text)
+        list_files(work)
 
 
 def names(folder: Path) -> set[str]:
@@ -38,8 +40,9 @@ def test_the_target_appears_only_at_the_end(tmp_path: Path) -> None:
 
 def test_an_older_result_is_replaced_whole(tmp_path: Path) -> None:
     target = tmp_path / "out"
-    make_result(target, "old")
-    (target / "of the old one.txt").write_text("x")
+    with staged_output(target, False) as work:
+        noted(work / "of the old one.txt").write_text("x")
+        list_files(work)
     make_result(target, "new", overwrite=True)
     assert (target / "maps" / "a.txt").read_text() == "new"
     assert names(tmp_path) == {"out", "out/manifest.json", "out/maps", "out/maps/a.txt"}
@@ -96,23 +99,23 @@ def test_a_failure_leaves_the_old_result_and_the_checkpoint(
     target = tmp_path / "out"
     make_result(target, "old")
     with pytest.raises(stop), staged_output(target, overwrite=True) as work:
-        (work / "half.tif").write_bytes(b"x")
+        noted(work / "half.tif").write_bytes(b"x")
         (work / "checkpoint").mkdir()
-        (work / "checkpoint" / "rocks.npy").write_bytes(b"computed")
+        noted(work / "checkpoint" / "rocks.npy").write_bytes(b"computed")
         raise stop("no")
     assert (target / "maps" / "a.txt").read_text() == "old"
     assert names(partial_folder(target)) == {MARKER_NAME, "checkpoint", "checkpoint/rocks.npy"}
 
     with staged_output(target, overwrite=True) as work:
         assert (work / "checkpoint" / "rocks.npy").read_bytes() == b"computed"
-        (work / "manifest.json").write_text("{}")
+        list_files(work)
     # Once the result is there the checkpoint has done its service.
     assert names(tmp_path) == {"out", "out/manifest.json"}
 
 
 def test_a_failure_without_checkpoint_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), staged_output(tmp_path / "out", False) as work:
-        (work / "half.tif").write_bytes(b"x")
+        noted(work / "half.tif").write_bytes(b"x")
         1 / 0  # noqa: B018
     assert list(tmp_path.iterdir()) == []
 
@@ -121,11 +124,14 @@ def test_half_written_files_of_a_killed_run_are_cleared(tmp_path: Path) -> None:
     work = tmp_path / "out.partial"
     (work / "maps").mkdir(parents=True)
     (work / MARKER_NAME).touch()
-    (work / "maps" / "half.tif").write_bytes(b"x")
-    (work / "checkpoint.npz").write_bytes(b"computed")
+    for name in ("maps/half.tif", "zones.gpkg"):
+        noted(work / name).write_bytes(b"x")
+    for beside in ("maps/half.tif.ovr.tmp", "zones.gpkg-journal"):
+        (work / beside).write_bytes(b"x")
+    noted(work / "checkpoint.npz").write_bytes(b"computed")
     with staged_output(tmp_path / "out", False) as folder:
         assert names(folder) == {MARKER_NAME, "checkpoint.npz"}
-        (folder / "manifest.json").write_text("{}")
+        assert notes_of(folder) == {MARKER_NAME, "checkpoint.npz"}
 
 
 def test_two_runs_into_one_target(tmp_path: Path) -> None:
@@ -237,6 +243,7 @@ WRITE = textwrap.dedent(
     from sassgis.model.grid import Grid
     from sassgis.model.results import Band, RasterLayer
     from sassgis.io.staging import staged_output
+    from sassgis.model.noted_files import noted
 
     target, what = Path(sys.argv[1]), sys.argv[2]
     values = np.random.default_rng(1).random((400, 400))
@@ -255,7 +262,7 @@ WRITE = textwrap.dedent(
         frame = gpd.GeoDataFrame({"n": np.arange(20000)}, geometry=points)
     try:
         with staged_output(target, False) as work:
-            (work / "checkpoint").write_text("computed")
+            noted(work / "checkpoint").write_text("computed")
             if what == "raster":
                 write_raster(layer, grid, work / "maps")
             elif what == "geopackage":
@@ -264,7 +271,7 @@ WRITE = textwrap.dedent(
                     [VectorLayer("p", "P", "", frame, style=RELEASE_POINT_STYLE)],
                 )
             else:
-                (work / "text.bin").write_bytes(b"x" * 2_000_000)
+                noted(work / "text.bin").write_bytes(b"x" * 2_000_000)
     except OutputError as error:
         print(error)
         sys.exit(3)

@@ -12,6 +12,7 @@ import pyogrio
 import pytest
 import shapely
 
+from sassgis.io.own_files import WRITTEN_NAME
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.raster import write_raster
@@ -123,4 +124,5 @@ def test_what_cannot_be_exported(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="exists already"):
         export_view(result, tmp_path / "p.kml", "paths")
     export_view(result, tmp_path / "p.kml", "paths", overwrite=True)
-    assert not list(tmp_path.glob("z*")) and not list(tmp_path.glob(".*"))
+    assert not list(tmp_path.glob("z*"))
+    assert [p.name for p in tmp_path.glob(".*")] == [WRITTEN_NAME]

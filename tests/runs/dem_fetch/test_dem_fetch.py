@@ -17,6 +17,7 @@ from helpers.stac_server import COLLECTION, StacServer, serving
 from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
+from sassgis.io.own_files import WRITTEN_NAME
 from sassgis.io.read.dem import read_dem
 from sassgis.io.read.tiles import open_terrain, read_terrain
 
@@ -104,7 +105,7 @@ def test_tiles_become_one_terrain(fetch, server: StacServer, tmp_path: Path) -> 
     code, _, err = fetch("-o", folder)
     assert code == 0, err
     assert sorted(p.name for p in folder.iterdir()) == sorted(
-        [*(name(*place) for place in WANTED), "terrain.vrt", "sources.json"]
+        [*(name(*place) for place in WANTED), "terrain.vrt", "sources.json", WRITTEN_NAME]
     )
     want = np.block([[heights(r, c) for c in range(2)] for r in range(2)])
     want[:100, 100:] = np.nan
@@ -121,18 +122,34 @@ def test_tiles_become_one_terrain(fetch, server: StacServer, tmp_path: Path) -> 
     assert all(s["href"].startswith(server.url) and s["checksum"] for s in sources)
 
 
-def test_what_is_there_is_kept_and_what_was_damaged_is_fetched(
+def test_what_is_there_is_kept_and_what_has_changed_is_not_replaced(
     fetch, server: StacServer, tmp_path: Path
 ) -> None:
+    """Somebody may have mended a tile by hand."""
     folder = tmp_path / "terrain"
     assert fetch("-o", folder)[0] == 0
     server.asked.clear()
-    damaged = folder / name(1, 1)
-    damaged.write_bytes(damaged.read_bytes()[:-10])
+    changed = folder / name(1, 1)
+    changed.write_bytes(changed.read_bytes()[:-10])
+    before = {p: p.read_bytes() for p in folder.iterdir()}
+    code, _, err = fetch("-o", folder)
+    assert code == 3 and f"{changed}: is not the tile that the server offers" in err
+    assert {p: p.read_bytes() for p in folder.iterdir()} == before
+    changed.unlink()
     code, out, _ = fetch("-o", folder)
     assert code == 0 and out.count("is there") == 2
     assert {p for p in server.asked if p.startswith("/files/")} == {f"/files/{name(1, 1)}"}
-    assert damaged.read_bytes() == server.files[name(1, 1)]
+    assert changed.read_bytes() == server.files[name(1, 1)]
+
+
+@pytest.mark.parametrize("own", ["sources.json", "terrain.vrt"])
+def test_files_of_the_user_are_not_replaced(
+    fetch, server: StacServer, tmp_path: Path, own: str
+) -> None:
+    (tmp_path / own).write_text("mine")
+    code, _, err = fetch("-o", tmp_path)
+    assert code == 3 and f"{tmp_path / own}: has changed since sassgis wrote it, or is not" in err
+    assert (tmp_path / own).read_text() == "mine"
 
 
 def test_a_connection_that_breaks_is_taken_up_where_it_broke(

@@ -1,0 +1,429 @@
+"""--overwrite deletes what sassgis wrote, as it wrote it, and no file of the user's."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from helpers.listed_results import list_files
+
+from sassgis.io.own_files import WRITTEN_NAME
+from sassgis.io.staging import alone, check_output, partial_folder, staged_file, staged_output
+from sassgis.model.errors import OutputError
+from sassgis.model.noted_files import MARKER_NAME, noted
+
+LINES = {"maps/energy.tif": "map", "tables/zones.csv": "a,b\n", "project.qgz": "project"}
+
+
+def make(target: Path, overwrite: bool = False, text: str = "") -> None:
+    """A result of a few files."""
+    with staged_output(target, overwrite) as work:
+        for name, own in LINES.items():
+            (work / name).parent.mkdir(exist_ok=True)
+            noted(work / name).write_text(own + text)
+        list_files(work)
+
+
+def everything(folder: Path) -> dict[str, str | bytes]:
+    """All that lies in a folder: links by where they point to, files by their content."""
+    found: dict[str, str | bytes] = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        found[name] = os.readlink(path) if path.is_symlink() else b""
+        if path.is_file():
+            found[name] = path.read_bytes()
+    return found
+
+
+def refused(root: Path, target: Path, words: str) -> str:
+    """Replacing the target is refused before anything is computed, and all stays as it was."""
+    before = everything(root)
+    with pytest.raises(OutputError, match=words) as caught, staged_output(target, True):
+        raise AssertionError("computed in vain")
+    assert everything(root) == before
+    with pytest.raises(OutputError) as early:
+        check_output(target, True)
+    assert str(early.value) == str(caught.value) and "\n" not in str(early.value)
+    return str(early.value)
+
+
+# --- results ---------------------------------------------------------------------------------
+
+YEARS = hashlib.sha256(b"years").hexdigest()
+STRANGE = {
+    "of a web app": '{"name": "App", "icons": [], "start_url": "/"}',
+    "of an extension": '{"manifest_version": 3, "files": ["thesis.txt"]}',
+    "that lists digests": json.dumps(
+        {"files": [{"path": "thesis.txt", "size": 5, "sha256": YEARS}]}
+    ),
+    "of a version without a list": '{"format": 0, "sassgis": "0.0.1", "inputs": []}',
+    "that is none": "not JSON",
+    "of another type": "[1, 2]",
+    "nested too deeply": "[" * 100_000,
+}
+
+
+@pytest.mark.parametrize("kind", STRANGE)
+@pytest.mark.parametrize("by_link", [False, True])
+def test_a_folder_with_any_manifest_is_no_result(tmp_path: Path, kind: str, by_link: bool) -> None:
+    own = tmp_path / "thesis"
+    own.mkdir()
+    (own / "manifest.json").write_text(STRANGE[kind])
+    (own / "thesis.txt").write_text("years")
+    target = tmp_path / "link" if by_link else own
+    if by_link:
+        target.symlink_to(own)
+    line = refused(tmp_path, target, "not a result of sassgis that lists its files")
+    assert str(target) in line and "by hand" in line
+
+
+@pytest.mark.parametrize("name", ["next.toml", "terrain/dem.tif", "maps/mine.tif", "a.tif.aux.xml"])
+@pytest.mark.parametrize("by_link", [False, True])
+def test_a_result_in_which_the_user_keeps_a_file(tmp_path: Path, name: str, by_link: bool) -> None:
+    make(tmp_path / "out")
+    (tmp_path / "out" / name).parent.mkdir(exist_ok=True)
+    (tmp_path / "out" / name).write_text("mine")
+    target = tmp_path / "link" if by_link else tmp_path / "out"
+    if by_link:
+        target.symlink_to(tmp_path / "out")
+    assert f"{target / name}: is not a file that manifest.json lists" in refused(
+        tmp_path, target, "move it away"
+    )
+    (tmp_path / "out" / name).rename(tmp_path / "away")
+    make(target, overwrite=True, text="new")
+    assert (tmp_path / "out" / "maps" / "energy.tif").read_text() == "mapnew"
+
+
+def longer(file: Path) -> None:
+    file.write_text(file.read_text() + "and mine")
+
+
+def as_long(file: Path) -> None:
+    """As the user's own program may write it: no other size, no other time, the same inode."""
+    state = file.stat()
+    file.write_bytes(bytes(reversed(file.read_bytes())))
+    os.utime(file, ns=(state.st_atime_ns, state.st_mtime_ns))
+
+
+@pytest.mark.parametrize("name", ["project.qgz", "tables/zones.csv"])
+@pytest.mark.parametrize("change", [longer, as_long])
+def test_a_file_that_has_changed(tmp_path: Path, name: str, change: Callable[[Path], None]) -> None:
+    make(tmp_path / "out")
+    # The digest of a file that was looked at is known.
+    check_output(tmp_path / "out", True)
+    change(tmp_path / "out" / name)
+    line = refused(tmp_path, tmp_path / "out", "has changed since sassgis wrote it")
+    assert f"{tmp_path / 'out' / name}: " in line
+
+
+def test_a_manifest_that_has_changed(tmp_path: Path) -> None:
+    make(tmp_path / "out")
+    file = tmp_path / "out" / "manifest.json"
+    content = json.loads(file.read_text())
+    file.write_text(json.dumps(content))  # Another form of the same.
+    check_output(tmp_path / "out", True)
+    content["notes"] = "what I found out about this run"
+    file.write_text(json.dumps(content, indent=2))
+    refused(tmp_path, tmp_path / "out", r"manifest\.json: has changed")
+
+
+@pytest.mark.parametrize(
+    ("name", "points_to"),
+    [
+        ("more", "."),
+        ("tables/a.csv", "energy.tif"),
+        ("maps", "."),
+        ("maps/energy.tif", "energy.tif"),
+    ],
+)
+def test_links_in_a_result(tmp_path: Path, name: str, points_to: str) -> None:
+    """A link is not followed: what it points to is neither judged nor deleted."""
+    outside, target = tmp_path / "outside", tmp_path / "out"
+    outside.mkdir()
+    # The same content as that of the file which the result has, or had.
+    (outside / "energy.tif").write_text(LINES["maps/energy.tif"])
+    make(target)
+    if (target / name).exists():
+        (target / name).rename(tmp_path / "moved away")
+    (target / name).symlink_to(outside / points_to)
+    refused(tmp_path, target, f"{name}: is not a file that")
+    (target / name).unlink()
+    make(target, overwrite=True)
+    assert everything(outside) == {"energy.tif": b"map"}
+
+
+def test_a_pipe_in_a_result_is_not_read(tmp_path: Path) -> None:
+    make(tmp_path / "out")
+    (tmp_path / "out" / "maps" / "energy.tif").unlink()
+    os.mkfifo(tmp_path / "out" / "maps" / "energy.tif")
+    with pytest.raises(OutputError, match="is not a file that"):
+        make(tmp_path / "out", overwrite=True)
+
+
+def test_a_result_that_was_only_looked_at_is_replaced(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    make(target)
+    for name in ("maps/energy.tif.aux.xml", ".DS_Store", "maps/Thumbs.db"):
+        (target / name).write_text("x")
+    (target / "tables" / "zones.csv").unlink()
+    make(target, overwrite=True, text="new")
+    assert set(everything(tmp_path)) == {
+        "out", "out/maps", "out/tables", "out/manifest.json", *(f"out/{n}" for n in LINES)
+    }  # fmt: skip
+
+
+def test_a_list_without_a_digest_of_itself_counts(tmp_path: Path) -> None:
+    """As the manifests of the versions before had it."""
+    make(tmp_path / "out")
+    file = tmp_path / "out" / "manifest.json"
+    content = json.loads(file.read_text())
+    del content["manifest_sha256"]
+    file.write_text(json.dumps(content))
+    make(tmp_path / "out", overwrite=True)
+
+
+def test_another_result_within_one(tmp_path: Path) -> None:
+    """Only where a command puts one: any other was put there by the user."""
+    make(tmp_path / "out")
+    make(tmp_path / "out" / "map")
+    refused(tmp_path, tmp_path / "out", r"out/map/manifest\.json: is not a file that")
+    with alone(tmp_path / "out" / "other"):
+        pass
+    with pytest.raises(InterruptedError), staged_output(tmp_path / "out" / "more", False) as work:
+        noted(work / "checkpoint.npz").write_text("state")
+        raise InterruptedError
+    with staged_output(tmp_path / "out", True, ("map", "more")) as work:
+        list_files(work)
+    assert set(everything(tmp_path / "out")) == {"manifest.json"}
+
+
+# --- what comes during a run -----------------------------------------------------------------
+
+
+def test_a_file_that_comes_during_the_run(tmp_path: Path) -> None:
+    target = tmp_path / "out"
+    make(target)
+    line = r"out/mine\.txt: is not .*; the finished result is in .*out\.partial"
+    with pytest.raises(OutputError, match=line), staged_output(target, True) as work:
+        list_files(work)
+        (target / "mine.txt").write_text("x")
+    assert {"mine.txt", *LINES} < set(everything(target))
+    assert (partial_folder(target) / "manifest.json").is_file()
+
+
+def test_a_file_that_comes_at_the_last_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After the older result was looked through, while it is moved aside: it is put back."""
+    target = tmp_path / "out"
+    make(target)
+    before = everything(target)
+    rename = os.rename
+
+    def late(source: Path, destination: Path) -> None:
+        rename(source, destination)
+        if Path(destination).name == "out.replaced":
+            (Path(destination) / "maps" / "energy.tif").write_text("MAP")
+
+    monkeypatch.setattr("sassgis.io.staging.os.rename", late)
+    with pytest.raises(OutputError, match=r"out/maps/energy\.tif: has changed"):
+        make(target, overwrite=True)
+    assert everything(target) == before | {"maps/energy.tif": b"MAP"}
+    assert not (tmp_path / "out.replaced").exists()
+
+
+def test_a_file_that_comes_while_the_older_result_is_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "out"
+    make(target)
+    rename = os.rename
+
+    def later(source: Path, destination: Path) -> None:
+        rename(source, destination)
+        if Path(source).name == "out.partial":
+            (tmp_path / "out.replaced" / "maps" / "mine.tif").write_text("mine")
+            (tmp_path / "out.replaced" / "project.qgz").write_text("saved")
+
+    monkeypatch.setattr("sassgis.io.staging.os.rename", later)
+    make(target, overwrite=True, text="new")
+    assert (target / "project.qgz").read_text() == "projectnew"
+    assert everything(tmp_path / "out.replaced") == {
+        "maps": b"", "maps/mine.tif": b"mine", "project.qgz": b"saved"
+    }  # fmt: skip
+
+
+def test_a_file_put_into_the_working_folder_during_the_run(tmp_path: Path) -> None:
+    """It goes with the result, is not listed, and so is kept from then on."""
+    target = tmp_path / "out"
+    with staged_output(target, False) as work:
+        noted(work / "a.txt").write_text("x")
+        (work / "mine.txt").write_text("mine")
+        list_files(work)
+    assert (target / "mine.txt").read_text() == "mine"
+    refused(tmp_path, target, r"mine\.txt: is not a file that")
+
+
+# --- working folders -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name", ["mine.txt", "maps/mine.tif", "checkpoint/mine.toml", "checkpoint.mine", "a/b/mine"]
+)
+@pytest.mark.parametrize("target", ["out", "link"])
+def test_a_file_in_a_working_folder(tmp_path: Path, name: str, target: str) -> None:
+    """Beside the saved state of a run that was stopped, and the half of one that was killed."""
+    (tmp_path / "link").symlink_to(tmp_path / "out")
+    with pytest.raises(InterruptedError), staged_output(tmp_path / "out", False) as work:
+        (work / "checkpoint").mkdir()
+        noted(work / "checkpoint" / "state.npz").write_text("state")
+        raise InterruptedError
+    (work / "maps").mkdir()
+    noted(work / "maps" / "half.tif").write_text("half")
+    (work / name).parent.mkdir(parents=True, exist_ok=True)
+    (work / name).write_text("mine")
+    line = refused(tmp_path, tmp_path / target, "move it away")
+    assert f"{work / name}: is not noted as written by sassgis" in line
+    (work / name).unlink()
+    make(tmp_path / target)
+    assert not work.exists() and (tmp_path / "out" / "manifest.json").is_file()
+
+
+def test_a_failure_deletes_what_the_run_wrote_alone(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), staged_output(tmp_path / "out", False) as work:
+        (work / "maps").mkdir()
+        noted(work / "maps" / "half.tif").write_text("half")
+        (work / "maps" / "mine.tif").write_text("mine")
+        1 / 0  # noqa: B018
+    assert set(everything(work)) == {MARKER_NAME, "maps", "maps/mine.tif"}
+    # Its notes are gone with what they were of.
+    (work / "maps" / "half.tif").write_text("mine, too")
+    refused(tmp_path, tmp_path / "out", r"maps/half\.tif: is not noted")
+
+
+def test_a_marker_is_no_leave_to_delete(tmp_path: Path) -> None:
+    work = tmp_path / "out.partial"
+    work.mkdir()
+    (work / MARKER_NAME).touch()
+    (work / "thesis.txt").write_text("years")
+    refused(tmp_path, tmp_path / "out", r"thesis\.txt: is not noted")
+
+
+@pytest.mark.parametrize("link", ["out.partial", "out.partial/.sassgis-partial"])
+def test_links_in_the_place_of_the_working_folder(tmp_path: Path, link: str) -> None:
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / MARKER_NAME).write_text("mine.txt\n")
+    (own / "mine.txt").write_text("mine")
+    (tmp_path / link).parent.mkdir(exist_ok=True)
+    (tmp_path / link).symlink_to(own if link == "out.partial" else own / MARKER_NAME)
+    refused(tmp_path, tmp_path / "out", r"out\.partial: exists already")
+
+
+def test_a_link_to_a_file_that_was_noted(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    work = tmp_path / "out.partial"
+    work.mkdir()
+    (work / MARKER_NAME).write_text("half.tif\n")
+    (work / "half.tif").symlink_to(tmp_path / "mine.txt")
+    refused(tmp_path, tmp_path / "out", r"half\.tif: is not noted")
+
+
+def test_what_a_killed_run_within_a_run_leaves(tmp_path: Path) -> None:
+    """A result that is part of another, half written: the outer one knows what the inner wrote."""
+    outer = tmp_path / "out.partial"
+    outer.mkdir()
+    (outer / MARKER_NAME).touch()
+    make(outer / "before")
+    inner = outer / "after.partial"
+    inner.mkdir()
+    for name in (MARKER_NAME, "half.tif"):
+        noted(inner / name).touch()
+    assert {"before/maps/energy.tif", "after.partial/half.tif"} <= set(
+        (outer / MARKER_NAME).read_text().splitlines()
+    )
+    make(tmp_path / "out")
+    assert set(everything(tmp_path / "out")) == {"manifest.json", "maps", "tables", *LINES}
+    assert not outer.exists()
+
+
+# --- single files ----------------------------------------------------------------------------
+
+
+def write(file: Path, text: str, overwrite: bool = False) -> None:
+    with staged_file(file, overwrite) as work:
+        work.write_text(text)
+
+
+def test_a_single_file_is_replaced_as_long_as_it_is_as_written(tmp_path: Path) -> None:
+    file = tmp_path / "zones.xtf"
+    write(file, "one")
+    with pytest.raises(OutputError, match="exists already"):
+        write(file, "two")
+    for text in ("two", "three", "three"):
+        write(file, text, overwrite=True)
+    assert file.read_text() == "three"
+    assert {p.name for p in tmp_path.iterdir()} == {"zones.xtf", WRITTEN_NAME}
+    (tmp_path / "link").symlink_to(file)
+    write(tmp_path / "link", "four", overwrite=True)
+    assert (tmp_path / "link").is_symlink() and file.read_text() == "four"
+    (tmp_path / "link").unlink()
+    # Under another name it is a copy that somebody keeps.
+    file.rename(tmp_path / "kept.xtf")
+    with pytest.raises(OutputError, match=r"kept\.xtf: .*is not deleted even with --overwrite"):
+        write(tmp_path / "kept.xtf", "five", overwrite=True)
+    write(file, "five")
+    for change in (longer, as_long):
+        change(file)
+        before = everything(tmp_path)
+        with pytest.raises(OutputError, match=r"zones\.xtf: has changed since sassgis wrote it"):
+            write(file, "six", overwrite=True)
+        assert everything(tmp_path) == before
+
+
+@pytest.mark.parametrize("listed", [None, "{", "[]", '{"a.txt": 1}', '{"a.txt": ["x"]}'])
+def test_a_single_file_of_the_user(tmp_path: Path, listed: str | None) -> None:
+    (tmp_path / "a.txt").write_text("mine")
+    if listed is not None:
+        (tmp_path / WRITTEN_NAME).write_text(listed)
+    before = everything(tmp_path)
+    with pytest.raises(OutputError, match=r"a\.txt: .*is not of sassgis"):
+        write(tmp_path / "a.txt", "new", overwrite=True)
+    assert everything(tmp_path) == before
+
+
+def test_a_single_file_that_changes_while_it_is_made_anew(tmp_path: Path) -> None:
+    write(tmp_path / "a.txt", "one")
+    with (
+        pytest.raises(OutputError, match="has changed"),
+        staged_file(tmp_path / "a.txt", overwrite=True) as work,
+    ):
+        work.write_text("two")
+        (tmp_path / "a.txt").write_text("mine")
+    assert (tmp_path / "a.txt").read_text() == "mine"
+
+
+def test_a_command_that_is_killed_before_it_replaces_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "a.txt"
+    write(file, "one")
+    replace = os.replace
+
+    def killed(source: Path, target: Path) -> None:
+        if Path(target) == file:
+            raise SystemExit
+        replace(source, target)
+
+    with monkeypatch.context() as stopped:
+        stopped.setattr("sassgis.io.staging.os.replace", killed)
+        for text in ("two", "three"):
+            with pytest.raises(SystemExit):
+                write(file, text, overwrite=True)
+    assert file.read_text() == "one"
+    write(file, "four", overwrite=True)
+    assert file.read_text() == "four"
