@@ -29,9 +29,13 @@ from typing import Any
 import numpy as np
 from watched import Case, watched
 
+from sassgis.io.saved_arrays import write_saved
+
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_dem"
 SEED = 7
 TOO_LONG_S = 30.0
+#: A draw that a calibration has kept.
+SHARES, SCORES = [0.1, 0.2, 0.3], [1.0]
 NUMBERS = (
     b"nan", b"inf", b"-inf", b"-1", b"0", b"1e308", b"-1e308", b"1e-320", b"99999999999999999999",
     b"", b"1,5", b"0x10", b"1e", b"--1", b"1_000", b"\xd9\xa3", b"true",
@@ -272,7 +276,9 @@ def _observations(folder: Path, kept: Any) -> None:
 def _state(folder: Path, _kept: Any) -> None:
     from sassgis.runs.draw_store import DrawStore
 
-    DrawStore(folder / "draws.npz", "x").known(0, np.zeros(3))
+    store = DrawStore(folder / "draws.npz", "x", lambda _text: None)
+    scores = store.known(0, np.array(SHARES))
+    assert scores is None or scores.tolist() == SCORES, "other scores than were saved"
 
 
 #: Reader of each kind, what it keeps for all files, and the files that are damaged.
@@ -348,8 +354,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="sassgis-fuzz-") as made:
         site = Path(made) / "site"
         _site(site)
-        np.savez(site / "draws.npz", fingerprint="x", numbers=[0], shares=[[0.1, 0.2, 0.3]],
-                 scores=[[1.0]])  # fmt: skip
+        arrays = {"numbers": [0], "shares": [SHARES], "scores": [SCORES]}
+        write_saved(site / "draws.npz", arrays, "x")
         with ThreadPoolExecutor(options.jobs) as pool:
             done = pool.map(
                 lambda name: (name, *watched(reading, (name, str(site)), range(each), TOO_LONG_S)),

@@ -31,7 +31,7 @@ from sassgis.cli.progress_bar import ProgressBar, conclude
 @JOBS
 @cluster_options
 @click.option(
-    "--overwrite", is_flag=True, help="Replace areas that were made from other settings or inputs."
+    "--overwrite", is_flag=True, help="Replace areas of other settings or inputs, or changed ones."
 )
 @click.option(
     "--mosaic-only", is_flag=True, help="No maps, zones and report of each area by itself."

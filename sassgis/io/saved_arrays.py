@@ -1,32 +1,40 @@
-"""Arrays that a run saves, to go on from after an interruption: whole, or taken for none."""
+"""What a run saves to go on from after an interruption: as it was saved, or taken for none.
+
+Each file holds a digest of its content, its name, what it belongs to, and the program. It finds
+damage and changes by hand; it is no signature, as whoever can write the file can write a digest.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError
 from sassgis.model.noted_files import noted
 
-#: Key of what the arrays belong to.
-FINGERPRINT = "fingerprint"
-#: Key of the names of all other arrays.
-_NAMES = "names of arrays"
+#: How a line begins that tells of a file that is taken for none.
+UNFIT = "Saved state"
+_FINGERPRINT, _DIGEST = "fingerprint", "digest"
 #: What a damaged file may raise, from its end that is missing to flags that no archive has.
 _DAMAGE = (
     OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error,
-    SyntaxError, MemoryError, OverflowError,
+    SyntaxError, TypeError, MemoryError, OverflowError,
 )  # fmt: skip
 
 
-def write_saved(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: bool = False) -> None:
+def write_saved(
+    path: Path, arrays: Mapping[str, ArrayLike], fingerprint: str, *, compressed: bool = False
+) -> str:
     """Write arrays beside and rename, so that a full disk leaves the older state as it was.
 
     Parameters
@@ -34,44 +42,53 @@ def write_saved(path: Path, arrays: Mapping[str, ArrayLike], *, compressed: bool
     path : Path
     arrays : mapping of str to array
         No objects.
+    fingerprint : str
+        Of the settings and inputs that they belong to; the program is added here.
     compressed : bool
+
+    Returns
+    -------
+    str
+        The digest.
     """
+    whole = {**arrays, _FINGERPRINT: _of_program(fingerprint)}
+    digest = _digest(path.name, whole)
     fresh = noted(path.with_suffix(".new"))
     save = np.savez_compressed if compressed else np.savez
     try:
         with fresh.open("wb") as stream:
-            save(stream, **arrays, **{_NAMES: _names_of(arrays)})  # type: ignore[arg-type]
+            save(stream, **whole, **{_DIGEST: digest})  # type: ignore[arg-type]
             stream.flush()
             os.fsync(stream.fileno())
         fresh.replace(noted(path))
     finally:
         fresh.unlink(missing_ok=True)
+    return digest
 
 
-def _names_of(arrays: Iterable[str]) -> NDArray[np.uint8]:
-    return np.frombuffer("\n".join(sorted(arrays)).encode(), np.uint8)
-
-
-def read_saved(path: Path, fingerprint: str | None = None) -> dict[str, NDArray[Any]] | None:
-    """Arrays of ``write_saved``; None if there are none, of another fingerprint, or damaged.
+def read_saved(
+    path: Path, fingerprint: str, tell: Callable[[str], None], digest: str | None = None
+) -> dict[str, NDArray[Any]] | None:
+    """Arrays of ``write_saved``; None if there are none, or they do not fit, which is told.
 
     Parameters
     ----------
     path : Path
-    fingerprint : str, optional
-        What the array FINGERPRINT must hold.
+    fingerprint : str
+    tell : callable
+    digest : str, optional
+        That the file must have, and so must be there.
     """
-    try:
-        # Of a damaged file numpy leaves open what it has opened itself. Nothing is unpickled.
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            found = {name: stored[name] for name in stored.files}
-    except _DAMAGE:
-        return None
-    # A damaged list of contents may end too early without an error.
-    if not np.array_equal(found.pop(_NAMES, np.empty(0)), _names_of(found)):
-        return None
-    same = fingerprint is None or str(found.get(FINGERPRINT, "")) == fingerprint
-    return found if same else None
+    found = _unchanged(path)
+    if found is None or digest not in (None, str(found[_DIGEST])):
+        if digest is None and not path.exists():
+            return None
+        tell(unfit(path))
+    elif str(found[_FINGERPRINT]) != _of_program(fingerprint):
+        tell(unfit(path, "of other settings, inputs or versions"))
+    else:
+        return {name: array for name, array in found.items() if name not in (_FINGERPRINT, _DIGEST)}
+    return None
 
 
 def saved_or_refused(path: Path, expected: str) -> dict[str, NDArray[Any]]:
@@ -86,9 +103,71 @@ def saved_or_refused(path: Path, expected: str) -> dict[str, NDArray[Any]]:
     Raises
     ------
     InputError
-        If there are none, or they are damaged.
+        If there are none, or they are damaged or changed.
     """
-    found = read_saved(path)
+    found = _unchanged(path)
     if found is None:
-        raise InputError("cannot be read", file=path, expected=expected)
+        raise InputError("cannot be read, or was changed", file=path, expected=expected)
     return found
+
+
+def with_digest(content: Mapping[str, object], fingerprint: str) -> dict[str, object]:
+    """What is to be saved as JSON, with its digest."""
+    text = json.dumps([content, fingerprint], sort_keys=True)
+    return {**content, _DIGEST: hashlib.sha256(text.encode()).hexdigest()}
+
+
+def read_saved_json(
+    path: Path, fingerprint: str, tell: Callable[[str], None]
+) -> dict[str, Any] | None:
+    """What was saved ``with_digest``; None if there is no file, or it does not fit, which is told.
+
+    Parameters
+    ----------
+    path : Path
+    fingerprint : str
+        As it was saved with.
+    tell : callable
+    """
+    if not path.exists():
+        return None
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        content = {name: own for name, own in found.items() if name != _DIGEST}
+        if found == with_digest(content, fingerprint):
+            return content
+    except (*_DAMAGE, AttributeError):
+        pass
+    tell(unfit(path))
+    return None
+
+
+def unfit(path: Path, why: str = "damaged, or changed since it was saved") -> str:
+    """One line to tell that what was saved is not used."""
+    return f"{UNFIT} {path} is taken for none: {why}"
+
+
+def _of_program(fingerprint: str) -> str:
+    return f"{program_digest()} {fingerprint}"
+
+
+def _unchanged(path: Path) -> dict[str, NDArray[Any]] | None:
+    """All arrays of a file, if they fit the digest among them."""
+    try:
+        # Of a damaged file numpy leaves open what it has opened itself. Nothing is unpickled.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+            found = {name: stored[name] for name in stored.files}
+        digest = _digest(path.name, {k: own for k, own in found.items() if k != _DIGEST})
+        return found if str(found[_DIGEST]) == digest else None
+    except _DAMAGE:
+        return None
+
+
+def _digest(name: str, arrays: Mapping[str, ArrayLike]) -> str:
+    """SHA-256 over a name, and over names, types, shapes and bytes of arrays."""
+    total = hashlib.sha256(name.encode())
+    for key, given in sorted(arrays.items()):
+        array = np.asarray(given)
+        total.update(f"\n{key} {array.dtype.descr} {array.shape}\n".encode())
+        total.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+    return total.hexdigest()

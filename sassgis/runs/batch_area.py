@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import sassgis
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.progress import Progress
 from sassgis.io.own_files import MANIFEST_NAME
@@ -23,6 +22,7 @@ from sassgis.io.read.vector_features import Feature
 from sassgis.io.read.vectors import read_control_lines, read_release_feature, release_area
 from sassgis.io.staging import staged_output
 from sassgis.io.write.manifest import write_manifest
+from sassgis.io.write.program import program_digest
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
@@ -37,6 +37,7 @@ from sassgis.runs.batch_state import (
     SIMULATION_NAME,
     WITHOUT_BARRIERS_NAME,
     Record,
+    digests_of_sums,
     read_record,
     write_record,
     write_state,
@@ -137,7 +138,7 @@ def _shared_digest(config: Config) -> str:
         risk=replace(config.risk, vulnerability=None),
     )
     sections = [s for s in SECTIONS if s != "profile"]
-    parts: list[object] = [sassgis.__version__, settings_hash(own, sections=sections), SUM_NAMES]
+    parts: list[object] = [program_digest(), settings_hash(own, sections=sections), SUM_NAMES]
     if config.risk.vulnerability is not None:
         parts.append(file_digest(config.risk.vulnerability))
     if config.hazard.preset.endswith(".toml"):
@@ -226,7 +227,7 @@ def kept_areas(
         own = folder / AREAS_NAME / candidate.stem
         if not own.is_dir() or not any(own.iterdir()):
             continue
-        record = read_record(own)
+        record = read_record(own, tell)
         same = False
         if record is not None:
             # An area that cannot be used any more is reported when it is its turn.
@@ -241,8 +242,8 @@ def kept_areas(
             kept[candidate.stem] = record
         elif not overwrite:
             raise OutputError(
-                f"{own}: exists and was made from other settings or inputs; choose another folder, "
-                "or --overwrite"
+                f"{own}: exists and was made from other settings, inputs or versions, or was "
+                "changed; choose another folder, or --overwrite"
             )
     if kept:
         tell(f"{len(kept)} of {len(candidates)} areas are there already")
@@ -358,6 +359,7 @@ def _run_cut(
             counted=_counted(done.progress, cut.part.n_cols),
             never_started=int(done.progress.reasons[StopReason.NEVER_STARTED]),
             frequencies={scenario: annual for (_, scenario), annual in frequencies.items()},
+            sums=digests_of_sums(work),
         )
         if setting.sums_only:
             write_record(work, record)

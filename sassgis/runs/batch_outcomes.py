@@ -6,9 +6,10 @@ import logging
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sassgis.io.saved_arrays import UNFIT
 from sassgis.model.errors import InputError, SassgisError
 from sassgis.runs.batch_area import AREAS_NAME, Setting, run_area
 from sassgis.runs.batch_areas import Candidate
@@ -26,11 +27,15 @@ _AREAS_PER_CORE = 4
 
 @dataclass(frozen=True, slots=True)
 class AreaOutcome:
-    """What became of an area: its record, or why it is skipped; and the seconds that it took."""
+    """What became of an area: its record, or why it is skipped; and the seconds that it took.
+
+    What there was to tell of saved states comes with it from a process that nobody listens to.
+    """
 
     record: Record | None
     reason: str
     seconds: float
+    told: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +85,8 @@ def outcomes(
     rocks = 0
     with closing(Processes(at_once).in_order(_alone, common, candidates)) as found:
         for i, outcome in enumerate(found, start=1):
+            for text in outcome.told:
+                tell(text)
             rocks += 0 if outcome.record is None else outcome.record.rocks
             if on_progress is not None:
                 on_progress(i, n, rocks)
@@ -88,7 +95,9 @@ def outcomes(
 
 def _alone(common: _Common, candidate: Candidate) -> AreaOutcome:
     """In a process of its own: one area on one core."""
-    return _outcome(common, candidate, 1, None, lambda _text: None)
+    told: list[str] = []
+    outcome = _outcome(common, candidate, 1, None, told.append)
+    return replace(outcome, told=tuple(text for text in told if text.startswith(UNFIT)))
 
 
 def _outcome(

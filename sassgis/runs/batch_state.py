@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,16 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.progress import Progress, SourceTally, evenly_kept
 from sassgis.hazard.source_sums import SourceSums
+from sassgis.io.digests import content_digest
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.tiles import Part, Terrain
-from sassgis.io.saved_arrays import saved_or_refused, write_saved
+from sassgis.io.saved_arrays import (
+    read_saved_json,
+    saved_or_refused,
+    unfit,
+    with_digest,
+    write_saved,
+)
 from sassgis.io.staging import writing
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import FallLines, MapRun
@@ -63,6 +71,8 @@ class Record:
         Blocks that never started.
     frequencies : dict of str to float
         Blocks per year, by block scenario.
+    sums : dict of str to str
+        Digests of the files of its sums.
     """
 
     fingerprint: str
@@ -84,6 +94,7 @@ class Record:
     counted: tuple[int, int, int, int]
     never_started: int
     frequencies: dict[str, float]
+    sums: dict[str, str]
 
     def part(self, terrain: Terrain) -> Part:
         """The part on the lattice of a terrain model."""
@@ -99,29 +110,45 @@ def write_record(folder: Path, record: Record) -> None:
     """Write what is known of an area into its folder."""
     path = folder / RECORD_NAME
     with writing(path):
-        text = json.dumps(asdict(record), indent=2, ensure_ascii=False, allow_nan=False)
+        content = with_digest(asdict(record), "")
+        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
         path.write_text(text + "\n", encoding="utf-8")
 
 
-def read_record(folder: Path) -> Record | None:
-    """What is known of an area; None if the folder holds no whole result of a batch."""
-    if not (folder / MANIFEST_NAME).is_file():
+def read_record(folder: Path, tell: Callable[[str], None]) -> Record | None:
+    """What is known of an area; None if the folder holds no whole result of a batch.
+
+    A result whose record or sums are not as they were saved is none, which is told.
+    """
+    plain = read_saved_json(folder / RECORD_NAME, "", tell)
+    if plain is None or not (folder / MANIFEST_NAME).is_file():
         return None
     try:
-        plain = json.loads((folder / RECORD_NAME).read_text(encoding="utf-8"))
-        return Record(
+        record = Record(
             **plain
             | {k: tuple(plain[k]) for k in ("control_lines", "objects", "notices", "counted")}
         )
-    except (OSError, ValueError, TypeError, KeyError):
+        now = digests_of_sums(folder)
+    except (OSError, TypeError, KeyError):
+        tell(unfit(folder / RECORD_NAME))
         return None
+    changed = sorted({name for name, _ in now.items() ^ record.sums.items()})
+    for name in changed:
+        tell(unfit(folder / name))
+    return None if changed else record
+
+
+def digests_of_sums(folder: Path) -> dict[str, str]:
+    """Of the files of sums in the folder of an area, by name."""
+    files = [folder / name for name in (SIMULATION_NAME, WITHOUT_BARRIERS_NAME)]
+    return {file.name: content_digest(file) for file in files if file.is_file()}
 
 
 def write_state(path: Path, progress: Progress, run: MapRun) -> None:
     """Write the sums of a simulation, with the energies of its hazard curves."""
     arrays = state_of(progress) | {"thresholds_kj": bins_of(run).threshold}
     with writing(path):
-        write_saved(path, arrays, compressed=True)
+        write_saved(path, arrays, "", compressed=True)
 
 
 def read_state(folder: Path, without: bool = False) -> dict[str, NDArray[Any]]:

@@ -107,7 +107,8 @@ def calibrate(
                 found=f"{task.measured} with a stop, a passage or an impact",
                 expected=f"{_FEWEST} or more",
             )
-        store = DrawStore(work / f"{CHECKPOINT_STEM}.draws.npz", _fingerprint(configs, files, task))
+        file = work / f"{CHECKPOINT_STEM}.draws.npz"
+        store = DrawStore(file, _fingerprint(configs, files, task), tell)
         try:
             with campaign_workers(task, workers_asked(configs[0], jobs)) as run:
                 tell(

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from sassgis.io.read.config import settings_hash
-from sassgis.io.write.program import program_digest
 from sassgis.model.run_config import Config
 from sassgis.model.worker_process import end_with_parent
 from sassgis.runs.workers import Workers
@@ -51,12 +50,11 @@ def campaign_workers(problem: Any, jobs: int | Workers) -> Iterator[CampaignMap]
 
 
 def fingerprint_of(config: Config, observations: Path, options: str) -> str:
-    """Of settings, inputs, observations, program and options."""
+    """Of settings, inputs, observations and options."""
     digest = hashlib.sha256(settings_hash(config).encode())
     files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
     for file in files:
         if file.is_file():
             digest.update(file.name.encode() + file.read_bytes())
-    digest.update(program_digest().encode())
     digest.update(options.encode())
     return digest.hexdigest()

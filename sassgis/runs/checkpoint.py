@@ -1,13 +1,14 @@
 """The saved state of a run on the map, so that nothing computed is lost.
 
 The state is a folder ``checkpoint`` in the working folder of the result: ``state.npz`` with all
-sums, and numbered files of rows that have been handed on. It belongs to one fingerprint of settings
-and inputs; with any other it is ignored.
+sums and the digests of numbered files of rows that have been handed on. It belongs to one
+fingerprint of settings and inputs; with any other it is not used.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import MapSums
 from sassgis.hazard.progress import Progress, SourceTally, joined_lines, joined_rows
 from sassgis.hazard.source_sums import SourceSums
-from sassgis.io.saved_arrays import FINGERPRINT, read_saved, saved_or_refused, write_saved
+from sassgis.io.saved_arrays import read_saved, saved_or_refused, unfit, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.map_run import BlockRows, FallLines, MapRun
 from sassgis.model.results import ControlLine
@@ -42,23 +43,28 @@ class Checkpoint:
 
     def __init__(self, work: Path, fingerprint: str, part: str = "") -> None:
         self.folder = work / CHECKPOINT_STEM / part
-        self.fingerprint = fingerprint
+        self._fingerprint = f"{fingerprint} {part}"
         self._waiting: list[BlockRows] = []
-        self._parts = 0
+        self._digests: list[str] = []
 
-    def restore(self, run: MapRun) -> Progress | None:
-        """Progress of an earlier run with the same fingerprint, if there is one."""
+    def restore(self, run: MapRun, tell: Callable[[str], None]) -> Progress | None:
+        """Progress of an earlier run with the same fingerprint, if there is one that fits."""
         file = self.folder / "state.npz"
-        state = read_saved(file, self.fingerprint)
+        state = read_saved(file, self._fingerprint, tell)
         if state is None:
             return None
-        parts = int(state["parts"])
-        # A run with other settings may have begun to write its own.
-        if any(read_saved(self._part(i), self.fingerprint) is None for i in range(parts)):
-            return None
-        self._parts = parts
+        digests = state["parts"].tolist()
+        for i, digest in enumerate(digests):
+            if read_saved(self._part(i), self._fingerprint, tell, digest) is None:
+                return None
         n_rows, n_cols = run.grid.shape
-        return progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.control_lines))
+        try:
+            found = progress_from(state, n_rows * n_cols, tuple(g for g, _ in run.control_lines))
+        except (KeyError, IndexError, ValueError, TypeError):
+            tell(unfit(file, "it is not whole"))
+            return None
+        self._digests = digests
+        return found
 
     def hand_on(self, rows: BlockRows) -> None:
         """Take rows that are to be written to tables; they are saved with the next state."""
@@ -77,19 +83,15 @@ class Checkpoint:
             if self._waiting:
                 rows = joined_rows(self._waiting)
                 own = {f: getattr(rows, f) for f in _ROW_FIELDS}
-                write_saved(self._part(self._parts), {FINGERPRINT: self.fingerprint, **own})
+                part = self._part(len(self._digests))
+                self._digests.append(write_saved(part, own, self._fingerprint))
                 self._waiting = []
-                self._parts += 1
-            state: dict[str, NDArray[np.generic]] = {
-                FINGERPRINT: np.array(self.fingerprint),
-                "parts": np.array(self._parts),
-            }
-            state |= state_of(progress)
-            write_saved(self.folder / "state.npz", state)
+            state = state_of(progress) | {"parts": np.array(self._digests, np.str_)}
+            write_saved(self.folder / "state.npz", state, self._fingerprint)
 
     def rows(self) -> list[Path]:
         """Files of the rows that were handed on, in order."""
-        return [self._part(i) for i in range(self._parts)]
+        return [self._part(i) for i in range(len(self._digests))]
 
     def _part(self, number: int) -> Path:
         return self.folder / f"rows_{number:06d}.npz"
@@ -126,6 +128,9 @@ def progress_from(
     state: dict[str, Any], n_cells: int, control_lines: tuple[ControlLine, ...]
 ) -> Progress:
     """The progress of a run from its state, the cells of its grid and its stations and barriers."""
+    cells = [own for name, own in state.items() if name.endswith(("sums.cells", "cells.places"))]
+    if any(((own < 0) | (own >= n_cells)).any() for own in cells):
+        raise ValueError("cells outside of the grid")
     progress = Progress(
         int(state["chunks"]),
         MapSums.from_state(n_cells, _group(state, "sums")),

@@ -9,7 +9,6 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import sassgis
@@ -110,14 +109,15 @@ def _checked(version: str, work: Callable[[Any, Any], Any], common: Any, task: A
         return _Failure(error)
 
 
-@cache
 def _version() -> str:
     return f"{sassgis.__version__} ({program_digest()[:12]})"
 
 
 def _other_version(who: str, found: str, expected: str) -> InputError:
     return InputError(
-        f"{who} of the cluster has another version of sassgis", found=found, expected=expected
+        f"{who} of the cluster has another version of sassgis, or of a library it computes with",
+        found=found,
+        expected=expected,
     )
 
 

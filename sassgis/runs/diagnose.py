@@ -178,7 +178,7 @@ def diagnose(
             with campaign_workers(problem, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
                 made, wrong_ground, usual = best_base(
-                    problem, run, draws, on_progress, KeptDraws(work, fingerprint)
+                    problem, run, draws, on_progress, KeptDraws(work, fingerprint, tell)
                 )
                 tell("Calibrating the most probable hypotheses")
                 diagnosis = _diagnosis(made, wrong_ground, usual, frozen, weights, fingerprint)
@@ -247,7 +247,7 @@ def fingerprints_of(
 
     # No rock is left out: what is asked for are no scores.
     whole = replace(problem, part=np.full(problem.case.n_rocks, -1))
-    made = calibrated_base(whole, run, DRAWS, None, KeptDraws(None, ""))
+    made = calibrated_base(whole, run, DRAWS, None, KeptDraws(None, "", lambda _text: None))
     residuals = _residuals(made)
     case = problem.case
     return fingerprints(case, residuals, group=case.group), where(case, residuals, seed=seed)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sassgis.io.saved_arrays import FINGERPRINT, read_saved, write_saved
+from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.model.grid import FloatArray
 
 #: Seconds between two savings.
@@ -22,14 +22,15 @@ class DrawStore:
     Parameters
     ----------
     file : Path
-        In the working folder of the result. One of another fingerprint is not used.
+        In the working folder of the result. One that does not fit is not used, which is told.
     fingerprint : str
+    tell : callable
     """
 
-    def __init__(self, file: Path, fingerprint: str) -> None:
+    def __init__(self, file: Path, fingerprint: str, tell: Callable[[str], None]) -> None:
         self._file, self._fingerprint = file, fingerprint
         self._saved = time.monotonic()
-        known = read_saved(file, fingerprint) or {}
+        known = read_saved(file, fingerprint, tell) or {}
         rows = zip(*(known.get(k, ()) for k in ("numbers", "shares", "scores")), strict=True)
         self._made: dict[int, tuple[FloatArray, FloatArray]] = {int(n): (u, s) for n, u, s in rows}
 
@@ -57,10 +58,9 @@ class DrawStore:
             return
         numbers = sorted(self._made)
         arrays: dict[str, Any] = {
-            FINGERPRINT: self._fingerprint,
             "numbers": numbers,
             "shares": np.stack([self._made[n][0] for n in numbers]),
             "scores": np.stack([self._made[n][1] for n in numbers]),
         }
-        write_saved(self._file, arrays)
+        write_saved(self._file, arrays, self._fingerprint)
         self._saved = time.monotonic()

@@ -7,7 +7,7 @@ import json
 import math
 import os
 import secrets
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -32,6 +32,7 @@ from sassgis.gap.check.worlds import (
     world_seeds,
 )
 from sassgis.io.read.gap_thresholds import THRESHOLDS, frozen_digest, read_thresholds
+from sassgis.io.saved_arrays import read_saved_json, unfit, with_digest
 from sassgis.io.staging import alone, partial_folder, staged_output, writing
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, folder_digest
 from sassgis.io.write.program import program_digest
@@ -210,7 +211,7 @@ def check(
             _make(place, planned, jobs, step)
         if not place.answer_list.exists():
             tell("Diagnosing them, with blinded labels")
-            _answer(place, planned, jobs, diagnoser, step)
+            _answer(place, planned, jobs, diagnoser, step, tell)
             _write_text(place.answer_list, _answer_digests(place, planned))
         if not place.labels.exists():
             tell("Opening the labels")
@@ -326,10 +327,15 @@ def _all(tasks: Sequence[Task], jobs: int | Workers, step: OnProgress) -> dict[s
 
 
 def _answer(
-    place: _Place, planned: Sequence[_World], jobs: int | Workers, diagnoser: str, step: OnProgress
+    place: _Place,
+    planned: Sequence[_World],
+    jobs: int | Workers,
+    diagnoser: str,
+    step: OnProgress,
+    tell: Callable[[str], None],
 ) -> None:
     rocks = {w.case: w.spec.n_rocks for w in planned}
-    open_cases = [w.case for w in planned if not _is_answered(place, w.case)]
+    open_cases = [w.case for w in planned if not _is_answered(place, w.case, tell)]
     if place.labels.exists() and open_cases:
         raise InputError(
             "the labels have been opened, and answers are missing",
@@ -357,15 +363,30 @@ def _answer(
     with _processes(jobs, place.root) as perform:
         for outcome in perform(tasks):
             failure = outcome.failure or _unreadable(place, outcome.key)
-            record = {"failure": failure, "seconds": round(outcome.seconds, 2)}
-            _write_json(place.record(outcome.key), record)
+            record = {
+                "failure": failure,
+                "seconds": round(outcome.seconds, 2),
+                "answer_sha256": folder_digest(place.answer(outcome.key)),
+            }
+            made_of = _made_of(place.blinding, outcome.key)
+            _write_json(place.record(outcome.key), with_digest(record, made_of))
             done += 1
             seen += rocks[outcome.key]
             step(done, total, seen)
 
 
-def _is_answered(place: _Place, case: str) -> bool:
-    return place.record(case).exists()
+def _is_answered(place: _Place, case: str, tell: Callable[[str], None]) -> bool:
+    """Whether the answer is there as it was given."""
+    record = read_saved_json(place.record(case), _made_of(place.blinding, case), tell)
+    if record is None or record["answer_sha256"] == folder_digest(place.answer(case)):
+        return record is not None
+    tell(unfit(place.answer(case)))
+    return False
+
+
+def _made_of(file: Path, case: str) -> str:
+    """What an answer or a measurement belongs to: hashes of labels or answers, and the case."""
+    return f"{file.read_text(encoding='utf-8')} {case}"
 
 
 def _unreadable(place: _Place, case: str) -> str:
@@ -388,12 +409,11 @@ def _read_answer(place: _Place, case: str) -> Answer:
 def _answer_digests(place: _Place, planned: Sequence[_World]) -> str:
     lines = []
     for world in planned:
-        files = [place.record(world.case)]
-        if not _read_json(files[0])["failure"]:
-            files.append(place.answer(world.case) / "diagnosis.json")
-        for file in files:
-            digest = hashlib.sha256(file.read_bytes()).hexdigest()
-            lines.append(f"{digest}  {file.relative_to(place.root).as_posix()}")
+        record, answer = place.record(world.case), place.answer(world.case)
+        digests = {record: hashlib.sha256(record.read_bytes()).hexdigest()}
+        if not _read_json(record)["failure"]:
+            digests[answer] = folder_digest(answer)
+        lines += [f"{d}  {f.relative_to(place.root).as_posix()}" for f, d in digests.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -470,7 +490,7 @@ def _measure(
         if not answers[w.case].failure
         and (answers[w.case].shrinkage is not None or names_in(answers[w.case].effect))
     ]
-    left = [w for w in due if not place.measured(w.case).exists()]
+    left = [w for w in due if _read_measured(place, w.case, tell) is None]
     if not left:
         return
     tell(f"Measuring the shrinkage of {len(due)} sites on {FRESH_ROCKS} fresh rocks each")
@@ -493,7 +513,9 @@ def _measure(
                             f"fresh rocks of site {outcome.key} cannot be made: {outcome.failure}"
                         )
                 for outcome in measured(_measure_tasks(place, some, measurer)):
-                    _write_json(place.measured(outcome.key), _measured(outcome))
+                    made_of = _made_of(place.answer_list, outcome.key)
+                    found = with_digest(_measured(outcome), made_of)
+                    _write_json(place.measured(outcome.key), found)
                     done += 1
                     step(done, len(due), FRESH_ROCKS * done)
 
@@ -512,6 +534,10 @@ def _measure_tasks(place: _Place, some: Iterable[_World], measurer: str) -> list
         )
         for w in some
     ]
+
+
+def _read_measured(place: _Place, case: str, tell: Callable[[str], None]) -> dict[str, Any] | None:
+    return read_saved_json(place.measured(case), _made_of(place.answer_list, case), tell)
 
 
 def _measured(outcome: TaskOutcome) -> dict[str, Any]:
@@ -539,9 +565,7 @@ def _conclude(
     tell: Callable[[str], None],
 ) -> CheckResult:
     measured = {
-        w.case: _read_json(place.measured(w.case))
-        for w in planned
-        if place.measured(w.case).exists()
+        w.case: own for w in planned if (own := _read_measured(place, w.case, tell)) is not None
     }
     scores = score(truths, answers.values(), {case: m["S"] for case, m in measured.items()})
     rows = [
@@ -580,7 +604,7 @@ def _read_json(file: Path) -> dict[str, Any]:
     return content
 
 
-def _write_json(file: Path, content: dict[str, Any]) -> None:
+def _write_json(file: Path, content: Mapping[str, object]) -> None:
     _write_text(file, json.dumps(content, indent=1) + "\n")
 
 

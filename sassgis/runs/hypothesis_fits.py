@@ -36,7 +36,7 @@ from sassgis.gap.which.ensemble import (
 from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.hypotheses import NONE, Draw
 from sassgis.gap.which.verdict import CONTACT_LAW
-from sassgis.io.saved_arrays import FINGERPRINT, read_saved, write_saved
+from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.grid import FloatArray
 from sassgis.runs.campaign_workers import CampaignMap
@@ -66,10 +66,13 @@ class KeptDraws:
         Folder of the diagnosis; None: nothing is kept.
     fingerprint : str
         Of the settings.
+    tell : callable
+        Told of draws that do not fit.
     """
 
     work: Path | None
     fingerprint: str
+    tell: Callable[[str], None]
 
     def first_draws(
         self, problem: CalibrationProblem, effect: str, draws: int, run: CampaignMap
@@ -79,8 +82,8 @@ class KeptDraws:
             return list(run(_try, tasks_of([effect], draws)))
         file = self.work / f"{CHECKPOINT_STEM}.{effect}.{problem.case.ground_range:g}.npz"
         tasks = tasks_of([effect], draws)
-        known = read_saved(file, self.fingerprint)
-        if known is not None and len(known["rows"]) == len(tasks):
+        known = read_saved(file, self.fingerprint, self.tell)
+        if known is not None:
             # The draws follow from the seed; what takes time are their campaigns.
             again = (first_draw(problem, task, _ORDER) for task in tasks)
             return [
@@ -90,7 +93,7 @@ class KeptDraws:
         made = list(run(_try, tasks))
         rows = np.stack([t.rows for t in made])
         with writing(file):
-            write_saved(file, {FINGERPRINT: self.fingerprint, "rows": rows})
+            write_saved(file, {"rows": rows}, self.fingerprint)
         return made
 
 

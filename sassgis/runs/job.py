@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import sassgis
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.tolerance_check import ToleranceCheck
 from sassgis.hazard.warnings import simulation_warnings
@@ -131,7 +130,7 @@ def simulate_config(
     fingerprint = state_fingerprint(config, run, schedule)
     checkpoint = Checkpoint(work, fingerprint, part)
     began = time.perf_counter()
-    resumed = checkpoint.restore(run)
+    resumed = checkpoint.restore(run, tell)
     progress = resumed if resumed is not None else Progress.fresh(run)
     if resumed is not None:
         tell(f"Going on after {resumed.chunks} chunks of an interrupted run")
@@ -179,9 +178,8 @@ def _checked(
 
 
 def state_fingerprint(config: Config, job: MapRun, schedule: str = "") -> str:
-    """Of all that a saved state hangs on, down to the version and to what is kept for tables."""
+    """Of the settings and inputs that a saved state hangs on, down to what is kept for tables."""
     parts = [
-        sassgis.__version__,
         settings_hash(config),
         [a.name for a in job.areas],
         job.stop_points_max,

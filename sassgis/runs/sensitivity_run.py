@@ -137,9 +137,8 @@ def sensitivity(
         given = config.release.rocks_per_point
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, rocks_per_point=few, stop_points_max=0)
-        lab = _Lab(
-            config, replace(job, run=run), rules, work, workers_asked(config, jobs), on_progress
-        )
+        ready = replace(job, run=run)
+        lab = _Lab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
         done = _simulated(lab, known, samples, tell)
         tell("Writing maps, tables and report")
         warnings = (*job.notices, *_warnings(rules, config, done.ranges))
@@ -166,8 +165,9 @@ class _Lab:
         work: Path,
         jobs: int | Workers,
         on_progress: OnProgress | None,
+        tell: Callable[[str], None],
     ) -> None:
-        self.job, self.rules = job, rules
+        self.job, self.rules, self._tell = job, rules, tell
         self.total = 0
         self._folder = work / CHECKPOINT_STEM
         self._jobs = jobs
@@ -182,12 +182,14 @@ class _Lab:
         asked = [self._fingerprint, sorted([*k, v] for k, v in variant.values.items()), seed]
         digest = hashlib.sha256(json.dumps(asked).encode()).hexdigest()
         file = self._folder / f"{digest}.npz"
-        found = _restored(file)
-        if found is None:
+        arrays = read_saved(file, digest, self._tell)
+        if arrays is not None:
+            found = VariantFinding.from_arrays(arrays)
+        else:
             found = self._simulate(variant, seed)
             with writing(file):
                 file.parent.mkdir(parents=True, exist_ok=True)
-                write_saved(file, found.arrays())
+                write_saved(file, found.arrays(), digest)
         self._asked += 1
         self._blocks += found.blocks
         if self._step is not None:
@@ -215,11 +217,6 @@ class _Lab:
                 expected="release areas on slopes, on known terrain and not at its edge",
             )
         return finding_of(run, progress, self.rules)
-
-
-def _restored(file: Path) -> VariantFinding | None:
-    arrays = read_saved(file)
-    return None if arrays is None else VariantFinding.from_arrays(arrays)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.changed_arrays import change_arrays
 
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
@@ -19,6 +20,7 @@ from sassgis.gap.ladder.rungs import RockDistances
 from sassgis.gap.which.ensemble import model_rows, problem_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
+from sassgis.io.saved_arrays import unfit
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.model.settings import LateralDeflection
@@ -148,6 +150,29 @@ def test_processes_and_an_interruption_change_nothing(
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text()) == expected
     run(everything, tmp_path / "two", report=False, jobs=2)
     assert json.loads((tmp_path / "two" / "diagnosis.json").read_text()) == expected
+
+
+def test_first_draws_that_were_changed_are_made_again(everything: Path, tmp_path: Path) -> None:
+    problem = problem_of(read_case(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME), 1)
+    made: list[object] = []
+    said: list[str] = []
+    kept = hypothesis_fits.KeptDraws(tmp_path, "own", said.append)
+
+    def rows(effect: str) -> list[np.ndarray]:
+        made.clear()
+        found = kept.first_draws(
+            problem, effect, 2, lambda f, tasks: (made.append(t) or f(problem, t) for t in tasks)
+        )
+        return [one.rows for one in found]
+
+    drag, bare = rows("air_drag"), rows("none")
+    assert len(made) == 2 and np.array_equal(rows("air_drag"), drag) and not made and not said
+    file, other = (tmp_path / f"checkpoint.{effect}.1.npz" for effect in ("air_drag", "none"))
+    change_arrays(file, lambda arrays: arrays["rows"].__imul__(0.5))
+    assert np.array_equal(rows("air_drag"), drag) and len(made) == 2
+    shutil.copy(file, other)
+    assert np.array_equal(rows("none"), bare) and len(made) == 2
+    assert said == [unfit(file), unfit(other)]
 
 
 @pytest.mark.parametrize(

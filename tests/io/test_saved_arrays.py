@@ -1,34 +1,151 @@
-"""Saved arrays: whole, or taken for none."""
+"""Saved arrays: as they were saved, or taken for none."""
 
 from __future__ import annotations
 
+import json
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers.changed_arrays import Change, change_arrays
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sassgis.io.saved_arrays import FINGERPRINT, read_saved, write_saved
+from sassgis.io import saved_arrays
+from sassgis.io.saved_arrays import (
+    read_saved,
+    read_saved_json,
+    saved_or_refused,
+    with_digest,
+    write_saved,
+)
+from sassgis.io.write import program
+from sassgis.model.errors import InputError
 
-ARRAYS = {FINGERPRINT: "own", "sums": np.arange(12.0).reshape(3, 4), "names": np.array(["a", "bc"])}
+ROWS = np.array([(1, 0.5), (2, 1.5)], dtype=[("block", "i4"), ("energy_kj", "f8")])
+ARRAYS = {
+    "sums": np.arange(12.0).reshape(3, 4), "names": np.array(["a", "bc"]), "rows": ROWS,
+    "count": np.array(3), "none": np.empty((0, 2)),
+}  # fmt: skip
+
+
+def never(text: str) -> None:
+    raise AssertionError(text)
 
 
 @pytest.mark.parametrize("compressed", [False, True])
 def test_what_is_written_is_read(tmp_path: Path, compressed: bool) -> None:
     file = tmp_path / "state.npz"
-    write_saved(file, ARRAYS, compressed=compressed)
-    found = read_saved(file, "own")
+    digest = write_saved(file, ARRAYS, "own", compressed=compressed)
+    found = read_saved(file, "own", never, digest)
     assert found is not None and found.keys() == ARRAYS.keys()
-    assert np.array_equal(found["sums"], ARRAYS["sums"]) and found["names"].tolist() == ["a", "bc"]
+    assert all(np.array_equal(found[k], own) for k, own in ARRAYS.items())
     assert [f.name for f in tmp_path.iterdir()] == ["state.npz"]
-    assert read_saved(file, "another") is None
-    assert read_saved(tmp_path / "nothing.npz") is None
+    assert read_saved(tmp_path / "nothing.npz", "own", never) is None
+
+
+def scaled(arrays: dict[str, Any]) -> None:
+    arrays["sums"] *= 0.01
+
+
+CHANGES: dict[str, Change] = {
+    "scaled": scaled,
+    "one bit": lambda a: a["rows"]["block"].__setitem__(0, 0),
+    "short": lambda a: a.update(sums=a["sums"][:2]),
+    "shape": lambda a: a.update(sums=a["sums"].reshape(4, 3)),
+    "type": lambda a: a.update(sums=a["sums"].view("<i8")),
+    "missing": lambda a: a.pop("names"),
+    "more": lambda a: a.update(other=np.zeros(2)),
+    "names changed round": lambda a: a.update(sums=a["none"], none=a["sums"]),
+    "of others": lambda a: a.update(fingerprint=np.array("another")),
+    "no digest": lambda a: a.pop("digest"),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_what_was_changed_is_taken_for_none_and_said(tmp_path: Path, change: str) -> None:
+    file = tmp_path / "state.npz"
+    write_saved(file, ARRAYS, "own")
+    change_arrays(file, lambda _arrays: None)
+    assert read_saved(file, "own", never) is not None
+    change_arrays(file, CHANGES[change])
+    said: list[str] = []
+    assert read_saved(file, "own", said.append) is None
+    assert said == [f"Saved state {file} is taken for none: damaged, or changed since it was saved"]
+    with pytest.raises(InputError, match=r"state.npz: .*expected what was there"):
+        saved_or_refused(file, "what was there")
+
+
+def test_another_file_is_not_taken_for_this_one(tmp_path: Path) -> None:
+    """Neither one of another name, nor an older one of the same name."""
+    file = tmp_path / "rows_1.npz"
+    digest = write_saved(file, ARRAYS, "own")
+    shutil.copy(file, tmp_path / "rows_2.npz")
+    said: list[str] = []
+    assert read_saved(tmp_path / "rows_2.npz", "own", said.append) is None
+    write_saved(file, {"sums": np.zeros(2)}, "own")
+    assert read_saved(file, "own", said.append) is not None
+    assert read_saved(file, "own", said.append, digest) is None
+    file.unlink()
+    assert read_saved(file, "own", said.append, digest) is None
+    assert [line.split()[2] for line in said] == [str(tmp_path / "rows_2.npz"), *[str(file)] * 2]
+
+
+def test_other_settings_and_versions_are_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "state.npz"
+    write_saved(file, ARRAYS, "own")
+    said: list[str] = []
+    assert read_saved(file, "another", said.append) is None
+    monkeypatch.setattr(saved_arrays, "program_digest", lambda: "of other code")
+    assert read_saved(file, "own", said.append) is None
+    assert (
+        said == [f"Saved state {file} is taken for none: of other settings, inputs or versions"] * 2
+    )
+
+
+def test_a_library_that_computes_is_part_of_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, version = program.program_digest.__wrapped__(), program.version
+    assert program.program_digest.__wrapped__() == before
+    for library in ("numpy", "numba"):
+        monkeypatch.setattr(
+            program, "version", lambda n, own=library: version(n) + "x" * (n == own)
+        )
+        assert program.program_digest.__wrapped__() != before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda t: t.replace("1.5", "1.6"),
+        lambda t: t.replace('"digest"', '"other"'),
+        lambda t: t[:-3],
+        lambda t: "[]",
+        lambda t: "[" * 100_000,
+    ],
+    ids=["value", "no digest", "cut", "a list", "brackets"],
+)
+def test_json_that_was_changed_is_taken_for_none_and_said(
+    tmp_path: Path, change: Callable[[str], str]
+) -> None:
+    file, content = tmp_path / "area.json", {"rocks": 3, "runs": [1.5, None], "name": "ä"}
+    assert read_saved_json(file, "own", never) is None
+    file.write_text(json.dumps(with_digest(content, "own")))
+    assert read_saved_json(file, "own", never) == content
+    said: list[str] = []
+    assert read_saved_json(file, "another", said.append) is None
+    file.write_text(change(file.read_text()))
+    assert read_saved_json(file, "own", said.append) is None
+    assert len(said) == 2 and all(str(file) in line for line in said)
 
 
 def test_objects_are_not_unpickled(tmp_path: Path) -> None:
     np.savez(tmp_path / "state.npz", sums=np.array([{"a": 1}], dtype=object))
-    assert read_saved(tmp_path / "state.npz") is None
+    assert read_saved(tmp_path / "state.npz", "own", lambda _text: None) is None
 
 
 @given(place=st.floats(0.0, 1.0), bit=st.integers(0, 7), cut=st.booleans())
@@ -36,12 +153,12 @@ def test_damage_is_noticed(
     tmp_path_factory: pytest.TempPathFactory, place: float, bit: int, cut: bool
 ) -> None:
     file = tmp_path_factory.mktemp("damaged") / "state.npz"
-    write_saved(file, ARRAYS)
+    write_saved(file, ARRAYS, "own")
     content = bytearray(file.read_bytes())
     k = min(int(place * len(content)), len(content) - 1)
     content[k] ^= 1 << bit
     file.write_bytes(content[:k] if cut else content)
-    found = read_saved(file, "own")
+    found = read_saved(file, "own", lambda _text: None)
     if found is not None:
         # Some bits of the archive's own tables mean nothing.
         assert found.keys() == ARRAYS.keys()

@@ -17,6 +17,7 @@ from sassgis.gap.check.blinded_labels import blinding_hash, labels_text
 from sassgis.gap.check.worker_pool import Task, WorkerPool, in_own_process
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.io.read.gap_thresholds import read_thresholds
+from sassgis.io.saved_arrays import unfit
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs import gap_check
 from sassgis.runs.cluster import cluster
@@ -225,10 +226,38 @@ def test_a_knowing_diagnosis_scores_in_full_but_for_where_it_breaks(
     # The stub measures 0.015 on 30 fresh rocks.
     assert found["shrinkage_near"] == (1, 1)
     assert [p.name for p in (copy / "shrinkage").iterdir()] == ["002.json"]
-    measured = json.loads((copy / "shrinkage" / "002.json").read_text())
+    file = copy / "shrinkage" / "002.json"
+    text = file.read_text()
+    measured = json.loads(text)
+    measured.pop("digest")
     distances = {"D_configured": 2.0, "D_base": 1.0, "D_effect": 0.5, "D_floor": None}
     assert measured == {"failure": "", "S": 0.015, **distances}
     assert not (copy / "fresh").exists()
+    # A measurement that somebody betters is made again.
+    file.write_text(text.replace("0.015", "0.9"))
+    heard: list[str] = []
+    run(copy, thresholds, diagnoser="helpers.check_stubs:told", say=heard.append)
+    assert file.read_text() == text
+    assert [line for line in heard if "taken for none" in line] == [unfit(file)]
+
+
+def test_answers_that_were_changed_before_all_were_given_are_given_again(
+    copy: Path, thresholds: Path
+) -> None:
+    for name in ("answers.sha256", "blinded/labels.json"):
+        (copy / name).unlink()
+    answers = copy / "answers"
+    files = [answers / "001" / "diagnosis.json", answers / "002.json", answers / "003.json"]
+    before = [file.read_text() for file in files]
+    files[0].write_text(before[0].replace("none", "trees"))
+    files[1].write_text(before[1].replace('""', '"x"'))
+    files[2].write_text((answers / "004.json").read_text())
+    said: list[str] = []
+    run(copy, thresholds, say=said.append)
+    told = [line for line in said if "taken for none" in line]
+    assert told == [unfit(answers / "001"), unfit(files[1]), unfit(files[2])]
+    assert files[0].read_text() == before[0]
+    assert [json.loads(file.read_text())["failure"] for file in files[1:]] == ["", ""]
 
 
 def task(root: Path, stub: str) -> Task:

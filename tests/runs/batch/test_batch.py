@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import geopandas as gpd
 import numpy as np
@@ -12,12 +14,14 @@ import pandas as pd
 import pytest
 import rasterio
 import shapely
+from helpers.changed_arrays import change_arrays
 from helpers.cut_valley import GOOD, Stopped, Valley, write_vrt
 
 from sassgis.cli import main
 from sassgis.io.read.config import load_config
+from sassgis.io.saved_arrays import unfit
 from sassgis.model.errors import ConfigError, InputError, OutputError
-from sassgis.runs import batch_window
+from sassgis.runs import batch_outcomes, batch_window
 from sassgis.runs.batch import batch
 from sassgis.runs.batch_areas import find_areas
 from sassgis.runs.zone import zone
@@ -212,10 +216,66 @@ def test_nothing_is_run_again_or_replaced_unasked(
     before = [m.stat().st_mtime_ns for m in manifests]
     again = batch(valley.releases, done.folder, dem=valley.tiles)
     assert again.summary.equals(done.result.summary) and again.found is None
-    with pytest.raises(OutputError, match="made from other settings or inputs"):
+    with pytest.raises(OutputError, match="made from other settings, inputs or versions"):
         batch(valley.releases, done.folder, dem=valley.tiles, seed=7)
     assert [m.stat().st_mtime_ns for m in manifests] == before
     assert pd.read_csv(done.folder / "summary.csv")["status"][0] == "done"
+
+
+def scaled(folder: Path) -> None:
+    change_arrays(folder / "simulation.npz", lambda a: a["sums.energy_max"].__ifloordiv__(100))
+
+
+def fewer(folder: Path) -> None:
+    file = folder / "area.json"
+    record = json.loads(file.read_text())
+    file.write_text(
+        json.dumps(record | {"frequencies": dict.fromkeys(record["frequencies"], 1e-06)})
+    )
+
+
+def planted(folder: Path) -> None:
+    shutil.copy(folder / "simulation.npz", folder / "without_barriers.npz")
+    change_arrays(folder / "without_barriers.npz", lambda a: a["reasons"].__ifloordiv__(2))
+
+
+@pytest.mark.parametrize(
+    ("change", "file"),
+    [(scaled, "simulation.npz"), (fewer, "area.json"), (planted, "without_barriers.npz")],
+)
+def test_an_area_that_was_changed_is_refused_and_replaced_if_asked(
+    done: Stopped, valley: Valley, tmp_path: Path, change: Callable[[Path], None], file: str
+) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(done.folder, out)
+    own = out / "areas" / "mitte"
+    change(own)
+    said: list[str] = []
+    with pytest.raises(OutputError, match=rf"{own}: exists and .* or was changed; .*--overwrite"):
+        batch(valley.releases, out, dem=valley.tiles, jobs=1, say=said.append)
+    line = f"Saved state {own / file} is taken for none: damaged, or changed since it was saved"
+    assert said == [line]
+    batch(valley.releases, out, dem=valley.tiles, jobs=1, overwrite=True, say=said.append)
+    assert said.count(line) == 2 and "2 of 4 areas are there already" in said
+    assert {f.name: f.read_bytes() for f in own.glob("*.npz")} == {
+        f.name: f.read_bytes() for f in (done.folder / "areas" / "mitte").glob("*.npz")
+    }
+    assert (own / "area.json").read_bytes() == (
+        done.folder / "areas" / "mitte" / "area.json"
+    ).read_bytes()
+
+
+def test_what_areas_at_work_together_tell_of_saved_states_is_heard(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def run(_setting, _candidate, _folder, _jobs, _step, tell) -> None:
+        tell("Simulating")
+        tell(unfit(Path("state.npz")))
+
+    monkeypatch.setattr(batch_outcomes, "run_area", run)
+    common = batch_outcomes._Common(None, Path())
+    told = batch_outcomes._alone(common, SimpleNamespace(stem="a")).told
+    assert told == (unfit(Path("state.npz")),)
 
 
 def test_no_area_at_all_is_an_error(valley: Valley, tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
             done.folder / "mosaic", suffix
         )
     # Whole results serve for sums, but not the other way round.
-    with pytest.raises(OutputError, match="made from other settings or inputs"):
+    with pytest.raises(OutputError, match="made from other settings, inputs or versions"):
         batch(valley.releases, tmp_path / "out", dem=valley.tiles, jobs=1)
     batch(valley.releases, done.folder, dem=valley.tiles, jobs=1, mosaic_only=True)
 
@@ -154,7 +154,7 @@ def area(part: Part, reached: int) -> Reached:
         fingerprint="", area="a", west=0.0, north=0.0, n_rows=part.n_rows, n_cols=part.n_cols,
         repetitions=1, points=1, rocks=1, furthest_m=None, zones_m2={}, control_lines=(),
         objects=(), notices=(), sums_only=True, reached=reached,
-        counted=(0, 0, part.n_rows, part.n_cols), never_started=0, frequencies={},
+        counted=(0, 0, part.n_rows, part.n_cols), never_started=0, frequencies={}, sums={},
     )  # fmt: skip
     return Reached("a", record, Path(), part)
 

@@ -10,11 +10,13 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from helpers.changed_arrays import change_arrays
 
 from sassgis.cli.entry import cli
 from sassgis.gap.check.worlds import WorldSpec, make_world, observe, setup
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.staging import partial_folder
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs import calibrate as calibrate_module
@@ -77,8 +79,9 @@ def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, don
     assert set(errors[0]["crps"]) == {"before", "after", "left out"}
 
 
-def test_an_interruption_and_processes_change_nothing(
-    case: Path, done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("changed", [False, True], ids=["as it was", "scores changed"])
+def test_an_interruption_changes_nothing(
+    case: Path, done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changed: bool
 ) -> None:
     def stop(made: int, total: int, rocks: int) -> None:
         if made >= 20:
@@ -87,14 +90,19 @@ def test_an_interruption_and_processes_change_nothing(
     with pytest.raises(Interrupted):
         run(case, tmp_path / "out", on_progress=stop)
     assert not (tmp_path / "out").exists()
+    kept = partial_folder(tmp_path / "out") / "checkpoint.draws.npz"
+    if changed:
+        change_arrays(kept, lambda arrays: arrays["scores"].__imul__(0.5))
     made: list[int] = []
+    said: list[str] = []
     whole = calibrate_module.score_draw
     monkeypatch.setattr(
         calibrate_module, "score_draw", lambda task, one: made.append(one[0]) or whole(task, one)
     )
-    run(case, tmp_path / "out")
-    # What was made before is not made again.
-    assert min(made) == 21
+    run(case, tmp_path / "out", say=said.append)
+    # What was made before is not made again, unless somebody has changed it.
+    assert min(made) == (1 if changed else 21)
+    assert sum(str(kept) in text for text in said) == changed
     monkeypatch.undo()
     assert contents(tmp_path / "out") == contents(done)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gc
 import os
+import shutil
 import signal
 import threading
 import warnings
@@ -13,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.changed_arrays import Change, arrays_of, change_arrays
 
 from sassgis.io.read.config import load_config
+from sassgis.io.saved_arrays import write_saved
 from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted, OutputError
 from sassgis.runs import job as job_module
@@ -87,10 +90,12 @@ def test_a_state_of_other_settings_is_ignored(small, interrupted: Path, change) 
     config = load_config(small.config, {**TABLES, **change})
     job = job_module.read_map_run(config)
     fingerprint = job_module.state_fingerprint(config, job)
-    assert Checkpoint(checkpoint.parent, fingerprint).restore(job) is None
+    said: list[str] = []
+    assert Checkpoint(checkpoint.parent, fingerprint).restore(job, said.append) is None
+    assert len(said) == 1 and "state.npz is taken for none: of other settings" in said[0]
     same = load_config(small.config, TABLES)
     own = Checkpoint(checkpoint.parent, job_module.state_fingerprint(same, small.result.run))
-    assert own.restore(small.result.run) is not None
+    assert own.restore(small.result.run, said.append) is not None and len(said) == 1
 
 
 def test_a_state_of_other_areas_is_ignored(small, interrupted: Path) -> None:
@@ -112,8 +117,109 @@ def test_a_damaged_state_is_ignored(small, interrupted: Path, harm: str) -> None
     with warnings.catch_warnings():
         # What it opens it closes.
         warnings.simplefilter("error", ResourceWarning)
-        assert Checkpoint(folder.parent, fingerprint).restore(small.result.run) is None
+        own = Checkpoint(folder.parent, fingerprint)
+        assert own.restore(small.result.run, lambda _text: None) is None
         gc.collect()
+
+
+def scaled_energy(state: dict[str, np.ndarray]) -> None:
+    assert state["sums.energy_max"].max() > 0.0
+    state["sums.energy_max"] *= 0.01
+
+
+def test_a_changed_state_is_not_used_and_the_run_says_so(
+    small, interrupted: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    state = partial_folder(interrupted) / "checkpoint" / "state.npz"
+    change_arrays(state, scaled_energy)
+    said: list[str] = []
+    config = load_config(small.config, TABLES)
+    assert firsts(config, interrupted, jobs=1, say=said.append)[0] == 1
+    assert [text for text in said if str(state) in text] == [
+        f"Saved state {state} is taken for none: damaged, or changed since it was saved"
+    ]
+    assert not any("Going on" in text for text in said)
+    mine, theirs = ((f / "manifest.json").read_bytes() for f in (interrupted, small.folder))
+    assert mine == theirs
+
+
+@pytest.fixture
+def saved(small, tmp_path: Path) -> tuple[Checkpoint, list[str]]:
+    """The state of a whole run with two files of rows, and what is said when it is restored."""
+    own = Checkpoint(tmp_path, "own")
+    for rows in small.result.progress.stops[:2]:
+        own.hand_on(rows)
+        own.save(small.result.progress)
+    assert len(own.rows()) == 2
+    return own, []
+
+
+CHANGES: dict[str, Change] = {
+    "scaled energy": scaled_energy,
+    "a cell that there is not": lambda s: s["sums.cells"].__setitem__(0, 10**9),
+    "a short array": lambda s: s.update({"sums.reach": s["sums.reach"][:-1]}),
+    "a missing array": lambda s: s.pop("sums.reach"),
+    "fewer files of rows": lambda s: s.update(parts=s["parts"][:1]),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_any_change_of_a_state_is_noticed(small, saved, tmp_path: Path, change: str) -> None:
+    _, said = saved
+    state = tmp_path / "checkpoint" / "state.npz"
+    assert Checkpoint(tmp_path, "own").restore(small.result.run, said.append) and not said
+    change_arrays(state, CHANGES[change])
+    assert Checkpoint(tmp_path, "own").restore(small.result.run, said.append) is None
+    assert len(said) == 1 and str(state) in said[0]
+
+
+def test_rows_and_state_of_different_moments_are_noticed(small, saved, tmp_path: Path) -> None:
+    """Each file is as it was saved; they are not of the same attempt."""
+    (older, said), run = saved, small.result.run
+    progress = small.result.progress
+    state, rows = tmp_path / "checkpoint" / "state.npz", older.rows()
+    kept = {f: f.read_bytes() for f in (state, *rows)}
+
+    # The order of rows.
+    rows[0].write_bytes(kept[rows[1]])
+    assert Checkpoint(tmp_path, "own").restore(run, said.append) is None
+    # Another attempt, whose first file holds more.
+    newer = Checkpoint(tmp_path, "own")
+    for more in progress.stops:
+        newer.hand_on(more)
+    newer.save(progress)
+    for file in (state, rows[0]):
+        made = file.read_bytes()
+        file.write_bytes(kept[file])
+        assert Checkpoint(tmp_path, "own").restore(run, said.append) is None
+        file.write_bytes(made)
+    assert [text.split()[2] for text in said] == [str(rows[0])] * 3
+    assert Checkpoint(tmp_path, "own").restore(run, said.append) is not None
+    # That of another simulation for the same result.
+    shutil.copytree(tmp_path / "checkpoint", tmp_path / "checkpoint" / "other")
+    assert Checkpoint(tmp_path, "own", "other").restore(run, said.append) is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s: s.pop("reasons"),
+        lambda s: s.update({"sums.reach": s["sums.reach"][:-1]}),
+        lambda s: s["sums.cells"].__setitem__(0, 10**9),
+        lambda s: s["sums.cells"].__setitem__(0, -1),
+    ],
+    ids=["missing", "short", "beyond", "before"],
+)
+def test_a_state_that_is_not_whole_though_it_fits_is_not_used(
+    small, saved, tmp_path: Path, change: Change
+) -> None:
+    _, said = saved
+    file = tmp_path / "checkpoint" / "state.npz"
+    state = arrays_of(file)
+    change(state)
+    write_saved(file, {k: state[k] for k in state.keys() - {"digest", "fingerprint"}}, "own ")
+    assert Checkpoint(tmp_path, "own").restore(small.result.run, said.append) is None
+    assert said == [f"Saved state {file} is taken for none: it is not whole"]
 
 
 def test_results_that_cannot_be_written_leave_the_state(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,8 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 import rasterio
+from helpers.changed_arrays import change_arrays
 
 from sassgis.io.read.config import load_config
+from sassgis.io.staging import partial_folder
 from sassgis.model.errors import Interrupted
 from sassgis.model.ground_ranges import RANGED
 from sassgis.model.run_config import Config
@@ -90,13 +93,20 @@ def test_an_interrupted_one_goes_on_and_is_the_same(
     with pytest.raises(Interrupted):
         sensitivity(config, tmp_path / "out", ranges=eta_only, on_progress=stop, **OPTIONS)
     assert not (tmp_path / "out").exists()
-    simulated = []
+    files = sorted((partial_folder(tmp_path / "out") / "checkpoint").iterdir())
+    assert len(files) == 4
+    change_arrays(files[0], lambda arrays: arrays["line_share"].__imul__(0.5))
+    shutil.copy(files[1], files[2])
+    simulated, said = [], []
     simulate = module.simulate_map
     monkeypatch.setattr(
         module, "simulate_map", lambda *a, **k: simulated.append(1) or simulate(*a, **k)
     )
-    sensitivity(config, tmp_path / "out", ranges=eta_only, **{**OPTIONS, "jobs": 2})
-    assert len(simulated) == 4
+    again = {**OPTIONS, "jobs": 2, "say": said.append}
+    sensitivity(config, tmp_path / "out", ranges=eta_only, **again)
+    # One was changed, one put in the place of another: both are simulated again.
+    assert len(simulated) == 4 + 2
+    assert [sum(str(file) in text for text in said) for file in files] == [1, 0, 1, 0]
     mine, theirs = ((f / "manifest.json").read_bytes() for f in (tmp_path / "out", small.folder))
     assert mine == theirs
     assert not (tmp_path / "out" / "checkpoint").exists()
