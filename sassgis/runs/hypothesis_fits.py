@@ -39,7 +39,7 @@ from sassgis.gap.which.verdict import CONTACT_LAW
 from sassgis.io.saved_arrays import FINGERPRINT, read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.grid import FloatArray
-from sassgis.runs.campaign_workers import CampaignMap
+from sassgis.runs.workers import TaskMap
 
 #: Draws of each hypothesis in the first round, and of the base.
 DRAWS, BASE_DRAWS = 40, 80
@@ -72,7 +72,7 @@ class KeptDraws:
     fingerprint: str
 
     def first_draws(
-        self, problem: CalibrationProblem, effect: str, draws: int, run: CampaignMap
+        self, problem: CalibrationProblem, effect: str, draws: int, run: TaskMap
     ) -> list[Tried]:
         """Draws of an effect, made now or before."""
         if self.work is None:
@@ -119,7 +119,7 @@ class HypothesisFits:
         self,
         problem: CalibrationProblem,
         ensemble: Ensemble,
-        run: CampaignMap,
+        run: TaskMap,
         on_progress: OnProgress | None,
         draws: int,
         kept: KeptDraws,
@@ -173,7 +173,7 @@ class HypothesisFits:
 
 def calibrated_base(
     problem: CalibrationProblem,
-    run: CampaignMap,
+    run: TaskMap,
     draws: int,
     on_progress: OnProgress | None,
     kept: KeptDraws,
@@ -191,7 +191,7 @@ def calibrated_base(
 
 def best_base(
     problem: CalibrationProblem,
-    run: CampaignMap,
+    run: TaskMap,
     draws: int,
     on_progress: OnProgress | None,
     kept: KeptDraws,
