@@ -24,7 +24,7 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
-from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool, in_own_process
+from sassgis.gap.check.sandbox import Task, TaskOutcome, perform
 from sassgis.gap.check.worlds import (
     WorldSpec,
     battery,
@@ -38,7 +38,7 @@ from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, fold
 from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
-from sassgis.runs.workers import Jobs, Workers
+from sassgis.runs.workers import Jobs, Processes, Workers
 
 WORLDS = 150
 #: Seed of the battery, if none is given.
@@ -305,22 +305,30 @@ def _make(place: _Place, planned: Sequence[_World], jobs: int | Workers, step: O
 def _processes(
     jobs: int | Workers, sandboxed: Path | None = None
 ) -> Iterator[Callable[[Iterable[Task]], Iterator[TaskOutcome]]]:
-    """What gives outcomes of tasks: processes of this machine or of a cluster (``WorkerPool``)."""
+    """What gives outcomes of tasks, in processes that see no more than they must."""
     if isinstance(jobs, int):
-        with WorkerPool(jobs, sandboxed) as pool:
-            yield pool.run
+        # No more than are worked on: an outcome is written down when it is its turn.
+        with Processes(jobs, ahead=1) as own:
+            yield partial(own.in_order, perform, sandboxed)
     else:
         yield partial(jobs.in_order, in_own_process, sandboxed)
+
+
+def in_own_process(sandboxed: Path | None, task: Task) -> TaskOutcome:
+    """Outcome of a task, in a process that is there for it alone."""
+    with Processes(1) as own:
+        outcome: TaskOutcome = next(own.in_order(perform, sandboxed, [task]))
+    return outcome
 
 
 def _all(tasks: Sequence[Task], jobs: int | Workers, step: OnProgress) -> dict[str, Any]:
     """Values of tasks that must not fail."""
     values: dict[str, Any] = {}
-    with _processes(jobs) as perform:
-        for outcome in perform(tasks):
+    with _processes(jobs) as each:
+        for outcome in each(tasks):
             if outcome.failure:
-                raise OutputError(f"site {outcome.key} cannot be made: {outcome.failure}")
-            values[outcome.key] = outcome.value
+                raise OutputError(f"site {outcome.name} cannot be made: {outcome.failure}")
+            values[outcome.name] = outcome.value
             step(len(values), len(tasks), 0)
     return values
 
@@ -354,13 +362,13 @@ def _answer(
         )
         for case in open_cases
     ]
-    with _processes(jobs, place.root) as perform:
-        for outcome in perform(tasks):
-            failure = outcome.failure or _unreadable(place, outcome.key)
+    with _processes(jobs, place.root) as each:
+        for outcome in each(tasks):
+            failure = outcome.failure or _unreadable(place, outcome.name)
             record = {"failure": failure, "seconds": round(outcome.seconds, 2)}
-            _write_json(place.record(outcome.key), record)
+            _write_json(place.record(outcome.name), record)
             done += 1
-            seen += rocks[outcome.key]
+            seen += rocks[outcome.name]
             step(done, total, seen)
 
 
@@ -489,11 +497,11 @@ def _measure(
             for outcome in made(fresh):
                 if outcome.failure:
                     raise OutputError(
-                        f"fresh rocks of site {outcome.key} cannot be made: {outcome.failure}"
+                        f"fresh rocks of site {outcome.name} cannot be made: {outcome.failure}"
                     )
             for outcome in measured(_measure_tasks(place, some, measurer)):
-                _write_json(place.measured(outcome.key), _measured(outcome))
-                shutil.rmtree(place.fresh(outcome.key), ignore_errors=True)
+                _write_json(place.measured(outcome.name), _measured(outcome))
+                shutil.rmtree(place.fresh(outcome.name), ignore_errors=True)
                 done += 1
                 step(done, len(due), FRESH_ROCKS * done)
     shutil.rmtree(place.root / "fresh", ignore_errors=True)

@@ -11,7 +11,7 @@ import threading
 import traceback
 from contextlib import suppress
 from queue import SimpleQueue
-from subprocess import PIPE, Popen
+from subprocess import PIPE, Popen, TimeoutExpired
 from typing import IO, Any
 
 #: Libraries that would each start threads of their own.
@@ -23,7 +23,10 @@ _THREADS = (
     "VECLIB_MAXIMUM_THREADS",
     "GDAL_NUM_THREADS",
 )
+#: Bytes of the length of a message.
 _LENGTH = 8
+#: Seconds that a process may take to end after it has closed its pipes.
+_ENDING_S = 10.0
 
 
 class WorkerLost(Exception):
@@ -70,6 +73,9 @@ class WorkerProcess:
             self._holds = common
             answer = _received(self._popen.stdout)
         except (OSError, EOFError):
+            # A process closes its pipes a little before it has ended, and its exit code is known.
+            with suppress(TimeoutExpired):
+                self._popen.wait(_ENDING_S)
             self.kill()
             raise WorkerLost(self.ended()) from None
         result, error = pickle.loads(answer)

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 
-from sassgis.runs.campaign_workers import campaign_workers
+from sassgis.runs.workers import task_map
 
 
 def sleep(_problem: object, seconds: float) -> None:
@@ -24,5 +24,5 @@ if __name__ == "__main__":
     from helpers.sleeping_workers import sleep as task
 
     threading.Thread(target=told).start()
-    with campaign_workers(None, 2) as run:
+    with task_map(None, 2) as run:
         list(run(task, [float(sys.argv[1])] * 16))
