@@ -131,7 +131,8 @@ def serve() -> None:
     while True:
         if packed := came.get():
             common = pickle.loads(packed)
-        _send(answers, _answer(common, came.get()))
+        answer = _answer(common, came.get())
+        _send(answers, answer)
 
 
 def _listen(calls: IO[bytes], came: SimpleQueue[bytes]) -> None:

@@ -141,6 +141,7 @@ class Processes:
                 process = self._idle.pop()
                 if process.runs():
                     return process
+                process.ended()
                 self._all.remove(process)
             try:
                 self._all.add(process := WorkerProcess())
