@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -173,11 +174,11 @@ def test_what_is_common_is_sent_once_to_each_process(monkeypatch: pytest.MonkeyP
     assert [bool(message) for message in sent[::2]] == [True, *[False] * 5, True]
 
 
-def program(repository: Path, *words: str, **options: object) -> Popen[str]:
+def program(repository: Path) -> Popen[str]:
     path = os.pathsep.join([str(repository / "tests"), *filter(None, sys.path)])
     return Popen(
-        [sys.executable, "-m", "helpers.sleeping_workers", *words],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        [sys.executable, "-m", "helpers.sleeping_workers"],
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
         env={**os.environ, "PYTHONPATH": path},
         # A shell without a terminal starts what it puts in the background deaf to the interrupt.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
@@ -209,10 +210,23 @@ def test_workers_end_with_the_program(repository: Path, number: signal.Signals, 
             parent.kill()
 
 
-def test_ctrl_c_while_processes_start_is_for_the_program_alone(repository: Path) -> None:
-    with program(repository, "starting") as parent:
-        _, said = parent.communicate(timeout=120.0)
-    assert said.count("KeyboardInterrupt") == said.count("Traceback") == 1, said
+def test_ctrl_c_is_kept_from_processes_from_their_first_moment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It reaches all processes of a terminal, and would show a traceback of each."""
+    blocked: list[int] = []
+
+    def start(*arguments: object, **options: object) -> Popen[bytes]:
+        process = Popen(*arguments, **options)  # type: ignore[call-overload]
+        status = Path(f"/proc/{process.pid}/status").read_text()
+        (mask,) = re.findall(r"(?m)^SigBlk:\s*(\w+)$", status)
+        blocked.append(int(mask, 16) >> (signal.SIGINT - 1) & 1)
+        return process
+
+    monkeypatch.setattr(worker_process, "Popen", start)
+    with Processes(2) as pool:
+        list(pool.in_order(number, None, range(20)))
+    assert set(blocked) == {1}
 
 
 #: Modules that Python looks for as a process of it starts, or that workers load.
