@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import signal
 import sys
+import threading
 import traceback
 from typing import Any
 
@@ -92,6 +94,9 @@ def main(arguments: list[str] | None = None) -> None:
         logging.getLogger(chatty).setLevel(logging.WARNING)
     if not debug:
         logging.getLogger("sassgis.model.jit").setLevel(logging.WARNING)
+    if threading.current_thread() is threading.main_thread():
+        # What a queue or a container sends before it kills: the state is saved, workers are ended.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code: Any = cli.main(
             args=[a for a in given if a != "--debug"], prog_name="sassgis", standalone_mode=False

@@ -33,8 +33,8 @@ _Command = TypeVar("_Command", bound=Callable[..., object])
 
 
 def cluster_options(command: _Command) -> _Command:
-    """Options of commands that processes of a dask cluster can work on."""
-    own = click.option("--workers", type=click.IntRange(1), help="Dask processes of this machine.")
+    """Options of commands that processes in place of threads, or a dask cluster, can work on."""
+    own = click.option("--workers", type=click.IntRange(1), help="Processes of this machine.")
     other = click.option("--scheduler", metavar="ADDRESS", help="Dask cluster: tcp://node:8786.")
     return other(own(command))
 
@@ -52,10 +52,15 @@ def who_works(jobs: int | None, scheduler: str | None, workers: int | None) -> I
     """
     if sum(asked is not None for asked in (jobs, scheduler, workers)) > 1:
         raise click.UsageError("give one of --jobs, --scheduler and --workers")
-    if scheduler is None and workers is None:
-        yield jobs
-        return
-    from sassgis.runs.cluster import cluster
+    if workers is not None:
+        from sassgis.runs.workers import Processes
 
-    with cluster(scheduler, workers) as own:
-        yield own
+        with Processes(workers, ahead=3) as own:
+            yield own
+    elif scheduler is not None:
+        from sassgis.runs.cluster import cluster
+
+        with cluster(scheduler) as other:
+            yield other
+    else:
+        yield jobs

@@ -7,8 +7,7 @@ mosaic as a whole, to the last bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,6 +23,7 @@ from sassgis.hazard.progress import Progress, SourceTally
 from sassgis.hazard.source_sums import SourceSums
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.io.read.tiles import Part, Terrain
+from sassgis.io.staging import writing
 from sassgis.io.write.block_maps import TILE, BlockMaps, Unfinished, finish_map
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.maps import map_layers
@@ -36,7 +36,7 @@ from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUMS, Bins
 from sassgis.runs.batch_state import Record, add_cells, add_objects, read_state
 from sassgis.runs.checkpoint import progress_from
-from sassgis.runs.workers import Processes
+from sassgis.runs.workers import task_map
 
 #: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
 BASE, _PER_CELL = 800 << 20, 600
@@ -177,17 +177,19 @@ def write_blocks(
     hazard: set[str] = set()
     with (
         BlockMaps(terrain.frame(place), maps) as files,
-        closing(_each(_maps_of, task, blocks, cores)) as made,
+        # Few results wait, as they are large.
+        task_map(task, min(cores, len(blocks)), ahead=1) as each,
     ):
-        for i, ((block, own), found) in enumerate(zip(blocks, made, strict=True), start=1):
+        made = zip(blocks, each(_maps_of, blocks), strict=True)
+        for i, ((block, own), found) in enumerate(made, start=1):
             tell(f"Block {i} of {len(blocks)} of the mosaic: {len(own)} areas")
             hazard |= {layer.stem for layer in found.hazard}
             for layer in (found.terrain, *found.hazard, *found.blocks):
                 files.write(layer, block.row - place.row, block.col - place.col)
     tell("Writing the overviews of the maps")
-    with closing(_each(_finish, None, files.unfinished, cores)) as finished:
-        for _ in finished:
-            pass
+    with task_map(None, cores) as each, writing(maps):
+        for unfinished, _ in zip(files.unfinished, each(_finish, files.unfinished), strict=True):
+            unfinished.between.unlink()
     layers = [u.layer for u in files.unfinished]
     stem = found.terrain.stem
     return Maps(
@@ -195,16 +197,6 @@ def write_blocks(
         [m for m in layers if m.stem not in {*hazard, stem}],
         next(m for m in layers if m.stem == stem),
     )
-
-
-def _each(
-    work: Callable[[Any, Any], Any], common: Any, tasks: Sequence[Any], cores: int
-) -> Generator[Any, None, None]:
-    """Results in the order of the tasks; few wait, as they are large."""
-    if cores > 1 and len(tasks) > 1:
-        yield from Processes(cores, ahead=1).in_order(work, common, tasks)
-    else:
-        yield from (work(common, task) for task in tasks)
 
 
 def _finish(_: None, unfinished: Unfinished) -> None:

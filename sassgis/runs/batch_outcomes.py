@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from sassgis.runs.batch_area import AREAS_NAME, Setting, run_area
 from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_state import Record
 from sassgis.runs.job import OnProgress, workers_asked
-from sassgis.runs.workers import Jobs, Processes
+from sassgis.runs.workers import Jobs, task_map
 
 log = logging.getLogger(__name__)
 
@@ -83,8 +82,8 @@ def outcomes(
         return
     tell(f"Running {n} areas, {at_once} at a time")
     rocks = 0
-    with closing(Processes(at_once).in_order(_alone, common, candidates)) as found:
-        for i, outcome in enumerate(found, start=1):
+    with task_map(common, at_once) as each:
+        for i, outcome in enumerate(each(_alone, candidates), start=1):
             for text in outcome.told:
                 tell(text)
             rocks += 0 if outcome.record is None else outcome.record.rocks

@@ -7,7 +7,6 @@ not feel each other: each group is drawn by itself, and the zones are those of t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +20,7 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.batch_blocks import Reached, added_up, bytes_needed
-from sassgis.runs.workers import Processes
+from sassgis.runs.workers import task_map
 from sassgis.runs.zone import compares_barriers
 
 #: Layers of a group that make sense for all of them together.
@@ -86,10 +85,8 @@ def zones_by_group(
     largest = max((n for n in need if n <= memory_bytes), default=1)
     at_once = max(1, min(jobs, memory_bytes // largest - 1))
     tell(f"Drawing the zones of {len(fits)} groups of areas")
-    if at_once == 1 or len(fits) < 2 * at_once:
-        return [_zones(task, own) for own in fits], said
-    with closing(Processes(at_once).in_order(_zones, task, fits)) as drawn:
-        return list(drawn), said
+    with task_map(task, at_once if len(fits) >= 2 * at_once else 1) as each:
+        return list(each(_zones, fits)), said
 
 
 def _box(task: ZoneTask, areas: Sequence[Reached]) -> Part:

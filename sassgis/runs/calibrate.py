@@ -31,11 +31,10 @@ from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
-from sassgis.runs.campaign_workers import CampaignMap, campaign_workers, fingerprint_of
 from sassgis.runs.draw_store import DrawStore
-from sassgis.runs.gap_case import read_case_and_run
+from sassgis.runs.gap_case import fingerprint_of, read_case_and_run
 from sassgis.runs.job import workers_asked
-from sassgis.runs.workers import Jobs
+from sassgis.runs.workers import Jobs, TaskMap, task_map
 
 #: With fewer rocks nothing can be said of their scatter.
 _FEWEST = 3
@@ -110,7 +109,7 @@ def calibrate(
         file = work / f"{CHECKPOINT_STEM}.draws.npz"
         store = DrawStore(file, _fingerprint(configs, files, task), tell)
         try:
-            with campaign_workers(task, workers_asked(configs[0], jobs)) as run:
+            with task_map(task, workers_asked(configs[0], jobs)) as run:
                 tell(
                     f"Calibrating {len(task.parameters)} parameters of {', '.join(chosen)} on "
                     f"{task.n_rocks} rocks"
@@ -137,7 +136,7 @@ class _Counted:
         self,
         task: CalibrationTask,
         store: DrawStore,
-        run: CampaignMap,
+        run: TaskMap,
         total: int,
         on_progress: OnProgress | None,
     ) -> None:

@@ -1,4 +1,4 @@
-"""Processes of a dask cluster, on this machine or on many."""
+"""Processes of a dask cluster, on many machines."""
 
 from __future__ import annotations
 
@@ -144,15 +144,13 @@ def _cluster_errors() -> Iterator[None]:
 
 
 @contextmanager
-def cluster(scheduler: str | None = None, processes: int | None = None) -> Iterator[Cluster]:
-    """Workers on the cluster of a scheduler, or on one of this machine.
+def cluster(scheduler: str) -> Iterator[Cluster]:
+    """Workers on the cluster of a scheduler.
 
     Parameters
     ----------
-    scheduler : str, optional
+    scheduler : str
         Address of a dask scheduler, such as "tcp://node:8786".
-    processes : int, optional
-        Without a scheduler: processes of this machine, each with one thread.
 
     Raises
     ------
@@ -160,23 +158,13 @@ def cluster(scheduler: str | None = None, processes: int | None = None) -> Itera
         If dask is not installed, nobody answers, or a worker has another version of the program.
     """
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError:
         raise InputError(
             "needs dask",
-            field="--workers" if scheduler is None else "--scheduler",
+            field="--scheduler",
             expected="pip install 'sassgis[cluster]'",
         ) from None
-    if scheduler is None:
-        with (
-            LocalCluster(
-                n_workers=processes, threads_per_worker=1, processes=True,
-                dashboard_address=":0", silence_logs=50,
-            ) as own,
-            Client(own) as client,
-        ):  # fmt: skip
-            yield Cluster(client)
-        return
     try:
         client = Client(scheduler, timeout=_CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:

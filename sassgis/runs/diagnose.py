@@ -72,9 +72,8 @@ from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
 from sassgis.model.run_config import Config
-from sassgis.runs.campaign_workers import campaign_workers, fingerprint_of
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
-from sassgis.runs.gap_case import read_case
+from sassgis.runs.gap_case import fingerprint_of, read_case
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.hypothesis_fits import (
     DRAWS,
@@ -85,7 +84,7 @@ from sassgis.runs.hypothesis_fits import (
     calibrated_base,
 )
 from sassgis.runs.job import workers_asked
-from sassgis.runs.workers import Jobs
+from sassgis.runs.workers import Jobs, task_map
 
 #: Folder of the result in which the maps before and after are put, where they are wanted.
 MAP_NAME = "map"
@@ -175,7 +174,7 @@ def diagnose(
             settings, Path(observations), f"{seed} {draws} {ground_range:g}"
         )
         try:
-            with campaign_workers(problem, workers_asked(settings, jobs)) as run:
+            with task_map(problem, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
                 made, wrong_ground, usual = best_base(
                     problem, run, draws, on_progress, KeptDraws(work, fingerprint, tell)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from sassgis.gap.observations.projection import (
     project_observations,
     station_chainages,
 )
+from sassgis.io.read.config import settings_hash
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
@@ -57,6 +59,17 @@ def read_case_and_run(config: Config | str | Path, observations: str | Path) -> 
     run = read_map_run(configured(config, None))
     read = read_observations(Path(observations), run.grid)
     return case_of(run, read, Path(observations)), run
+
+
+def fingerprint_of(config: Config, observations: Path, options: str) -> str:
+    """Of settings, inputs, observations and options."""
+    digest = hashlib.sha256(settings_hash(config).encode())
+    files = sorted(observations.iterdir()) if observations.is_dir() else [observations]
+    for file in files:
+        if file.is_file():
+            digest.update(file.name.encode() + file.read_bytes())
+    digest.update(options.encode())
+    return digest.hexdigest()
 
 
 def case_of(run: MapRun, observations: Observations, file: Path) -> Case:

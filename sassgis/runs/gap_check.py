@@ -23,7 +23,7 @@ from sassgis.gap.check.check_scores import (
     names_in,
     score,
 )
-from sassgis.gap.check.worker_pool import Task, TaskOutcome, WorkerPool, in_own_process
+from sassgis.gap.check.sandbox import Task, TaskOutcome, perform
 from sassgis.gap.check.worlds import (
     WorldSpec,
     battery,
@@ -38,7 +38,7 @@ from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, fold
 from sassgis.io.write.program import program_digest
 from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.report.gap_check_report import CheckRecord, WorldRow, write_check
-from sassgis.runs.workers import Jobs, Workers
+from sassgis.runs.workers import Jobs, Processes, Workers
 
 WORLDS = 150
 #: Seed of the battery, if none is given.
@@ -306,22 +306,30 @@ def _make(place: _Place, planned: Sequence[_World], jobs: int | Workers, step: O
 def _processes(
     jobs: int | Workers, sandboxed: Path | None = None
 ) -> Iterator[Callable[[Iterable[Task]], Iterator[TaskOutcome]]]:
-    """What gives outcomes of tasks: processes of this machine or of a cluster (``WorkerPool``)."""
+    """What gives outcomes of tasks, in processes that see no more than they must."""
     if isinstance(jobs, int):
-        with WorkerPool(jobs, sandboxed) as pool:
-            yield pool.run
+        # No more than are worked on: an outcome is written down when it is its turn.
+        with Processes(jobs, ahead=1) as own:
+            yield partial(own.in_order, perform, sandboxed)
     else:
         yield partial(jobs.in_order, in_own_process, sandboxed)
+
+
+def in_own_process(sandboxed: Path | None, task: Task) -> TaskOutcome:
+    """Outcome of a task, in a process that is there for it alone."""
+    with Processes(1) as own:
+        outcome: TaskOutcome = next(own.in_order(perform, sandboxed, [task]))
+    return outcome
 
 
 def _all(tasks: Sequence[Task], jobs: int | Workers, step: OnProgress) -> dict[str, Any]:
     """Values of tasks that must not fail."""
     values: dict[str, Any] = {}
-    with _processes(jobs) as perform:
-        for outcome in perform(tasks):
+    with _processes(jobs) as each:
+        for outcome in each(tasks):
             if outcome.failure:
-                raise OutputError(f"site {outcome.key} cannot be made: {outcome.failure}")
-            values[outcome.key] = outcome.value
+                raise OutputError(f"site {outcome.name} cannot be made: {outcome.failure}")
+            values[outcome.name] = outcome.value
             step(len(values), len(tasks), 0)
     return values
 
@@ -360,18 +368,18 @@ def _answer(
         )
         for case in open_cases
     ]
-    with _processes(jobs, place.root) as perform:
-        for outcome in perform(tasks):
-            failure = outcome.failure or _unreadable(place, outcome.key)
+    with _processes(jobs, place.root) as each:
+        for outcome in each(tasks):
+            failure = outcome.failure or _unreadable(place, outcome.name)
             record = {
                 "failure": failure,
                 "seconds": round(outcome.seconds, 2),
-                "answer_sha256": folder_digest(place.answer(outcome.key)),
+                "answer_sha256": folder_digest(place.answer(outcome.name)),
             }
-            made_of = _made_of(place.blinding, outcome.key)
-            _write_json(place.record(outcome.key), with_digest(record, made_of))
+            made_of = _made_of(place.blinding, outcome.name)
+            _write_json(place.record(outcome.name), with_digest(record, made_of))
             done += 1
-            seen += rocks[outcome.key]
+            seen += rocks[outcome.name]
             step(done, total, seen)
 
 
@@ -510,12 +518,12 @@ def _measure(
                 for outcome in made(fresh):
                     if outcome.failure:
                         raise OutputError(
-                            f"fresh rocks of site {outcome.key} cannot be made: {outcome.failure}"
+                            f"fresh rocks of site {outcome.name} cannot be made: {outcome.failure}"
                         )
                 for outcome in measured(_measure_tasks(place, some, measurer)):
-                    made_of = _made_of(place.answer_list, outcome.key)
+                    made_of = _made_of(place.answer_list, outcome.name)
                     found = with_digest(_measured(outcome), made_of)
-                    _write_json(place.measured(outcome.key), found)
+                    _write_json(place.measured(outcome.name), found)
                     done += 1
                     step(done, len(due), FRESH_ROCKS * done)
 

@@ -39,7 +39,7 @@ from sassgis.gap.which.verdict import CONTACT_LAW
 from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.grid import FloatArray
-from sassgis.runs.campaign_workers import CampaignMap
+from sassgis.runs.workers import TaskMap
 
 #: Draws of each hypothesis in the first round, and of the base.
 DRAWS, BASE_DRAWS = 40, 80
@@ -75,7 +75,7 @@ class KeptDraws:
     tell: Callable[[str], None]
 
     def first_draws(
-        self, problem: CalibrationProblem, effect: str, draws: int, run: CampaignMap
+        self, problem: CalibrationProblem, effect: str, draws: int, run: TaskMap
     ) -> list[Tried]:
         """Draws of an effect, made now or before."""
         if self.work is None:
@@ -122,7 +122,7 @@ class HypothesisFits:
         self,
         problem: CalibrationProblem,
         ensemble: Ensemble,
-        run: CampaignMap,
+        run: TaskMap,
         on_progress: OnProgress | None,
         draws: int,
         kept: KeptDraws,
@@ -176,7 +176,7 @@ class HypothesisFits:
 
 def calibrated_base(
     problem: CalibrationProblem,
-    run: CampaignMap,
+    run: TaskMap,
     draws: int,
     on_progress: OnProgress | None,
     kept: KeptDraws,
@@ -194,7 +194,7 @@ def calibrated_base(
 
 def best_base(
     problem: CalibrationProblem,
-    run: CampaignMap,
+    run: TaskMap,
     draws: int,
     on_progress: OnProgress | None,
     kept: KeptDraws,

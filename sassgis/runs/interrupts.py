@@ -1,4 +1,4 @@
-"""Ctrl-C at the right moment."""
+"""Ctrl-C, or what is taken for it, at the right moment."""
 
 from __future__ import annotations
 
@@ -17,21 +17,25 @@ def held_back() -> Iterator[None]:
     KeyboardInterrupt
         After the block, if the user asked for it within.
     """
-    before = signal.getsignal(signal.SIGINT)
     # Only the main thread may set handlers, and only it is interrupted.
-    if threading.current_thread() is not threading.main_thread() or before is None:
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
+    found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    # One that is ignored, or ends the process, raises nothing that could be held back.
+    before = {number: handler for number, handler in found.items() if callable(handler)}
     asked = False
 
     def remember(_number: int, _frame: object) -> None:
         nonlocal asked
         asked = True
 
-    signal.signal(signal.SIGINT, remember)
+    for number in before:
+        signal.signal(number, remember)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     if asked:
         raise KeyboardInterrupt

@@ -16,7 +16,7 @@ from sassgis.hazard.warnings import simulation_warnings
 from sassgis.io.read.config import load_config, settings_hash
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.write.frames import require_parquet
-from sassgis.model.errors import InputError, Interrupted
+from sassgis.model.errors import InputError, Interrupted, OutputError
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
@@ -243,9 +243,12 @@ def _simulate(
         simulate_map(
             job, planned, jobs=workers_asked(config, jobs), resume=progress, on_chunk=on_chunk
         )
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, OutputError) as stopped:
         with held_back():
             checkpoint.save(progress)
+        if isinstance(stopped, OutputError):
+            # The workers are lost.
+            raise
         raise Interrupted(
             f"stopped by the user after {int(progress.reasons.sum())} blocks; what was computed is "
             f"kept in {checkpoint.folder}: the same command goes on from there"

@@ -6,20 +6,23 @@ and the same bytes come out.
 
 from __future__ import annotations
 
-import os
+import pickle
 import signal
+import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from typing import Any, Protocol
 
 from sassgis.model.errors import OutputError
-from sassgis.model.worker_process import end_with_parent
+from sassgis.runs.interrupts import held_back
+from sassgis.runs.worker_process import WorkerLost, WorkerProcess
+
+#: Processes that may be lost, one after the other, at the same task.
+_LOST_MOST = 3
 
 
 class Workers(Protocol):
@@ -37,6 +40,8 @@ class Workers(Protocol):
 
 #: Number of threads or processes; None: as configured, 0: all cores; or who works instead.
 Jobs = int | Workers | None
+#: Results of a function of (what tasks have in common, task), in the order of the tasks.
+TaskMap = Callable[[Callable[[Any, Any], Any], Sequence[Any]], Iterator[Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,48 +62,109 @@ class Threads:
             yield from _in_order(pool, partial(work, common), tasks, 2 * self.count)
 
 
-@dataclass(frozen=True, slots=True)
 class Processes:
-    """Processes of this machine, for work that Python itself has a large share in.
+    """Processes of this machine, which live as long as the ``with`` block.
 
-    They leave Ctrl-C to the process that started them, and end with it.
+    One that is lost, at any moment, costs time only: what it had at work is done again in another
+    one. A task may therefore be begun more than once. One that is stopped is waited for. At the
+    end of the block all are ended, whatever they have at work.
 
-    Attributes
+    Parameters
     ----------
     count : int
     ahead : int
         Results of each that may wait. Tasks differ: while the first is at work others are done.
     """
 
-    count: int
-    ahead: int = 16
+    def __init__(self, count: int, ahead: int = 16) -> None:
+        self._ahead = ahead * count
+        # Each process has a thread here that waits for its answers.
+        self._threads = ThreadPoolExecutor(count, initializer=_without_ctrl_c)
+        self._lock = threading.Lock()
+        self._all: set[WorkerProcess] = set()
+        self._idle: list[WorkerProcess] = []
+        self._ended = False
+        self._sent: tuple[Any, bytes] | None = None
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with held_back():
+            with self._lock:
+                self._ended = True
+                for process in self._all:
+                    process.kill()
+            self._threads.shutdown(cancel_futures=True)
+            for process in self._all:
+                process.ended()
 
     def in_order(
         self, work: Callable[[Any, Any], Any], common: Any, tasks: Iterable[Any]
     ) -> Generator[Any, None, None]:
-        """As ``Workers`` says; closing the generator waits for the tasks at work.
+        """As ``Workers`` says.
 
         Raises
         ------
         OutputError
-            If a process is lost.
+            If one process after another is lost at the same task, or none can be started.
         """
-        try:
-            with (
-                _single_threaded(),
-                ProcessPoolExecutor(self.count, get_context("spawn"), _begin, (common,)) as pool,
-            ):
-                work_on = partial(_with_common, work)
-                yield from _in_order(pool, work_on, tasks, self.ahead * self.count)
-        except BrokenProcessPool:
-            raise OutputError(
-                "a worker process was lost; memory may have run out; the same command goes on from "
-                "what is saved"
-            ) from None
+        if self._sent is None or self._sent[0] is not common:
+            self._sent = common, pickle.dumps(common, pickle.HIGHEST_PROTOCOL)
+        do = partial(self._do, work, self._sent[1])
+        yield from _in_order(self._threads, do, tasks, self._ahead)
+
+    def _do(self, work: Callable[[Any, Any], Any], common: bytes, task: Any) -> Any:
+        """The result of one task, in a thread of its process."""
+        call = pickle.dumps((work, task), pickle.HIGHEST_PROTOCOL)
+        for _ in range(_LOST_MOST):
+            process = self._process()
+            try:
+                return process.do(common, call)
+            except WorkerLost as lost:
+                code = lost.code
+            finally:
+                self._idle.append(process)
+        why = "killed; memory may have run out: try fewer" if code < 0 else f"exit code {code}"
+        name = getattr(task, "name", "")
+        raise OutputError(
+            f"{_LOST_MOST} processes ended, one after the other, at the same task"
+            f"{name and f', {name}'} ({why}); the same command goes on from what is saved"
+        )
+
+    def _process(self) -> WorkerProcess:
+        """A process that has nothing at work, or a new one."""
+        with self._lock:
+            if self._ended:
+                raise CancelledError
+            while self._idle:
+                process = self._idle.pop()
+                if process.runs():
+                    return process
+                process.ended()
+                self._all.remove(process)
+            try:
+                self._all.add(process := WorkerProcess())
+            except OSError as error:
+                raise OutputError(f"no process can be started: {error}") from None
+            return process
+
+
+@contextmanager
+def task_map(common: Any, jobs: int | Workers, ahead: int = 16) -> Iterator[TaskMap]:
+    """What maps functions of (common, task) over tasks: this process, several, or other workers."""
+    if not isinstance(jobs, int):
+        workers = jobs
+        yield lambda work, tasks: workers.in_order(work, common, tasks)
+    elif jobs <= 1:
+        yield lambda work, tasks: (work(common, task) for task in tasks)
+    else:
+        with Processes(jobs, ahead) as own:
+            yield lambda work, tasks: own.in_order(work, common, tasks)
 
 
 def _in_order(
-    pool: Executor, work: Callable[[Any], Any], tasks: Iterable[Any], ahead: int
+    pool: ThreadPoolExecutor, work: Callable[[Any], Any], tasks: Iterable[Any], ahead: int
 ) -> Generator[Any, None, None]:
     """Results in the order of the tasks, of which so many wait."""
     waiting: deque[Future[Any]] = deque()
@@ -114,31 +180,7 @@ def _in_order(
             future.cancel()
 
 
-#: Of a worker process: what its tasks have in common.
-_COMMON: Any = None
-
-
-def _begin(common: Any) -> None:
-    global _COMMON
-    end_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _COMMON = common
-
-
-def _with_common(work: Callable[[Any, Any], Any], task: Any) -> Any:
-    return work(_COMMON, task)
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """Processes that are started here use one core each: their linear algebra is small."""
-    name = "OPENBLAS_NUM_THREADS"
-    before = os.environ.get(name)
-    os.environ[name] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
+def _without_ctrl_c() -> None:
+    """Keep Ctrl-C from the processes that this thread starts, from their first moment."""
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -84,10 +84,11 @@ def peeks_at_files(config: str, observations: str, out: str, **_: Any) -> None:
 
 
 def stops_at_four(config: str, observations: str, out: str, **_: Any) -> None:
-    """Ends its process at the fourth world, as a lack of memory would; afterwards goes on."""
+    """Ends its process at the fourth world, as a lack of memory would; the fourth time goes on."""
     marker = Path(out).parents[2] / "ended"
-    if Path(out).name == "004" and not marker.exists():
-        marker.write_text("")
+    times = len(marker.read_text()) if marker.exists() else 0
+    if Path(out).name == "004" and times < 3:
+        marker.write_text("x" * (times + 1))
         sys.exit(3)
     answer(out, "none")
 

@@ -1,28 +1,24 @@
-"""A program that waits for its worker processes, to be killed; it prints their numbers."""
+"""A program whose worker processes sleep, to be ended; it prints their numbers."""
 
 from __future__ import annotations
 
-import multiprocessing
-import sys
+import signal
 import threading
 import time
 
-from sassgis.runs.campaign_workers import campaign_workers
+from helpers.worker_tasks import sleep
+
+from sassgis.runs.workers import Processes
 
 
-def sleep(_problem: object, seconds: float) -> None:
-    time.sleep(seconds)
-
-
-def told() -> None:
-    while len(multiprocessing.active_children()) < 2:
-        time.sleep(0.05)
-    print(*(child.pid for child in multiprocessing.active_children()), flush=True)
+def say(own: Processes) -> None:
+    while len(own._all) < 2:
+        time.sleep(0.01)
+    print(*(process._popen.pid for process in own._all), flush=True)
 
 
 if __name__ == "__main__":
-    from helpers.sleeping_workers import sleep as task
-
-    threading.Thread(target=told).start()
-    with campaign_workers(None, 2) as run:
-        list(run(task, [float(sys.argv[1])] * 16))
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with Processes(2) as pool:
+        threading.Thread(target=say, args=(pool,), daemon=True).start()
+        list(pool.in_order(sleep, None, [120.0] * 4))

@@ -42,10 +42,9 @@ class Unfinished:
 
 
 def finish_map(unfinished: Unfinished) -> None:
-    """Turn the file in between into a Cloud-Optimised GeoTIFF with overviews."""
+    """Turn the file in between into a Cloud-Optimised GeoTIFF with overviews; it stays."""
     with rasterio.Env(GDAL_CACHEMAX=_CACHE), writing(unfinished.target):
         rasterio.shutil.copy(unfinished.between, unfinished.target, **cog_options(unfinished.layer))
-        unfinished.between.unlink()
 
 
 class BlockMaps:

@@ -14,14 +14,13 @@ from typing import Any
 import pytest
 
 from sassgis.gap.check.blinded_labels import blinding_hash, labels_text
-from sassgis.gap.check.worker_pool import Task, WorkerPool, in_own_process
+from sassgis.gap.check.sandbox import Task
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.io.read.gap_thresholds import read_thresholds
 from sassgis.io.saved_arrays import unfit
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs import gap_check
-from sassgis.runs.cluster import cluster
-from sassgis.runs.gap_check import check
+from sassgis.runs.gap_check import check, in_own_process
 
 SEED = 5
 #: Few and small, as making worlds takes time; three of four have no effect to be brought to size.
@@ -63,7 +62,7 @@ def run(out: Path, thresholds: Path, **changes: Any) -> gap_check.CheckResult:
 def done(tmp_path_factory: pytest.TempPathFactory, thresholds: Path) -> Path:
     """A check whose diagnoser fell over once, and that was gone on with."""
     out = tmp_path_factory.mktemp("check") / "out"
-    with pytest.raises(OutputError, match=r"site 004 ended unexpectedly \(exit code 3\)"):
+    with pytest.raises(OutputError, match=r"same task, 004 \(exit code 3\)"):
         run(out, thresholds, jobs=1, diagnoser="helpers.check_stubs:stops_at_four")
     assert (out / "labels.sha256").exists()
     assert [p.name for p in (out / "blinded").iterdir()] == ["salt.txt"]
@@ -114,9 +113,11 @@ def test_processes_of_a_cluster_give_the_same_answers(
     pytest.importorskip(
         "distributed", reason='dask is not installed: pip install "sassgis[cluster]"'
     )
+    from helpers.local_cluster import local_cluster
+
     out = tmp_path / "out"
-    with cluster(processes=2) as two:
-        with pytest.raises(OutputError, match=r"site 004 ended unexpectedly \(exit code 3\)"):
+    with local_cluster(2) as two:
+        with pytest.raises(OutputError, match=r"same task, 004 \(exit code 3\)"):
             run(out, thresholds, jobs=two, diagnoser="helpers.check_stubs:stops_at_four")
         run(out, thresholds, jobs=two, diagnoser="helpers.check_stubs:stops_at_four")
     for names in ("cases/*/observations/*.csv", "answers/*/diagnosis.json"):
@@ -275,15 +276,13 @@ def task(root: Path, stub: str) -> Task:
 
 
 def test_the_diagnosing_process_cannot_load_the_worlds(tmp_path: Path) -> None:
-    with WorkerPool(1, tmp_path) as pool:
-        (outcome,) = pool.run([task(tmp_path, "peeks_at_modules")])
+    outcome = in_own_process(tmp_path, task(tmp_path, "peeks_at_modules"))
     assert outcome.failure == ""
     assert "sassgis.gap.check.worlds" in (tmp_path / "answers/001/refused.txt").read_text()
 
 
 def test_the_diagnosing_process_sees_its_own_case_alone(tmp_path: Path) -> None:
-    with WorkerPool(1, tmp_path) as pool:
-        (outcome,) = pool.run([task(tmp_path, "peeks_at_files")])
+    outcome = in_own_process(tmp_path, task(tmp_path, "peeks_at_files"))
     assert outcome.failure == ""
     refused = json.loads((tmp_path / "answers/001/refused.json").read_text())
     assert refused == ["check.json", "blinded/salt.txt", "cases/002/config.toml", "cases"]
@@ -321,11 +320,10 @@ def test_what_the_calling_program_has_loaded_does_not_pass_the_sandbox(tmp_path:
         "import sys\n"
         "from pathlib import Path\n"
         "import sassgis.gap.check.worlds\n"
-        "from sassgis.gap.check.worker_pool import WorkerPool, Task\n"
-        "if __name__ == '__main__':\n"
-        "    with WorkerPool(1, Path(sys.argv[1])) as pool:\n"
-        "        (outcome,) = pool.run([Task('1', 'os.path:basename', ('a/b',))])\n"
-        "    print(outcome.value)\n"
+        "from sassgis.gap.check.sandbox import Task\n"
+        "from sassgis.runs.gap_check import in_own_process\n"
+        "task = Task('1', 'os.path:basename', ('a/b',))\n"
+        "print(in_own_process(Path(sys.argv[1]), task).value)\n"
     )
     ran = subprocess.run(
         [sys.executable, str(script), str(tmp_path / "out")], capture_output=True, text=True
@@ -334,14 +332,10 @@ def test_what_the_calling_program_has_loaded_does_not_pass_the_sandbox(tmp_path:
 
 
 def test_a_process_that_is_killed_is_said_with_its_world(tmp_path: Path) -> None:
-    with (
-        pytest.raises(OutputError, match=r"site 001 ended unexpectedly \(killed; memory"),
-        WorkerPool(1, tmp_path) as pool,
-    ):
-        list(pool.run([task(tmp_path, "is_killed")]))
+    with pytest.raises(OutputError, match=r"same task, 001 \(killed; memory"):
+        in_own_process(tmp_path, task(tmp_path, "is_killed"))
 
 
 def test_workers_compute_in_a_single_thread() -> None:
-    with WorkerPool(1) as pool:
-        (outcome,) = pool.run([Task("1", "helpers.check_stubs:threads")])
+    outcome = in_own_process(None, Task("1", "helpers.check_stubs:threads"))
     assert outcome.value == {"numba": 1, "others": [1]}

@@ -11,20 +11,21 @@ import pytest
 
 pytest.importorskip("distributed", reason='dask is not installed: pip install "sassgis[cluster]"')
 
+from helpers.local_cluster import local_cluster
 from helpers.map_sums_state import assert_same
 
 from sassgis.hazard.progress import Progress
 from sassgis.model.errors import InputError, OutputError
 from sassgis.model.map_run import BlockRows, MapRun
-from sassgis.runs.campaign_workers import campaign_workers
 from sassgis.runs.cluster import Cluster, cluster
 from sassgis.runs.map import TerrainTooSmall, simulate_map
+from sassgis.runs.workers import task_map
 from sassgis.terrain.plan import Plan
 
 
 @pytest.fixture(scope="module")
 def two() -> Iterator[Cluster]:
-    with cluster(processes=2) as made:
+    with local_cluster(2) as made:
         yield made
 
 
@@ -52,13 +53,13 @@ def product(common: int, task: int) -> int:
 
 
 def test_results_come_in_order_and_errors_as_they_are(two: Cluster) -> None:
-    with campaign_workers(7, two) as run:
+    with task_map(7, two) as run:
         assert list(run(product, range(12))) == [7 * k for k in range(12)]
         with pytest.raises(TerrainTooSmall) as caught:
             list(run(product, [13]))
     assert caught.value.sides == (True, False, False, True)
     # What was common before is not common now.
-    with campaign_workers(3, two) as run:
+    with task_map(3, two) as run:
         assert list(run(product, [2])) == [6]
 
 
@@ -94,7 +95,7 @@ def test_every_task_asks_for_the_version(two: Cluster, monkeypatch: pytest.Monke
 
 
 def test_a_lost_cluster_is_one_line() -> None:
-    with cluster(processes=1) as made:
+    with local_cluster(1) as made:
         rows = made.in_order(product, 2, [1, 2])
         assert next(rows) == 2
         made._client.shutdown()

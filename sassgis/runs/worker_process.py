@@ -1,0 +1,157 @@
+"""A process that works on tasks for the one that started it, and ends with it."""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import signal
+import sys
+import threading
+import traceback
+from contextlib import suppress
+from queue import SimpleQueue
+from subprocess import PIPE, Popen, TimeoutExpired
+from typing import IO, Any
+
+#: Libraries that would each start threads of their own.
+_THREADS = (
+    "NUMBA_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "GDAL_NUM_THREADS",
+)
+#: Bytes of the length of a message.
+_LENGTH = 8
+#: Seconds that a process may take to end after it has closed its pipes.
+_ENDING_S = 10.0
+
+
+class WorkerLost(Exception):
+    """Raised when a worker process ends before it answers; ``code`` is its exit code."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+class WorkerProcess:
+    """A clean interpreter with pipes of its own, which works in a single thread.
+
+    Not of ``multiprocessing``: that looks for modules in the current folder as it starts, loads the
+    program that is running, shares pipes among processes, of which one that is killed leaves the
+    others waiting, and does not let its processes have some of their own.
+    """
+
+    def __init__(self) -> None:
+        # Nothing is imported before the path is set: the current folder may come from anybody.
+        start = (
+            f"import sys; sys.path[:] = {sys.path!r}; "
+            f"from {__name__} import serve; serve()"
+        )  # fmt: skip
+        self._popen = Popen(
+            [sys.executable, "-c", start], stdin=PIPE, stdout=PIPE,
+            env={**os.environ, **dict.fromkeys(_THREADS, "1")},
+        )  # fmt: skip
+        self._holds: bytes | None = None
+
+    def do(self, common: bytes, call: bytes) -> Any:
+        """The result of a pickled (work, task), with what is common to the tasks, also pickled.
+
+        Raises
+        ------
+        WorkerLost
+        Exception
+            What the work raises.
+        """
+        assert self._popen.stdin is not None and self._popen.stdout is not None
+        try:
+            _send(self._popen.stdin, b"" if common is self._holds else common)
+            _send(self._popen.stdin, call)
+            self._holds = common
+            answer = _received(self._popen.stdout)
+        except (OSError, EOFError):
+            # A process closes its pipes a little before it has ended, and its exit code is known.
+            with suppress(TimeoutExpired):
+                self._popen.wait(_ENDING_S)
+            self.kill()
+            raise WorkerLost(self.ended()) from None
+        result, error = pickle.loads(answer)
+        if error is not None:
+            raise error
+        return result
+
+    def runs(self) -> bool:
+        """Whether the process has not ended."""
+        return self._popen.poll() is None
+
+    def kill(self) -> None:
+        """End the process at once, also one that is stopped."""
+        self._popen.kill()
+
+    def ended(self) -> int:
+        """Wait for the end of the process; its exit code."""
+        for pipe in (self._popen.stdin, self._popen.stdout):
+            assert pipe is not None
+            # What is left to be sent has nobody to go to.
+            with suppress(OSError):
+                pipe.close()
+        return self._popen.wait()
+
+
+def _send(pipe: IO[bytes], message: bytes) -> None:
+    pipe.write(len(message).to_bytes(_LENGTH))
+    pipe.write(message)
+    pipe.flush()
+
+
+def _received(pipe: IO[bytes]) -> bytes:
+    head = pipe.read(_LENGTH)
+    size = int.from_bytes(head)
+    message = pipe.read(size)
+    if len(head) < _LENGTH or len(message) < size:
+        raise EOFError
+    return message
+
+
+def serve() -> None:
+    """In a worker process: work on what comes by standard input, and end where that ends."""
+    # Ctrl-C reaches all processes of a terminal; the first one sees to the others.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    logging.basicConfig(level=logging.ERROR, format="%(message)s")
+    calls, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    # What a library reads is no call, and what it prints is no answer.
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    came: SimpleQueue[bytes] = SimpleQueue()
+    threading.Thread(target=_listen, args=(calls, came), daemon=True).start()
+    common = None
+    while True:
+        if packed := came.get():
+            common = pickle.loads(packed)
+        answer = _answer(common, came.get())
+        _send(answers, answer)
+
+
+def _listen(calls: IO[bytes], came: SimpleQueue[bytes]) -> None:
+    """Hand on what comes; a parent that is killed says no more than that nothing comes."""
+    with suppress(OSError, EOFError):
+        while True:
+            came.put(_received(calls))
+    os._exit(1)
+
+
+def _answer(common: Any, call: bytes) -> bytes:
+    """The pickled result of a task and None, or None and its error."""
+    try:
+        work, task = pickle.loads(call)
+        return pickle.dumps((work(common, task), None), pickle.HIGHEST_PROTOCOL)
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        try:
+            pickle.loads(answer := pickle.dumps((None, error)))
+        except Exception:
+            answer = pickle.dumps((None, RuntimeError(f"{type(error).__name__}: {error}")))
+        return answer
