@@ -14,12 +14,13 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.io.read.config import LISTS, declared_sections
+from sassgis.io.read.plain_file import LONGEST_TEXT
 from sassgis.model.declared import Declared, interval, limits_text
 
 PAGE = Path(__file__).parent / "configuration.md"
 EFFECTS_PAGE = Path(__file__).parent / "effects.md"
 
-_HEAD = """\
+_HEAD = f"""\
 <!-- Written by docs/make_reference.py from the declared settings. Do not edit. -->
 
 # Configuration
@@ -28,7 +29,9 @@ One TOML file describes a run. `sassgis init` writes one with the keys that ever
 `sassgis init --all` one with every key ([starting.md](starting.md)); `sassgis validate` reads it
 and all files that it names. Paths are relative to the file. Units are part of the names: m, m/s
 (`mps`), rad/s (`radps`), kg/m³ (`kgm3`), kJ (`kj`), degrees (`deg`). A *range* is `[low, high]`; a
-single number means two equal limits. Unknown keys are errors.
+single number means two equal limits. Unknown keys are errors, and so are texts of more than
+{LONGEST_TEXT} characters, here and in all other inputs. The formats of rasters and vector files are
+those of [terrain.md](terrain.md#formats).
 
 A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run along one profile
 needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else has a default.

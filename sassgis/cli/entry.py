@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import signal
 import sys
@@ -33,7 +34,7 @@ from sassgis.cli.schema_command import schema
 from sassgis.cli.sensitivity_command import sensitivity
 from sassgis.cli.validate_command import validate
 from sassgis.cli.zone_command import zone
-from sassgis.model.errors import Interrupted, SassgisError
+from sassgis.model.errors import Interrupted, SassgisError, shown
 
 
 class InOrder(click.Group):
@@ -44,6 +45,8 @@ class InOrder(click.Group):
         return list(self.commands)
 
 
+#: A path of the user's that leads nowhere; what cannot be written is an OutputError.
+_CLOSED = (errno.ENAMETOOLONG, errno.EACCES, errno.ELOOP)
 _CODES = """\b
 Exit codes:
   0    done
@@ -115,6 +118,8 @@ def main(arguments: list[str] | None = None) -> None:
         # Compiled code that Ctrl-C strikes turns it into a SystemError.
         if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):
             _fail("stopped by the user", Interrupted.exit_code, debug)
+        if isinstance(error, OSError) and error.errno in _CLOSED:
+            _fail(f"{shown(error.filename)}: cannot be opened ({error.strerror})", 2, debug)
         _fail(
             f"unexpected {type(error).__name__}: {' '.join(str(error).split())} "
             "(a fault of sassgis; run again with --debug and report what it says)",

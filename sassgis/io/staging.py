@@ -175,6 +175,8 @@ def writing(path: Path) -> Iterator[None]:
 def partial_folder(target: Path) -> Path:
     """The working folder of a result: beside it, so that a rename can put it in place."""
     target = Path(os.path.realpath(target))
+    if not target.name:
+        raise OutputError(f"{target}: is the root of a disk; choose a folder within it")
     return target.with_name(target.name + PARTIAL)
 
 

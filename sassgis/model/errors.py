@@ -7,6 +7,9 @@ from __future__ import annotations
 
 from os import PathLike
 
+#: What a message repeats of an input, or offers instead, is cut to so many characters and the last.
+_FIRST, _LAST = 400, 150
+
 
 class SassgisError(Exception):
     """Root of all errors raised on purpose; the command line prints it without a traceback."""
@@ -45,19 +48,21 @@ class InputError(SassgisError):
         self.field = field
         self.found = found
         self.expected = expected
-        where = ": ".join(part for part in (self.file, field) if part)
+        line = ": ".join(shown(part) for part in (self.file, field, problem) if part)
         detail = "; ".join(
-            part
-            for part in (
-                "" if found is None else f"found {found}",
-                "" if expected is None else f"expected {expected}",
-            )
-            if part
+            f"{word} {shown(part)}"
+            for word, part in (("found", found), ("expected", expected))
+            if part is not None
         )
-        line = f"{where}: {problem}" if where else problem
-        if detail:
-            line = f"{line} ({detail})"
-        super().__init__(" ".join(line.split()))
+        super().__init__(f"{line} ({detail})" if detail else line)
+
+
+def shown(part: object) -> str:
+    """A part of a message: of inputs of any length, without what would steer a terminal."""
+    text = " ".join(str(part).split())
+    if len(text) > _FIRST + _LAST:
+        text = f"{text[:_FIRST]} ... {text[-_LAST:]}"
+    return "".join(c if c.isprintable() else "\ufffd" for c in text)
 
 
 class ConfigError(InputError):

@@ -70,7 +70,7 @@ class TerrainSettings(Section):
 
     dem: Annotated[
         Path | None,
-        "terrain model: any raster that GDAL reads, or a folder of tiles",
+        "terrain model: a raster, such as GeoTIFF, or a folder of tiles",
         Example("dem.tif", needed=True),
     ] = None
     crs: Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 import shapely
 from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights, release_box
 from rasterio.transform import from_origin
+
+from sassgis.model.errors import InputError
 
 OWN = "own,{},0.1,0.2,0.5,0.4,1,0.1,0,9,0.1,me,false"
 CLASSES = (
@@ -56,6 +59,41 @@ def removed(name: str) -> Callable[[Slope], None]:
     return lambda slope: (slope.folder / name).unlink()
 
 
+def written(text: str | bytes, name: str = "config.toml", key: str = "") -> Callable[[Slope], None]:
+    """A file of that content; a text for the configuration stands below what is there."""
+
+    def spoil(slope: Slope) -> None:
+        if key:
+            slope.write_config(**{key: f'"{name}"'})
+        file = slope.folder / name
+        before = slope.config.read_bytes() if file == slope.config else b""
+        file.write_bytes(before + (text.encode() if isinstance(text, str) else text))
+
+    return spoil
+
+
+def areas(name: str) -> Callable[[Slope], None]:
+    def spoil(slope: Slope) -> None:
+        frame = gpd.read_file(slope.folder / "release.gpkg")
+        frame["name"] = name
+        frame.to_file(slope.folder / "release.gpkg", driver="GPKG")
+
+    return spoil
+
+
+def pipe(name: str) -> Callable[[Slope], None]:
+    def spoil(slope: Slope) -> None:
+        (slope.folder / name).unlink()
+        os.mkfifo(slope.folder / name)
+
+    return spoil
+
+
+def folder(slope: Slope) -> None:
+    slope.config.unlink()
+    slope.config.mkdir()
+
+
 def no_features(slope: Slope) -> None:
     frame = gpd.read_file(slope.folder / "release.gpkg").iloc[:0]
     (slope.folder / "release.gpkg").unlink()
@@ -66,6 +104,14 @@ def unknown_key(slope: Slope) -> None:
     slope.config.write_text(slope.config.read_text() + "\n[spread]\nlines_per_pont = 3\n")
 
 
+#: A station in each of so many sections.
+STATIONS = "".join(f'[[stations]]\nname = "{i % 20_000}"\nchainage_m = 1\n' for i in range(20_001))
+#: Bytes of a file elsewhere as heights.
+RAW = (
+    '<VRTDataset rasterXSize="9" rasterYSize="9"><GeoTransform>0,1,0,9,0,-1</GeoTransform>'
+    '<VRTRasterBand dataType="Byte" band="1" subClass="VRTRawRasterBand"><SourceFilename>'
+    "/etc/services</SourceFilename></VRTRasterBand></VRTDataset>"
+)
 BOW = shapely.Polygon(
     [
         (WEST + 10, NORTH - 50),
@@ -114,6 +160,72 @@ BAD = {
     "no release": (removed("release.gpkg"), "release.gpkg", ["release.file", "not found"]),
     "DEM is text": (
         lambda s: (s.folder / "dem.tif").write_text("heights"), "dem.tif", ["raster"]
+    ),
+    "DEM is made of another file": (written(RAW, "dem.tif"), "dem.tif", ["VRTRawRasterBand"]),
+    "DEM is a pipe": (pipe("dem.tif"), "dem.tif", ["terrain.dem", "no file", "pipe"]),
+    "release is a pipe": (pipe("release.gpkg"), "release.gpkg", ["release.file", "pipe"]),
+    "configuration is a pipe": (pipe("config.toml"), "config.toml", ["no file", "pipe"]),
+    "configuration is a folder": (folder, "config.toml", ["no file", "folder"]),
+    "configuration without end": (
+        written("#" * 3_000_000), "config.toml", ["too large", "3 MB", "2 MB"]
+    ),
+    "nested lists": (
+        written("[project]\nname = " + "[" * 20_000 + "]" * 20_000), "config.toml", ["nested"]
+    ),
+    "nested tables": (
+        written("[project]\nname = " + "{a = " * 9000 + "1" + "}" * 9000), "config.toml", ["nested"]
+    ),
+    "nested keys": (
+        written("[project]\n" + "a." * 500_000 + "b = 1"), "config.toml", ["nested too deeply"]
+    ),
+    "lists of lists": (
+        written("[project]\nname = " + "[" * 30 + "]" * 30), "config.toml", ["project.name", "deep"]
+    ),
+    "a number of many digits": (
+        config(release__spacing_m="9" * 100_000), "config.toml", ["thousands of digits"]
+    ),
+    "a number of many bits": (
+        config(release__spacing_m="0x" + "f" * 100_000),
+        "config.toml", ["release.spacing_m", "400000 bits", "63 bits"],
+    ),
+    "a huge exponent": (config(release__spacing_m="1e999999"), "config.toml", ["spacing_m", "inf"]),
+    "no such day": (config(project__date='"2026-02-30"'), "config.toml", ["project.date"]),
+    "many stations": (written(STATIONS), "config.toml", ["used twice", "'0'"]),
+    "a title of 5,000 characters": (
+        config(project__name=f'"{"n" * 5000}"'),
+        "config.toml", ["project.name", "5000 characters", "1000"],
+    ),
+    "a key of 5,000 characters": (
+        written(f"[project]\n{'n' * 5000} = 1"), "config.toml", ["5000 characters"]
+    ),
+    "NUL in a title": (
+        config(project__name='"a\\u0000b"'), "config.toml", ["project.name", r"\\x00"]
+    ),
+    "NUL in a path": (config(terrain__dem='"a\\u0000b"'), "config.toml", ["dem", r"\\x00"]),
+    "a path of 300 characters": (
+        config(release__file=f'"{"n" * 300}"'), "config.toml", ["release.file", "too long"]
+    ),
+    "a path of a home that is none": (config(terrain__dem='"~n0b0dy/x"'), "~n0b0dy", ["not found"]),
+    "an area of 5,000 characters": (
+        areas("n" * 5000),
+        "release.gpkg", ["layer release, name", "feature 1", "5000 characters", "1000"],
+    ),
+    "a class of 5,000 characters": (
+        classes(OWN.format(0.5).replace("own", "n" * 5000)),
+        "classes.csv", ["name", "row 2", "5000 characters"],
+    ),
+    "a source of 200,000 characters": (
+        classes(OWN.format(0.5).replace("me", "n" * 200_000)), "classes.csv", ["row 2", "131072"]
+    ),
+    "NUL in a class": (
+        classes(OWN.format(0.5).replace("own", "a\0b")), "classes.csv", ["row 2", r"\\x00"]
+    ),
+    "classes nested": (
+        written("classes = " + "[" * 20_000, "own.toml", "ground__classes"), "own.toml", ["nested"]
+    ),
+    "classes of 5,000 characters": (
+        written(f'[[classes]]\nname = "{"n" * 5000}"', "own.toml", "ground__classes"),
+        "own.toml", ["classes.name", "5000 characters"],
     ),
     "no name field": (config(release__name_field='"nam"'), "release.gpkg", ["nam", "name"]),
 }  # fmt: skip
@@ -209,6 +321,32 @@ def test_usage_errors_are_one_line_too(slope: Slope, call) -> None:
         assert code == 2 and err.startswith("Error: ") and err.count("\n") == 1
     code, _, err = call("run", slope.config, "-o", slope.folder / "x", "--area", "area b")
     assert code == 2 and "area b" in err and "area a" in err
+
+
+@pytest.mark.parametrize("command", ["run", "zone", "demo", "new"])
+@pytest.mark.parametrize("more", [(), ("--overwrite",)])
+def test_the_root_of_the_disk_is_no_result(
+    slope: Slope, call, command: str, more: tuple[str, ...]
+) -> None:
+    arguments = {"run": (slope.config, "-o"), "zone": (slope.config, "-o"), "demo": ("-o",)}
+    code, _, err = call(command, *arguments.get(command, ()), "/", *more)
+    assert code == 3 and err.startswith("Error: /: ") and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["validate", "dem check", "init", "batch"])
+def test_a_path_that_no_system_takes(call, option: str, tmp_path: Path) -> None:
+    code, _, err = call(
+        *option.split(), tmp_path / ("n" * 300), *(["-o", "x"] * (option == "batch"))
+    )
+    assert code == 2 and err.startswith("Error: ") and err.count("\n") == 1
+    assert "File name too long" in err
+
+
+def test_a_message_is_short_and_steers_no_terminal() -> None:
+    error = InputError("a\x1b[2J", file="f" * 9000, found="\u202e\n" + "b" * 9000, expected="c")
+    assert (
+        len(str(error)) < 1500 and str(error).isprintable() and str(error).endswith("expected c)")
+    )
 
 
 def test_cells_are_two_metres(slope: Slope, call) -> None:

@@ -19,7 +19,7 @@ from sassgis.model.labels import file_stem, file_stems
 #: Names of release areas, as a file from anywhere may hold them.
 NAMES = (
     "../../escape/<script>alert(1)</script>&\"'",
-    "'; DROP TABLE gpkg_contents; -- {{ 7*7 }} %s",
+    "'; DROP TABLE gpkg_contents; -- {{ 7*7 }} %s".ljust(1000, "n"),  # as long as they may be
 )
 FORMULA = '=HYPERLINK("http://example.org")'
 TITLE = "<img src=x onerror=alert(1)> [% env('HOME') %] {{ 7*7 }}"

@@ -286,5 +286,5 @@ def test_unknown_names(tmp_path: Path) -> None:
     file.write_text(OWN)
     assert read_preset(file).name == "rules"
     file.write_bytes(b"title = '\xff'")
-    with pytest.raises(InputError, match="cannot be read as text"):
+    with pytest.raises(InputError, match="is not UTF-8 text"):
         read_preset(file)

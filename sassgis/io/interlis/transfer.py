@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import geopandas as gpd
-import pyogrio
 import shapely
-from pyogrio.errors import DataLayerError, DataSourceError
+from pyogrio.errors import DataLayerError
 
 from sassgis.io.interlis.validation import (
     ValidationResult,
@@ -26,6 +25,7 @@ from sassgis.io.interlis.validation import (
     validate_xtf,
 )
 from sassgis.io.interlis.xtf_document import XtfObject, document
+from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.result_folder import check_is_result
 from sassgis.io.staging import staged_file, writing
 from sassgis.io.write.layers.federal_model import (
@@ -218,14 +218,13 @@ def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObje
 
 def _read_layer(file: Path, kind: FederalClass) -> gpd.GeoDataFrame | None:
     """A layer in the coordinates of the model; None where it is absent and may be."""
-    try:
-        frame = pyogrio.read_dataframe(file, layer=kind.name, fid_as_index=True)
-    except DataLayerError:
-        if kind.name not in MINIMUM_CLASSES:
-            return None
-        raise InputError("layer is missing", file=file, field=kind.name) from None
-    except DataSourceError as error:
-        raise InputError("cannot be read", file=file, found=str(error)) from error
+    with vector_file(file, kind.name):
+        try:
+            frame = read_frame(file, kind.name, fid_as_index=True)
+        except DataLayerError:
+            if kind.name not in MINIMUM_CLASSES:
+                return None
+            raise InputError("layer is missing", file=file, field=kind.name) from None
     if not isinstance(frame, gpd.GeoDataFrame):
         raise InputError("layer has no zones", file=file, field=kind.name, expected="polygons")
     if not is_lv95(frame.crs):

@@ -28,7 +28,10 @@ def _face(bold: bool) -> FT2Font:
 @functools.cache
 def _advance(letter: str, bold: bool) -> float:
     """Width of a letter in type sizes."""
-    return float(_face(bold).load_char(ord(letter)).linearHoriAdvance) / 65536.0 / _MEASURED_AT
+    face = _face(bold)
+    if not face.get_char_index(ord(letter)):
+        return 1.0  # of another font, as wide as high
+    return float(face.load_char(ord(letter)).linearHoriAdvance) / 65536.0 / _MEASURED_AT
 
 
 def text_width(text: str, points: float, *, bold: bool = False) -> float:
@@ -41,32 +44,35 @@ def breakable(text: str, width_mm: float, points: float, *, bold: bool = False) 
 
     QGIS breaks lines between words only; a longer word, such as a path, is broken here.
     """
-    words = []
-    for word in text.replace(" %", "\u00a0%").split(" "):
-        rest = word
-        while text_width(rest, points, bold=bold) > width_mm and len(rest) > 1:
-            cut = len(rest) - 1
-            while cut > 1 and text_width(rest[:cut], points, bold=bold) > width_mm:
-                cut -= 1
-            words.append(rest[:cut] + "\n")
-            rest = rest[cut:]
-        words.append(rest + " ")
-    return "".join(words)[:-1]
+    letters: list[str] = []
+    used, begins = 0.0, True
+    for letter in text.replace(" %", "\u00a0%"):
+        width = _advance(letter, bold)
+        ends = letter in " \n"
+        if not (begins or ends) and (used + width) * points * MM_PER_POINT > width_mm:
+            letters.append("\n")
+            used = 0.0
+        letters.append(letter)
+        used, begins = (0.0 if ends else used + width), ends
+    return "".join(letters)
 
 
 def wrapped(text: str, width_mm: float, points: float, *, bold: bool = False) -> list[str]:
     """Break a text into lines that fit."""
     lines = []
+    space = text_width(" ", points, bold=bold)
     for paragraph in breakable(text, width_mm, points, bold=bold).splitlines() or [""]:
-        line, *words = paragraph.split(" ")
+        first, *words = paragraph.split(" ")
+        line, used = [first], text_width(first, points, bold=bold)
         for word in words:
-            longer = f"{line} {word}"
-            if text_width(longer, points, bold=bold) > width_mm:
-                lines.append(line)
-                line = word
+            width = text_width(word, points, bold=bold)
+            if used + space + width > width_mm:
+                lines.append(" ".join(line))
+                line, used = [word], width
             else:
-                line = longer
-        lines.append(line)
+                line.append(word)
+                used += space + width
+        lines.append(" ".join(line))
     return lines
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.hazard.volume_frequency import BlockSurvey
-from sassgis.io.read.csv_table import csv_cells, csv_rows, number, read_text
+from sassgis.io.read.csv_table import csv_cells, csv_rows, number
+from sassgis.io.read.plain_file import read_text
 from sassgis.model.errors import InputError
 
 _LIST, _CLASSES = ("volume_m3",), ("from_m3", "to_m3", "count")
@@ -35,7 +36,7 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
         If a column or value is missing, no volume or no count, or classes overlap.
     """
     text = read_text(file, "blocks", "a CSV table of block volumes")
-    columns, _, _ = csv_cells(text)
+    columns, _, _ = csv_cells(text, file)
     needed = _CLASSES if "from_m3" in columns else _LIST
     read = {*needed, "count"}
     others = tuple(c for c in columns if c not in read)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import types
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -213,7 +214,12 @@ def _anchored(value: Path, info: ValidationInfo) -> Path:
     if str(value) in ("", "."):
         raise _refused("is empty", "the path of a file", None, "''")
     base = (info.context or {}).get("base", Path())
-    return Path(base, value.expanduser())
+    path = Path(base, os.path.expanduser(value))
+    try:
+        path.exists()
+    except OSError as error:  # the name is too long, or a folder on the way is closed
+        raise _refused("cannot be opened", "the path of a file", None, error.strerror) from None
+    return path
 
 
 def _preset(value: object, info: ValidationInfo) -> object:

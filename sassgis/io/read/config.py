@@ -9,7 +9,8 @@ import dataclasses
 import difflib
 import hashlib
 import json
-import tomllib
+import os
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from functools import cache
 from os import PathLike
@@ -29,6 +30,7 @@ from sassgis.io.read.checked import (
     table_of,
     table_type,
 )
+from sassgis.io.read.plain_file import read_toml
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.declared import Declared, Section, declared, is_file
 from sassgis.model.effects import EffectSection, EffectSettings
@@ -151,8 +153,11 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         With the file and the dotted key; where several things are wrong, the first and how many
         more there are.
     """
-    file = Path(path).expanduser()
-    document = _parse(file)
+    file = Path(os.path.expanduser(path))
+    try:
+        document = read_toml(file, None, "a TOML configuration file")
+    except InputError as error:
+        raise _relocated(error, file, error.field) from None
     for dotted, value in (overrides or {}).items():
         section, _, key = dotted.partition(".")
         target = document.setdefault(section, {})
@@ -393,25 +398,6 @@ def file_digest(path: str | PathLike[str]) -> str:
 # What is wrong
 
 
-def _parse(file: Path) -> dict[str, Any]:
-    if not file.is_file():
-        raise ConfigError("file not found", file=file, expected="a TOML configuration file")
-    try:
-        # utf-8-sig: some Windows editors put a mark in front of UTF-8.
-        return tomllib.loads(file.read_bytes().decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            "is not UTF-8 text", file=file, found=f"byte {error.start}", expected="UTF-8"
-        ) from None
-    except OSError as error:
-        raise ConfigError("cannot be read", file=file, found=error.strerror) from None
-    except tomllib.TOMLDecodeError as error:
-        hint = "valid TOML"
-        if "escape" in str(error).lower() or "hex" in str(error).lower():
-            hint = "valid TOML (in paths write / or \\\\ instead of a single \\)"
-        raise ConfigError("is not valid TOML", file=file, found=str(error), expected=hint) from None
-
-
 def _first_of(problems: list[ConfigError]) -> ConfigError:
     # A misspelt key shows up twice, as unknown and as missing: the first says more.
     first = min(problems, key=lambda p: p.problem != "unknown key")
@@ -420,7 +406,7 @@ def _first_of(problems: list[ConfigError]) -> ConfigError:
     return first
 
 
-def _relocated(error: InputError, file: Path, field: str) -> ConfigError:
+def _relocated(error: InputError, file: Path, field: str | None) -> ConfigError:
     return ConfigError(
         error.problem, file=file, field=field, found=error.found, expected=error.expected
     )
@@ -449,7 +435,7 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
     }
     for field, members in groups.items():
         names = [item.name for member in members for item in sections.get(member, ())]
-        for name in dict.fromkeys(n for n in names if names.count(n) > 1):
+        for name in (n for n, count in Counter(names).items() if count > 1):
             problems.append(
                 ConfigError(
                     "name is used twice",

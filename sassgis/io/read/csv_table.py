@@ -8,21 +8,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from sassgis.io.read.plain_file import check_text
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
-
-
-def read_text(file: Path, field: str, what: str) -> str:
-    """Text of a UTF-8 file; InputError if it is missing or not text."""
-    if not file.is_file():
-        raise InputError("file not found", file=file, field=field, expected=what)
-    try:
-        # utf-8-sig: spreadsheets put a mark in front of UTF-8.
-        return file.read_bytes().decode("utf-8-sig")
-    except (UnicodeDecodeError, OSError) as error:
-        raise InputError(
-            "cannot be read as text", file=file, field=field, found=str(error), expected="UTF-8"
-        ) from None
 
 
 def csv_rows(
@@ -49,9 +37,10 @@ def csv_rows(
     Raises
     ------
     InputError
-        If a column is missing, unknown or repeated, or a row does not fit the header.
+        If a column is missing, unknown or repeated, a row does not fit the header, or a text is
+        too long.
     """
-    columns, delimiter, lines = csv_cells(text)
+    columns, delimiter, lines = csv_cells(text, file)
     check_columns(columns, file, "row 1", required, optional)
     for line, cells in lines:
         where = f"row {line}"
@@ -63,12 +52,14 @@ def csv_rows(
                 expected=f"{len(columns)} (texts with a {delimiter} in quotes)",
             )
         row = {c: v.strip() for c, v in zip(columns, cells, strict=True)}
+        for column, cell in row.items():
+            check_text(cell, file, column, where)
         if delimiter == ";":
             row |= {c: row[c].replace(",", ".") for c in numbers if c in row}
         yield where, row
 
 
-def csv_cells(text: str) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
+def csv_cells(text: str, file: Path) -> tuple[list[str], str, Iterator[tuple[int, list[str]]]]:
     """Cells of a CSV text as they stand.
 
     Returns
@@ -79,14 +70,30 @@ def csv_cells(text: str) -> tuple[list[str], str, Iterator[tuple[int, list[str]]
         The one that the first line has more of.
     rows : iterator of (int, list of str)
         Number of the line, and its cells; empty lines are left out.
+
+    Raises
+    ------
+    InputError
+        Also while the rows are taken: if the text is no table.
     """
     lines = text.splitlines()
     header = lines[0] if lines else ""
     delimiter = ";" if header.count(";") > header.count(",") else ","
     reader = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    columns = [c.strip() for c in next(reader, [])]
-    rows = ((reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells))
-    return columns, delimiter, rows
+
+    def rows() -> Iterator[tuple[int, list[str]]]:
+        try:
+            for cells in reader:
+                yield reader.line_num, cells
+        except csv.Error as error:
+            raise InputError(
+                f"row {reader.line_num}: cannot be read", file=file, found=str(error),
+                expected="values separated by commas; quotes in pairs",
+            ) from None  # fmt: skip
+
+    found = rows()
+    columns = [c.strip() for c in next(found, (0, []))[1]]
+    return columns, delimiter, ((n, cells) for n, cells in found if any(c.strip() for c in cells))
 
 
 def check_columns(

@@ -1,4 +1,4 @@
-"""Terrain models: any raster that GDAL reads becomes a north-up grid of square cells in metres."""
+"""Terrain models: a raster becomes a north-up grid of square cells in metres."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ from rasterio.warp import reproject
 from rasterio.windows import Window
 
 from sassgis.io.read.dem_system import dem_system
-from sassgis.io.read.offline import offline
+from sassgis.io.read.offline import RASTER, offline, open_dataset
+from sassgis.io.read.plain_file import check_file, check_text
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 
@@ -117,7 +118,7 @@ def read_dem(
     Parameters
     ----------
     path
-        Any raster with one band of heights that GDAL reads.
+        A raster with one band of heights, of one of the formats of sassgis.io.read.offline.
     crs
         Coordinate system that is used where the file has none, as pyproj understands it
         ("EPSG:2056"), or "local" for local coordinates in metres. If the file has one, both must
@@ -175,6 +176,8 @@ def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | 
     transform = _transform(dataset, file)
     bounds = _outer_bounds(transform, dataset.shape)
     plane, datum, vertical_unit = dem_system(dataset, file, crs, vertical_datum, bounds)
+    check_text(datum, file, "height system")
+    check_text("" if plane is None else plane.name, file, "coordinate system")
     wkt = "" if plane is None else plane.to_wkt()
     return DemFile(file, band, transform, dataset.shape, wkt, datum, vertical_unit)
 
@@ -186,21 +189,18 @@ def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | 
 @contextmanager
 def open_raster(file: Path, key: str) -> Iterator[Any]:
     """Open a raster or say in one line why that cannot be done."""
-    if not file.exists():
-        raise InputError(
-            "file not found", file=file, field=key, expected="the path of a raster that GDAL reads"
-        )
+    check_file(file, key, RASTER)
     with warnings.catch_warnings(), offline(), rasterio.Env(GTIFF_REPORT_COMPD_CS="YES"):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         try:
-            dataset = rasterio.open(file)
+            dataset = open_dataset(file)
         except (RasterioError, OSError) as error:
             raise InputError(
                 "cannot be read as a raster",
                 file=file,
                 field=key,
                 found=_reason(error, file),
-                expected="a raster that GDAL reads (GeoTIFF, ESRI ASCII, ...)",
+                expected=RASTER,
             ) from None
         with dataset:
             yield dataset

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import rasterio
 from affine import Affine
-from rasterio.errors import RasterioIOError
+from rasterio.errors import RasterioError
 from rasterio.features import rasterize
 from rasterio.warp import Resampling, reproject
 
 from sassgis.io.read.csv_table import number
-from sassgis.io.read.offline import offline
+from sassgis.io.read.dem import open_raster
 from sassgis.io.read.vector_features import read_features
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -104,18 +104,15 @@ def _from_polygons(
     return maps[0], maps[1]
 
 
-@offline()
 def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
     west, _, _, north = grid.bounds
     out = np.full(grid.shape, np.nan)
-    try:
-        with rasterio.open(file) as raster:
-            if grid.crs and raster.crs is None:
-                raise InputError(
-                    "states no coordinate system", file=file, field=field, expected="one"
-                )
-            crs = raster.crs or _ANY_PLANE
+    with open_raster(file, field) as raster:
+        if grid.crs and raster.crs is None:
+            raise InputError("states no coordinate system", file=file, field=field, expected="one")
+        crs = raster.crs or _ANY_PLANE
+        try:
             reproject(
                 rasterio.band(raster, 1),
                 out,
@@ -126,10 +123,10 @@ def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
                 dst_nodata=np.nan,
                 resampling=Resampling.nearest,
             )
-    except RasterioIOError as error:
-        raise InputError(
-            "cannot be read as a raster", file=file, field=field, found=str(error)
-        ) from None
+        except RasterioError as error:
+            raise InputError(
+                "cannot be read to the end", file=file, field=field, found=str(error)
+            ) from None
     out = np.where(np.isnan(out), 0.0, out)
     if not np.isfinite(out).all() or (out < 0.0).any():
         raise InputError(

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast, get_args
 
-from sassgis.io.read.csv_table import csv_rows, number, one_of, read_text
+from sassgis.io.read.csv_table import csv_rows, number, one_of
+from sassgis.io.read.plain_file import read_text
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Onset, OnsetUnit
 

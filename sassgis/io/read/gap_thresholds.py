@@ -30,7 +30,7 @@ def read_thresholds(file: Path | None = None) -> dict[str, Any]:
     path = file or THRESHOLDS
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError("thresholds cannot be read", file=path, found=reason) from None
     seeds = content.get("battery_seeds") if isinstance(content, dict) else None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import tomllib
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from os import PathLike
@@ -18,8 +17,9 @@ from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.features import rasterize
 
-from sassgis.io.read.csv_table import check_columns, csv_rows, errors_of_row, number, read_text
+from sassgis.io.read.csv_table import check_columns, csv_rows, errors_of_row, number
 from sassgis.io.read.dem import open_raster, resample
+from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, read_features
 from sassgis.model.crs import same_crs
 from sassgis.model.errors import InputError
@@ -114,12 +114,7 @@ def _read_classes(file: Path) -> list[GroundClass]:
 
 
 def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(
-            "is not valid TOML", file=file, found=str(error), expected="[[classes]] sections"
-        ) from None
+    document = toml_table(text, file, "[[classes]] sections")
     rows = document.get("classes")
     if set(document) != {"classes"} or not isinstance(rows, list):
         raise InputError(
@@ -272,7 +267,7 @@ def _from_polygons(
 
 def _is_raster(file: Path) -> bool:
     """Whether a file holds a raster (a GeoPackage may hold both: then its layers count)."""
-    if not file.exists() or file.suffix.lower() == ".gpkg":
+    if file.suffix.lower() == ".gpkg":
         return False
     try:
         with open_raster(file, "ground.file") as dataset:

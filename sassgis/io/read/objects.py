@@ -12,7 +12,8 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of, read_text
+from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of
+from sassgis.io.read.plain_file import read_text
 from sassgis.io.read.vector_features import Feature, nearest, read_features
 from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError

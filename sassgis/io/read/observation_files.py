@@ -20,18 +20,18 @@ import pyogrio
 import pyproj
 import shapely
 from numpy.typing import NDArray
-from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj.exceptions import CRSError
 
 from sassgis.gap.observations.checks import check_observations, empty_tables
 from sassgis.gap.observations.observation_finding import LeftOut, Level, ObservationFinding
 from sassgis.gap.observations.observed import METADATA_KEYS, Metadata, Observations, without
 from sassgis.gap.observations.tables import TABLE_TYPES, TABLES, Column, Stations, Table
-from sassgis.io.read.csv_table import csv_cells, read_text
-from sassgis.io.read.offline import offline
+from sassgis.io.read.csv_table import csv_cells
+from sassgis.io.read.offline import read_frame, vector_file
+from sassgis.io.read.plain_file import check_text, read_text
 from sassgis.io.read.vector_features import nearest, onto_grid
 from sassgis.model.crs import parse_crs
-from sassgis.model.errors import InputError
+from sassgis.model.errors import InputError, shown
 from sassgis.model.grid import FloatArray, Grid, IntArray
 
 __all__ = ["read_observations", "validate_observations"]
@@ -94,13 +94,13 @@ class _Findings:
         self.all.append(
             ObservationFinding(
                 level,
-                problem,
+                shown(problem),
                 str(file or (raw.file if raw else "")),
                 raw.name if raw else "",
-                column,
+                shown(column),
                 tuple(int(r) for r in rows),
-                found,
-                expected,
+                shown(found),
+                shown(expected),
                 left_out,
             )
         )
@@ -267,7 +267,7 @@ def _csv_folder(folder: Path, findings: _Findings) -> dict[str, _Raw]:
         name = _known_table(file.stem, file, findings)
         if name is None:
             continue
-        columns, delimiter, lines = csv_cells(read_text(file, _KEY, "a table (CSV)"))
+        columns, delimiter, lines = csv_cells(read_text(file, _KEY, "a table (CSV)"), file)
         texts = {c.name for c in TABLES.get(name, ()) if c.text} | {"key", "value"}
         rows, cells, short = [], [], []
         for line, row in lines:
@@ -297,31 +297,20 @@ def _csv_folder(folder: Path, findings: _Findings) -> dict[str, _Raw]:
     return raws
 
 
-@offline()
 def _geopackage(file: Path, findings: _Findings) -> dict[str, _Raw]:
     raws = {}
-    try:
+    with vector_file(file, _KEY):
         for layer, geometry in pyogrio.list_layers(file).tolist():
             name = _known_table(str(layer), file, findings)
             if name is None:
                 continue
-            frame = pyogrio.read_dataframe(
-                file, layer=layer, fid_as_index=True, on_invalid="ignore"
-            )
+            frame = read_frame(file, layer, fid_as_index=True, on_invalid="ignore")
             shapes, crs = None, None
             if geometry is not None and isinstance(frame, gpd.GeoDataFrame):
                 shapes, crs = tuple(frame.geometry.array), frame.crs
                 frame = pd.DataFrame(frame.drop(columns=frame.geometry.name))
             columns = {str(c): frame[c].to_numpy(dtype=object) for c in frame.columns}
             raws[name] = _Raw(name, file, frame.index.to_numpy(np.int64), columns, shapes, crs)
-    except (DataSourceError, DataLayerError, shapely.errors.ShapelyError, ValueError) as error:
-        raise InputError(
-            "cannot be read as observations",
-            file=file,
-            field=_KEY,
-            found=str(error).split(";")[0].replace(f"'{file}' ", "")[:160],
-            expected="a GeoPackage, or a folder of CSV files",
-        ) from None
     return raws
 
 
@@ -336,7 +325,8 @@ def _table(raw: _Raw, grid: Grid | None, crs: str | None, findings: _Findings) -
     for column in TABLES[raw.name]:
         if column.text:
             values = columns.get(column.name)
-            data[column.name] = [""] * n if values is None else _names(values)
+            names = [""] * n if values is None else _names(values)
+            data[column.name] = _short(raw, column.name, names, findings)
         elif column.name in columns:
             data[column.name] = _numbers(raw, column, columns[column.name], findings)
     if raw.shapes is not None:
@@ -408,6 +398,29 @@ def _names(values: NDArray[Any]) -> list[str]:
     if filled and all(re.fullmatch(r"\d+\.0", n) for n in filled):
         names = [n.removesuffix(".0") for n in names]
     return names
+
+
+def _short(raw: _Raw, column: str, texts: list[str], findings: _Findings) -> list[str]:
+    """Texts, empty where they are too long or cannot be shown."""
+    wrong: dict[int, InputError] = {}
+    for i, text in enumerate(texts):
+        try:
+            check_text(text, raw.file, column)
+        except InputError as error:
+            wrong[i], texts[i] = error, ""
+    if wrong:
+        first = next(iter(wrong.values()))
+        findings.add(
+            "error",
+            first.problem,
+            raw,
+            column,
+            raw.rows[list(wrong)],
+            found=str(first.found),
+            expected=str(first.expected),
+            left_out="value",
+        )
+    return texts
 
 
 def _numbers(raw: _Raw, column: Column, values: NDArray[Any], findings: _Findings) -> FloatArray:
@@ -609,9 +622,10 @@ def _metadata(raw: _Raw, findings: _Findings) -> Metadata:
         return Metadata()
     known: dict[str, float] = {}
     others: dict[str, str] = {}
-    pairs = zip(raw.rows.tolist(), _names(columns["key"]), columns["value"].tolist(), strict=True)
-    for row, key, value in pairs:
-        text = "" if value is None or value != value else str(value).strip()
+    keys = _short(raw, "key", _names(columns["key"]), findings)
+    values = ["" if v is None or v != v else str(v).strip() for v in columns["value"].tolist()]
+    values = _short(raw, "value", values, findings)
+    for row, key, text in zip(raw.rows.tolist(), keys, values, strict=True):
         name = key.lower()
         if name not in METADATA_KEYS:
             others[key] = text

@@ -1,22 +1,61 @@
-"""Files are read from disks only: none of them makes GDAL fetch another one from a network.
+"""What GDAL may open: files on disks, in a few formats.
 
-A file of any name may be a list of sources (VRT) or the description of a server (WMS, WFS, ...),
-which GDAL follows.
+A file of any name may be a list of sources (VRT), the description of a server (WMS, WFS, ...) or a
+label beside raw bytes, which GDAL follows: what comes with a project could read any other file of
+the machine, or fetch one. So the formats are named, of virtual rasters only mosaics of GeoTIFF
+files are read, and there is no network.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
 
 import pyogrio
 import rasterio
+import shapely
+from pyogrio.errors import DataLayerError, DataSourceError
+from rasterio.io import DatasetReader
+
+from sassgis.io.read.plain_file import check_file, read_text
+from sassgis.model.errors import InputError
+
+#: Drivers of GDAL, and how messages speak of them. What lies beside raw bytes is read without its
+#: driver (EHdr) if the name is a link, which could lead to any file.
+_RASTERS = ("GTiff", "AAIGrid", "XYZ", "HFA", "EHdr")
+RASTER = "GeoTIFF, VRT of GeoTIFF files, ESRI ASCII, XYZ, Imagine, ESRI BIL or FLT"
+_VECTORS = ("GPKG", "ESRI Shapefile", "GeoJSON", "FlatGeobuf", "KML", "LIBKML", "OpenFileGDB")
+VECTOR = "GeoPackage, Shapefile, GeoJSON, FlatGeobuf, KML or file geodatabase"
+
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_BINARY_VECTORS = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
+#: Texts by which drivers that are not named here know their files, wherever it stands in them.
+_LEADS_ELSEWHERE = re.compile(rb"<OGR|gdal_streamed_alg|<!DOCTYPE", re.IGNORECASE)
+#: As far as GDAL looks for them, with room (bytes).
+_HEAD = 1 << 20
+
+#: All that a mosaic needs, as gdalbuildvrt and gdal_translate write it.
+_MOSAIC_TAGS = re.compile(
+    "VRTDataset|SRS|GeoTransform|Metadata|MDI|OverviewList|Block[XY]Size|VRTRasterBand|MaskBand|"
+    "Description|UnitType|Offset|Scale|NoDataValue|HideNoDataValue|ColorInterp|ColorTable|Entry|"
+    "CategoryNames|Category|Histograms|HistItem|HistMin|HistMax|BucketCount|Approximate|HistCounts|"
+    "IncludeOutOfRange|SimpleSource|ComplexSource|SourceFilename|SourceBand|SourceProperties|"
+    "SrcRect|DstRect|NODATA|UseMaskBand|ScaleOffset|ScaleRatio"
+)
+_LARGEST_MOSAIC = 50_000_000
 
 #: No web address goes through such a proxy, and no remote file has such a name.
-_NO_NETWORK = {
+_SETTINGS = {
     "GDAL_HTTP_PROXY": "none://offline",
     "GDAL_HTTPS_PROXY": "none://offline",
     "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".offline",
+    # Masks and overviews are looked for by their names alone, as below.
+    "GDAL_DISABLE_READDIR_ON_OPEN": "TRUE",
 }
 
 
@@ -26,10 +65,144 @@ def offline() -> Iterator[None]:
 
     Servers named in the environment variable ``NO_PROXY`` are left out: they can be reached.
     """
-    before = {key: pyogrio.get_gdal_config_option(key) for key in _NO_NETWORK}
-    pyogrio.set_gdal_config_options(_NO_NETWORK)
+    before = {key: pyogrio.get_gdal_config_option(key) for key in _SETTINGS}
+    pyogrio.set_gdal_config_options(_SETTINGS)
     try:
-        with rasterio.Env(**_NO_NETWORK):
+        with rasterio.Env(**_SETTINGS):
             yield
     finally:
         pyogrio.set_gdal_config_options(before)
+
+
+# ---------------------------------------------------------------------------------------------
+# Rasters
+
+
+def open_dataset(file: Path) -> DatasetReader:
+    """Open a raster of a format that is named above.
+
+    Raises
+    ------
+    InputError
+        If it is a virtual raster of anything but GeoTIFF files, or a mask or overviews beside it
+        lead elsewhere.
+    rasterio.errors.RasterioError
+        If GDAL cannot open it.
+    """
+    _check_beside(file)
+    state = file.stat()
+    mosaic = _mosaic(file, state.st_ino, state.st_size, state.st_mtime_ns)
+    if mosaic is not None:
+        return DatasetReader(mosaic, driver="VRT")
+    drivers = [name for name in _RASTERS if name != "EHdr" or not file.is_symlink()]
+    # Not as a relative path: rasterio would take "zip:a" for an archive.
+    return DatasetReader(str(file.absolute()), driver=drivers)
+
+
+@lru_cache(maxsize=4)
+def _mosaic(file: Path, _inode: int, _size: int, _time_ns: int) -> str | None:
+    """A virtual raster as GDAL is to see it, with absolute paths; None if the file is none."""
+    with file.open("rb") as stream:
+        head = stream.read(4096).lstrip()
+    if not head.startswith(b"<") or b"<VRTDataset" not in head:
+        return None
+    text = read_text(file, None, "a virtual raster", _LARGEST_MOSAIC)
+
+    def refused(what: str, found: object) -> InputError:
+        return InputError(
+            "is a virtual raster that is not read", file=file, field=what, found=found,
+            expected="a plain mosaic of GeoTIFF files",
+        )  # fmt: skip
+
+    try:
+        if "<!DOCTYPE" in text:
+            raise refused("DOCTYPE", None)
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise refused("XML", error) from None
+    for element in root.iter():
+        if not _MOSAIC_TAGS.fullmatch(element.tag):
+            raise refused("element", element.tag)
+        if kinds := [v for k, v in element.attrib.items() if k.lower() == "subclass"]:
+            raise refused(element.tag, kinds[0])
+    for source in root.iter("SourceFilename"):
+        beside = any(
+            k.lower() == "relativetovrt" and v.strip() == "1" for k, v in source.attrib.items()
+        )
+        place = Path(file.absolute().parent if beside else "", (source.text or "").strip())
+        check_file(place, f"{file.name}, SourceFilename", "a GeoTIFF file")
+        if not _is_tiff(place):
+            raise refused("SourceFilename", place)
+        _check_beside(place)
+        source.text, source.attrib = str(place.absolute()), {"relativeToVRT": "0"}
+    return ET.tostring(root, "unicode")
+
+
+def _is_tiff(file: Path) -> bool:
+    with file.open("rb") as stream:
+        return stream.read(4) in _TIFF
+
+
+def _check_beside(file: Path) -> None:
+    """GDAL opens masks and overviews beside a raster whatever they are."""
+    for suffix in (".msk", ".ovr", ".OVR"):
+        beside = Path(f"{file}{suffix}")
+        if beside.exists():
+            check_file(beside, None, "a GeoTIFF file")
+            if not _is_tiff(beside):
+                raise InputError("is no GeoTIFF", file=beside, expected="a mask or overviews")
+    beside = Path(f"{file}.aux.xml")
+    if beside.exists() and "OVERVIEW_FILE" in read_text(beside, None, "XML", _LARGEST_MOSAIC):
+        raise InputError("names a file elsewhere", file=beside, field="OVERVIEW_FILE")
+
+
+# ---------------------------------------------------------------------------------------------
+# Vector files
+
+_VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError)
+
+
+@contextmanager
+def vector_file(file: Path, field: str | None) -> Iterator[None]:
+    """Have a vector file read within the block, if it is of a format that is named above.
+
+    Raises
+    ------
+    InputError
+        Also in place of what GDAL raises in the block.
+    """
+    check_file(file, field, VECTOR, folders=True)
+    try:
+        if not _is_vector(file):
+            raise ValueError("none of the formats that are read")
+        with offline():
+            yield
+    except (*_VECTOR_ERRORS, ValueError, OSError) as error:
+        raise InputError(
+            "cannot be read as a vector file",
+            file=file,
+            field=field,
+            found=str(error).split(";")[0].replace(f"'{file}' ", "")[:160],
+            expected=VECTOR,
+        ) from None
+
+
+def read_frame(file: Path, layer: str, **options: Any) -> Any:
+    """A layer as a frame, within a block of vector_file."""
+    driver = pyogrio.read_info(file, layer=layer)["driver"]
+    if driver not in _VECTORS:
+        raise ValueError(f"a file of {driver}")
+    return pyogrio.read_dataframe(file, layer=layer, **options)
+
+
+def _is_vector(file: Path) -> bool:
+    """Whether a file begins as one of the formats, so that no other driver takes it for its own."""
+    if file.is_dir():
+        return file.suffix.lower() == ".gdb" and (file / "a00000001.gdbtable").is_file()
+    with file.open("rb") as stream:
+        head = stream.read(_HEAD)
+    if head.startswith(_BINARY_VECTORS):
+        return True  # drivers look for texts up to the first zero
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    is_text = text.startswith(b"{") or (text.startswith(b"<") and b"<kml" in text)
+    return is_text and not _LEADS_ELSEWHERE.search(text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
+import os
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from os import PathLike
@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sassgis.hazard.preset_labels import preset_unverified
-from sassgis.io.read.csv_table import read_text
+from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import HazardLevel, HazardPreset, IntensityClass, Provenance
@@ -103,7 +103,7 @@ def read_preset(name: str | PathLike[str]) -> HazardPreset:
         text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
         return _preset(text, name, f"built-in preset {name}")
     path = Path(name)
-    if path.suffix.lower() != ".toml" and not path.is_file():
+    if path.suffix.lower() != ".toml" and not os.path.isfile(path):
         raise InputError(
             "is not a known hazard preset",
             field="preset",
@@ -118,10 +118,7 @@ def read_preset(name: str | PathLike[str]) -> HazardPreset:
 
 
 def _preset(text: str, name: str, file: str) -> HazardPreset:
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError("is not valid TOML", file=file, found=str(error), expected=_WHAT) from None
+    document = toml_table(text, file, _WHAT)
     try:
         content = _File.model_validate(document)
     except ValidationError as error:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.io.read.config import profile_control_lines
-from sassgis.io.read.csv_table import csv_rows, number, one_of, read_text
+from sassgis.io.read.csv_table import csv_rows, number, one_of
+from sassgis.io.read.plain_file import read_text
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet

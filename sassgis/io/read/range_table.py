@@ -5,7 +5,8 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of, read_text
+from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of
+from sassgis.io.read.plain_file import read_text
 from sassgis.model.ground import GroundTable
 from sassgis.model.ground_ranges import EVERY_CLASS, RANGED, RangeRule
 

@@ -10,15 +10,15 @@ from typing import Any
 import geopandas as gpd
 import numpy as np
 import pandas as pd
-import pyogrio
 import rasterio
 import shapely
-from pyogrio.errors import DataLayerError, DataSourceError
+from pyogrio.errors import DataLayerError
 
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.read.dem import open_raster
+from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.model.errors import InputError
 from sassgis.model.exposure import ExposedObject, PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
@@ -57,7 +57,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
     file = folder / MANIFEST_NAME
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError("cannot be read", file=file, found=str(error)) from None
     wanted = (
         "sassgis", "versions", "inputs", "seed", "ref_widths_m", "preset", "settings", "counts",
@@ -77,12 +77,11 @@ def read_layer(file: Path, name: str) -> gpd.GeoDataFrame | None:
     """
     if not file.is_file():
         return None
-    try:
-        frame = pyogrio.read_dataframe(file, layer=name)
-    except DataLayerError:
-        return None
-    except DataSourceError as error:
-        raise InputError("cannot be read", file=file, found=str(error)) from None
+    with vector_file(file, None):
+        try:
+            frame = read_frame(file, name)
+        except DataLayerError:
+            return None
     return frame if isinstance(frame, gpd.GeoDataFrame) else None
 
 

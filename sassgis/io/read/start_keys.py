@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import os
-import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pyogrio
-from pyogrio.errors import DataLayerError, DataSourceError
 
 from sassgis.io.read.config import declared_sections
-from sassgis.io.read.offline import offline
+from sassgis.io.read.offline import read_frame, vector_file
+from sassgis.io.read.plain_file import toml_table
 from sassgis.io.read.site_layers import SiteLayer, site_layers
-from sassgis.io.read.vector_features import unreadable
 from sassgis.model.errors import InputError
 
 #: Keys with their values by section; sections with double brackets are not told apart, as there is
@@ -61,7 +59,7 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
     site = {own.name: own for own in site_layers()}
     if "release_areas" in layers and len(layers) > 1:
         for name, own in site.items():
-            if name in layers and (own.section == "release" or _count(release, name)):
+            if name in layers and (own.section == "release" or len(_table(release, name))):
                 keys.append((own.section, _keys_of(own, release, place)))
         return keys
     chosen = next((n for n in _RELEASE_LAYERS if n in layers), layers[0])
@@ -117,8 +115,8 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
 
 def _toml(text: str) -> object:
     try:
-        value = tomllib.loads(f"x = {text}")["x"]
-    except tomllib.TOMLDecodeError:
+        value = toml_table(f"x = {text}", "--set")["x"]
+    except InputError:
         return text
     return value if isinstance(value, bool | int | float | str | list | dict) else text
 
@@ -147,17 +145,10 @@ def _names(column: Any) -> bool:
     return bool(texts) and len(set(texts)) == len(texts) == len(column)
 
 
-@offline()
 def _layers(file: Path) -> list[str]:
     """Layers with geometry."""
-    if not file.exists():
-        raise InputError(
-            "file not found", file=file, field="--release", expected="the path of a vector file"
-        )
-    try:
+    with vector_file(file, "--release"):
         names = [str(name) for name, kind in pyogrio.list_layers(file) if kind is not None]
-    except (DataSourceError, DataLayerError) as error:
-        raise unreadable(file, "--release", error) from None
     if not names:
         raise InputError(
             "holds no layer with geometry", file=file, field="--release",
@@ -166,18 +157,9 @@ def _layers(file: Path) -> list[str]:
     return names
 
 
-@offline()
 def _table(file: Path, layer: str) -> Any:
-    try:
-        return pyogrio.read_dataframe(file, layer=layer, read_geometry=False)
-    except (DataSourceError, DataLayerError, ValueError) as error:
-        raise unreadable(file, "--release", error) from None
-
-
-@offline()
-def _count(file: Path, layer: str) -> int:
-    info: Mapping[str, Any] = pyogrio.read_info(file, layer=layer)
-    return int(info["features"])
+    with vector_file(file, "--release"):
+        return read_frame(file, layer, read_geometry=False)
 
 
 def _seen_from(folder: Path, file: Path) -> str:

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 BoolArray = NDArray[np.bool_]
 
 #: Rasters by their suffix; other files of a folder of tiles are left alone.
-TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt", ".dem")
+TILE_SUFFIXES = (".tif", ".tiff", ".asc", ".img", ".bil", ".flt")
 #: Cells of tiles may be off the common lattice by this share of a cell.
 _OFF_LATTICE = 0.01
 #: Heights of tiles that overlap: equal up to here (m), and not of one terrain beyond (median, m).

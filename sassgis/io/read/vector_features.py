@@ -18,11 +18,11 @@ import pyproj
 import shapely
 from affine import Affine
 from numpy.typing import NDArray
-from pyogrio.errors import DataLayerError, DataSourceError
 from pyproj.exceptions import ProjError
 from rasterio.features import rasterize
 
-from sassgis.io.read.offline import offline
+from sassgis.io.read.offline import VECTOR, read_frame, vector_file
+from sassgis.io.read.plain_file import check_file, check_text
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
@@ -166,13 +166,9 @@ def without_shapes(frame: Any) -> list[Feature]:
     return [Feature(n, row, None, "") for n, row in enumerate(rows, start=1)]
 
 
-@offline()
 def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str | None]) -> Any:
     """The layer as a frame with geometry."""
-    if not file.exists():
-        raise InputError(
-            "file not found", file=file, field=f"{key}.file", expected="the path of a vector file"
-        )
+    check_file(file, f"{key}.file", VECTOR, folders=True)
     stat = file.stat()
     frame, name, spoken = _read_layer(file, layer, key, stat.st_ino, stat.st_size, stat.st_mtime_ns)
     for text in spoken:
@@ -187,6 +183,8 @@ def open_layer(file: Path, layer: str | None, key: str, fields: Mapping[str, str
                 found=repr(field),
                 expected=nearest(field, known),
             )
+        for number, text in enumerate(() if field is None else frame[field], start=1):
+            check_text(text, file, f"layer {name}, {field}", f"feature {number}")
     if len(frame) == 0:
         raise InputError(
             "layer is empty", file=file, field=f"layer {name}", expected="at least one feature"
@@ -202,29 +200,15 @@ def _read_layer(
 
     A few are kept: a batch takes its release areas one by one from the same layer.
     """
-    try:
-        with warnings.catch_warnings(record=True) as spoken:
-            warnings.simplefilter("always")
-            layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
-            name = _choose_layer(layers, layer, file, key)
-            # Geometries that cannot be decoded come as None and are reported by feature.
-            frame = pyogrio.read_dataframe(file, layer=name, on_invalid="ignore")
-    except (DataSourceError, DataLayerError, shapely.errors.ShapelyError, ValueError) as error:
-        raise unreadable(file, f"{key}.file", error) from None
+    with vector_file(file, f"{key}.file"), warnings.catch_warnings(record=True) as spoken:
+        warnings.simplefilter("always")
+        layers = {str(n): kind for n, kind in pyogrio.list_layers(file)}
+        name = _choose_layer(layers, layer, file, key)
+        # Geometries that cannot be decoded come as None and are reported by feature.
+        frame = read_frame(file, name, on_invalid="ignore")
     texts = dict.fromkeys(" ".join(str(w.message).split()) for w in spoken)
     # Measures along lines are dropped with the heights: nothing is lost.
     return frame, name, tuple(t for t in texts if not t.startswith("Measured"))
-
-
-def unreadable(file: Path, field: str, error: Exception) -> InputError:
-    """Why GDAL cannot read a vector file that a key or an option names."""
-    return InputError(
-        "cannot be read as a vector file",
-        file=file,
-        field=field,
-        found=str(error).split(";")[0].replace(f"'{file}' ", "")[:160],
-        expected="GeoPackage, Shapefile, GeoJSON or another format that GDAL reads",
-    )
 
 
 def _choose_layer(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -336,8 +337,8 @@ def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, Fl
         for item in items:
             control_lines += _control_lines_of(item, f"{section}[{item.name}]", config.file, grid)
     names = [control_line.name for control_line, _ in control_lines]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(names).items():
+        if count > 1:
             raise ConfigError(
                 "name is used twice",
                 file=config.file,

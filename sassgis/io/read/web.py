@@ -85,7 +85,7 @@ def get_json(url: str, timeout_s: float) -> Any:
         text = answer.read(_LARGEST_ANSWER)
     try:
         return json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise InputError(
             "does not answer in JSON", file=url, found=repr(text[:60]), expected="a STAC interface"
         ) from None

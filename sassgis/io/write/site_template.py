@@ -58,9 +58,9 @@ def site_template(
     OutputError
         If a file is there already or cannot be written.
     """
-    project = path.with_suffix(".qgz")
     if path.suffix.lower() != ".gpkg":
         raise OutputError(f"{path}: cannot see what to write; expected a name ending in .gpkg")
+    project = path.with_suffix(".qgz")
     ground: tuple[LayerEntry, ...] = ()
     if dem is None:
         if crs is None:

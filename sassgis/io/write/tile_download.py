@@ -121,7 +121,7 @@ def _damage(offer: TileOffer, file: Path) -> str:
             return "" if found == want else f"{function} {found[:12]}..., stated {want[:12]}..."
     # Without a checksum all of it is read once.
     try:
-        with rasterio.open(file) as raster:
+        with rasterio.open(file, driver="GTiff") as raster:
             for _, window in raster.block_windows(1):
                 np.isfinite(raster.read(1, window=window)).any()
     except (RasterioError, OSError) as error:

@@ -6,8 +6,7 @@ import os
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import rasterio
-
+from sassgis.io.read.dem import open_raster
 from sassgis.io.read.tiles import Terrain
 from sassgis.io.staging import staged_file
 
@@ -42,7 +41,7 @@ def write_vrt(file: Path, terrain: Terrain, overwrite: bool = False) -> Path:
     kinds = set()
     # GDAL lets a later source cover an earlier one; here the first tile counts.
     for tile in reversed(terrain.tiles):
-        with rasterio.open(tile.dem.file) as raster:
+        with open_raster(tile.dem.file, "terrain.dem") as raster:
             kind, nodata = raster.dtypes[tile.dem.band - 1], raster.nodata
             block = raster.block_shapes[tile.dem.band - 1]
         kinds.add(kind)

@@ -208,6 +208,25 @@ def test_bad_cells_name_file_table_column_and_row(folder, slope):
     assert len(observed.impacts) == 5
 
 
+def test_texts_that_no_report_can_show_are_left_out(folder, slope):
+    path = folder(
+        rocks=setting("rock_id", "R" * 5000, [1]),
+        passages=setting("station", "S\0", [3]),
+        metadata=lambda rows: [*rows, {"key": "note", "value": "n" * 5000}],
+        deposits=lambda rows: rows[:-1],
+    )
+    observed = read_observations(path, slope)
+    found = lines(observed, slope)
+    rock, station = (
+        next(x for x in found if f"{t}: row" in x) for t in ("rocks.rock_id", "passages.station")
+    )
+    assert "row 3: text is too long (found 5000 characters: 'RRRRRRRRRRRRRRRRRRRR'..." in rock
+    assert "row 5: holds a character that cannot be shown" in station
+    assert len(observed.rocks) == 4 and observed.passages.station[3] == ""
+    assert observed.metadata.others["note"] == ""
+    assert not [x for x in found if len(x) > 1000]
+
+
 NO_LOOSE_BLOCK = {"deposits": lambda rows: rows[:-1]}
 
 

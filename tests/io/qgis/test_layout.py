@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import subprocess
 from dataclasses import replace
@@ -73,6 +74,16 @@ def test_lines_fit_and_no_letter_is_lost(text: str, width: float) -> None:
     lines = wrapped(text, width, 8.0)
     assert all(text_width(line, 8.0) <= width or len(line) == 1 for line in lines)
     assert "".join("".join(lines).split()) == "".join(text.split())
+
+
+@pytest.mark.parametrize("letter", ["n", "n ", " ", "\u0301", "\n", "\t", "\u4e2d"])
+def test_long_texts_are_broken_in_one_pass(letter: str) -> None:
+    """Also in letters that the font does not have; taken as wide as high, 50 mm hold 17 of them."""
+    text = letter * 100_000
+    lines = wrapped(text, 50.0, 8.0)
+    assert "".join("".join(lines).split()) == "".join(text.split())
+    if letter == "\u4e2d":
+        assert {len(line) for line in lines[:-1]} == {math.floor(50.0 / (8.0 * 25.4 / 72.0))}
 
 
 def test_a_number_stays_with_its_per_cent() -> None:

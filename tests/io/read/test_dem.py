@@ -230,7 +230,7 @@ def test_missing_file(tmp_path, one_line):
 def test_file_that_is_no_raster(tmp_path, one_line):
     path = tmp_path / "dem.tif"
     path.write_text("x y z\n1 2 3\n")
-    _refused(one_line, path, "cannot be read as a raster", "found", "expected a raster")
+    _refused(one_line, path, "cannot be read as a raster", "found", "expected GeoTIFF")
 
 
 def test_damaged_file(make_dem, one_line):

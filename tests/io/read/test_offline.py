@@ -1,20 +1,31 @@
-"""No input file makes the program fetch something from a network."""
+"""No input file makes the program read another file of the machine, or fetch one from a network."""
 
 from __future__ import annotations
 
+import os
+import shutil
 import threading
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
+import geopandas as gpd
+import numpy as np
 import pyogrio
 import pytest
-from rasterio.errors import RasterioIOError
+import rasterio
+import rasterio.shutil
+import shapely
+from rasterio.transform import from_origin
 
-from sassgis.io.read.dem import open_raster
+from sassgis.io.read.dem import open_raster, read_dem
+from sassgis.io.read.forest import read_forest
 from sassgis.io.read.offline import offline
 from sassgis.io.read.vector_features import open_layer
 from sassgis.model.errors import InputError
+from sassgis.model.grid import Grid
+from sassgis.model.settings import ForestPlace
 
 _VRT = """<VRTDataset rasterXSize="9" rasterYSize="9"><GeoTransform>0,1,0,0,0,-1</GeoTransform>
 <VRTRasterBand dataType="Float32" band="1"><SimpleSource><SourceFilename>{}</SourceFilename>
@@ -65,8 +76,8 @@ def test_no_raster_is_fetched(tmp_path: Path, asked: tuple[str, list[str]], kind
     url, paths = asked
     file = tmp_path / "dem.tif"
     file.write_text(RASTERS[kind](url))
-    with pytest.raises((InputError, RasterioIOError)), open_raster(file, "DEM") as dataset:
-        dataset.read(1)
+    with pytest.raises(InputError, match=r"dem\.tif"), open_raster(file, "DEM"):
+        pass
     assert paths == []
 
 
@@ -85,3 +96,271 @@ def test_the_settings_of_gdal_are_left_as_they_were() -> None:
     with offline():
         assert pyogrio.get_gdal_config_option("GDAL_HTTP_PROXY") == "none://offline"
     assert pyogrio.get_gdal_config_option("GDAL_HTTP_PROXY") == before
+
+
+# ---------------------------------------------------------------------------------------------
+# Other files of the machine
+
+HEIGHTS = 1000.0 + np.arange(12.0).reshape(3, 4)
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """A folder that somebody sent, beside a file that is none of their business."""
+    (tmp_path / "secret").write_bytes(bytes(range(9)) * 9)
+    folder = tmp_path / "site"
+    folder.mkdir()
+    write(folder / "tile.tif", "GTiff")
+    return folder
+
+
+def write(file: Path, driver: str, **options: object) -> None:
+    with rasterio.MemoryFile() as memory:
+        with memory.open(
+            driver="GTiff", count=1, dtype="float32", width=4, height=3, crs="EPSG:2056",
+            transform=from_origin(2_700_000.0, 1_150_000.0, 10.0, 10.0),
+        ) as raster:  # fmt: skip
+            raster.write(HEIGHTS, 1)
+        with memory.open() as raster:
+            rasterio.shutil.copy(raster, file, driver=driver, **options)
+
+
+def mosaic(source: str, *, relative: int = 1, size: int = 9, attributes: str = "") -> str:
+    """A virtual raster over the first cells of another raster."""
+    return (
+        f'<VRTDataset rasterXSize="{size}" rasterYSize="{size}" {attributes}>'
+        "<GeoTransform>2700000, 10, 0, 1150000, 0, -10</GeoTransform>"
+        '<VRTRasterBand dataType="Float32" band="1"><SimpleSource>'
+        f'<SourceFilename relativeToVRT="{relative}">{source}</SourceFilename>'
+        "<SourceBand>1</SourceBand></SimpleSource></VRTRasterBand></VRTDataset>"
+    )
+
+
+def raw(kind: str = 'subClass="VRTRawRasterBand"', more: str = "") -> str:
+    """A virtual raster whose band is the bytes of a file."""
+    return (
+        '<VRTDataset rasterXSize="9" rasterYSize="9">'
+        "<GeoTransform>2700000, 10, 0, 1150000, 0, -10</GeoTransform>"
+        f'<VRTRasterBand dataType="Byte" band="1" {kind}>'
+        f'<SourceFilename relativeToVRT="1">../secret</SourceFilename>{more}'
+        "</VRTRasterBand></VRTDataset>"
+    )
+
+
+_PIXELS = (
+    "<PixelFunctionType>f</PixelFunctionType><PixelFunctionLanguage>Python</PixelFunctionLanguage>"
+    "<PixelFunctionCode>def f(*a, **k): open('run', 'w')</PixelFunctionCode>"
+)
+_WARP = "<GDALWarpOptions><SourceDataset>../secret</SourceDataset></GDALWarpOptions></VRTDataset>"
+#: What a raster may say that leads elsewhere, and what of it the message names.
+ASTRAY = {
+    "raw band": (raw(), "VRTRawRasterBand"),
+    "raw band in small letters": (raw('subclass="vrtrawrasterband"'), "vrtrawrasterband"),
+    "band below the declaration": (
+        '<?xml version="1.0" encoding="UTF-8"?>\n' + raw(), "VRTRawRasterBand"
+    ),
+    "raw mask": (
+        mosaic("tile.tif").replace(
+            "</VRTDataset>",
+            "<MaskBand><VRTRasterBand dataType='Byte' subClass='VRTRawRasterBand'>"
+            "<SourceFilename>../secret</SourceFilename></VRTRasterBand></MaskBand></VRTDataset>",
+        ),
+        "VRTRawRasterBand",
+    ),
+    "computed band": (raw('subClass="VRTDerivedRasterBand"', _PIXELS), "Pixel|Derived"),
+    "warped": (
+        mosaic("tile.tif", attributes='subClass="VRTWarpedDataset"').replace(
+            "</VRTDataset>", _WARP
+        ),
+        "VRTWarpedDataset",
+    ),
+    "processed": (
+        mosaic("tile.tif", attributes='subClass="VRTProcessedDataset"'), "VRTProcessedDataset"
+    ),
+    "element unknown here": (
+        mosaic("tile.tif").replace("SimpleSource", "ArraySource"), "ArraySource"
+    ),
+    "virtual raster in another": (mosaic("inner.tif"), "inner.tif"),
+    "virtual raster as a name": (
+        mosaic(raw().replace("<", "&lt;").replace('"', "&quot;")), "cannot be opened|not found"
+    ),
+    "virtual raster as an address": (mosaic("vrt://inner.tif", relative=0), "not found"),
+    "raster in an archive": (mosaic("/vsizip/a.zip/inner.tif", relative=0), "not found"),
+    "text as a tile": (mosaic("../secret"), "secret"),
+    "pipe as a tile": (mosaic("pipe.tif"), "pipe"),
+    "entities": (
+        '<!DOCTYPE a [<!ENTITY b SYSTEM "../secret">]>' + mosaic("tile.tif"), "DOCTYPE|format"
+    ),
+    "broken": (mosaic("tile.tif")[:-4], "XML"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ASTRAY)
+@pytest.mark.parametrize("name", ["dem.tif", "dem.vrt"])
+def test_a_virtual_raster_leads_nowhere(site: Path, kind: str, name: str, one_line) -> None:
+    text, word = ASTRAY[kind]
+    (site / "inner.tif").write_text(raw())
+    with zipfile.ZipFile(site / "a.zip", "w") as packed:
+        packed.writestr("inner.tif", raw())
+    os.mkfifo(site / "pipe.tif")
+    (site / name).write_text(text)
+    with pytest.raises(InputError, match=word) as refused:
+        read_dem(site / name, crs="EPSG:2056")
+    one_line(refused, name)
+    assert not list(site.parent.rglob("run"))
+
+
+@pytest.mark.parametrize("beside", ["dem.tif.msk", "dem.tif.ovr", "dem.tif.OVR", "dem.tif.aux.xml"])
+@pytest.mark.parametrize("below", ["", "a mosaic of it"])
+def test_what_lies_beside_a_raster_leads_nowhere(
+    site: Path, beside: str, below: str, one_line
+) -> None:
+    write(site / "dem.tif", "GTiff")
+    (site / "raw.vrt").write_text(raw())
+    (site / "all.vrt").write_text(mosaic("dem.tif", size=4))
+    text = raw()
+    if beside.endswith(".xml"):
+        text = (
+            '<PAMDataset><Metadata domain="OVERVIEWS"><MDI key="OVERVIEW_FILE">raw.vrt</MDI>'
+            "</Metadata></PAMDataset>"
+        )
+    file = site / ("all.vrt" if below else "dem.tif")
+    assert np.array_equal(read_dem(file, crs="EPSG:2056").values[:3, :4], HEIGHTS)
+    (site / beside).write_text(text)
+    file.touch()
+    with pytest.raises(InputError) as refused:
+        read_dem(file, crs="EPSG:2056")
+    one_line(refused, beside)
+
+
+def test_a_link_is_no_raw_raster(site: Path) -> None:
+    """The header that says how to read the bytes came with the link."""
+    write(site / "dem.bil", "EHdr")
+    assert np.array_equal(read_dem(site / "dem.bil", crs="EPSG:2056").values, HEIGHTS)
+    (site / "dem.bil").unlink()
+    (site / "dem.bil").symlink_to(site.parent / "secret")
+    with pytest.raises(InputError, match="cannot be read as a raster"):
+        read_dem(site / "dem.bil", crs="EPSG:2056")
+
+
+@pytest.mark.parametrize("place", ["tile.tif", "../beside/tile.tif", "absolute"])
+def test_mosaics_of_tiles_are_read(site: Path, place: str) -> None:
+    """From folders beside it too: whoever names a GeoTIFF could have named it as the raster."""
+    (site.parent / "beside").mkdir()
+    shutil.copy(site / "tile.tif", site.parent / "beside" / "tile.tif")
+    text = mosaic(place)
+    if place == "absolute":
+        text = mosaic(str(site / "tile.tif"), relative=0)
+    (site / "dem.vrt").write_text(text)
+    values = read_dem(site / "dem.vrt", crs="EPSG:2056").values
+    assert np.array_equal(values[:3, :4], HEIGHTS)
+
+
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [("a.tif", "GTiff"), ("a.tif", "COG"), ("a.asc", "AAIGrid"), ("a.xyz", "XYZ"),
+     ("a.img", "HFA"), ("a.bil", "EHdr"), ("a.flt", "EHdr"), ("a.vrt", "VRT")],
+)  # fmt: skip
+def test_formats_of_rasters(site: Path, name: str, driver: str) -> None:
+    if driver == "VRT":
+        rasterio.shutil.copy(site / "tile.tif", site / name, driver=driver)
+    else:
+        write(site / name, driver)
+    assert np.array_equal(read_dem(site / name, crs="EPSG:2056").values, HEIGHTS)
+
+
+def test_other_formats_of_rasters_are_refused(site: Path, one_line) -> None:
+    write(site / "a.bt", "BT")
+    with pytest.raises(InputError, match="cannot be read as a raster") as refused:
+        read_dem(site / "a.bt", crs="EPSG:2056")
+    one_line(refused, "a.bt", "expected GeoTIFF")
+
+
+def test_a_forest_is_read_in_the_same_way(site: Path) -> None:
+    grid = Grid(np.zeros((3, 4)), 2_700_000.0, 1_150_000.0, 10.0, "", "")
+    for name, text in (("good.vrt", mosaic("tile.tif")), ("bad.vrt", raw())):
+        (site / name).write_text(text)
+    stems, _ = read_forest(ForestPlace(stems_raster=site / "good.vrt", dbh_cm=30.0), grid)
+    assert stems == pytest.approx(HEIGHTS.ravel() / 1e4)
+    with pytest.raises(InputError, match=r"bad\.vrt"):
+        read_forest(ForestPlace(stems_raster=site / "bad.vrt", dbh_cm=30.0), grid)
+
+
+# ---------------------------------------------------------------------------------------------
+# Vector files
+
+_POINT = (
+    '{"type": "Feature", "properties": {"a": "%s"},'
+    '"geometry": {"type": "Point", "coordinates": [1, 2]}}'
+)
+_LIST = (
+    "<OGRVRTDataSource><OGRVRTLayer name='secret'><SrcDataSource>{}</SrcDataSource></OGRVRTLayer>"
+    "</OGRVRTDataSource>"
+)
+_KML = "<kml xmlns='http://www.opengis.net/kml/2.2'>{}</kml>"
+VECTORS_ASTRAY: dict[str, Callable[[Path], str]] = {
+    "list of sources": _LIST.format,
+    "list of sources in GeoJSON": lambda f: _POINT % _LIST.format(f),
+    "list of sources in KML": lambda f: _KML.format("") + _LIST.format(f),
+    "commands": lambda f: (
+        f'{{"type": "gdal_streamed_alg", "command_line": "gdal vector pipeline ! read {f}"}}'
+    ),
+    "commands in GeoJSON": lambda f: (
+        '{"type": "FeatureCollection", "features": [], "type": "gdal_streamed_alg",'
+        f'"command_line": "gdal vector pipeline ! read {f}"}}'
+    ),
+    "entities": lambda f: (
+        f"<!DOCTYPE kml [<!ENTITY a SYSTEM '{f}'>]>" + _KML.format("<name>&a;</name>")
+    ),
+    "no format": str,
+}
+
+
+@pytest.mark.parametrize("kind", VECTORS_ASTRAY)
+@pytest.mark.parametrize("name", ["release.geojson", "release.gpkg", "release.kml", "release.json"])
+def test_no_vector_file_leads_elsewhere(site: Path, kind: str, name: str, one_line) -> None:
+    secret = site.parent / "secret.geojson"
+    secret.write_text(_POINT % "secret")
+    (site / name).write_text(VECTORS_ASTRAY[kind](secret))
+    with pytest.raises(InputError) as refused:
+        open_layer(site / name, None, "release", {})
+    one_line(refused, name, "release.file", "cannot be read as a vector file", "GeoPackage")
+
+
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [("a.gpkg", "GPKG"), ("a.shp", "ESRI Shapefile"), ("a.geojson", "GeoJSON"),
+     ("a.fgb", "FlatGeobuf"), ("a.kml", "LIBKML"), ("a.kml", "KML"), ("a.gdb", "OpenFileGDB")],
+)  # fmt: skip
+def test_formats_of_vector_files(tmp_path: Path, name: str, driver: str) -> None:
+    frame = gpd.GeoDataFrame(
+        {"name": ["<b>area</b>"]}, geometry=[shapely.box(8, 46, 9, 47)], crs=4326
+    )
+    frame.to_file(tmp_path / name, driver=driver)
+    found = open_layer(tmp_path / name, None, "release", {})
+    assert found.geometry.iloc[0].equals(shapely.box(8, 46, 9, 47))
+    assert "<b>area</b>" in found.iloc[0].tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "driver"),
+    [("a.gml", "GML"), ("a.sqlite", "SQLite"), ("a.gpx", "GPX"), ("a.jml", "JML")],
+)
+def test_other_formats_of_vector_files_are_refused(
+    tmp_path: Path, name: str, driver: str, one_line
+) -> None:
+    frame = gpd.GeoDataFrame({"name": ["a"]}, geometry=[shapely.Point(8, 46)], crs=4326)
+    pyogrio.write_dataframe(frame, tmp_path / name, driver=driver)
+    with pytest.raises(InputError, match="cannot be read as a vector file") as refused:
+        open_layer(tmp_path / name, None, "release", {})
+    one_line(refused, name, "release.file")
+
+
+def test_pipes_and_devices_are_not_opened(tmp_path: Path) -> None:
+    """Reading them might never end."""
+    os.mkfifo(tmp_path / "pipe")
+    for file in (tmp_path / "pipe", Path("/dev/zero")):
+        with pytest.raises(InputError, match="is no file"):
+            read_dem(file)
+        with pytest.raises(InputError, match="is no file"):
+            open_layer(file, None, "release", {})

@@ -1,0 +1,136 @@
+"""Files of a user before what they say counts: plain ones, of a bounded size; text, TOML in them.
+
+They may come from anyone: a path leads to a pipe that never ends, a few letters to values that are
+nested ten thousand times, a name fills a map sheet.
+"""
+
+from __future__ import annotations
+
+import re
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from sassgis.model.errors import InputError
+
+#: Longest text of an input (characters): a name, a title, an attribute, a cell of a table, a key.
+LONGEST_TEXT = 1000
+#: Largest files (bytes): a CSV table, and TOML, which takes far longer to read.
+_LARGEST_TABLE, _LARGEST_TOML = 200_000_000, 2_000_000
+#: Tables and lists within each other.
+_DEEPEST = 20
+#: What no XML file can hold, and so no map sheet.
+_UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+#: More dots than that in a key: reading it takes the square of their number.
+_LONG_KEY = re.compile(
+    rf"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){{{_DEEPEST}}}"""
+)
+
+
+def check_file(file: Path, field: str | None, expected: str, folders: bool = False) -> None:
+    """Raise InputError unless a path leads to a file, or to a folder where that is as good.
+
+    A pipe or a device could be read for ever.
+    """
+    try:
+        kind = file.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError("file not found", file=file, field=field, expected=expected) from None
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "cannot be opened", file=file, field=field,
+            found=getattr(error, "strerror", None) or str(error), expected=expected,
+        ) from None  # fmt: skip
+    if not (stat.S_ISREG(kind) or (folders and stat.S_ISDIR(kind))):
+        found = "a folder" if stat.S_ISDIR(kind) else "a pipe or a device"
+        raise InputError("is no file", file=file, field=field, found=found, expected=expected)
+
+
+def read_text(file: Path, field: str | None, what: str, largest: int = _LARGEST_TABLE) -> str:
+    """Text of a UTF-8 file; InputError if it is missing, too large or not text."""
+    check_file(file, field, what)
+    if (size := file.stat().st_size) > largest:
+        raise InputError(
+            "is too large", file=file, field=field, found=f"{size / 1e6:.0f} MB",
+            expected=f"{what} of at most {largest / 1e6:.0f} MB",
+        )  # fmt: skip
+    try:
+        # utf-8-sig: spreadsheets put a mark in front of UTF-8.
+        return file.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            "is not UTF-8 text", file=file, field=field, found=f"byte {error.start}",
+            expected="UTF-8",
+        ) from None  # fmt: skip
+    except OSError as error:
+        raise InputError("cannot be read", file=file, field=field, found=error.strerror) from None
+
+
+def read_toml(file: Path, field: str | None, what: str) -> dict[str, Any]:
+    """The document of a TOML file; errors are those of read_text and toml_table."""
+    return toml_table(read_text(file, field, what, _LARGEST_TOML), file, what)
+
+
+def toml_table(text: str, file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
+    """A TOML document.
+
+    Raises
+    ------
+    InputError
+        If it is none, or holds a text, a number or a nesting beyond all use.
+    """
+    try:
+        if _LONG_KEY.search(text):
+            raise RecursionError
+        document = tomllib.loads(text)
+    except RecursionError:
+        raise _too_deep(file, None) from None
+    except ValueError as error:
+        found = str(error)
+        if not isinstance(error, tomllib.TOMLDecodeError):
+            found = "a number of thousands of digits"
+        elif "escape" in found.lower() or "hex" in found.lower():
+            what = "valid TOML (in paths write / or \\\\ instead of a single \\)"
+        raise InputError("is not valid TOML", file=file, found=found, expected=what) from None
+    rest: list[tuple[str, int, Any]] = [("", 0, document)]
+    while rest:
+        place, depth, value = rest.pop()
+        if isinstance(value, str):
+            check_text(value, file, place)
+        elif isinstance(value, int) and value.bit_length() > 63:
+            raise InputError(
+                "is too large", file=file, field=place,
+                found=f"a whole number of {value.bit_length()} bits", expected="at most 63 bits",
+            )  # fmt: skip
+        elif isinstance(value, dict | list):
+            if depth > _DEEPEST:
+                raise _too_deep(file, place)
+            inner = value.items() if isinstance(value, dict) else (("", v) for v in value)
+            for key, own in inner:
+                check_text(key, file, place)
+                rest.append((f"{place}.{key}".strip("."), depth + 1, own))
+    return document
+
+
+def _too_deep(file: str | Path, field: str | None) -> InputError:
+    expected = f"tables and lists at most {_DEEPEST} within each other"
+    return InputError("is nested too deeply", file=file, field=field, expected=expected)
+
+
+def check_text(text: object, file: str | Path, field: str, where: str = "") -> None:
+    """Raise InputError for a text that no map sheet can show; what is no text passes."""
+    if not isinstance(text, str):
+        return
+    where = f"{where}: " if where else ""
+    if len(text) > LONGEST_TEXT:
+        raise InputError(
+            f"{where}text is too long", file=file, field=field,
+            found=f"{len(text)} characters: {text[:20]!r}...",
+            expected=f"at most {LONGEST_TEXT} characters",
+        )  # fmt: skip
+    if odd := _UNPRINTABLE.search(text):
+        raise InputError(
+            f"{where}holds a character that cannot be shown", file=file, field=field,
+            found=ascii(odd[0]), expected="letters, digits, signs",
+        )  # fmt: skip
