@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights
+from sassgis.runs.check_inputs import check_inputs
 
-from sassgis.io.read.check_inputs import check_inputs
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.site_layers import site_layers

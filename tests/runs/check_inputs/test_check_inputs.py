@@ -4,9 +4,9 @@ import logging
 
 import numpy as np
 import pytest
+from sassgis.runs.check_inputs import check_inputs
 from shapely import box
 
-from sassgis.io.read.check_inputs import check_inputs
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import InputError
 
