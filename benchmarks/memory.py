@@ -65,7 +65,7 @@ def measure(names: list[str]) -> list[dict[str, Any]]:
             folder = Path(scratch)
             written(folder, name)
             printed, _ = _sassgis("validate", folder / "config.toml", "--json")
-            estimate = json.loads(printed).get("estimate", {})
+            estimate = json.loads(printed)["estimate"]
             command = CASES[name][0]
             _, peak = _sassgis(command, folder / "config.toml", "-o", folder / "out")
         found.append({"case": name, "command": command, "peak_bytes": peak, **estimate})

@@ -82,16 +82,17 @@ class Estimate:
         """Return the estimate for people, line by line."""
         free = memory_bytes()
         more = f" (zones: up to {self.more} times as many)" if self.more > 1 else ""
+        room = "" if free is None else f"; {free / 1e9:.3g} GB are free"
         return [
             f"estimate       {self.blocks} blocks{more}, {self.points} release points, "
             f"{self.cells} cells",
             f"               memory {sum(self.need.values()) / 1e9:.2g} GB and "
-            f"{self.per_reached / 1e3:.1f} kB for each cell that blocks come to"
-            + ("" if free is None else f"; {free / 1e9:.3g} GB are free"),
-            f"               time {_spoken(self.seconds)} on {self.cores} core(s), if a block takes "
-            "as long as on the slope of docs/studies/speed.md; it may be a tenth or ten times that",
-            f"               maps {self.map_bytes / 1e6:.2g} MB before they are compressed; tables "
-            f"of blocks, if asked for, {self.blocks} rows",
+            f"{self.per_reached / 1e3:.1f} kB for each cell that blocks come to{room}",
+            f"               time {_spoken(self.seconds)} on {self.cores} core(s), if blocks take "
+            "as long as on the slope of docs/studies/speed.md; on long slopes, with effects and on "
+            "slower machines several times that",
+            f"               maps {self.map_bytes / 1e6:.2g} MB before they are compressed; a "
+            f"table of blocks {self.blocks} rows",
         ]
 
 
@@ -99,7 +100,7 @@ def _spoken(seconds: float) -> str:
     for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
         if seconds >= 2.0 * size:
             return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"
+    return f"{math.ceil(seconds)} s"
 
 
 def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1) -> Estimate:
@@ -136,11 +137,9 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
         "output.stop_points_max": min(run.stop_points_max, blocks) * _PER_STOP,
     }
     if run.lines_per_point > 1:
-        key = (
-            "release.rocks_per_point"
-            if run.spread.lines_per_point == 1
-            else "spread.lines_per_point"
-        )
+        # Random paths are one for each block.
+        bundle = run.lines_per_point == run.spread.lines_per_point
+        key = "spread.lines_per_point" if bundle else "release.rocks_per_point"
         need[key] = need.get(key, 0) + round(at_work * chunk * run.lines_per_point * _PER_LINE)
     if windows:
         need["hazard.ref_width_m"] = windows
@@ -175,7 +174,7 @@ def reached_bytes(bins: Bins) -> int:
 
 
 def require_profile(length_m: float, rocks: int, bins: Bins) -> None:
-    """Raise InputError if a profile of this length, or so many blocks, do not fit into the memory."""
+    """Raise InputError if a profile of this length, or its blocks, do not fit into the memory."""
     require_memory(
         {
             "profile.file": round(min(length_m / STRETCH_M, 1e15)) * reached_bytes(bins),

@@ -287,6 +287,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
         min_width_m=z.min_width_m,
         tolerance_m=z.tolerance_m,
     )
+    settings.check_cells(run.grid.cell_size)
     return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
 
 

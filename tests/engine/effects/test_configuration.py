@@ -10,12 +10,12 @@ import pytest
 import rasterio
 from affine import Affine
 from annotated_types import Interval
-from sassgis.runs.check_inputs import check_inputs
 from shapely import box
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import SassgisError
+from sassgis.runs.check_inputs import check_inputs
 from sassgis.runs.inputs import read_map_run
 
 FAMILIES = [f for f in EFFECTS if f != "trees"]
