@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sassgis.engine.simulate import simulate
-    from sassgis.io.read.check_inputs import check_inputs
     from sassgis.io.read.config import load_config
     from sassgis.io.read.dem import read_dem
     from sassgis.model.blocks import BlockPopulation
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from sassgis.model.ground import GroundClass, GroundTable
     from sassgis.model.results import ControlLine, Outcome, StopReason
     from sassgis.model.settings import EngineSettings
+    from sassgis.runs.check_inputs import check_inputs
     from sassgis.runs.profile_run import run_profile
     from sassgis.runs.run import run
     from sassgis.runs.zone import zone
@@ -65,7 +65,7 @@ _HOMES = {
     "GroundTable": "sassgis.model.ground",
     "Outcome": "sassgis.model.results",
     "StopReason": "sassgis.model.results",
-    "check_inputs": "sassgis.io.read.check_inputs",
+    "check_inputs": "sassgis.runs.check_inputs",
     "load_config": "sassgis.io.read.config",
     "read_dem": "sassgis.io.read.dem",
     "run": "sassgis.runs.run",

@@ -47,7 +47,7 @@ from sassgis.model.settings import EngineSettings
 from sassgis.model.statistics_table import Bins, default_bins
 
 # Cells for which there is room at first; four times as many each time that it was too few.
-_ROOM = 8192
+ROOM = 8192
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ def follow(
     )
     forest = terrain.forest
     hooked = prepare(effects, forest is not None and bool((forest.stems_per_m2 > 0.0).any()))
-    room, more = _ROOM, 1
+    room, more = ROOM, 1
     while True:
         register = empty_register(terrain.grid.shape, room, window, objects)
         totals = Totals(

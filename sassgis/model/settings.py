@@ -104,7 +104,7 @@ class TerrainSettings(Section):
         "than any run-out that you expect",
     ] = 20.0
     max_line_length_m: Annotated[
-        float, Interval(gt=0, le=100_000), "longest fall line, in plan (m)"
+        float, Interval(ge=1, le=100_000), "longest fall line, in plan (m)"
     ] = 5000.0
     path: Annotated[
         Literal["followed", "fall_line"],

@@ -47,6 +47,7 @@ from sassgis.runs.inputs import (
     collected_notices,
     forest_of,
     map_run_of,
+    most_repetitions,
     on_block_scale,
     read_rules,
     yearly_frequencies,
@@ -54,7 +55,7 @@ from sassgis.runs.inputs import (
 from sassgis.runs.job import Job, OnProgress, Simulation
 from sassgis.runs.map import TerrainTooSmall
 from sassgis.runs.workers import Jobs
-from sassgis.runs.zone import most_repetitions, prepared, simulations, write_zones
+from sassgis.runs.zone import prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 
 AREAS_NAME = "areas"

@@ -33,9 +33,10 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine, RasterLayer
 from sassgis.model.run_config import Config
-from sassgis.model.statistics_table import SUMS, Bins
+from sassgis.model.statistics_table import Bins
 from sassgis.runs.batch_state import Record, add_cells, add_objects, read_state
 from sassgis.runs.checkpoint import progress_from
+from sassgis.runs.estimate import reached_bytes
 from sassgis.runs.workers import task_map
 
 #: Bytes of the program itself, and of each cell of a block: its heights, and its maps.
@@ -71,14 +72,7 @@ class Maps(NamedTuple):
 def bytes_needed(place: Part, areas: Sequence[Reached], bins: Bins) -> int:
     """Memory that the maps of a place take (bytes), with all that its areas have counted."""
     reached = sum(a.record.reached for a in areas if a.part.common(place) is not None)
-    sums = sum(
-        np.dtype(s.dtype).itemsize * (bins.edges[s.name].size - 1 if s.name in bins.edges else 1)
-        for s in SUMS
-    )
-    # Counts and squares of a source, its rates and variances and those of all, and copies at work;
-    # sums with room to grow, those that are added, and their parts.
-    per_reached = 10 * 8 * bins.threshold.size + 3 * sums
-    return BASE + place.n_rows * place.n_cols * _PER_CELL + reached * per_reached
+    return BASE + place.n_rows * place.n_cols * _PER_CELL + reached * reached_bytes(bins)
 
 
 def shared(memory_bytes: int, cores: int) -> tuple[int, int]:

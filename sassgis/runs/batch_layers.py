@@ -26,8 +26,8 @@ from sassgis.model.statistics_table import Bins
 from sassgis.runs.batch_area import Setting, area_feature
 from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_blocks import Maps, Reached, met_objects
+from sassgis.runs.inputs import compares_barriers
 from sassgis.runs.publish import made_on
-from sassgis.runs.zone import compares_barriers
 
 #: The zones; the other layers of zones are those of the federal model.
 _ZONES = "hazard_zones"

@@ -40,6 +40,7 @@ from sassgis.runs.batch_zones import ZoneTask, zones_by_group
 from sassgis.runs.checkpoint import Checkpoint
 from sassgis.runs.inputs import (
     collected_notices,
+    compares_barriers,
     forest_of,
     input_files,
     map_run_of,
@@ -47,7 +48,7 @@ from sassgis.runs.inputs import (
 )
 from sassgis.runs.job import Job, Simulation, workers_asked
 from sassgis.runs.workers import Jobs
-from sassgis.runs.zone import compares_barriers, without_barriers, write_zones
+from sassgis.runs.zone import without_barriers, write_zones
 from sassgis.terrain.plan import plan
 
 MOSAIC_NAME = "mosaic"

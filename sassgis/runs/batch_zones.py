@@ -20,8 +20,8 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.batch_blocks import Reached, added_up, bytes_needed
+from sassgis.runs.inputs import compares_barriers
 from sassgis.runs.workers import task_map
-from sassgis.runs.zone import compares_barriers
 
 #: Layers of a group that make sense for all of them together.
 _LAYERS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")

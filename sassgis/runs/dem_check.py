@@ -23,7 +23,7 @@ from sassgis.terrain.dem_defects import (
     height_step,
     inner_holes,
 )
-from sassgis.terrain.slope_units import slopes_deg
+from sassgis.terrain.slope_units import WALL_SHARE, slopes_deg, wall_share
 
 Verdict = Literal["good", "look", "bad"]
 
@@ -34,9 +34,8 @@ _CELL_M = (2.0, 10.0)
 _STEP_ERROR_DEG = (1.0, 3.0)
 #: Shares of equal neighbours on ground that is not level, likewise.
 _EQUAL = (0.05, 0.3)
-#: Ground on which blocks may start is steeper than this, walls of wrong units than that (degrees).
-_STEEP_DEG, _WALL_DEG = 30.0, 80.0
-_WALL_SHARE = 0.02
+#: Ground on which blocks may start is steeper than this (degrees).
+_STEEP_DEG = 30.0
 #: A spike or single pit stands out by this (m), or by the width of a cell if that is more.
 _BUMP_M = 0.5
 #: More of them than this share of the cells and this number, or one higher than this (m), is bad.
@@ -242,7 +241,7 @@ def _steepness(slopes: FloatArray) -> DemFinding:
         f"median {numbers['median_deg']:.1f}°, steepest {numbers['steepest_deg']:.1f}°, "
         f"{100.0 * shares['above_45_deg']:.1f} % above 45°"
     )
-    if (known > _WALL_DEG).mean() > _WALL_SHARE:
+    if wall_share(slopes) > WALL_SHARE:
         return DemFinding(
             "steepness", "bad", f"{found}, {100.0 * shares['above_80_deg']:.1f} % above 80°",
             "too steep for terrain: are heights or cells in another unit?", numbers,

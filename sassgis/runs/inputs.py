@@ -11,16 +11,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
+from sassgis.hazard.bins import bins_for
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
-from sassgis.hazard.warnings import rule_warnings
 from sassgis.hazard.zoning.generalise import ZoneSettings
+from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.frequencies import read_frequencies
-from sassgis.io.read.ground_map import ground_raster, read_ground_table
-from sassgis.io.read.objects import joined_objects, read_objects, read_vulnerability
+from sassgis.io.read.ground_map import default_class, ground_raster, read_ground_table
+from sassgis.io.read.objects import (
+    joined_objects,
+    object_cells,
+    read_objects,
+    read_vulnerability,
+)
 from sassgis.io.read.presets import read_preset
-from sassgis.io.read.readiness import readiness
+from sassgis.io.read.profile_csv import check_on_profile, read_profile
 from sassgis.io.read.tiles import read_terrain
 from sassgis.io.read.vectors import read_control_lines, read_release, release_names
 from sassgis.model.errors import ConfigError, InputError
@@ -28,11 +35,15 @@ from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.hazard import HazardPreset
-from sassgis.model.map_run import Forest, MapRun
+from sassgis.model.map_run import Forest, MapRun, ObjectCells
 from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
+from sassgis.runs.estimate import require_profile
 from sassgis.terrain.block_scale import block_scale_grid
+from sassgis.terrain.slope_units import WALL_DEG, WALL_SHARE, slopes_deg, wall_share
+
+log = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -71,18 +82,14 @@ def fall_line_settings(config: Config) -> FallLineSettings:
     )
 
 
-def read_map_run(
-    config: Config, areas: Sequence[str] | None = None, grid: Grid | None = None
-) -> MapRun:
+def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     """Read every file that the configuration names.
 
     Parameters
     ----------
     config : Config
     areas : sequence of str, optional
-        Names of the release areas to run; default: all.
-    grid : Grid, optional
-        The DEM, if it has been read already.
+        Names of the release areas to run; default: all. Of none the file is not read.
 
     Raises
     ------
@@ -94,9 +101,16 @@ def read_map_run(
             "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
         )
     terrain = config.terrain
-    if grid is None:
-        grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
-    chosen = read_release(config.release, grid, config.block_names, areas)
+    grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
+    walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
+    if walls > WALL_SHARE:
+        log.warning(
+            "%s: %.1f %% of the cells are steeper than %g degrees, too steep for terrain: "
+            "are heights or cells in another unit?",
+            config.dem_path, 100.0 * walls, WALL_DEG,
+        )  # fmt: skip
+    none = areas is not None and not areas
+    chosen = [] if none else read_release(config.release, grid, config.block_names, areas)
     table = read_ground_table(config.ground.classes, config.engine.readings)
     ground = ground_raster(config.ground, grid, table)
     control_lines = read_control_lines(config, grid)
@@ -172,6 +186,49 @@ def input_files(config: Config) -> dict[str, Path]:
     return files
 
 
+def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
+    """The profile of ``[profile] file``, or of another CSV file in its place."""
+    settings = config.profile
+    file = path or (settings.file if settings else None)
+    if file is None:
+        raise ConfigError(
+            "no profile to run",
+            file=config.file,
+            field="profile.file",
+            expected="a CSV file; or give --csv, or --point to cut a profile from the terrain",
+        )
+    table = read_ground_table(config.ground.classes, config.engine.readings)
+    default = table.names[default_class(config.ground, table)]
+    flat = read_profile(file, table, default)
+    check_on_profile(config, flat)
+    s, z = flat.vertices(0)
+    bins = bins_for(float(np.ptp(z)), config.blocks, config.engine)
+    require_profile(float(s[-1] - s[0]), 0, bins)
+    start = settings.start_m if settings else (float(s[0]), float(s[0]))
+    return ProfileInput(
+        config.project.name, s, z, flat.ground, table, tuple(profile_control_lines(config)), start,
+        _even_forest(config, s),
+    )  # fmt: skip
+
+
+def _even_forest(config: Config, s: FloatArray) -> Forest | None:
+    """The same forest all along a profile that lies on no map."""
+    trees = config.trees
+    if trees is None:
+        return None
+    for key in ("file", "stems_raster", "dbh_raster"):
+        if getattr(trees, key) is not None:
+            raise ConfigError(
+                "has no place along a profile from a table",
+                file=config.file,
+                field=f"effects.trees.{key}",
+                expected="stems_per_ha and dbh_cm alone",
+            )
+    n = stretches_of(s).size - 1
+    stems, dbh = (trees.stems_per_ha or 0.0), (trees.dbh_cm or 0.0)
+    return Forest(np.full(n, stems / 1e4), np.full(n, dbh / 100.0))
+
+
 def yearly_frequencies(
     config: Config, areas: Sequence[ReleaseArea], known: Sequence[str] | None = None
 ) -> dict[tuple[str, str], float]:
@@ -230,6 +287,7 @@ def read_rules(config: Config, run: MapRun) -> Rules:
         min_width_m=z.min_width_m,
         tolerance_m=z.tolerance_m,
     )
+    settings.check_cells(run.grid.cell_size)
     return Rules(preset, frequencies, placed, vulnerability, settings, width, tuple(notices))
 
 
@@ -272,42 +330,26 @@ def named_preset(config: Config) -> HazardPreset:
         ) from None
 
 
-def check_rules(config: Config, grid: Grid | None = None) -> list[str]:
-    """Read what there is for a zoning, and say what it holds.
+def with_rules(run: MapRun, rules: Rules) -> MapRun:
+    """The run with the energies, objects and windows at which a zoning needs counts."""
+    cells, owner = object_cells(rules.placed, run.grid)
+    return replace(
+        run,
+        thresholds_kj=rules.preset.thresholds_kj,
+        objects=ObjectCells(len(rules.placed), cells, owner),
+        ref_width_m=rules.ref_width_m,
+    )
 
-    Parameters
-    ----------
-    config : Config
-        Where it is not complete for a zoning, preset and objects are read if it names any.
-    grid : Grid, optional
-        The DEM, if it has been read already.
 
-    Raises
-    ------
-    ConfigError, InputError
-        As for a zoning.
-    """
-    ready = {own.task: not own.missing for own in readiness(config)}
-    if not ready["zone"]:
-        preset = named_preset(config)
-        lines = [f"zoning: preset {preset.name} ({preset.title})"]
-        if config.objects and grid is not None:
-            with collected_notices() as notices:
-                lines.append(f"  exposed objects: {len(placed_objects(config, grid))}")
-            lines += [f"  note: {text}" for text in notices]
-        return lines
-    run = read_map_run(config, grid=grid)
-    rules = read_rules(config, run)
-    annual = sum(rules.frequencies.values())
-    lines = [
-        f"zoning: preset {rules.preset.name} ({rules.preset.title})",
-        f"  onset: {annual:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
-        f"  reference width: {rules.ref_width_m:.4g} m",
-    ]
-    if len(rules.placed):
-        lines.append(f"  exposed objects: {len(rules.placed)}")
-    notes = (*rules.notices, *rule_warnings(rules.preset, rules.frequencies))
-    return lines + [f"  note: {text}" for text in notes]
+def most_repetitions(config: Config) -> int:
+    """Repetitions that a zoning may take."""
+    return 1 if config.hazard.uncertain_share_max is None else config.hazard.repetitions_max
+
+
+def compares_barriers(config: Config, run: MapRun) -> bool:
+    """Whether there are walls and nets, and zones and risk without them are wanted too."""
+    built = any(line.kind != "station" for line, _ in run.control_lines)
+    return built and config.hazard.compare_barriers
 
 
 def ref_width(config: Config, cell_size: float) -> float:

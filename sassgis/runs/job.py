@@ -16,14 +16,16 @@ from sassgis.hazard.warnings import simulation_warnings
 from sassgis.io.read.config import load_config, settings_hash
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.write.frames import require_parquet
-from sassgis.model.errors import InputError, Interrupted, OutputError
+from sassgis.model.errors import Interrupted, OutputError
 from sassgis.model.map_run import BlockRows, MapRun
+from sassgis.model.memory import require_memory
 from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import SUM_NAMES
 from sassgis.runs.checkpoint import Checkpoint
+from sassgis.runs.estimate import estimate_of
 from sassgis.runs.inputs import collected_notices, read_map_run
 from sassgis.runs.interrupts import held_back
-from sassgis.runs.map import chunks_of, simulate_map
+from sassgis.runs.map import check_starts, chunks_of, simulate_map
 from sassgis.runs.sample_check import check_tolerance
 from sassgis.runs.workers import Jobs, Workers
 from sassgis.terrain.plan import Plan, plan
@@ -80,13 +82,25 @@ def configured(config: Config | str | Path, seed: int | None) -> Config:
 
 def read_job(config: Config, areas: Sequence[str] | None, tell: Callable[[str], None]) -> Job:
     """Read the inputs of a run and place its release points."""
-    if "parquet" in (config.output.rock_table, config.output.passage_table):
-        require_parquet()
     tell("Reading the inputs")
     with collected_notices() as notices:
         run = read_map_run(config, areas)
+    check_means(config, run)
     tell("Placing the release points")
     return Job(run, plan(run), (*config.notes, *notices))
+
+
+def check_means(config: Config, run: MapRun, jobs: Jobs = None) -> None:
+    """Check that there is what a run needs: memory, of a cluster in this process, and pyarrow.
+
+    Raises
+    ------
+    InputError, OutputError
+    """
+    if "parquet" in (config.output.rock_table, config.output.passage_table):
+        require_parquet()
+    workers = workers_asked(config, jobs)
+    require_memory(estimate_of(run, workers if isinstance(workers, int) else 1).need, config.file)
 
 
 def simulate_config(
@@ -127,6 +141,8 @@ def simulate_config(
         Whether a sample is repeated at other tolerances of the segments.
     """
     run, planned = job.run, job.planned
+    check_means(config, run, jobs)
+    check_starts(run, planned.points, lambda: planned)
     fingerprint = state_fingerprint(config, run, schedule)
     checkpoint = Checkpoint(work, fingerprint, part)
     began = time.perf_counter()
@@ -253,14 +269,5 @@ def _simulate(
             f"stopped by the user after {int(progress.reasons.sum())} blocks; what was computed is "
             f"kept in {checkpoint.folder}: the same command goes on from there"
         ) from None
-    if not progress.reasons.sum():
-        # An empty map would read as "no hazard".
-        raise InputError(
-            "no block could be simulated",
-            file=config.release.file,
-            field="release.file",
-            found=f"{progress.lost} blocks, on fall lines that all end where they begin",
-            expected="release areas on slopes, on known terrain and not at its edge",
-        )
     # Whatever happens while the result is written, the simulation is not lost.
     checkpoint.save(progress)

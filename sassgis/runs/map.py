@@ -104,10 +104,44 @@ def path_keys(keys: NDArray[np.uint64], scenario: str) -> NDArray[np.uint64]:
     return out
 
 
+def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
+    """Which release points lie on cells with a height: from the others no path is followed."""
+    cells = run.heights.cell_of(points.x, points.y)
+    return (cells >= 0) & np.isfinite(run.heights.values.ravel()[np.maximum(cells, 0)])
+
+
+def check_starts(run: MapRun, points: ReleasePoints, planned: Callable[[], Plan]) -> None:
+    """Raise InputError where no block can start: an empty map would read as "no hazard".
+
+    Parameters
+    ----------
+    run : MapRun
+    points : ReleasePoints
+    planned : callable
+        Gives the plan; asked only where blocks keep to lines, which are traced to find one.
+    """
+    if run.followed:
+        can = bool(on_known_ground(run, points).any())
+    else:
+        plan = planned()
+        can = any(
+            len(prepare_lines(run, trace_lines(run, plan.surface, take(plan.starts, own.points))))
+            for own in chunks_of(plan)
+        )
+    if not can:
+        raise InputError(
+            "no block could be simulated",
+            field="release.file",
+            found=f"{len(points)} release points, "
+            + ("none on known terrain" if run.followed else "with lines that end where they begin"),
+            expected="release areas on slopes, on known terrain and not at its edge",
+        )
+
+
 def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
     """A chunk of blocks whose paths are followed."""
-    cells = run.heights.cell_of(planned.points.x[chunk.points], planned.points.y[chunk.points])
-    known = (cells >= 0) & np.isfinite(run.heights.values.ravel()[np.maximum(cells, 0)])
+    points = take(planned.points, chunk.points)
+    known = on_known_ground(run, points)
     which = chunk.points[known]
     points = take(planned.points, which)
     area = int(planned.points.area[chunk.points[0]])

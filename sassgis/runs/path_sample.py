@@ -12,7 +12,7 @@ from sassgis.hazard.block_paths import BlockPath
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import StopReason
-from sassgis.runs.map import LOG_EVENTS, follow_one, path_in_plan
+from sassgis.runs.map import LOG_EVENTS, follow_one, on_known_ground, path_in_plan
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import Plan
 from sassgis.terrain.prepare import line_draw_keys, prepare_lines, trace_lines
@@ -50,9 +50,8 @@ def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]
 
 
 def _followed(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterator[BlockPath]:
-    cells = run.heights.cell_of(planned.points.x[which], planned.points.y[which])
-    known = (cells >= 0) & np.isfinite(run.heights.values.ravel()[np.maximum(cells, 0)])
-    points = take(planned.points, which[known])
+    points = take(planned.points, which)
+    points = take(points, np.flatnonzero(on_known_ground(run, points)))
     if not len(points):
         return
     name = points.area_names[int(points.area[0])]

@@ -14,9 +14,7 @@ from sassgis.hazard.bins import bins_for
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.warnings import profile_warnings
-from sassgis.io.read.config import load_config, profile_control_lines
-from sassgis.io.read.ground_map import default_class, read_ground_table
-from sassgis.io.read.profile_csv import check_on_profile, read_profile
+from sassgis.io.read.config import load_config
 from sassgis.io.read.vectors import read_line
 from sassgis.io.staging import staged_output
 from sassgis.model import rng
@@ -35,7 +33,8 @@ from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import PROBABILITIES
 from sassgis.report.notebook import in_short
 from sassgis.report.page import ReportContext
-from sassgis.runs.inputs import collected_notices, read_map_run
+from sassgis.runs.estimate import require_profile
+from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
 from sassgis.runs.publish import publish_profile
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
@@ -67,47 +66,6 @@ class ProfileRunResult:
         return in_short(self.report, self.folder)
 
 
-def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
-    """The profile of ``[profile] file``, or of another CSV file in its place."""
-    settings = config.profile
-    file = path or (settings.file if settings else None)
-    if file is None:
-        raise ConfigError(
-            "no profile to run",
-            file=config.file,
-            field="profile.file",
-            expected="a CSV file; or give --csv, or --point to cut a profile from the terrain",
-        )
-    table = read_ground_table(config.ground.classes, config.engine.readings)
-    default = table.names[default_class(config.ground, table)]
-    flat = read_profile(file, table, default)
-    check_on_profile(config, flat)
-    s, z = flat.vertices(0)
-    start = settings.start_m if settings else (float(s[0]), float(s[0]))
-    return ProfileInput(
-        config.project.name, s, z, flat.ground, table, tuple(profile_control_lines(config)), start,
-        _even_forest(config, s),
-    )  # fmt: skip
-
-
-def _even_forest(config: Config, s: FloatArray) -> Forest | None:
-    """The same forest all along a profile that lies on no map."""
-    trees = config.trees
-    if trees is None:
-        return None
-    for key in ("file", "stems_raster", "dbh_raster"):
-        if getattr(trees, key) is not None:
-            raise ConfigError(
-                "has no place along a profile from a table",
-                file=config.file,
-                field=f"effects.trees.{key}",
-                expected="stems_per_ha and dbh_cm alone",
-            )
-    n = stretches_of(s).size - 1
-    stems, dbh = (trees.stems_per_ha or 0.0), (trees.dbh_cm or 0.0)
-    return Forest(np.full(n, stems / 1e4), np.full(n, dbh / 100.0))
-
-
 def _forest_along(run: MapRun, traces: TraceSet, s: FloatArray) -> Forest | None:
     """The forest of the map under the middle of each stretch of a profile."""
     if run.forest is None:
@@ -128,7 +86,7 @@ def profile_along_line(config: Config, file: Path) -> ProfileInput:
         If the file does not hold one line, or the line leaves the terrain model, crosses nodata
         or is too short.
     """
-    run = read_map_run(config)
+    run = read_map_run(config, areas=())
     x, y = read_line(file, run.grid, "--line").T
     s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
     only = np.zeros(1, np.int64)
@@ -154,7 +112,7 @@ def profile_from_terrain(config: Config, x: float, y: float) -> ProfileInput:
     InputError
         If the point lies outside the terrain model or on nodata.
     """
-    run = read_map_run(config)
+    run = read_map_run(config, areas=())
     surface = fall_line_surface(run.grid, run.fall_lines)
     point = ReleasePoints(
         np.array([x]), np.array([y]), np.zeros(1, np.int64), np.zeros(1, np.uint64), ("point",)
@@ -217,14 +175,15 @@ def simulate_profile(
             "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
         )
     count = rocks or (config.profile.rocks if config.profile else 100)
+    relief = float(profile.z.max() - profile.z.min())
+    bins = bins_for(relief, config.blocks, config.engine)
+    require_profile(float(np.ptp(profile.s)), count * len(config.blocks), bins)
     flat = _with_stretches(profile)
     chainages = [c for _, c in profile.control_lines]
     control_lines = ControlLineCrossings.same_for_all(
         [g for g, _ in profile.control_lines], chainages, 1
     )
     sums = ControlLineSums(control_lines.control_lines)
-    relief = float(profile.z.max() - profile.z.min())
-    bins = bins_for(relief, config.blocks, config.engine)
     parts: list[Simulated] = []
     paths: list[tuple[FloatArray, FloatArray]] = []
     drawn = min(count, -(-_DRAWN // len(config.blocks)))

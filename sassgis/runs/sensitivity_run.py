@@ -53,7 +53,7 @@ from sassgis.report.page import write_report
 from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import input_files, read_rules
 from sassgis.runs.job import Job, OnProgress, configured, read_job, state_fingerprint, workers_asked
-from sassgis.runs.map import simulate_map
+from sassgis.runs.map import check_starts, simulate_map
 from sassgis.runs.workers import Jobs, Workers
 from sassgis.runs.zone import prepared
 
@@ -137,6 +137,7 @@ def sensitivity(
         given = config.release.rocks_per_point
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, rocks_per_point=few, stop_points_max=0)
+        check_starts(run, job.planned.points, lambda: job.planned)
         ready = replace(job, run=run)
         lab = _Lab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
         done = _simulated(lab, known, samples, tell)
@@ -210,12 +211,6 @@ class _Lab:
                 f"stopped by the user after {self._asked} simulations; they are kept in "
                 f"{self._folder}: the same command goes on from there"
             ) from None
-        if not progress.reasons.sum():
-            raise InputError(
-                "no block could be simulated",
-                found=f"{progress.lost} blocks, on fall lines that all end where they begin",
-                expected="release areas on slopes, on known terrain and not at its edge",
-            )
         return finding_of(run, progress, self.rules)
 
 

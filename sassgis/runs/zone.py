@@ -12,12 +12,11 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.curves import at_energies
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
-from sassgis.io.read.objects import object_cells
 from sassgis.io.staging import staged_output
 from sassgis.model.languages import speaking
-from sassgis.model.map_run import MapRun, ObjectCells
+from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
-from sassgis.runs.inputs import read_rules
+from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
 from sassgis.runs.publish import Published, publish_map, zone_extras
 from sassgis.runs.run import RunResult, result_of
@@ -39,13 +38,7 @@ class ZoneResult:
 
 def prepared(job: Job, rules: Rules) -> Job:
     """The job with the energies and objects at which the zoning needs counts."""
-    cells, owner = object_cells(rules.placed, job.run.grid)
-    run = replace(
-        job.run,
-        thresholds_kj=rules.preset.thresholds_kj,
-        objects=ObjectCells(len(rules.placed), cells, owner),
-        ref_width_m=rules.ref_width_m,
-    )
+    run = with_rules(job.run, rules)
     return Job(run, job.planned, (*job.notices, *rules.notices))
 
 
@@ -55,12 +48,6 @@ def without_barriers(job: Job) -> Job:
         (replace(line, kind="station"), trace) for line, trace in job.run.control_lines
     )
     return Job(replace(job.run, control_lines=control_lines), job.planned, ())
-
-
-def compares_barriers(config: Config, run: MapRun) -> bool:
-    """Whether there are walls and nets, and zones and risk without them are wanted too."""
-    built = any(line.kind != "station" for line, _ in run.control_lines)
-    return built and config.hazard.compare_barriers
 
 
 def zone(
@@ -158,11 +145,6 @@ def assessed(rules: Rules, done: Simulation, without: Simulation | None) -> Asse
         confidence=done.config.hazard.confidence,
         by_source=done.config.hazard.by_source,
     )
-
-
-def most_repetitions(config: Config) -> int:
-    """Repetitions that a zoning may take."""
-    return 1 if config.hazard.uncertain_share_max is None else config.hazard.repetitions_max
 
 
 def simulations(

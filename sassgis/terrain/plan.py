@@ -50,20 +50,25 @@ class Plan:
         return rocks
 
 
-def plan(run: MapRun) -> Plan:
-    """Place the release points and prepare the surface.
+def placed_points(run: MapRun) -> ReleasePoints:
+    """The release points of a run.
 
     Raises
     ------
     InputError, ConfigError
         As sassgis.terrain.release.release_points.
     """
-    points = release_points(
+    return release_points(
         [(a.name, a.geometry) for a in run.areas],
         run.spacing_m,
         run.placement,  # type: ignore[arg-type]
         run.seed,
     )
+
+
+def plan(run: MapRun) -> Plan:
+    """Place the release points and prepare the surface; errors are those of placed_points."""
+    points = placed_points(run)
     surface = fall_line_surface(run.grid, run.fall_lines)
     polygonal = np.array([a.geometry.area > 0.0 for a in run.areas], bool)
     distance = 0.5 * run.spacing_m if run.placement == "grid" else 0.0

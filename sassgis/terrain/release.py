@@ -18,7 +18,7 @@ from sassgis.model.profiles import ReleasePoints
 
 Placement = Literal["grid", "random"]
 
-_MAX_POINTS = 50_000_000
+MAX_POINTS = 50_000_000
 _BATCH = 4096
 _MAX_BATCHES = 5000
 
@@ -57,7 +57,7 @@ def release_points(
     ConfigError
         If the spacing is not positive, or the placement is unknown.
     InputError
-        If a name occurs twice, or a geometry is missing, empty or invalid.
+        If a name occurs twice, a geometry is missing, empty or invalid, or the points are too many.
     """
     if not (np.isfinite(spacing_m) and spacing_m > 0.0):
         raise ConfigError(
@@ -79,9 +79,11 @@ def release_points(
                 found=repr(name),
                 expected="distinct names",
             )
+    shapes = [_checked(name, geometry) for name, geometry in areas]
+    _check_number(sum(points_expected(shape, spacing_m) for shape in shapes))
     placed = [
-        _points_of(name, _checked(name, geometry), spacing_m, placement, seed)
-        for name, geometry in areas
+        _points_of(name, shape, spacing_m, placement, seed)
+        for name, shape in zip(names, shapes, strict=True)
     ]
     coordinates = np.concatenate([np.empty((0, 2)), *placed])
     return ReleasePoints(
@@ -96,6 +98,24 @@ def release_points(
         ),
         area_names=names,
     )
+
+
+def points_expected(geometry: BaseGeometry, spacing_m: float) -> float:
+    """About how many release points a geometry gets, before any is placed."""
+    return sum(
+        max(1.0, part.area / spacing_m**2, part.length / spacing_m if not part.area else 0.0)
+        for part in _simple_parts(geometry)
+    )
+
+
+def _check_number(points: float) -> None:
+    if not points <= MAX_POINTS:
+        raise InputError(
+            "the release spacing is too fine for the release areas",
+            field="release.spacing_m",
+            found=f"{points:.3g} points",
+            expected=f"at most {MAX_POINTS}",
+        )
 
 
 def take(points: ReleasePoints, which: IntArray | slice) -> ReleasePoints:
@@ -160,15 +180,10 @@ def points_in_polygon(polygon: BaseGeometry, spacing_m: float) -> FloatArray:
         At least one point: the representative point if the lattice misses the polygon.
     """
     west, south, east, north = shapely.bounds(polygon)
+    # A narrow polygon across the lattice has far more of its points around it than in it.
+    _check_number(max(east - west, spacing_m) * max(north - south, spacing_m) / spacing_m**2)
     cols = np.arange(np.ceil(west / spacing_m), np.floor(east / spacing_m) + 1.0)
     rows = np.arange(np.floor(north / spacing_m), np.ceil(south / spacing_m) - 1.0, -1.0)
-    if cols.size * rows.size > _MAX_POINTS:
-        raise InputError(
-            "the release spacing is too fine for the area",
-            field="release.spacing_m",
-            found=f"{cols.size} x {rows.size} lattice points",
-            expected=f"at most {_MAX_POINTS}",
-        )
     x, y = (part.ravel() for part in np.meshgrid(cols * spacing_m, rows * spacing_m))
     shapely.prepare(polygon)
     inside = shapely.contains_xy(polygon, x, y)
@@ -220,13 +235,6 @@ def random_points_in_polygon(
         If the polygon is so thin that no draw hits it.
     """
     count = max(1, round(float(shapely.area(polygon)) / spacing_m**2))
-    if count > _MAX_POINTS:
-        raise InputError(
-            "the release spacing is too fine for the area",
-            field="release.spacing_m",
-            found=f"{count} points in {name!r}",
-            expected=f"at most {_MAX_POINTS}",
-        )
     digest = hashlib.sha256(f"release area\x00{seed}\x00{name}".encode()).digest()
     random = np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:16], "little")))
     west, south, east, north = shapely.bounds(polygon)

@@ -41,6 +41,8 @@ _LEAST_SD, _LARGEST_SD = 1.0, 12.0
 #: Steeper cells count with the surface of this slope: beyond, the cells of a terrain model hold the
 #: height of the face rather than its slope (degrees; our choice).
 _STEEPEST_SURFACE_DEG = 80.0
+#: Walls, and their share from which on heights cannot be in the unit of the cells.
+WALL_DEG, WALL_SHARE = 80.0, 0.02
 #: Squared Hellinger distance between distribution and fit at which no further unit is needed. A
 #: unit of 1 % of the surface that is left out makes up to 0.01.
 _GOOD_FIT = 0.002
@@ -111,6 +113,15 @@ def slopes_deg(values: FloatArray, dx_m: float, dy_m: float) -> FloatArray:
     right = np.asarray(np.gradient(values, dx_m, axis=1))
     slopes: FloatArray = np.degrees(np.arctan(np.hypot(down, right)))
     return slopes
+
+
+def wall_share(slopes: FloatArray) -> float:
+    """Share of the cells that are steeper than WALL_DEG.
+
+    More than WALL_SHARE is no terrain: heights or cells are in another unit. The limits are expert
+    judgement of ours.
+    """
+    return float((slopes[np.isfinite(slopes)] > WALL_DEG).mean())
 
 
 def slope_units(slopes: FloatArray) -> SlopeUnits:

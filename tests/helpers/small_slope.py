@@ -29,6 +29,15 @@ class Slope:
 
     folder: Path
 
+    @classmethod
+    def made(cls, folder: Path) -> Slope:
+        """The files as they are before anything is spoilt."""
+        own = cls(folder)
+        own.write_config()
+        own.write_dem(heights())
+        own.write_release(release_box())
+        return own
+
     @property
     def config(self) -> Path:
         return self.folder / "config.toml"

@@ -77,6 +77,16 @@ class ZoneSettings:
                 expected="1 m divided by a whole number, as 0.001",
             )
 
+    def check_cells(self, cell_size: float) -> None:
+        """Raise InputError if cells are not at least ten times the precision of coordinates."""
+        if cell_size < 10.0 * self.precision_m:
+            raise InputError(
+                "cells are too small for the precision of the zones' coordinates",
+                field="zones.precision_m",
+                found=f"{self.precision_m:g} m with cells of {cell_size:g} m",
+                expected="a tenth of a cell or less",
+            )
+
     def smallest_cells(self, cell_size: float) -> int:
         """Cells that make up the smallest area; at least one."""
         return max(1, math.ceil(self.min_area_m2 / cell_size**2 - 1e-9))
@@ -499,13 +509,7 @@ def nested_coverages(
             raise ValueError("a class is below 0")
     if any((rare < frequent).any() for frequent, rare in pairwise(maps)):
         raise ValueError("a rarer return period is below a more frequent one")
-    if grid.cell_size < 10.0 * settings.precision_m:
-        raise InputError(
-            "cells are too small for the precision of the zones' coordinates",
-            field="zones.precision_m",
-            found=f"{settings.precision_m:g} m with cells of {grid.cell_size:g} m",
-            expected="a tenth of a cell or less",
-        )
+    settings.check_cells(grid.cell_size)
     if not maps or maps[0].size == 0:
         return [Coverage(np.empty(0, object), np.empty(0, np.int64)) for _ in maps]
     smallest = settings.smallest_cells(grid.cell_size)

@@ -26,6 +26,7 @@ from sassgis.io.read.offline import RASTER, offline, open_dataset
 from sassgis.io.read.plain_file import check_file, check_text
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.memory import require_memory
 
 log = logging.getLogger(__name__)
 
@@ -43,6 +44,8 @@ LOWEST_M, HIGHEST_M = -500.0, 9000.0
 ZERO_GAP_M = 50.0
 #: Shift (in cells) over the whole raster below which cells count as square.
 _SQUARE_TOLERANCE = 0.01
+#: Of a cell while its height is read: as stored, as a number, and what is known of it (bytes).
+_READING = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +143,7 @@ def read_dem(
     file = Path(path)
     with open_raster(file, "terrain.dem") as dataset:
         dem = _described(dataset, file, crs, vertical_datum)
+        require_room(dem.shape, file)
         values = _heights(dataset, dem)
     if not np.isfinite(values).any():
         raise InputError(
@@ -162,6 +166,11 @@ def read_dem(
         crs=dem.crs,
         vertical_datum=dem.vertical_datum,
     )
+
+
+def require_room(shape: tuple[int, int], file: Path) -> None:
+    """Raise InputError if the heights of so many rows and columns do not fit into the memory."""
+    require_memory({"terrain.dem": _READING * shape[0] * shape[1]}, file)
 
 
 def _described(dataset: Any, file: Path, crs: str | None, vertical_datum: str | None) -> DemFile:
@@ -404,6 +413,7 @@ def _squared(values: FloatArray, transform: Affine, file: Path) -> tuple[FloatAr
     # Rounding must not add a row or column of nothing.
     n_cols = max(1, math.ceil((east - west) / cell - 1e-6))
     n_rows = max(1, math.ceil((north - south) / cell - 1e-6))
+    require_room((n_rows, n_cols), file)
     target = Affine(cell, 0.0, west, 0.0, -cell, north)
     turned = bool(transform.b or transform.d)
     log.info(

@@ -20,14 +20,19 @@ class Readiness:
         Risk is part of a zoning.
     missing : tuple of str
         Keys that are needed and not there.
+    problem : str
+        What else is in the way; empty if nothing.
     """
 
     task: str
     missing: tuple[str, ...]
+    problem: str = ""
 
     @property
     def line(self) -> str:
         """One line for people."""
+        if self.problem:
+            return f"not ready for  {self.task}: {self.problem}"
         if not self.missing:
             return f"ready for      {self.task}"
         return f"not ready for  {self.task}: missing {'; '.join(self.missing)}"
@@ -70,5 +75,6 @@ def readiness(config: Config) -> tuple[Readiness, ...]:
     found = [Readiness("run", tuple(run)), Readiness("zone", tuple(zone))]
     found.append(Readiness("risk", tuple(risk)))
     if config.profile is not None:
-        found.append(Readiness("profile", ()))
+        given = config.profile.file is not None or config.terrain.dem is not None
+        found.append(Readiness("profile", () if given else ("profile.file (or --csv)",)))
     return tuple(found)

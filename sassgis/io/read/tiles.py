@@ -14,7 +14,7 @@ import numpy as np
 import pyproj
 from numpy.typing import NDArray
 
-from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part
+from sassgis.io.read.dem import DemFile, describe_dem, read_dem, read_dem_part, require_room
 from sassgis.model.crs import crs_name, same_crs
 from sassgis.model.errors import InputError, InputLost
 from sassgis.model.grid import FloatArray, Grid, IntArray
@@ -247,6 +247,7 @@ def read_terrain(
     if not Path(path).is_dir():
         return read_dem(path, crs, vertical_datum)
     terrain = open_terrain(path, crs, vertical_datum)
+    require_room((terrain.whole.n_rows, terrain.whole.n_cols), Path(path))
     grid = terrain.read(terrain.whole)
     if not np.isfinite(grid.values).any():
         raise InputError("holds no height at all", file=path, field="terrain.dem")

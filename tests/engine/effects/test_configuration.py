@@ -13,9 +13,9 @@ from annotated_types import Interval
 from shapely import box
 
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.io.read.check_inputs import check_inputs
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import SassgisError
+from sassgis.runs.check_inputs import check_inputs
 from sassgis.runs.inputs import read_map_run
 
 FAMILIES = [f for f in EFFECTS if f != "trees"]

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights
 
-from sassgis.io.read.check_inputs import check_inputs
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table
 from sassgis.io.read.site_layers import site_layers
 from sassgis.io.read.start_keys import start_keys
 from sassgis.io.write.config_template import short_template
 from sassgis.io.write.site_template import site_template
+from sassgis.runs.check_inputs import check_inputs
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")
 PROBE = Path(__file__).with_name("site_probe.py")

@@ -2,68 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
 
-import geopandas as gpd
 import numpy as np
 import pytest
-import rasterio
-from affine import Affine
+from helpers.input_files import LV95, NORTH, WEST, make_dem, make_layer
 
 from sassgis.model.crs import parse_crs
 from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 
-LV95 = "EPSG:2056"
-WEST, NORTH = 2_700_000.0, 1_150_000.0
-
-
-@pytest.fixture
-def make_dem(tmp_path: Path) -> Callable[..., Path]:
-    """Write a GeoTIFF (or another raster, by suffix of the name)."""
-
-    def make(
-        values: Any,
-        name: str = "dem.tif",
-        *,
-        crs: str | None = LV95,
-        transform: Affine | None = None,
-        nodata: float | None = None,
-        dtype: str = "float64",
-        unit: str | None = None,
-        scale: float | None = None,
-        offset: float | None = None,
-        **options: Any,
-    ) -> Path:
-        bands = np.atleast_3d(np.asarray(values, dtype).T).T if np.ndim(values) == 2 else values
-        bands = np.asarray(bands, dtype)
-        path = tmp_path / name
-        with rasterio.open(
-            path,
-            "w",
-            driver="GTiff",
-            count=bands.shape[0],
-            height=bands.shape[1],
-            width=bands.shape[2],
-            dtype=dtype,
-            crs=crs,
-            transform=transform or Affine(10.0, 0.0, WEST, 0.0, -10.0, NORTH),
-            nodata=nodata,
-            **options,
-        ) as out:
-            out.write(bands)
-            if unit is not None:
-                out.units = [unit] * bands.shape[0]
-            if scale is not None:
-                out.scales = [scale] * bands.shape[0]
-            if offset is not None:
-                out.offsets = [offset] * bands.shape[0]
-        return path
-
-    return make
+__all__ = ["make_dem", "make_layer"]
 
 
 @pytest.fixture
@@ -72,32 +21,6 @@ def slope_grid() -> Grid:
     rows = np.arange(20, dtype=float)[:, None]
     values = np.broadcast_to(1000.0 - 10.0 * rows, (20, 30)).copy()
     return Grid(values, WEST, NORTH, 10.0, parse_crs(LV95).to_wkt(), "LN02")
-
-
-@pytest.fixture
-def make_layer(tmp_path: Path) -> Callable[..., Path]:
-    """Write features to a vector file; the suffix of the name says which kind."""
-
-    def make(
-        shapes: Sequence[Any],
-        file: str = "release.gpkg",
-        *,
-        crs: str | None = LV95,
-        to: str | None = None,
-        layer: str | None = None,
-        **columns: Sequence[Any],
-    ) -> Path:
-        frame = gpd.GeoDataFrame(dict(columns), geometry=list(shapes), crs=crs)
-        if to is not None:
-            frame = frame.to_crs(to)
-        path = tmp_path / file
-        options = {} if layer is None else {"layer": layer}
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="'crs' was not provided")
-            frame.to_file(path, engine="pyogrio", **options)
-        return path
-
-    return make
 
 
 @pytest.fixture

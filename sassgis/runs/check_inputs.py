@@ -1,4 +1,4 @@
-"""Read every input of a run and say what it holds, without computing anything."""
+"""Read and check every input of a run, and say what it holds and what the run will take."""
 
 from __future__ import annotations
 
@@ -6,32 +6,39 @@ import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 
-from sassgis.hazard.warnings import ground_warnings, spread_warnings
-from sassgis.io.read.config import profile_control_lines
-from sassgis.io.read.forest import read_forest
-from sassgis.io.read.ground_map import (
-    built_in_table,
-    default_class,
-    ground_raster,
-    read_ground_table,
-)
-from sassgis.io.read.profile_csv import check_on_profile, read_profile
-from sassgis.io.read.tiles import read_terrain
-from sassgis.io.read.vectors import read_control_lines, read_release
+from sassgis.hazard.along_profile import ProfileInput
+from sassgis.hazard.warnings import ground_warnings, rule_warnings, spread_warnings
+from sassgis.io.read.ground_map import built_in_table, default_class, read_ground_table
+from sassgis.io.read.readiness import Readiness, readiness
 from sassgis.model.crs import crs_name
+from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.ground import GroundTable
+from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
-from sassgis.model.settings import LateralDeflection, ReleaseSettings
+from sassgis.model.settings import LateralDeflection
+from sassgis.runs.estimate import Estimate, estimate_of
+from sassgis.runs.inputs import (
+    compares_barriers,
+    most_repetitions,
+    named_preset,
+    placed_objects,
+    profile_from_csv,
+    read_map_run,
+    read_rules,
+    with_rules,
+)
+from sassgis.runs.job import check_means, workers_asked
+from sassgis.runs.map import check_starts
+from sassgis.terrain.plan import placed_points, plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +109,11 @@ class InputReport:
         What was done to the inputs, such as reprojection.
     warnings : tuple of str
         What deserves a look before results are trusted.
-    terrain : Grid or None
-        The DEM as it was read, for whoever has more to check against it.
+    estimate : Estimate or None
+        None where nothing is complete for a run on the map.
+    zoning : tuple of str
+        What there is for a zoning.
+    ready : tuple of Readiness
     """
 
     config: Path
@@ -115,11 +125,13 @@ class InputReport:
     blocks: tuple[str, ...]
     notices: tuple[str, ...]
     warnings: tuple[str, ...]
-    terrain: Grid | None = field(default=None, repr=False, compare=False)
+    estimate: Estimate | None
+    zoning: tuple[str, ...]
+    ready: tuple[Readiness, ...]
 
     @property
     def points(self) -> int:
-        """Release points to be expected over all areas."""
+        """Release points of all areas."""
         return sum(area.points for area in self.areas)
 
     def as_dict(self) -> dict[str, Any]:
@@ -138,6 +150,9 @@ class InputReport:
             "control_lines": lines,
             "notices": self.notices,
             "warnings": self.warnings,
+            "estimate": None if self.estimate is None else self.estimate.as_dict(),
+            "zoning": self.zoning,
+            "missing": {own.task: own.missing for own in self.ready},
         }
 
     def lines(self) -> list[str]:
@@ -165,11 +180,11 @@ class InputReport:
         for area in self.areas:
             size = f"{area.size:.0f}{units[area.kind]}"
             out.append(
-                f"release area   {area.name}: {size}, about {area.points} release points, "
+                f"release area   {area.name}: {size}, {area.points} release points, "
                 f"blocks {', '.join(area.scenarios)}"
             )
         if self.areas:
-            out.append(f"               about {self.points} release points in all")
+            out.append(f"               {self.points} release points in all")
         out.append(f"blocks         {', '.join(self.blocks)}")
         for c in self.classes:
             state = "verified" if c.verified else "UNVERIFIED"
@@ -187,11 +202,12 @@ class InputReport:
             out.append(text)
         out += [f"notice         {text}" for text in self.notices]
         out += [f"WARNING        {text}" for text in self.warnings]
-        return out
+        out += [] if self.estimate is None else self.estimate.lines()
+        return [*out, *self.zoning, *(own.line for own in self.ready)]
 
 
 def check_inputs(config: Config) -> InputReport:
-    """Read all inputs of a configuration, as a run would.
+    """Read all inputs of a configuration, as a run would, and check all that it would check.
 
     Parameters
     ----------
@@ -204,32 +220,37 @@ def check_inputs(config: Config) -> InputReport:
 
     Raises
     ------
-    InputError, ConfigError
-        Whatever would stop a run.
+    InputError, ConfigError, OutputError
+        Whatever would stop a run, or a zoning if the configuration is complete for one; but for
+        what only the simulation shows.
     """
-    grid: Grid | None = None
-    dem: DemSummary | None = None
-    profile: ProfileSummary | None = None
+    ready = {own.task: own for own in readiness(config)}
+    profile: ProfileInput | None = None
+    run: MapRun | None = None
     areas: tuple[AreaSummary, ...] = ()
+    zoning: tuple[str, ...] = ()
+    estimate: Estimate | None = None
     with _heard() as records:
-        table = read_ground_table(config.ground.classes, config.engine.readings)
-        if config.terrain.dem is None:
-            control_lines = tuple(control_line for control_line, _ in profile_control_lines(config))
-            profile, shares = _profile(config, table)
-        else:
-            grid = read_terrain(
-                config.dem_path,
-                crs=config.terrain.crs,
-                vertical_datum=config.terrain.vertical_datum,
-            )
-            dem = _dem_summary(config.dem_path, grid)
-            areas = _areas(config, grid)
-            control_lines = tuple(
-                control_line for control_line, _ in read_control_lines(config, grid)
-            )
-            shares = _shares(ground_raster(config.ground, grid, table), grid)
-            if config.trees is not None:
-                read_forest(config.trees, grid)
+        if config.profile is not None and config.profile.file is not None:
+            try:
+                profile = profile_from_csv(config)
+            except InputError as error:
+                # Stations have a place on the map or on a profile: some files are for one of both.
+                if config.terrain.dem is None:
+                    raise
+                ready["profile"] = Readiness("profile", (), str(error))
+        if config.terrain.dem is not None:
+            released = config.release.file is not None or config.profile is None
+            run = read_map_run(config, None if released else ())
+            zoning, run = _zoning(config, run, not ready["zone"].missing)
+        if run is not None and run.areas:
+            areas, estimate = _checked(config, run, not ready["zone"].missing)
+    if run is None:
+        table, shares = _along(config, profile)
+        control_lines = () if profile is None else tuple(own for own, _ in profile.control_lines)
+    else:
+        table, shares = run.table, _shares(run.ground, run.grid)
+        control_lines = tuple(control_line for control_line, _ in run.control_lines)
     classes = tuple(
         ClassSummary(c.name, shares[i], c.verified, c.source)
         for i, c in enumerate(table.classes)
@@ -237,28 +258,66 @@ def check_inputs(config: Config) -> InputReport:
     )
     own_paths = config.effects.get(LateralDeflection) is not None
     lines = config.release.rocks_per_point if own_paths else config.spread.lines_per_point
-    notices = [r.getMessage() for r in records if r.levelno < logging.WARNING]
-    warnings = [r.getMessage() for r in records if r.levelno >= logging.WARNING]
+    said = list(dict.fromkeys((r.getMessage(), r.levelno >= logging.WARNING) for r in records))
     return InputReport(
         config=config.file,
-        dem=dem,
-        profile=profile,
+        dem=None if run is None else _dem_summary(config.dem_path, run.grid),
+        profile=None if profile is None else _profile_summary(config, profile),
         areas=areas,
         classes=classes,
         control_lines=control_lines,
         blocks=config.block_names,
-        notices=tuple(notices),
+        notices=tuple(text for text, warning in said if not warning),
         warnings=(
             *config.notes,
-            *warnings,
+            *(text for text, warning in said if warning),
             *ground_warnings(
                 [table.classes[i] for i in sorted(shares)],
                 built_in_table(config.engine.readings).classes,
             ),
             *(spread_warnings(lines, config.terrain.path) if areas else ()),
         ),
-        terrain=grid,
+        estimate=estimate,
+        zoning=zoning,
+        ready=tuple(ready.values()),
     )
+
+
+def _checked(config: Config, run: MapRun, zones: bool) -> tuple[tuple[AreaSummary, ...], Estimate]:
+    """The release areas with their points, and what a run on them takes, which must be there."""
+    check_means(config, run)
+    points = placed_points(run)
+    check_starts(run, points, lambda: plan(run))
+    counts = np.bincount(points.area, minlength=len(run.areas))
+    areas = tuple(_area_summary(a, int(n)) for a, n in zip(run.areas, counts, strict=True))
+    more = most_repetitions(config) * (1 + compares_barriers(config, run)) if zones else 1
+    cores = workers_asked(config, None)
+    assert isinstance(cores, int)
+    return areas, estimate_of(run, cores, len(points), more)
+
+
+def _zoning(config: Config, run: MapRun, complete: bool) -> tuple[tuple[str, ...], MapRun]:
+    """What there is for a zoning, and the run with what a zoning counts if it is complete."""
+    if complete:
+        rules = read_rules(config, run)
+        annual = sum(rules.frequencies.values())
+        lines = [
+            f"zoning: preset {rules.preset.name} ({rules.preset.title})",
+            f"  onset: {annual:.4g} blocks a year in all, from {len(rules.frequencies)} sources",
+            f"  reference width: {rules.ref_width_m:.4g} m",
+        ]
+        if len(rules.placed):
+            lines.append(f"  exposed objects: {len(rules.placed)}")
+        notes = rule_warnings(rules.preset, rules.frequencies)
+        return (*lines, *(f"  note: {text}" for text in notes)), with_rules(run, rules)
+    stated = any(o.frequency is not None for o in config.onsets.values())
+    if not (stated or config.hazard.frequencies is not None or config.objects):
+        return (), run
+    preset = named_preset(config)
+    lines = [f"zoning: preset {preset.name} ({preset.title})"]
+    if config.objects:
+        lines.append(f"  exposed objects: {len(placed_objects(config, run.grid))}")
+    return tuple(lines), run
 
 
 def _dem_summary(file: Path, grid: Grid) -> DemSummary:
@@ -276,39 +335,30 @@ def _dem_summary(file: Path, grid: Grid) -> DemSummary:
     )
 
 
-def _profile(config: Config, table: GroundTable) -> tuple[ProfileSummary | None, dict[int, float]]:
-    """The profile and the share of each ground class of its length."""
-    default = default_class(config.ground, table)
-    if config.profile is None or config.profile.file is None:
-        return None, {default: 1.0}
-    flat = read_profile(config.profile.file, table, config.ground.default)
-    check_on_profile(config, flat)
-    s, z = flat.vertices(0)
-    lengths = np.bincount(flat.ground[:-1], weights=np.diff(s))
-    shares = {i: float(n) / float(s[-1] - s[0]) for i, n in enumerate(lengths) if n > 0.0}
-    summary = ProfileSummary(
+def _profile_summary(config: Config, profile: ProfileInput) -> ProfileSummary:
+    assert config.profile is not None and config.profile.file is not None
+    s, z = profile.s, profile.z
+    return ProfileSummary(
         config.profile.file, s.size, float(s[0]), float(s[-1]), float(z.min()), float(z.max())
     )
-    return summary, shares
 
 
-def _areas(config: Config, grid: Grid) -> tuple[AreaSummary, ...]:
-    if config.release.file is None and config.profile is not None:
-        return ()
-    areas = read_release(config.release, grid, config.block_names)
-    return tuple(_area_summary(area, config.release) for area in areas)
+def _along(config: Config, profile: ProfileInput | None) -> tuple[GroundTable, dict[int, float]]:
+    """The ground classes, and the share of each of the length of the profile."""
+    if profile is None:
+        table = read_ground_table(config.ground.classes, config.engine.readings)
+        return table, {default_class(config.ground, table): 1.0}
+    s = profile.s
+    lengths = np.bincount(profile.ground[:-1], weights=np.diff(s))
+    return profile.table, {i: float(n) / float(s[-1] - s[0]) for i, n in enumerate(lengths) if n}
 
 
-def _area_summary(area: ReleaseArea, release: ReleaseSettings) -> AreaSummary:
-    shape, spacing = area.geometry, release.spacing_m
-    if shapely.get_dimensions(shape) == 2:
-        kind, size, points = "polygon", float(shape.area), shape.area / spacing**2
-    elif shapely.get_dimensions(shape) == 1:
-        kind, size, points = "line", float(shape.length), shape.length / spacing
-    else:
-        count = float(shapely.get_num_coordinates(shape))
-        kind, size, points = "point", count, count
-    return AreaSummary(area.name, kind, size, max(1, round(points)), area.scenarios)
+def _area_summary(area: ReleaseArea, points: int) -> AreaSummary:
+    shape = area.geometry
+    if shape.area > 0.0:
+        return AreaSummary(area.name, "polygon", float(shape.area), points, area.scenarios)
+    kind, size = ("line", float(shape.length)) if shape.length > 0.0 else ("point", points)
+    return AreaSummary(area.name, kind, size, points, area.scenarios)
 
 
 def _shares(
@@ -328,7 +378,7 @@ def _heard() -> Iterator[list[logging.LogRecord]]:
         def emit(self, record: logging.LogRecord) -> None:
             records.append(record)
 
-    logger = logging.getLogger("sassgis.io")
+    logger = logging.getLogger("sassgis")
     listener, level, passes_on = Listener(logging.INFO), logger.level, logger.propagate
     logger.addHandler(listener)
     logger.setLevel(logging.INFO)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from shapely import box
 
-from sassgis.io.read.check_inputs import check_inputs
 from sassgis.io.read.config import load_config
 from sassgis.model.errors import InputError
+from sassgis.runs.check_inputs import check_inputs
 
 WEST, NORTH = 2_700_000.0, 1_150_000.0
 TEXT = f"""
@@ -62,7 +62,8 @@ def test_report_says_what_the_inputs_hold(config):
     (area,) = report.areas
     assert (area.name, area.kind, area.scenarios) == ("north", "polygon", ("large",))
     assert area.size == pytest.approx(4000.0)
-    assert report.points == area.points == 40
+    # The multiples of 10 m inside: 9 columns, 3 rows.
+    assert report.points == area.points == 27
     # Columns 0 to 12 have their centre under the polygon, of 27 with heights; half the rows.
     shares = {c.name: c.share for c in report.classes}
     assert shares == pytest.approx({"talus": 130 / 540, "debris": 410 / 540})
@@ -79,7 +80,7 @@ def test_lines_are_lines(config):
         "20 rows x 30 columns of 10 m, 10.0 % nodata",
         "heights 810.0 to 1000.0 m, height system LN02",
         "EPSG:2056",
-        "north: 4000 m2, about 40 release points, blocks large",
+        "north: 4000 m2, 27 release points, blocks large",
         "talus: 24.1 % of the cells, UNVERIFIED",
         "net: 4 m high, 500 kJ",
         "WARNING",

@@ -1,0 +1,183 @@
+"""What a run on the map will take, before anything is simulated: blocks, memory, time, files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sassgis.engine.simulate_paths import ROOM
+from sassgis.hazard.along_profile import STRETCH_M
+from sassgis.hazard.bins import bins_of
+from sassgis.model.map_run import MapRun
+from sassgis.model.memory import memory_bytes, require_memory
+from sassgis.model.results import ROCK_DTYPE
+from sassgis.model.statistics_table import STATISTICS, SUMS, Bins
+from sassgis.runs.map import CHUNK_POINTS
+from sassgis.terrain.release import points_expected
+
+# Measured by benchmarks/memory.py and benchmarks/run.py: docs/studies/speed.md.
+#: Bytes of the program itself, of a cell with all that is made of it, and of a release point.
+BASE, _PER_CELL, _PER_POINT = 900 << 20, 100, 1500
+#: Copies of the row of a block, and bytes of a stop that is kept with what is written of it.
+_ROWS, _PER_STOP = 3, 1000
+#: Bytes of a line that is traced for some blocks of a release point.
+_PER_LINE = 10_000
+#: Blocks simulated in a second on one core, on followed paths and on fall lines.
+RATES = {True: 4200, False: 11_000}
+#: Bytes of a cell in a band of a map.
+_IN_MAP = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What a run will take.
+
+    Attributes
+    ----------
+    blocks, points, cells : int
+    need : mapping of str to int
+        Memory (bytes) by the key of the configuration that it depends on, but for what grows with
+        the cells that blocks come to.
+    per_reached : int
+        Bytes of each cell that blocks come to.
+    cores : int
+    seconds : float
+        For blocks as on the slope of docs/studies/speed.md.
+    map_bytes : int
+        Of the maps of the blocks, not compressed.
+    more : int
+        How many times as many blocks a zoning may take.
+    """
+
+    blocks: int
+    points: int
+    cells: int
+    need: Mapping[str, int]
+    per_reached: int
+    cores: int
+    seconds: float
+    map_bytes: int
+    more: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the estimate for programs."""
+        return {
+            "blocks": self.blocks,
+            "release_points": self.points,
+            "cells": self.cells,
+            "memory_bytes": sum(self.need.values()),
+            "memory_free_bytes": memory_bytes(),
+            "memory_bytes_per_reached_cell": self.per_reached,
+            "cores": self.cores,
+            "seconds": self.seconds,
+            "map_bytes": self.map_bytes,
+            "times_as_many_blocks_for_zones": self.more,
+        }
+
+    def lines(self) -> list[str]:
+        """Return the estimate for people, line by line."""
+        free = memory_bytes()
+        more = f" (zones: up to {self.more} times as many)" if self.more > 1 else ""
+        room = "" if free is None else f"; {free / 1e9:.3g} GB are free"
+        return [
+            f"estimate       {self.blocks} blocks{more}, {self.points} release points, "
+            f"{self.cells} cells",
+            f"               memory {sum(self.need.values()) / 1e9:.2g} GB and "
+            f"{self.per_reached / 1e3:.1f} kB for each cell that blocks come to{room}",
+            f"               time {_spoken(self.seconds)} on {self.cores} core(s), if blocks take "
+            "as long as on the slope of docs/studies/speed.md; on long slopes, with effects and on "
+            "slower machines several times that",
+            f"               maps {self.map_bytes / 1e6:.2g} MB before they are compressed; a "
+            f"table of blocks {self.blocks} rows",
+        ]
+
+
+def _spoken(seconds: float) -> str:
+    for unit, size in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2.0 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{math.ceil(seconds)} s"
+
+
+def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1) -> Estimate:
+    """What a run will take.
+
+    Parameters
+    ----------
+    run : MapRun
+    jobs : int
+        Threads.
+    points : int, optional
+        Release points; default: about as many as there will be.
+    more : int
+        As in Estimate.
+    """
+    expected = [points_expected(area.geometry, run.spacing_m) for area in run.areas]
+    scenarios = [len(area.scenarios) for area in run.areas]
+    each = run.rocks_per_line * run.lines_per_point
+    share = sum(n * k for n, k in zip(expected, scenarios, strict=True)) / max(sum(expected), 1.0)
+    n = round(sum(expected)) if points is None else points
+    blocks = round(n * share * each) * run.repetitions
+    cells = run.grid.values.size
+    # Chunks at work, and results that wait to be added up.
+    chunk = min(CHUNK_POINTS, max(expected, default=0.0))
+    held = min(3.0 * jobs, max(1.0, n / CHUNK_POINTS))
+    at_work = min(jobs, held)
+    row = ROCK_DTYPE.itemsize * _ROWS
+    windows = _windows_bytes(run)
+    numbers = 4 * run.followed + 4 * (windows > 0)
+    need = {
+        "terrain.dem": BASE + cells * (_PER_CELL + round(at_work * numbers)),
+        "release.spacing_m": n * _PER_POINT,
+        "release.rocks_per_point": round(held * chunk * each * row * max(scenarios, default=0)),
+        "output.stop_points_max": min(run.stop_points_max, blocks) * _PER_STOP,
+    }
+    if run.lines_per_point > 1:
+        # Random paths are one for each block.
+        bundle = run.lines_per_point == run.spread.lines_per_point
+        key = "spread.lines_per_point" if bundle else "release.rocks_per_point"
+        need[key] = need.get(key, 0) + round(at_work * chunk * run.lines_per_point * _PER_LINE)
+    if windows:
+        need["hazard.ref_width_m"] = windows
+    bands = 1 + sum(len(row.bands) for row in STATISTICS)
+    return Estimate(
+        blocks, n, cells, need, reached_bytes(bins_of(run)), jobs,
+        blocks / (RATES[run.followed] * jobs), bands * cells * _IN_MAP, more,
+    )  # fmt: skip
+
+
+def _windows_bytes(run: MapRun) -> int:
+    """Of the list of the windows around each cell of a chunk, which is made in one piece."""
+    if run.window is None:
+        return 0
+    steps, room = math.ceil(math.pi * (run.window.radius + 1.0) ** 2), ROOM
+    while 3 * room < steps:
+        room *= 4
+    return 8 * steps * room
+
+
+def reached_bytes(bins: Bins) -> int:
+    """Bytes of a cell that blocks come to: its sums, and its counts for the hazard curves.
+
+    Counts and squares of a source, its rates and variances and those of all, and copies at work;
+    sums with room to grow, those that are added, and their parts.
+    """
+    sums = sum(
+        np.dtype(s.dtype).itemsize * (bins.edges[s.name].size - 1 if s.name in bins.edges else 1)
+        for s in SUMS
+    )
+    return 10 * 8 * bins.threshold.size + 3 * sums
+
+
+def require_profile(length_m: float, rocks: int, bins: Bins) -> None:
+    """Raise InputError if a profile of this length, or its blocks, do not fit into the memory."""
+    require_memory(
+        {
+            "profile.file": round(min(length_m / STRETCH_M, 1e15)) * reached_bytes(bins),
+            "profile.rocks": rocks * ROCK_DTYPE.itemsize * _ROWS,
+        }
+    )
