@@ -52,7 +52,7 @@ from sassgis.runs.inputs import (
 from sassgis.runs.job import Job, OnProgress, Simulation
 from sassgis.runs.map import TerrainTooSmall
 from sassgis.runs.workers import Jobs
-from sassgis.runs.zone import most_repetitions, prepared, simulations, write_zones
+from sassgis.runs.zone import prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 
 AREAS_NAME = "areas"
@@ -297,7 +297,6 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
             feature.geometry.bounds,
             setting.rules.ref_width_m,
             make,
-            most_repetitions(config),
             setting.first_margin_m,
             margins,
         )

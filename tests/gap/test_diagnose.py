@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
 from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.ladder.rungs import RockDistances
@@ -21,7 +22,6 @@ from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
-from sassgis.model.settings import LateralDeflection
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs import hypothesis_fits
 from sassgis.runs.diagnose import diagnose

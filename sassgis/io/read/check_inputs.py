@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from sassgis.hazard.warnings import ground_warnings, spread_warnings
+from sassgis.hazard.warnings import ground_warnings, path_warnings
 from sassgis.io.read.config import profile_control_lines
 from sassgis.io.read.forest import read_forest
 from sassgis.io.read.ground_map import (
@@ -31,7 +31,7 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
-from sassgis.model.settings import LateralDeflection, ReleaseSettings
+from sassgis.model.settings import ReleaseSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +235,6 @@ def check_inputs(config: Config) -> InputReport:
         for i, c in enumerate(table.classes)
         if i in shares
     )
-    own_paths = config.effects.get(LateralDeflection) is not None
-    lines = config.release.rocks_per_point if own_paths else config.spread.lines_per_point
     notices = [r.getMessage() for r in records if r.levelno < logging.WARNING]
     warnings = [r.getMessage() for r in records if r.levelno >= logging.WARNING]
     return InputReport(
@@ -255,7 +253,7 @@ def check_inputs(config: Config) -> InputReport:
                 [table.classes[i] for i in sorted(shares)],
                 built_in_table(config.engine.readings).classes,
             ),
-            *(spread_warnings(lines, config.terrain.path) if areas else ()),
+            *(path_warnings(config.terrain.path) if areas else ()),
         ),
         terrain=grid,
     )
