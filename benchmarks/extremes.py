@@ -53,7 +53,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import LIMITS, GroundClass, GroundTable
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.profiles import ProfileSet
-from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings, ReleaseArea
 from sassgis.model.results import StopReason
 from sassgis.model.settings import EngineSettings
 from sassgis.runs.map import simulate_map
@@ -304,7 +304,7 @@ def map_case(rng: np.random.Generator) -> Mapping[str, int]:
     run = MapRun(
         grid, np.zeros(grid.shape, np.int32), GroundTable((ground_class(rng),)), (area,),
         (replace(blocks, name="b"),), (), replace(engine(rng), max_events=2000),
-        FallLineSettings(smoothing_m=float(rng.choice([0.0, cell]))), SpreadSettings(),
+        FallLineSettings(smoothing_m=float(rng.choice([0.0, cell]))),
         segment_tolerance_m=0.1, spacing_m=1.5 * cell, placement="grid", rocks_per_point=3,
         seed=int(rng.integers(2**32)), thresholds_kj=(30.0, 300.0), effects=on,
         ref_width_m=float(rng.choice([0.0, cell])),

@@ -37,7 +37,7 @@ A run on the map needs `terrain.dem`, `release.file` and one `[[blocks]]`; a run
 needs `[profile]` (or `--csv`, `--point`) and one `[[blocks]]`. Everything else has a default.
 
 Paths, numbers of cores and output settings do not change the simulated blocks. The sections
-terrain, release, spread, ground, blocks, stations, barriers, effects, engine and run (except
+terrain, release, ground, blocks, stations, barriers, effects, engine and run (except
 `jobs`) may.
 """
 
@@ -45,7 +45,6 @@ _INTRO = {
     "project": "",
     "terrain": "The DEM, and how fall lines are traced and flattened: [terrain.md](terrain.md).",
     "release": "Where blocks start: [terrain.md](terrain.md#release-points).",
-    "spread": "A bundle of lines from each release point: [terrain.md](terrain.md#spread).",
     "ground": "The ground class of each cell: [model.md](model.md#ground-classes).",
     "blocks": "One section for each block scenario; one is needed. Each block is drawn uniformly "
     "between the limits. Its size is given by three semi-axes or by a volume. Zones need its onset "

@@ -20,11 +20,11 @@ from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.samples import sample_folder
+from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import profiles
 from sassgis.terrain.plan import plan
-from sassgis.terrain.prepare import LEAD_IN_M, line_draw_keys
+from sassgis.terrain.prepare import LEAD_IN_M, draw_keys
 from sassgis.terrain.release import take
-from sassgis.terrain.spread import trace_bundles
 from sassgis.terrain.stretch import take_lines, usable, with_lead_in
 
 #: Side of the cells of the strip of terrain that represents a profile from a table (m).
@@ -73,7 +73,7 @@ def valley_slopes(n: int) -> list[Slope]:
     """``n`` fall lines of the sample valley, spread evenly over its release points."""
     run = read_map_run(load_config(sample_folder() / "valley" / "config.toml"))
     planned = plan(run)
-    traces = trace_bundles(run.grid, planned.surface, planned.starts, run.fall_lines, run.spread)
+    traces = trace(run.grid, planned.surface, planned.starts, run.fall_lines)
     good = np.flatnonzero(usable(traces, 100.0))
     chosen = good[np.linspace(0, good.size - 1, n).round().astype(int)]
     out = []
@@ -85,9 +85,7 @@ def valley_slopes(n: int) -> list[Slope]:
         scenario = planned.scenarios[planned.starts.area[point]][0]
         blocks = run.blocks[scenario]
         own = take(planned.starts, np.array([point]))
-        line = TraceSet(
-            line.offset, line.x, line.y, line.s, np.zeros(1, np.int64), line.fan, line.end
-        )
+        line = TraceSet(line.offset, line.x, line.y, line.s, np.zeros(1, np.int64), line.end)
         out.append(
             Slope(
                 f"valley, release point {point}",
@@ -96,7 +94,7 @@ def valley_slopes(n: int) -> list[Slope]:
                 line,
                 run.table,
                 blocks,
-                line_draw_keys(line, own.key, 1, blocks.name),
+                draw_keys(own.key, blocks.name),
                 (0.0, min(2.0 * float(planned.moved[point]), float(line.s[-1]))),
             )
         )
@@ -122,7 +120,6 @@ def table_slope(name: str, config_name: str) -> Slope:
         np.full(2, 1.5 * cell),
         ends - ends[0],
         np.zeros(1, np.int64),
-        np.zeros(1),
         np.zeros(1, np.uint8),
     )
     return Slope(

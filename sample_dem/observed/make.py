@@ -22,10 +22,11 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import ControlLine
 from sassgis.runs.inputs import read_map_run
+from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.plan import plan
-from sassgis.terrain.prepare import PreparedLines, prepare_lines, trace_lines
+from sassgis.terrain.prepare import PreparedLines, prepare_lines
 from sassgis.terrain.release import take
 
 AREA, SCENARIO, ROCKS = "Sued", "rare", 40
@@ -58,7 +59,7 @@ def released(run: MapRun) -> tuple[Simulated, PreparedLines]:
     own = np.flatnonzero((points.area == points.area_names.index(AREA)) & (points.y > NORTH_OF_M))
     chosen = own[np.linspace(0, own.size - 1, ROCKS).round().astype(int)]
     starts = take(planned.starts, chosen)
-    prepared = prepare_lines(run, trace_lines(run, planned.surface, starts))
+    prepared = prepare_lines(run, trace(run.grid, planned.surface, starts, run.fall_lines))
     done = simulate(
         prepared.profiles,
         true_ground(run.table),

@@ -86,8 +86,10 @@ def simulate_block(
             if path is not None:
                 stays_on_known(state, site)
                 place_spawned(state, output.spawned, spawned)
+                hooks.before_turn(effects, state, block)
                 after_impact(state, block, site, path, physics, into, state.impacts > impacts)
         elif path is not None:
+            hooks.before_turn(effects, state, block)
             gu, gv = before_ground(state, block, site, path, physics)
             if state.phase != FLIGHT:
                 x = state.x

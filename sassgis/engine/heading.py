@@ -28,6 +28,7 @@ import numpy as np
 
 from sassgis.engine.angles import cos_sin
 from sassgis.engine.contact import resting_height
+from sassgis.engine.effects import hooks
 from sassgis.engine.path import (
     Path,
     begin_profile,
@@ -91,18 +92,33 @@ def _downhill(state: Record, gu: float, gv: float) -> tuple[float, float]:
     return -(gu * c - gv * s) / size, -(gv * c + gu * s) / size
 
 
+@inlined
+def _clear_path(effects: hooks.Effects | None, state: Record, block: Block, path: Path) -> None:
+    """Set what a block remembers of its path."""
+    state.drift = path.drift * rng.normal(block.key, rng.DRIFT, 0)
+    hooks.on_path(effects, state, block)
+    state.turn = 0.0
+    state.phase = IMPACT
+    for i in range(path.line_seen.size):
+        path.line_seen[i] = False
+
+
 @lean
-def start_path(state: Record, block: Block, site: Site, path: Path, u: float, v: float) -> bool:
+def start_path(
+    effects: hooks.Effects | None,
+    state: Record,
+    block: Block,
+    site: Site,
+    path: Path,
+    u: float,
+    v: float,
+) -> bool:
     """Set out at a place in the direction of the descent; whether the terrain is known there.
 
     On level ground any direction is as likely.
     """
-    state.drift = path.drift * rng.normal(block.key, rng.DRIFT, 0)
-    state.turn = 0.0
     state.x = 0.0
-    state.phase = IMPACT
-    for i in range(path.line_seen.size):
-        path.line_seen[i] = False
+    _clear_path(effects, state, block, path)
     gu, gv, known = gradient(path, u, v, block.radius)
     z, ground = _ground_at(path, u, v)
     if ground < 0:
@@ -119,14 +135,17 @@ def start_path(state: Record, block: Block, site: Site, path: Path, u: float, v:
 
 
 @lean
-def continue_path(state: Record, block: Block, site: Site, path: Path, spawned: Record) -> bool:
+def continue_path(
+    effects: hooks.Effects | None,
+    state: Record,
+    block: Block,
+    site: Site,
+    path: Path,
+    spawned: Record,
+) -> bool:
     """Set out where another block has spawned this one; whether the terrain is known there."""
-    state.drift = path.drift * rng.normal(block.key, rng.DRIFT, 0)
-    state.turn = 0.0
     state.x = spawned.x
-    state.phase = IMPACT
-    for i in range(path.line_seen.size):
-        path.line_seen[i] = False
+    _clear_path(effects, state, block, path)
     c = math.cos(spawned.aside)
     s = math.sin(spawned.aside)
     hu = (spawned.du * c - spawned.dv * s) * path.cell_size

@@ -73,7 +73,6 @@ class Lines(NamedTuple):
     on_map: NDArray[np.float64]  # (cell_s.size, 2) borders on the map: columns and rows, in cells
     number: NDArray[np.int64]  # of the line in the run
     key: NDArray[np.uint64]  # identity of the line for random draws
-    stratum: NDArray[np.int64]  # (n,) of the sample; lines of one stratum follow each other
     start: NDArray[np.float64]  # (n, 2) limits of the starting chainage
     control_line_offset: NDArray[np.int64]
     control_line_x: NDArray[np.float64]
@@ -210,16 +209,14 @@ def simulate_lines(
     int
         DONE; or NO_ROOM or TOO_MANY_SPAWNED: then nothing that was filled is of use.
     """
-    n_lines = lines.number.size
-    for i in range(n_lines):
+    for i in range(lines.number.size):
         status = simulate_rocks(
             i, site_of(i, lines, setup), lines.number[i], lines.key[i], lines.start[i, 0],
             lines.start[i, 1], setup, totals, rows, work, effects, None,
         )  # fmt: skip
         if status != DONE:
             return status
-        if i == n_lines - 1 or lines.stratum[i + 1] != lines.stratum[i]:
-            close_stratum(totals, work)
+        close_stratum(totals, work)
     return DONE
 
 
@@ -287,7 +284,7 @@ def simulate_rocks(
         # The released block first, then those that it and they spawn, in turn.
         key = rng.rock_key(setup.seed, line_key, setup.first_rock + r)
         block = hooks.on_block(effects, draw_block(limits[0], limits[1], key))
-        start = release(state, block, site, setup, limits, key, first, second, path)
+        start = release(effects, state, block, site, setup, limits, key, first, second, path)
         number = i * setup.n_rocks + r
         row = rows.rocks[number]
         open_row(row, line, setup.first_rock + r, 0, state.x)
@@ -322,7 +319,7 @@ def simulate_rocks(
             n_spawned += 1
             block = hooks.on_block(effects, spawned_block(leaving, block.density, key, n_spawned))
             if path is not None:
-                continue_path(state, block, site, path, leaving)
+                continue_path(effects, state, block, site, path, leaving)
             start_spawned(state, block, site, leaving, start.x)
             row = rows.spawned[rows.filled[1]]
             end_place = rows.spawned_ends[rows.filled[1]]
@@ -341,6 +338,7 @@ def simulate_rocks(
 
 @inlined
 def release(
+    effects: hooks.Effects | None,
     state: Record,
     block: Block,
     site: Site,
@@ -357,8 +355,8 @@ def release(
     else:
         start = draw_start(limits[0], limits[1], key, 0.0, 0.0)
         u, v = draw_place(key, first, second, path.spread)
-        if not start_path(state, block, site, path, u, v):
-            start_path(state, block, site, path, first, second)
+        if not start_path(effects, state, block, site, path, u, v):
+            start_path(effects, state, block, site, path, first, second)
     start_released(state, block, site, setup.physics, start)
     return start
 

@@ -210,7 +210,6 @@ def _lines(
     crossings: ControlLineCrossings,
     numbers: IntArray,
     keys: NDArray[np.uint64],
-    strata: IntArray,
     starts: FloatArray,
 ) -> Lines:
     """The profiles as the kernel takes them; ``local`` is the position of each cell."""
@@ -228,7 +227,6 @@ def _lines(
         on_map=np.zeros((profiles.cell_s.size, 2)) if profiles.on_map is None else profiles.on_map,
         number=np.asarray(numbers, np.int64),
         key=np.asarray(keys, np.uint64),
-        stratum=np.asarray(strata, np.int64),
         start=starts,
         control_line_offset=crossings.offset,
         control_line_x=crossings.chainage,
@@ -274,7 +272,6 @@ def simulate(
     objects: ObjectCells | None = None,
     window: Window | None = None,
     line_numbers: IntArray | None = None,
-    strata: IntArray | None = None,
     first_rock: int = 0,
     bins: Bins | None = None,
     log_events: int = 0,
@@ -294,6 +291,7 @@ def simulate(
     seed : int
         0 to 2**64 - 1.
     rocks_per_line : int
+        Each line is a stratum of the sample.
     line_keys : uint64, shape (n_lines,)
         Identity of each line for the random draws.
     starts : float64, shape (n_lines, 2)
@@ -306,9 +304,6 @@ def simulate(
         profiles that are on a map.
     line_numbers : int64, shape (n_lines,), optional
         Number of each line in the run; default 0, 1, 2, ...
-    strata : int64, shape (n_lines,), optional
-        Stratum of the sample of each line, over which the squares are summed; lines of one stratum
-        follow each other. Default: each line is one.
     first_rock : int
         Number of the first block on each line.
     bins : Bins, optional
@@ -342,12 +337,8 @@ def simulate(
         raise ValueError("profiles that are not on a map do not meet windows on it")
     starts = _checked_starts(profiles, starts)
     cells, local = _cells_of(profiles)
-    one_by_one = np.arange(n_lines, dtype=np.int64)
-    lines = _lines(
-        profiles, local, forest, crossings,
-        one_by_one if line_numbers is None else line_numbers, line_keys,
-        one_by_one if strata is None else strata, starts,
-    )  # fmt: skip
+    numbers = np.arange(n_lines, dtype=np.int64) if line_numbers is None else line_numbers
+    lines = _lines(profiles, local, forest, crossings, numbers, line_keys, starts)
     populations = [blocks] if isinstance(blocks, BlockPopulation) else blocks
     setup = Setup(
         ground_of(effects, table.with_rolling_threshold(settings.rolling_threshold)),

@@ -191,8 +191,8 @@ def sample_of(run: MapRun, planned: Plan, progress: Progress) -> Sample:
     """The sample behind the maps: the simulated blocks that started."""
     return Sample(
         started=int(progress.reasons.sum() - progress.reasons[StopReason.NEVER_STARTED]),
-        rocks_per_line=run.rocks_per_stratum,
-        lines=int(progress.reasons.sum()) // run.rocks_per_stratum,
+        rocks_per_line=run.rocks_per_point,
+        lines=int(progress.reasons.sum()) // run.rocks_per_point,
         random_points=run.placement == "random",
     )
 
@@ -220,14 +220,14 @@ def joined_lines(parts: list[FallLines]) -> FallLines:
     if not parts:
         empty = np.empty(0)
         none = np.empty(0, np.int64)
-        return FallLines(np.zeros(1, np.int64), empty, empty, none, empty, empty, empty,
+        return FallLines(np.zeros(1, np.int64), empty, empty, none, empty, empty,
                          np.empty(0, np.uint8))  # fmt: skip
     sizes = np.concatenate([np.diff(p.offset) for p in parts])
     return FallLines(
         np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
         *(
             np.concatenate([getattr(p, f) for p in parts])
-            for f in ("x", "y", "point", "fan", "length_m", "drop_m", "end")
+            for f in ("x", "y", "point", "length_m", "drop_m", "end")
         ),
     )
 
@@ -243,7 +243,7 @@ def kept_stops(run: MapRun, progress: Progress) -> BlockRows:
     """The blocks that are kept one by one, ``stop_points_max`` at most, by repetition."""
     rows = joined_rows(progress.stops)
     # A run has them in this order; the sums of several areas were added up area by area.
-    repetition = rows.rocks["rock"] // run.rocks_per_line
+    repetition = rows.rocks["rock"] // run.rocks_per_point
     rows = _rocks_alone(rows, np.argsort(repetition, kind="stable"))
     if rows.rocks.size <= run.stop_points_max:
         return rows

@@ -44,14 +44,12 @@ def reach_angles(run: MapRun, planned: Plan, progress: Progress) -> ReachAngles:
     """
     rows = kept_stops(run, progress)
     ended = np.isin(rows.rocks["reason"], (StopReason.REST, StopReason.BARRIER))
-    point = rows.rocks["line"][ended] // run.lines_per_point
+    point = rows.rocks["line"][ended]
     end = _places(run.grid, rows.x[ended], rows.y[ended])
     start = _places(run.grid, planned.points.x, planned.points.y)
     foot = np.full((len(planned.points), 3), np.nan)
     lines = joined_lines(progress.lines)
-    needed = np.isin(lines.point, point)
-    # The middle line of a bundle comes last, and stays.
-    for i in sorted(np.flatnonzero(needed), key=lambda i: -abs(lines.fan[i])):
+    for i in np.flatnonzero(np.isin(lines.point, point)):
         part = slice(lines.offset[i], lines.offset[i + 1])
         foot[lines.point[i]] = foot_of_cliff(run.grid, lines.x[part], lines.y[part])
     return ReachAngles(_angle_deg(start[point], end), _angle_deg(foot[point], end))

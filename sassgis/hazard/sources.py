@@ -123,7 +123,7 @@ def sampled_sources(
             blocks.name,
             frequencies[name, blocks.name],
             tally.rocks,
-            run.rocks_per_stratum,
+            run.rocks_per_point,
             run.placement == "random",
             blocks.mean_width_m,
             tally.never_started,

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.hazard.along_profile import ProfileResult
 from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.progress import Progress, line_ends
@@ -20,7 +21,6 @@ from sassgis.model.labels import STOP_TEXT
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import StopReason
-from sassgis.model.settings import LateralDeflection
 
 _LINE_ENDS = (
     (LineEnd.LEFT_DEM, "reach the edge of the terrain model"),
@@ -73,9 +73,9 @@ def ground_warnings(used: Sequence[GroundClass], built_in: Sequence[GroundClass]
     return out
 
 
-def spread_warnings(lines_per_point: int, path: str) -> list[str]:
-    """What the lateral spread leaves out."""
-    if lines_per_point > 1 or path == "followed":
+def path_warnings(path: str) -> list[str]:
+    """What paths of this kind leave out."""
+    if path == "followed":
         return []
     return [
         "All blocks of a release point keep to one fall line: maps and zones are too narrow where "
@@ -103,13 +103,6 @@ def simulation_warnings(
             "(release points on nodata or at the edge of the terrain model). They are not part of "
             "the denominator of the reach probability."
         )
-    asked = run.rocks_per_point
-    given = run.rocks_per_line * run.lines_per_point
-    if given != asked:
-        out.append(
-            f"Each release point releases {given} blocks instead of {asked}: "
-            f"release.rocks_per_point is shared among {run.lines_per_point} lines and rounded up."
-        )
     idle = [
         line.name
         for i, (line, _) in enumerate(run.control_lines)
@@ -122,7 +115,7 @@ def simulation_warnings(
     return [
         *out,
         *ground_warnings(classes, built_in),
-        *spread_warnings(run.lines_per_point, run.path),
+        *path_warnings(run.path),
     ]
 
 

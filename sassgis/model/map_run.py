@@ -12,9 +12,9 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings, ReleaseArea
 from sassgis.model.results import ControlLine
-from sassgis.model.settings import EngineSettings, LateralDeflection
+from sassgis.model.settings import EngineSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,6 @@ class MapRun:
         Stations and barriers with their trace on the map.
     engine : EngineSettings
     fall_lines : FallLineSettings
-    spread : SpreadSettings
     segment_tolerance_m, spacing_m : float
     placement : {"grid", "random"}
     rocks_per_point, seed : int
@@ -165,7 +164,6 @@ class MapRun:
     control_lines: tuple[tuple[ControlLine, FloatArray], ...]
     engine: EngineSettings
     fall_lines: FallLineSettings
-    spread: SpreadSettings
     segment_tolerance_m: float
     spacing_m: float
     placement: str
@@ -199,21 +197,6 @@ class MapRun:
         return self.grid if self.ground_heights is None else self.ground_heights
 
     @property
-    def rocks_per_line(self) -> int:
-        """Blocks on each line of a bundle: those of the point, shared out and rounded up."""
-        return -(-self.rocks_per_point // self.lines_per_point)
-
-    @property
-    def lines_per_point(self) -> int:
-        """Lines traced from each release point in each repetition."""
-        if self.followed:
-            return 1
-        # Blocks that share a path arrive or not together: their errors would be understated.
-        if self.effects.get(LateralDeflection) is not None:
-            return self.rocks_per_point
-        return self.spread.lines_per_point
-
-    @property
     def followed(self) -> bool:
         """Whether each block has a path of its own."""
         return self.path == "followed"
@@ -236,27 +219,7 @@ class MapRun:
                 "the heading of each block turns at impacts and as it rolls "
                 f"(sideways tilt {self.engine.side_tilt_deg:g}°, drift {self.engine.drift_deg:g}°)"
             )
-        lateral = self.effects.get(LateralDeflection)
-        if lateral is not None:
-            how = (
-                f"{lateral.angle_deg:g}° off the descent, anew every {lateral.hop_m:g} m or so"
-                if lateral.form == "kicks"
-                else f"a deviation of its own within {lateral.width_percent:g} % of the length"
-            )
-            return f"{self.lines_per_point} random paths per release point: {how}"
-        if self.lines_per_point == 1:
-            return "none: fall lines only; between lines that diverge the map has gaps"
-        return (
-            f"{self.lines_per_point} lines per release point, heading evenly over a width of "
-            f"{self.spread.width_percent:g} % of their length; gullies hold them together"
-        )
-
-    @property
-    def rocks_per_stratum(self) -> int:
-        """Blocks of one stratum of the sample: of a line, or of a point where paths are random."""
-        if self.followed or self.effects.get(LateralDeflection) is None:
-            return self.rocks_per_line
-        return self.rocks_per_line * self.lines_per_point
+        return "none: fall lines only; between lines that diverge the map has gaps"
 
     @property
     def window(self) -> Window | None:
@@ -273,8 +236,7 @@ class BlockRows:
     Attributes
     ----------
     rocks, passages : structured arrays
-        ROCK_DTYPE and PASSAGE_DTYPE. ``line`` counts the lines of the run: release point times
-        lines per point, plus the place in the bundle.
+        ROCK_DTYPE and PASSAGE_DTYPE. ``line`` is the release point.
     rock_scenario, passage_scenario : int64
         Position in ``blocks``.
     x, y : float64
@@ -299,7 +261,7 @@ class FallLines:
         Line ``i`` owns ``[offset[i], offset[i + 1])``.
     point : int64
         Release point.
-    fan, length_m, drop_m : float64
+    length_m, drop_m : float64
     end : uint8
         A LineEnd.
     """
@@ -308,7 +270,6 @@ class FallLines:
     x: FloatArray
     y: FloatArray
     point: IntArray
-    fan: FloatArray
     length_m: FloatArray
     drop_m: FloatArray
     end: NDArray[np.uint8]

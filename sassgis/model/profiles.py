@@ -65,8 +65,6 @@ class TraceSet:
         Chainage: plan length from the release point (m).
     point : int64, shape (n,)
         The release point of each line.
-    fan : float64, shape (n,)
-        Lateral deviation of the line in its bundle, as a share of its length; 0: the fall line.
     end : uint8, shape (n,)
         A LineEnd.
     """
@@ -76,7 +74,6 @@ class TraceSet:
     y: FloatArray
     s: FloatArray
     point: IntArray
-    fan: FloatArray
     end: NDArray[np.uint8]
 
     def __len__(self) -> int:

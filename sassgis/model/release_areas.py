@@ -81,30 +81,3 @@ class FallLineSettings:
                     found=getattr(self, field),
                     expected=f"{low:g} to {high:g}",
                 )
-
-
-@dataclass(frozen=True, slots=True)
-class SpreadSettings:
-    """Lateral spread of the lines of a release point.
-
-    Attributes
-    ----------
-    lines_per_point : int
-        Lines in a bundle; 1 is the fall line alone.
-    width_percent : float
-        Full width of the spread, as a percentage of the plan length along the fall line.
-    """
-
-    lines_per_point: int = 1
-    width_percent: float = 0.0
-
-    def __post_init__(self) -> None:
-        limits = {"lines_per_point": (1, 1001), "width_percent": (0.0, 100.0)}
-        for field, (low, high) in limits.items():
-            if not low <= getattr(self, field) <= high:
-                raise ConfigError(
-                    "value out of range",
-                    field=f"spread.{field}",
-                    found=getattr(self, field),
-                    expected=f"{low:g} to {high:g}",
-                )

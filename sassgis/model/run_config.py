@@ -12,7 +12,6 @@ from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import Onset
 from sassgis.model.settings import (
     BarrierSettings,
-    BundleSettings,
     EngineSettings,
     ForestPlace,
     GroundSettings,
@@ -38,7 +37,7 @@ class Config:
     ----------
     file : Path
         The configuration file (absolute).
-    project, terrain, release, spread, ground, hazard, zones, risk, run, output
+    project, terrain, release, ground, hazard, zones, risk, run, output
         The sections; paths in them are absolute.
     blocks : tuple of BlockPopulation
         At least one; names are unique.
@@ -63,7 +62,6 @@ class Config:
     project: ProjectSettings
     terrain: TerrainSettings
     release: ReleaseSettings
-    spread: BundleSettings
     ground: GroundSettings
     blocks: tuple[BlockPopulation, ...]
     stations: tuple[StationSettings, ...]

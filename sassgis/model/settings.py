@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, MaxLen, MinLen
 
@@ -23,7 +23,6 @@ from sassgis.model.declared import (
     Text,
     declared,
 )
-from sassgis.model.effects import EffectSection
 from sassgis.model.errors import ConfigError
 from sassgis.model.hazard import OnsetUnit
 from sassgis.model.languages import Language
@@ -110,7 +109,7 @@ class TerrainSettings(Section):
         Literal["followed", "fall_line"],
         '"followed": the heading of each block turns at its impacts and as it rolls, and the '
         'terrain is flattened along its own path. "fall_line": all blocks of a release point move '
-        "on its fall line, or on the lines of [spread] or [effects.lateral_deflection]",
+        "on its fall line",
     ] = "followed"
     flat_slope_deg: Annotated[
         float,
@@ -150,29 +149,6 @@ class ReleaseSettings(Section):
     ] = 50
     #: The configuration, for messages of those who are given this section alone.
     config_file: Path | None = field(default=None, compare=False, repr=False)
-
-
-@dataclass(frozen=True, slots=True)
-class BundleSettings(Section):
-    """A bundle of lines from each release point."""
-
-    lines_per_point: Annotated[
-        int, Interval(ge=1, le=1001), "lines traced from each release point"
-    ] = 1
-    width_percent: Annotated[
-        float,
-        Interval(ge=0, le=100),
-        "width of the bundle, both sides together, in percent of the length",
-    ] = 0.0
-
-    def _fits_together(self) -> None:
-        if self.lines_per_point > 1 and self.width_percent == 0.0:
-            raise ConfigError(
-                "would trace the same line several times",
-                field="width_percent",
-                found=self.width_percent,
-                expected="a width above 0 where lines_per_point is above 1",
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -521,34 +497,6 @@ class EngineSettings(Section):
             if getattr(self, key) is None
         }  # fmt: skip
         return replace(self, **own)
-
-
-@dataclass(frozen=True, slots=True)
-class LateralDeflection(EffectSection):
-    """Paths in plan that leave the fall line, on the terrain.
-
-    Each block has a path of its own, traced before it is simulated: laterally it is a random walk,
-    not the outcome of its impacts. Tests report 5 to 20 degrees per impact, and widths of 10 to 20
-    per cent (Azzoni et al. 1995, Crosta and Agliardi 2004).
-    """
-
-    name: ClassVar[str] = "lateral_deflection"
-
-    form: Annotated[
-        Literal["kicks", "constant"],
-        '"kicks": over each hop the path heads at an angle to the steepest descent that is drawn '
-        'anew, normal with the standard deviation angle_deg. "constant": each path keeps one '
-        "deviation, uniform within width_percent of the length, both sides together",
-    ] = "kicks"
-    angle_deg: Annotated[
-        float, Interval(ge=0.0, le=60.0), 'of "kicks": standard deviation of the angle (degrees)'
-    ] = 10.0
-    hop_m: Annotated[
-        float, Interval(ge=0.5, le=1000.0), "mean length of the hops in plan, exponential (m)"
-    ] = 10.0
-    width_percent: Annotated[
-        float, Interval(ge=0.0, le=100.0), 'of "constant": width in percent of the length'
-    ] = 15.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,9 +41,7 @@ def release_outlines(run: MapRun) -> list[FloatArray]:
 def _drawn_lines(progress: Progress) -> TraceSet:
     lines = joined_lines(progress.lines)
     n = lines.point.size
-    return TraceSet(
-        lines.offset, lines.x, lines.y, np.zeros_like(lines.x), np.arange(n), lines.fan, lines.end
-    )
+    return TraceSet(lines.offset, lines.x, lines.y, np.zeros_like(lines.x), np.arange(n), lines.end)
 
 
 def line_figure(shown: LinePaths) -> Figure:

@@ -47,7 +47,6 @@ from sassgis.runs.inputs import (
     collected_notices,
     forest_of,
     map_run_of,
-    most_repetitions,
     on_block_scale,
     read_rules,
     yearly_frequencies,
@@ -300,7 +299,6 @@ def _cut(setting: Setting, candidate: Candidate, margins: Sides) -> Windowed:
             feature.geometry.bounds,
             setting.rules.ref_width_m,
             make,
-            most_repetitions(config),
             setting.first_margin_m,
             margins,
         )

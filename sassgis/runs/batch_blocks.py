@@ -214,8 +214,8 @@ def _sample(run: MapRun, areas: Sequence[Reached]) -> Sample:
     rocks = sum(a.record.rocks for a in areas)
     return Sample(
         started=rocks - sum(a.record.never_started for a in areas),
-        rocks_per_line=run.rocks_per_stratum,
-        lines=rocks // run.rocks_per_stratum,
+        rocks_per_line=run.rocks_per_point,
+        lines=rocks // run.rocks_per_point,
         random_points=run.placement == "random",
     )
 

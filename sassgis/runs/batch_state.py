@@ -257,15 +257,14 @@ def add_area(
         add_objects(joined, bins, record, tally, thresholds_kj)
         joined.control_lines.add_sums(tally.control_lines, np.array(record.control_lines, np.int64))
     first_point = int(np.flatnonzero(planned.points.area == area)[0])
-    first_line = first_point * run.lines_per_point
     total.lines += [_moved_lines(lines, first_point) for lines in own.lines]
     for rows in own.stops:
         kept = evenly_kept(rows, run.seed, share)
-        kept.rocks["line"] += first_line
+        kept.rocks["line"] += first_point
         total.stops.append(kept)
     if own.furthest is not None and (total.furthest is None or own.furthest[0] > total.furthest[0]):
         reach, line, scenario, rock = own.furthest
-        total.furthest = (reach, line + first_line, scenario, rock)
+        total.furthest = (reach, line + first_point, scenario, rock)
 
 
 def add_objects(
@@ -306,6 +305,6 @@ def _sum_of(one: IntArray, two: IntArray) -> IntArray:
 
 def _moved_lines(lines: FallLines, first_point: int) -> FallLines:
     return FallLines(
-        lines.offset, lines.x, lines.y, lines.point + first_point, lines.fan, lines.length_m,
-        lines.drop_m, lines.end,
+        lines.offset, lines.x, lines.y, lines.point + first_point, lines.length_m, lines.drop_m,
+        lines.end,
     )  # fmt: skip

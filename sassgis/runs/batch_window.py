@@ -12,10 +12,9 @@ from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.errors import InputError
 from sassgis.model.map_run import MapRun
-from sassgis.model.settings import LateralDeflection
 from sassgis.terrain.block_scale import SD_PER_DIAMETER
+from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.plan import Plan, plan
-from sassgis.terrain.prepare import trace_lines
 from sassgis.terrain.release import take
 
 #: Margin with which the search begins (m).
@@ -93,13 +92,12 @@ def windowed(
     bounds: tuple[float, float, float, float],
     ref_width_m: float,
     make: Callable[[Part], MapRun],
-    repetitions: int,
     first_margin_m: float = _FIRST_MARGIN_M,
     margins: Sides = (1, 1, 1, 1),
 ) -> Windowed:
     """Find the part of the terrain model that a release area needs.
 
-    A part is tried, the lines of all repetitions are traced on it, and on each side on which one
+    A part is tried, the fall lines are traced on it, and on each side on which one
     comes near a cut edge (see edge_cells) the margin grows by what is missing, and by half at
     least: a line may go on beyond the edge. So the lines are those of the
     whole terrain model: to the last bit where corners and sizes of cells are binary numbers (whole
@@ -118,8 +116,6 @@ def windowed(
         Reference width of the frequencies (m).
     make : callable
         Makes the run on a part.
-    repetitions : int
-        Most of them that there may be; where paths are random, each has its own.
     first_margin_m : float
         Margin with which to begin.
     margins : (int, int, int, int)
@@ -145,7 +141,7 @@ def windowed(
         planned = plan(run)
         widest = max(run.fall_lines.smoothing_m, SD_PER_DIAMETER * run.block_scale_m)
         keep = edge_cells(widest, ref_width_m, terrain.cell_size)
-        extent = _extent(run, planned, repetitions)
+        extent = _extent(run, planned)
         if run.followed:
             aside = _ASIDE * math.hypot(extent[2] - extent[0], extent[3] - extent[1])
             keep += math.ceil((aside + run.spacing_m) / terrain.cell_size)
@@ -185,15 +181,12 @@ def _beyond(reached: Part, part: Part) -> Sides:
     )
 
 
-def _extent(run: MapRun, planned: Plan, repetitions: int) -> tuple[float, float, float, float]:
-    """Rectangle around all lines of all repetitions (m)."""
+def _extent(run: MapRun, planned: Plan) -> tuple[float, float, float, float]:
+    """Rectangle around all lines (m)."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for first in range(0, len(planned.starts), _POINTS):
         some = take(planned.starts, slice(first, first + _POINTS))
-        for repetition in range(
-            repetitions if run.effects.get(LateralDeflection) is not None else 1
-        ):
-            lines = trace_lines(run, planned.surface, some, repetition)
-            low = np.minimum(low, [lines.x.min(), lines.y.min()])
-            high = np.maximum(high, [lines.x.max(), lines.y.max()])
+        lines = trace(run.grid, planned.surface, some, run.fall_lines)
+        low = np.minimum(low, [lines.x.min(), lines.y.min()])
+        high = np.maximum(high, [lines.x.max(), lines.y.max()])
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sassgis.hazard.along_profile import ProfileInput
-from sassgis.hazard.warnings import ground_warnings, rule_warnings, spread_warnings
+from sassgis.hazard.warnings import ground_warnings, path_warnings, rule_warnings
 from sassgis.io.read.ground_map import built_in_table, default_class, read_ground_table
 from sassgis.io.read.readiness import Readiness, readiness
 from sassgis.model.crs import crs_name
@@ -24,7 +24,6 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
-from sassgis.model.settings import LateralDeflection
 from sassgis.runs.estimate import Estimate, estimate_of
 from sassgis.runs.inputs import (
     compares_barriers,
@@ -256,8 +255,6 @@ def check_inputs(config: Config) -> InputReport:
         for i, c in enumerate(table.classes)
         if i in shares
     )
-    own_paths = config.effects.get(LateralDeflection) is not None
-    lines = config.release.rocks_per_point if own_paths else config.spread.lines_per_point
     said = list(dict.fromkeys((r.getMessage(), r.levelno >= logging.WARNING) for r in records))
     return InputReport(
         config=config.file,
@@ -275,7 +272,7 @@ def check_inputs(config: Config) -> InputReport:
                 [table.classes[i] for i in sorted(shares)],
                 built_in_table(config.engine.readings).classes,
             ),
-            *(spread_warnings(lines, config.terrain.path) if areas else ()),
+            *(path_warnings(config.terrain.path) if areas else ()),
         ),
         estimate=estimate,
         zoning=zoning,

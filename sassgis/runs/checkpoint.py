@@ -24,7 +24,7 @@ from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.map_run import BlockRows, FallLines, MapRun
 from sassgis.model.results import ControlLine
 
-_LINE_FIELDS = ("offset", "x", "y", "point", "fan", "length_m", "drop_m", "end")
+_LINE_FIELDS = ("offset", "x", "y", "point", "length_m", "drop_m", "end")
 _ROW_FIELDS = ("rocks", "rock_scenario", "x", "y", "passages", "passage_scenario")
 
 

@@ -210,8 +210,8 @@ def _motion_warnings(settings: Config) -> tuple[str, ...]:
     if settings.terrain.path == "followed":
         out.append(
             'terrain.path is "followed". The diagnosis replays rocks along fall lines, and model/ '
-            'states terrain.path = "fall_line". Lateral offsets of followed paths are not in the '
-            "base model."
+            'states terrain.path = "fall_line", unless it has a lateral deflection. Lateral '
+            "offsets of followed paths are not in the base model."
         )
     return tuple(out)
 

@@ -24,8 +24,6 @@ from sassgis.terrain.release import points_expected
 BASE, _PER_CELL, _PER_POINT = 900 << 20, 100, 1500
 #: Copies of the row of a block, and bytes of a stop that is kept with what is written of it.
 _ROWS, _PER_STOP = 3, 1000
-#: Bytes of a line that is traced for some blocks of a release point.
-_PER_LINE = 10_000
 #: Blocks simulated in a second on one core, on followed paths and on fall lines.
 RATES = {True: 4200, False: 11_000}
 #: Bytes of a cell in a band of a map.
@@ -118,7 +116,7 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
     """
     expected = [points_expected(area.geometry, run.spacing_m) for area in run.areas]
     scenarios = [len(area.scenarios) for area in run.areas]
-    each = run.rocks_per_line * run.lines_per_point
+    each = run.rocks_per_point
     share = sum(n * k for n, k in zip(expected, scenarios, strict=True)) / max(sum(expected), 1.0)
     n = round(sum(expected)) if points is None else points
     blocks = round(n * share * each) * run.repetitions
@@ -136,11 +134,6 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
         "release.rocks_per_point": round(held * chunk * each * row * max(scenarios, default=0)),
         "output.stop_points_max": min(run.stop_points_max, blocks) * _PER_STOP,
     }
-    if run.lines_per_point > 1:
-        # Random paths are one for each block.
-        bundle = run.lines_per_point == run.spread.lines_per_point
-        key = "spread.lines_per_point" if bundle else "release.rocks_per_point"
-        need[key] = need.get(key, 0) + round(at_work * chunk * run.lines_per_point * _PER_LINE)
     if windows:
         need["hazard.ref_width_m"] = windows
     bands = 1 + sum(len(row.bands) for row in STATISTICS)

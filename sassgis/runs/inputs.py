@@ -36,7 +36,7 @@ from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.map_run import Forest, MapRun, ObjectCells
-from sassgis.model.release_areas import FallLineSettings, ReleaseArea, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings, ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
 from sassgis.runs.estimate import require_profile
@@ -137,7 +137,6 @@ def map_run_of(
         control_lines=tuple(control_lines),
         engine=config.engine,
         fall_lines=fall_line_settings(config),
-        spread=SpreadSettings(config.spread.lines_per_point, config.spread.width_percent),
         segment_tolerance_m=config.terrain.segment_tolerance_m,
         spacing_m=config.release.spacing_m,
         placement=config.release.placement,

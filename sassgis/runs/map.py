@@ -27,27 +27,23 @@ from sassgis.hazard.progress import (
     joined_lines,
     joined_rows,
 )
-from sassgis.model import rng
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.profiles import ReleasePoints, TraceSet
-from sassgis.model.settings import LateralDeflection
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.workers import Threads, Workers
+from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.plan import Plan
 from sassgis.terrain.prepare import (
     control_line_crossings,
+    draw_keys,
     drawn_lines,
-    line_draw_keys,
     prepare_lines,
-    scenario_word,
-    trace_lines,
 )
 from sassgis.terrain.release import take
-from sassgis.terrain.stretch import take_lines
 
 CHUNK_POINTS = 32
 LOG_EVENTS = 2000
@@ -98,12 +94,6 @@ def path_terrain(run: MapRun) -> PathTerrain:
     )
 
 
-def path_keys(keys: NDArray[np.uint64], scenario: str) -> NDArray[np.uint64]:
-    """Identity of release points for the random draws of a block scenario."""
-    out: NDArray[np.uint64] = rng.combined(rng.combined(keys, 0), scenario_word(scenario))
-    return out
-
-
 def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
     """Which release points lie on cells with a height: from the others no path is followed."""
     cells = run.heights.cell_of(points.x, points.y)
@@ -125,7 +115,12 @@ def check_starts(run: MapRun, points: ReleasePoints, planned: Callable[[], Plan]
     else:
         plan = planned()
         can = any(
-            len(prepare_lines(run, trace_lines(run, plan.surface, take(plan.starts, own.points))))
+            len(
+                prepare_lines(
+                    run,
+                    trace(run.grid, plan.surface, take(plan.starts, own.points), run.fall_lines),
+                )
+            )
             for own in chunks_of(plan)
         )
     if not can:
@@ -157,7 +152,7 @@ def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             run.engine,
             seed=run.seed,
             rocks_per_point=run.rocks_per_point,
-            point_keys=path_keys(points.key, run.blocks[k].name),
+            point_keys=draw_keys(points.key, run.blocks[k].name),
             point_numbers=which,
             spread_m=run.start_spread_m(area),
             objects=run.objects,
@@ -180,19 +175,20 @@ def _followed(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
     if chunk.repetition == 0:
         # For the map: where the descent leads from each point.
         starts = take(planned.starts, chunk.points)
-        lines = drawn_lines(run, trace_lines(run, planned.surface, starts), chunk.points)
+        traces = trace(run.grid, planned.surface, starts, run.fall_lines)
+        lines = drawn_lines(traces, run.grid, chunk.points)
     lost = int((~known).sum()) * run.rocks_per_point * len(scenarios)
     return ChunkResult(area, sums, joined_rows(parts), lines, lost)
 
 
 def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResult:
     """A chunk of blocks that keep to the lines of their release points."""
-    which, m = chunk.points, run.lines_per_point
+    which = chunk.points
     starts = take(planned.starts, which)
-    traces = trace_lines(run, planned.surface, starts, chunk.repetition)
+    traces = trace(run.grid, planned.surface, starts, run.fall_lines)
     prepared = prepare_lines(run, traces)
     good, lines = prepared.good, prepared.lines
-    number = (which[traces.point] * m + np.arange(len(traces)) % m)[good]
+    number = which[good]
     area = int(starts.area[0])
     scenarios = planned.scenarios[area]
     start = prepared.starts(planned.moved[which][lines.point])
@@ -207,17 +203,16 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
             blocks,
             run.engine,
             seed=run.seed,
-            rocks_per_line=run.rocks_per_line,
-            line_keys=line_draw_keys(traces, starts.key, m, blocks.name)[good],
+            rocks_per_line=run.rocks_per_point,
+            line_keys=draw_keys(starts.key, blocks.name)[good],
             starts=start,
             control_lines=prepared.crossings,
             objects=run.objects,
             window=run.window,
             line_numbers=number,
-            strata=None if run.effects.get(LateralDeflection) is None else lines.point,
             effects=run.effects,
             forest=run.forest,
-            first_rock=chunk.repetition * run.rocks_per_line,
+            first_rock=chunk.repetition * run.rocks_per_point,
             bins=bins,
         )
         ended = np.concatenate([result.rocks, result.pieces])
@@ -230,8 +225,8 @@ def _on_lines(run: MapRun, planned: Plan, chunk: Chunk, bins: Bins) -> ChunkResu
                 result.passages, np.full(result.passages.size, k, np.int64),
             )
         )  # fmt: skip
-    lost = int((~good).sum()) * run.rocks_per_line * len(scenarios)
-    return ChunkResult(area, sums, joined_rows(parts), drawn_lines(run, traces, which), lost)
+    lost = int((~good).sum()) * run.rocks_per_point * len(scenarios)
+    return ChunkResult(area, sums, joined_rows(parts), drawn_lines(traces, run.grid, which), lost)
 
 
 def paths_on_line(
@@ -254,28 +249,25 @@ def paths_on_line(
     """
     if run.followed:
         return _followed_path(run, planned, line, scenario, rock)
-    repetition = rock // run.rocks_per_line
-    point, member = divmod(line, run.lines_per_point)
-    starts = take(planned.starts, np.array([point]))
-    bundle = trace_lines(run, planned.surface, starts, repetition)
-    chosen = np.arange(len(bundle)) == member
-    line_on_map = take_lines(bundle, chosen)
+    repetition = rock // run.rocks_per_point
+    starts = take(planned.starts, np.array([line]))
+    line_on_map = trace(run.grid, planned.surface, starts, run.fall_lines)
     prepared = prepare_lines(run, line_on_map)
     if not len(prepared):
         raise InputError("this fall line is too short for a profile")
     blocks = run.blocks[scenario]
-    keys = line_draw_keys(bundle, starts.key, run.lines_per_point, blocks.name)[chosen]
     result = simulate(
         prepared.profiles, run.table, blocks, run.engine, seed=run.seed,
-        rocks_per_line=min(_PATHS, run.rocks_per_line), line_keys=keys,
-        first_rock=repetition * run.rocks_per_line,
-        starts=prepared.starts(planned.moved[[point]]), control_lines=prepared.crossings,
+        rocks_per_line=min(_PATHS, run.rocks_per_point),
+        line_keys=draw_keys(starts.key, blocks.name),
+        first_rock=repetition * run.rocks_per_point,
+        starts=prepared.starts(planned.moved[[line]]), control_lines=prepared.crossings,
         log_events=LOG_EVENTS, effects=run.effects, forest=run.forest,
     )  # fmt: skip
     s, z = prepared.flat.vertices(0)
     crossed = prepared.crossings
     return LinePaths(
-        area=planned.points.area_names[planned.points.area[point]],
+        area=planned.points.area_names[planned.points.area[line]],
         scenario=blocks.name,
         s=s,
         z=z,
@@ -300,7 +292,7 @@ def some_paths(run: MapRun, planned: Plan, most: int = 40) -> list[LinePaths]:
         scenarios = planned.scenarios[planned.points.area[point]]
         scenario = scenarios[number % len(scenarios)]
         try:
-            shown = paths_on_line(run, planned, int(point) * run.lines_per_point, scenario, 0)
+            shown = paths_on_line(run, planned, int(point), scenario, 0)
         except InputError:
             continue
         if shown is not None:
@@ -313,7 +305,7 @@ def follow_one(run: MapRun, points: ReleasePoints, scenario: int, rock: int = 0)
     blocks = run.blocks[scenario]
     return follow(
         path_terrain(run), points, run.table, blocks, run.engine, seed=run.seed, rocks_per_point=1,
-        point_keys=path_keys(points.key, blocks.name), first_rock=rock,
+        point_keys=draw_keys(points.key, blocks.name), first_rock=rock,
         spread_m=run.start_spread_m(int(points.area[0])), log_events=LOG_EVENTS,
         effects=run.effects,
     )  # fmt: skip
@@ -349,7 +341,6 @@ def _followed_path(
         y=y,
         s=chainage,
         point=np.zeros(1, np.int64),
-        fan=np.zeros(1),
         end=np.zeros(1, np.uint8),
     )
     flat = profiles(run.heights, path, run.ground, run.segment_tolerance_m)

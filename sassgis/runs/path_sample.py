@@ -13,9 +13,10 @@ from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import StopReason
 from sassgis.runs.map import LOG_EVENTS, follow_one, on_known_ground, path_in_plan
+from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import chainage_to_xy
 from sassgis.terrain.plan import Plan
-from sassgis.terrain.prepare import line_draw_keys, prepare_lines, trace_lines
+from sassgis.terrain.prepare import draw_keys, prepare_lines
 from sassgis.terrain.release import take
 
 #: Time between two points of a flight (s): a chord is then within 2 cm of the parabola.
@@ -66,8 +67,8 @@ def _followed(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Ite
 
 
 def _on_lines(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Iterator[BlockPath]:
-    starts, m = take(planned.starts, which), run.lines_per_point
-    traces = trace_lines(run, planned.surface, starts)
+    starts = take(planned.starts, which)
+    traces = trace(run.grid, planned.surface, starts, run.fall_lines)
     prepared = prepare_lines(run, traces)
     lines, good = prepared.lines, prepared.good
     if not len(lines):
@@ -75,16 +76,14 @@ def _on_lines(run: MapRun, planned: Plan, which: IntArray, scenario: int) -> Ite
     blocks = run.blocks[scenario]
     result = simulate(
         prepared.profiles, run.table, blocks, run.engine, seed=run.seed, rocks_per_line=1,
-        line_keys=line_draw_keys(traces, starts.key, m, blocks.name)[good],
+        line_keys=draw_keys(starts.key, blocks.name)[good],
         starts=prepared.starts(planned.moved[which][lines.point]),
         control_lines=prepared.crossings, log_events=LOG_EVENTS, effects=run.effects,
         forest=run.forest,
     )  # fmt: skip
     name = planned.points.area_names[int(starts.area[0])]
-    # Of a bundle of lines the first: one path a release point, as where paths are followed.
-    first = np.unique(lines.point, return_index=True)[1]
-    for i in first.tolist():
-        s, z = trajectory(result.event_logs[i], run.engine.gravity_mps2, _STEP_S)
+    for i, log in enumerate(result.event_logs):
+        s, z = trajectory(log, run.engine.gravity_mps2, _STEP_S)
         if s.size > 1:
             line = np.full(s.size, i, np.int64)
             x, y = chainage_to_xy(lines, line, np.clip(s, 0.0, prepared.length_m[i]))

@@ -91,7 +91,7 @@ def profile_along_line(config: Config, file: Path) -> ProfileInput:
     s = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
     only = np.zeros(1, np.int64)
     traces = TraceSet(
-        np.array([0, s.size]), x.copy(), y.copy(), s, only, np.zeros(1),
+        np.array([0, s.size]), x.copy(), y.copy(), s, only,
         np.array([LineEnd.MAX_LENGTH], np.uint8),
     )  # fmt: skip
     prepared = prepare_lines(run, traces)

@@ -35,7 +35,7 @@ def sampled_plan(run: MapRun, planned: Plan, blocks: int, points: int) -> tuple[
     n = len(planned.points)
     released = int(replace(planned, repetitions=()).rocks_of_point(run).sum()) / run.repetitions
     # Blocks of a point for each of its rocks_per_point: one for each scenario.
-    scenarios = released / (n * run.rocks_per_line * run.lines_per_point)
+    scenarios = released / (n * run.rocks_per_point)
     least = min(n, points)
     each = int(np.clip(round(blocks / (scenarios * least)), 1, run.rocks_per_point))
     wanted = int(np.clip(round(blocks / (scenarios * each)), least, n))

@@ -20,12 +20,10 @@ These are equations of the line, free of the step with which they are solved.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.model import rng
 from sassgis.model.cell_geometry import exact, exact_positions, height_at
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.jit import kernel
@@ -62,29 +60,6 @@ _AGREED = math.cos(math.radians(5.0))
 _LEVEL = 1e-10
 
 
-@dataclass(frozen=True, slots=True)
-class Kicks:
-    """Lateral deviations of single lines.
-
-    Attributes
-    ----------
-    key : uint64, shape (n_lines,)
-        Identity of each line for its random draws.
-    fan : float64, shape (n_lines,)
-        Deviation that it keeps, as a share of its length, positive to the right.
-    angle : float
-        Standard deviation of the angle between the line and the descent, drawn anew over each hop
-        (rad); 0: the line keeps ``fan``.
-    hop_m : float
-        Mean length of a hop (m).
-    """
-
-    key: NDArray[np.uint64]
-    fan: FloatArray
-    angle: float
-    hop_m: float
-
-
 def fall_line_surface(grid: Grid, settings: FallLineSettings) -> Surface:
     """The smoothed and interpolated terrain on which fall lines are traced.
 
@@ -110,8 +85,6 @@ def trace(
     surface: Surface,
     points: ReleasePoints,
     settings: FallLineSettings,
-    fans: FloatArray | None = None,
-    kicks: Kicks | None = None,
 ) -> TraceSet:
     """Trace the fall lines of release points.
 
@@ -140,26 +113,12 @@ def trace(
     points : ReleasePoints
         All or a part of the release points.
     settings : FallLineSettings
-    fans : float64, shape (m,), optional
-        Lateral deviations of the lines of each point as a share of their length, positive to the
-        right; default one line with 0. See sassgis.terrain.spread.
-    kicks : Kicks, optional
-        Deviations of each line of its own, in place of ``fans``.
 
     Returns
     -------
     TraceSet
-        Lines ordered by point, then by fan. Points about every half cell, closer where the line
-        turns.
+        One line for each point. Points about every half cell, closer where the line turns.
     """
-    deviations = np.zeros(1) if fans is None else np.ascontiguousarray(fans, np.float64)
-    n_fans = deviations.size
-    fan = np.tile(deviations, len(points))
-    if kicks is None:
-        kicks = Kicks(np.zeros(fan.size, np.uint64), fan, 0.0, 0.0)
-    else:
-        fan = kicks.fan
-        n_fans = fan.size // max(len(points), 1)
     cell = grid.cell_size
     u = exact_positions((points.x - grid.west) / cell)
     v = exact_positions((grid.north - points.y) / cell)
@@ -167,12 +126,8 @@ def trace(
         surface.coefficients,
         surface.valid,
         grid.values,
-        np.repeat(u, n_fans),
-        np.repeat(v, n_fans),
-        fan,
-        kicks.key,
-        kicks.angle,
-        kicks.hop_m / cell,
+        u,
+        v,
         np.tan(np.radians(settings.flat_slope_deg)) * cell,
         settings.turning_length_m / cell,
         np.tan(np.radians(settings.energy_line_angle_deg)) * cell,
@@ -182,15 +137,14 @@ def trace(
     x = grid.west + lines[:, 0] * cell
     y = grid.north - lines[:, 1] * cell
     # Release points keep their coordinates to the last bit.
-    x[offset[:-1]] = np.repeat(points.x, n_fans)
-    y[offset[:-1]] = np.repeat(points.y, n_fans)
+    x[offset[:-1]] = points.x
+    y[offset[:-1]] = points.y
     return TraceSet(
         offset=offset,
         x=x,
         y=y,
         s=lines[:, 2] * cell,
-        point=np.repeat(np.arange(len(points), dtype=np.int64), n_fans),
-        fan=fan,
+        point=np.arange(len(points), dtype=np.int64),
         end=end,
     )
 
@@ -202,10 +156,6 @@ def _trace_all(
     heights: FloatArray,
     u: FloatArray,
     v: FloatArray,
-    fan: FloatArray,
-    key: NDArray[np.uint64],
-    kick: float,
-    hop: float,
     flat: float,
     turning: float,
     energy: float,
@@ -228,10 +178,6 @@ def _trace_all(
             heights,
             u[i],
             v[i],
-            fan[i],
-            key[i],
-            kick,
-            hop,
             flat,
             turning,
             energy,
@@ -262,10 +208,6 @@ def _trace_line(
     heights: FloatArray,
     u: float,
     v: float,
-    fan: float,
-    key: np.uint64,
-    kick: float,
-    hop: float,
     flat: float,
     turning: float,
     energy: float,
@@ -284,16 +226,7 @@ def _trace_line(
     slope = _length(gu, gv)
     if slope <= _LEVEL:
         return line, size, _CLOSED_LOOP
-    # v points south, so turning by +atan(fan) from (u, v) is a turn to the right on the map.
-    cos_fan = 1.0 / np.sqrt(1.0 + fan * fan)
-    sin_fan = fan * cos_fan
-    hops = 0
-    next_hop = np.inf
-    if kick > 0.0:
-        angle = kick * rng.normal(key, rng.KICK, 0)
-        cos_fan, sin_fan = math.cos(angle), math.sin(angle)
-        next_hop = -hop * math.log(rng.uniform(key, rng.HOP, 0))
-    hu, hv = _aim(gu, gv, cos_fan, sin_fan)
+    hu, hv = _downhill(gu, gv)
     out_hu, out_hv = hu, hv
     since_out = 0.0
     longest = _STEP
@@ -302,29 +235,24 @@ def _trace_line(
         s_old = line[size - 1, 2] + _length(u - line[size - 1, 0], v - line[size - 1, 1])
         # How fast the direction of descent changes along and across it (per cell).
         bend = _bend(gu, gv, huu, huv, hvv, slope)
-        # A step ends where the next hop begins, or coarse cells would make the hops longer.
-        step = min(longest, _POINT_DISTANCE - since_out, max(next_hop - s_old, _SHORTEST_STEP))
+        step = min(longest, _POINT_DISTANCE - since_out)
         limit = step
         following = attached
         ku, kv = hu, hv
         if following:
             step = max(min(step, _RATE_PER_STEP / (bend + 1e-300)), _SHORTEST_STEP)
             step = min(step, max_length - s_old)
-            ku, kv, following = _descend(
-                coefficients, u, v, gu, gv, hu, hv, step, cos_fan, sin_fan, flat
-            )
+            ku, kv, following = _descend(coefficients, u, v, gu, gv, hu, hv, step, flat)
             nu, nv = ku, kv
             # Where the descent is lost decides the heading of what follows: find the place.
             if not following and step > 2.0 * _SHORTEST_STEP:
                 longest = 0.5 * step
                 continue
         if not following:
-            rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, slope, flat, turning)
-            turn = abs(_angle(gu, gv, cos_fan, sin_fan, hu, hv))
+            rate = _turn_rate(gu, gv, hu, hv, slope, flat, turning)
+            turn = abs(_angle(gu, gv, hu, hv))
             step = min(_coasting_step(limit, rate, turn, bend), max_length - s_old)
-            ku, kv, nu, nv = _coast(
-                coefficients, u, v, gu, gv, hu, hv, step, cos_fan, sin_fan, flat, turning
-            )
+            ku, kv, nu, nv = _coast(coefficients, u, v, gu, gv, hu, hv, step, flat, turning)
         u_new, v_new = u + exact(step * ku), v + exact(step * kv)
         share, reason = _way_open(valid, u, v, u_new, v_new)
         z_new, gu_new, gv_new, huu, huv, hvv = shape_at(coefficients, u_new, v_new)
@@ -332,7 +260,7 @@ def _trace_line(
         attached_new = False
         if slope_new >= flat:
             near = _ALIGNED if following else _AGREED
-            au, av = _aim(gu_new, gv_new, cos_fan, sin_fan)
+            au, av = _downhill(gu_new, gv_new)
             if au * nu + av * nv >= near:
                 nu, nv, attached_new = au, av, True
         # Too long a step if the direction turned much or the descent was lost: again, shorter.
@@ -376,16 +304,6 @@ def _trace_line(
             return line, size, reason
         u, v, z, gu, gv, slope, hu, hv = u_new, v_new, z_new, gu_new, gv_new, slope_new, nu, nv
         attached = attached_new
-        if s_new >= next_hop:
-            hops += 1
-            next_hop = s_new - hop * math.log(rng.uniform(key, rng.HOP, hops))
-            angle = kick * rng.normal(key, rng.KICK, hops)
-            if attached:
-                cos_fan, sin_fan = math.cos(angle), math.sin(angle)
-                hu, hv = _aim(gu, gv, cos_fan, sin_fan)
-            else:
-                # A line that coasts keeps its heading, so the kick turns that.
-                hu, hv = _turned(hu, hv, angle)
 
 
 @kernel
@@ -413,28 +331,27 @@ def _length(a: float, b: float) -> float:
 
 
 @kernel
-def _aim(gu: float, gv: float, cos_fan: float, sin_fan: float) -> tuple[float, float]:
-    """Unit vector of steepest descent, turned by the fan; (0, 0) on level ground."""
+def _downhill(gu: float, gv: float) -> tuple[float, float]:
+    """Unit vector of steepest descent; (0, 0) on level ground."""
     size = _length(gu, gv)
     if size <= _LEVEL:
         return 0.0, 0.0
-    du, dv = -gu / size, -gv / size
-    return cos_fan * du - sin_fan * dv, sin_fan * du + cos_fan * dv
+    return -gu / size, -gv / size
 
 
 @kernel
-def _along(gu: float, gv: float, cos_fan: float, sin_fan: float, hu: float, hv: float) -> float:
-    """Cosine of the angle between the aim and the heading; -1 on level ground."""
-    au, av = _aim(gu, gv, cos_fan, sin_fan)
+def _along(gu: float, gv: float, hu: float, hv: float) -> float:
+    """Cosine of the angle between descent and heading; -1 on level ground."""
+    au, av = _downhill(gu, gv)
     if au == 0.0 and av == 0.0:
         return -1.0
     return au * hu + av * hv
 
 
 @kernel
-def _angle(gu: float, gv: float, cos_fan: float, sin_fan: float, hu: float, hv: float) -> float:
-    """Angle from the heading to the aim (rad); 0 on level ground."""
-    au, av = _aim(gu, gv, cos_fan, sin_fan)
+def _angle(gu: float, gv: float, hu: float, hv: float) -> float:
+    """Angle from the heading to the descent (rad); 0 on level ground."""
+    au, av = _downhill(gu, gv)
     if au == 0.0 and av == 0.0:
         return 0.0
     return float(np.arctan2(hu * av - hv * au, hu * au + hv * av))
@@ -455,16 +372,14 @@ def _bend(gu: float, gv: float, huu: float, huv: float, hvv: float, slope: float
 def _turn_rate(
     gu: float,
     gv: float,
-    cos_fan: float,
-    sin_fan: float,
     hu: float,
     hv: float,
     slope: float,
     flat: float,
     turning: float,
 ) -> float:
-    """Rate at which a coasting heading turns towards the aim (per cell)."""
-    cosine = min(1.0, max(0.0, _along(gu, gv, cos_fan, sin_fan, hu, hv) / _ALIGNED))
+    """Rate at which a coasting heading turns towards the descent (per cell)."""
+    cosine = min(1.0, max(0.0, _along(gu, gv, hu, hv) / _ALIGNED))
     agreement = cosine * cosine * (3.0 - 2.0 * cosine)
     steepness = slope / flat if flat > 0.0 else 1.0
     return agreement * steepness * min(1.0, steepness) / turning
@@ -480,21 +395,19 @@ def _descend(
     hu: float,
     hv: float,
     step: float,
-    cos_fan: float,
-    sin_fan: float,
     flat: float,
 ) -> tuple[float, float, bool]:
-    """Mean direction of a Runge-Kutta step of order 4 down the aim, and whether it holds.
+    """Mean direction of a Runge-Kutta step of order 4 down the slope, and whether it holds.
 
     It does not hold if the step meets flat ground or a descent that turns away.
     """
-    au, av = _aim(gu, gv, cos_fan, sin_fan)
+    au, av = _downhill(gu, gv)
     ku, kv = au, av
     sum_u, sum_v = au, av
     for stage in range(3):
         reach = step if stage == 2 else 0.5 * step
         gu, gv = slope_at(coefficients, u + exact(reach * ku), v + exact(reach * kv))
-        ku, kv = _aim(gu, gv, cos_fan, sin_fan)
+        ku, kv = _downhill(gu, gv)
         if _length(gu, gv) < flat or ku * hu + kv * hv < _ALIGNED:
             return hu, hv, False
         weight = 1.0 if stage == 2 else 2.0
@@ -513,22 +426,20 @@ def _coast(
     hu: float,
     hv: float,
     step: float,
-    cos_fan: float,
-    sin_fan: float,
     flat: float,
     turning: float,
 ) -> tuple[float, float, float, float]:
     """Midpoint step with a heading that turns at its own rate: mean direction, new heading.
 
-    The heading relaxes exponentially towards the aim, which is stable for any rate.
+    The heading relaxes exponentially towards the descent, which is stable for any rate.
     """
-    rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, _length(gu, gv), flat, turning)
-    angle = _angle(gu, gv, cos_fan, sin_fan, hu, hv)
+    rate = _turn_rate(gu, gv, hu, hv, _length(gu, gv), flat, turning)
+    angle = _angle(gu, gv, hu, hv)
     mu, mv = _turned(hu, hv, -angle * np.expm1(-0.5 * rate * step))
     half = 0.5 * step
     gu, gv = slope_at(coefficients, u + exact(half * mu), v + exact(half * mv))
-    rate = _turn_rate(gu, gv, cos_fan, sin_fan, hu, hv, _length(gu, gv), flat, turning)
-    angle = _angle(gu, gv, cos_fan, sin_fan, hu, hv)
+    rate = _turn_rate(gu, gv, hu, hv, _length(gu, gv), flat, turning)
+    angle = _angle(gu, gv, hu, hv)
     mu, mv = _turned(hu, hv, -angle * np.expm1(-0.5 * rate * step))
     nu, nv = _turned(hu, hv, -angle * np.expm1(-rate * step))
     return mu, mv, nu, nv

@@ -43,10 +43,9 @@ class Plan:
 
     def rocks_of_point(self, run: MapRun) -> IntArray:
         """Blocks that are released at each point, shape (n,)."""
-        each = run.rocks_per_line * run.lines_per_point
         given = self.repetitions or (run.repetitions,) * len(self.scenarios)
         counts = np.array(given, np.int64) * np.array([len(s) for s in self.scenarios], np.int64)
-        rocks: IntArray = counts[self.points.area] * each
+        rocks: IntArray = counts[self.points.area] * run.rocks_per_point
         return rocks
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from sassgis.model import rng
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import FallLines, MapRun
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints, TraceSet
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet, TraceSet
 from sassgis.model.results import ControlLine
-from sassgis.model.settings import LateralDeflection
 from sassgis.terrain.flatten import crossings, profiles
-from sassgis.terrain.spread import trace_bundles, trace_random_paths
 from sassgis.terrain.stretch import (
     SHORTEST_LINE_M,
     take_lines,
@@ -28,7 +26,6 @@ from sassgis.terrain.stretch import (
     usable,
     with_lead_in,
 )
-from sassgis.terrain.surface import Surface
 
 #: Plan length of the ground behind the start (m).
 LEAD_IN_M = 20.0
@@ -72,19 +69,6 @@ class PreparedLines:
         return np.column_stack([np.zeros(len(self)), np.minimum(2.0 * moved_m, self.length_m)])
 
 
-def trace_lines(
-    run: MapRun, surface: Surface, starts: ReleasePoints, repetition: int = 0
-) -> TraceSet:
-    """The lines of some release points in one repetition."""
-    lateral = run.effects.get(LateralDeflection)
-    if lateral is None:
-        return trace_bundles(run.grid, surface, starts, run.fall_lines, run.spread)
-    return trace_random_paths(
-        run.grid, surface, starts, run.fall_lines, lateral, run.lines_per_point, run.seed,
-        repetition,
-    )  # fmt: skip
-
-
 def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
     """Flatten traced lines, keep those that are usable, and find what they cross.
 
@@ -92,7 +76,7 @@ def prepare_lines(run: MapRun, traces: TraceSet) -> PreparedLines:
     ----------
     run : MapRun
     traces : TraceSet
-        As of trace_lines.
+        As of sassgis.terrain.fall_lines.trace.
     """
     flat = profiles(run.heights, traces, run.ground, run.segment_tolerance_m)
     good = usable(traces, SHORTEST_LINE_M) & (np.diff(flat.offset) >= 2)
@@ -124,14 +108,9 @@ def control_line_crossings(
     )
 
 
-def line_draw_keys(
-    traces: TraceSet, point_keys: NDArray[np.uint64], lines_per_point: int, scenario: str
-) -> NDArray[np.uint64]:
-    """Identity of lines for the random draws: release point, place in the bundle, scenario."""
-    member = np.arange(len(traces), dtype=np.int64) % lines_per_point
-    out: NDArray[np.uint64] = rng.combined(
-        rng.combined(point_keys[traces.point], member), scenario_word(scenario)
-    )
+def draw_keys(point_keys: NDArray[np.uint64], scenario: str) -> NDArray[np.uint64]:
+    """Identity of release points for the random draws of a block scenario."""
+    out: NDArray[np.uint64] = rng.combined(rng.combined(point_keys, 0), scenario_word(scenario))
     return out
 
 
@@ -140,8 +119,11 @@ def scenario_word(name: str) -> np.uint64:
     return np.uint64(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little"))
 
 
-def thinned(traces: TraceSet, grid: Grid) -> FallLines:
-    """Coordinates for drawing, within a tenth of a cell of the traced ones."""
+def drawn_lines(traces: TraceSet, grid: Grid, points: IntArray) -> FallLines:
+    """Lines of some release points (their numbers in the plan), thinned for drawing.
+
+    They lie within a tenth of a cell of the traced ones.
+    """
     counts = np.diff(traces.offset)
     some = counts >= 2
     index = np.repeat(np.arange(len(traces)), counts)
@@ -171,32 +153,8 @@ def thinned(traces: TraceSet, grid: Grid) -> FallLines:
         offset.astype(np.int64),
         np.ascontiguousarray(xy[:, 0]),
         np.ascontiguousarray(xy[:, 1]),
-        traces.point,
-        traces.fan,
+        points[traces.point],
         np.where(counts >= 1, traces.s[final], 0.0),
         np.nan_to_num(drop),
         traces.end,
     )
-
-
-def drawn_lines(run: MapRun, traces: TraceSet, points: IntArray) -> FallLines:
-    """Lines of some release points (their numbers in the plan) for the map.
-
-    Where paths are random, the first of each point represents all.
-    """
-    lines = thinned(traces, run.grid)
-    if run.effects.get(LateralDeflection) is not None:
-        lines = _first_of_each(lines, run.lines_per_point)
-    return replace(lines, point=points[lines.point])
-
-
-def _first_of_each(lines: FallLines, per_point: int) -> FallLines:
-    """The first of the lines of each release point."""
-    keep = np.arange(lines.point.size) % per_point == 0
-    sizes = np.diff(lines.offset)
-    kept = np.repeat(keep, sizes)
-    return FallLines(
-        np.concatenate([[0], np.cumsum(sizes[keep])]).astype(np.int64),
-        lines.x[kept], lines.y[kept],
-        *(getattr(lines, f)[keep] for f in ("point", "fan", "length_m", "drop_m", "end")),
-    )  # fmt: skip

@@ -79,7 +79,6 @@ def take_lines(traces: TraceSet, which: NDArray[np.bool_]) -> TraceSet:
         y=traces.y[keep],
         s=traces.s[keep],
         point=traces.point[which],
-        fan=traces.fan[which],
         end=traces.end[which],
     )
 

@@ -101,7 +101,7 @@ def no_features(slope: Slope) -> None:
 
 
 def unknown_key(slope: Slope) -> None:
-    slope.config.write_text(slope.config.read_text() + "\n[spread]\nlines_per_pont = 3\n")
+    slope.config.write_text(slope.config.read_text() + "\n[zones]\nmin_aera_m2 = 3\n")
 
 
 #: A station in each of so many sections.
@@ -151,7 +151,7 @@ BAD = {
         config(release__spacing_m='"five"'), "config.toml", ["release.spacing_m", "five"]
     ),
     "NaN as a setting": (config(terrain__smoothing_m="nan"), "config.toml", ["smoothing_m"]),
-    "unknown key": (unknown_key, "config.toml", ["lines_per_pont", "lines_per_point"]),
+    "unknown key": (unknown_key, "config.toml", ["min_aera_m2", "min_area_m2"]),
     "broken TOML": (
         lambda s: s.config.write_text("[terrain\n"), "config.toml", ["TOML", "line 1"]
     ),

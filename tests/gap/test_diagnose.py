@@ -14,6 +14,7 @@ import pytest
 from helpers.changed_arrays import change_arrays
 
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
 from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.ladder.rungs import RockDistances
@@ -23,7 +24,6 @@ from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
-from sassgis.model.settings import LateralDeflection
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs import hypothesis_fits
 from sassgis.runs.diagnose import diagnose

@@ -29,6 +29,7 @@ from helpers.made_diagnosis import (
 )
 from helpers.observed_slope import NORTH
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.diagnosis import Hypothesis
 from sassgis.gap.ladder.handover import configured_model
@@ -58,7 +59,6 @@ from sassgis.io.write.layers.gap_map import stand_polygon
 from sassgis.model.effects import EffectSettings
 from sassgis.model.errors import ConfigError, InputError, OutputError
 from sassgis.model.grid import Grid
-from sassgis.model.settings import LateralDeflection
 from sassgis.report import figures
 from sassgis.report.figures.gap_figures import _band
 from sassgis.report.figures.gap_map_figures import GapStretch
@@ -402,18 +402,18 @@ def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> No
     assert (section["form"], section["efficiency"]) == ("stems", 0.7)
 
 
-def test_a_bundle_of_lines_gives_way_to_lateral_deflection(slope: Grid, tmp_path: Path) -> None:
-    text = CONFIG + "\n[spread]\nlines_per_point = 3\nwidth_percent = 10.0\n"
-    file, case = made_case(tmp_path, slope, 4, config=text)
+def test_lateral_deflection_is_handed_over_with_paths_that_turn(
+    slope: Grid, tmp_path: Path
+) -> None:
+    file, case = made_case(tmp_path, slope, 4)
     effect = HypothesisModel(case.table, EffectSettings(), lateral_walk=LateralWalk(12.0, 7.5))
     new = write_config_back(
         tmp_path / "m" / "config.toml", file, replace(with_trees(case), effect=effect), case
     )
-    assert load_config(new).spread.lines_per_point == 1
+    assert load_config(new).terrain.path == "followed"
     # The way beside the line is written, whatever the effect that is named.
     lateral = load_config(new).effects.get(LateralDeflection)
     assert lateral == LateralDeflection("kicks", 12.0, 7.5)
-    assert "[spread] is left out" in new.read_text()
 
 
 @pytest.mark.parametrize("family", [*FAMILIES, "contact_law"])

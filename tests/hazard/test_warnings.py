@@ -8,8 +8,8 @@ from helpers.hazard_samples import swiss
 
 from sassgis.hazard.warnings import (
     ground_warnings,
+    path_warnings,
     rule_warnings,
-    spread_warnings,
     zone_warnings,
 )
 from sassgis.io.read.ground_map import built_in_table
@@ -39,9 +39,8 @@ def test_the_diameter_of_a_class_of_the_package_is_a_placeholder() -> None:
 
 
 def test_lines_without_a_width_are_told() -> None:
-    assert len(spread_warnings(1, "fall_line")) == 1
-    assert not spread_warnings(2, "fall_line")
-    assert not spread_warnings(1, "followed")
+    assert len(path_warnings("fall_line")) == 1
+    assert not path_warnings("followed")
 
 
 def test_sources_that_never_release_are_named() -> None:

@@ -16,9 +16,9 @@ from sassgis.model.grid import Grid
 from sassgis.model.map_run import MapRun
 from sassgis.runs.inputs import read_map_run
 from sassgis.terrain.block_scale import block_scale_grid
-from sassgis.terrain.fall_lines import fall_line_surface
+from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.heights import heights_at
-from sassgis.terrain.prepare import prepare_lines, trace_lines
+from sassgis.terrain.prepare import prepare_lines
 
 DIAMETER = 2.0
 
@@ -74,7 +74,8 @@ def test_profiles_follow_these_heights_and_maps_the_terrain_model(
     x, y = run.areas[0].geometry.centroid.coords[0]
 
     def gap(run: MapRun, heights: Grid) -> float:
-        lines = trace_lines(run, fall_line_surface(run.grid, run.fall_lines), points_at(x, y))
+        surface = fall_line_surface(run.grid, run.fall_lines)
+        lines = trace(run.grid, surface, points_at(x, y), run.fall_lines)
         flat = prepare_lines(run, lines).flat
         z = flat.vertices(0)[1]
         # The first vertex is the start of the line: no tolerance there.

@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from sassgis.model.errors import ConfigError
 from sassgis.model.grid import Grid
 from sassgis.model.profiles import LineEnd, TraceSet
-from sassgis.model.release_areas import FallLineSettings, SpreadSettings
-from sassgis.terrain.fall_lines import fall_line_surface, trace
+from sassgis.model.release_areas import FallLineSettings
+from sassgis.terrain.fall_lines import _closes, fall_line_surface, trace
 from sassgis.terrain.release import take
-from sassgis.terrain.spread import fans, trace_bundles
-from sassgis.terrain.surface import surface
 
 pytestmark = pytest.mark.kernels
 
@@ -194,16 +192,14 @@ def test_a_line_passes_through_a_pit() -> None:
         assert s[-1] < 1.1 * (y[0] - y[-1])
 
 
-def test_a_fan_line_that_circles_in_a_bowl_closes() -> None:
-    """A line turned nearly 90° off the descent spirals around the bowl until it meets itself."""
-    grid = grid_of(lambda x, y: 500 + (x**2 + y**2) / 100.0, 120, 120)
-    mx, my = middle(grid)
-    settings = FallLineSettings(smoothing_m=0.0, energy_line_angle_deg=0.0)
-    traces = trace(grid, surface(grid), points_at(mx + 80.0, my), settings, np.array([2000.0]))
-    assert traces.end[0] == LineEnd.CLOSED_LOOP
-    x, y, s = line(traces)
-    assert s[-1] == pytest.approx(2 * np.pi * 80.0, rel=0.02)
-    assert np.hypot(x[-1] - x[0], y[-1] - y[0]) < 2 * grid.cell_size
+def test_a_line_closes_where_it_comes_within_half_a_cell_of_itself() -> None:
+    radius = 40.0
+    s = np.arange(260.0)
+    circle = np.column_stack([radius * np.cos(s / radius), radius * np.sin(s / radius), s])
+    closed = [k for k in range(1, 261) if _closes(circle, k)]
+    assert circle[closed[0] - 1, 2] == np.ceil(2.0 * np.pi * radius - 0.5)
+    # A line that leads away never does.
+    assert not _closes(np.column_stack([s, 0.0 * s, s]), 260)
 
 
 def test_energy_line_ends_a_line_where_the_terrain_rises_above_it() -> None:
@@ -301,16 +297,14 @@ def test_chunks_give_the_same_lines_to_the_last_bit(rough_grid: Grid) -> None:
     points = points_at(mx + rng.uniform(-60, 60, 40), my + rng.uniform(-50, 120, 40))
     settings = FallLineSettings()
     ground = fall_line_surface(rough_grid, settings)
-    spread = SpreadSettings(lines_per_point=3, width_percent=15.0)
-    whole = trace_bundles(rough_grid, ground, points, settings, spread)
+    whole = trace(rough_grid, ground, points, settings)
     for chunk in (np.arange(0, 7), np.arange(7, 40), np.array([39, 4])):
-        part = trace_bundles(rough_grid, ground, take(points, chunk), settings, spread)
+        part = trace(rough_grid, ground, take(points, chunk), settings)
         for i in range(len(part)):
-            j = int(chunk[i // 3]) * 3 + i % 3
+            j = int(chunk[i])
             for a, b in zip(line(part, i), line(whole, j), strict=True):
                 assert np.array_equal(a, b)
             assert part.end[i] == whole.end[j]
-            assert part.fan[i] == whole.fan[j]
 
 
 def test_threads_give_the_same_lines(rough_grid: Grid) -> None:
@@ -352,53 +346,3 @@ def test_a_line_keeps_out_of_a_river_along_a_flat_floor() -> None:
 def test_bad_settings_are_named() -> None:
     with pytest.raises(ConfigError, match="energy_line_angle_deg"):
         FallLineSettings(energy_line_angle_deg=90.0)
-
-
-# Spread
-
-
-def test_fans_are_symmetric_and_of_equal_parts() -> None:
-    assert np.array_equal(fans(SpreadSettings(1, 20.0)), [0.0])
-    assert np.allclose(fans(SpreadSettings(4, 20.0)), [-0.075, -0.025, 0.025, 0.075])
-    odd = fans(SpreadSettings(5, 20.0))
-    assert odd[2] == 0.0
-    assert np.array_equal(odd, -odd[::-1])
-    with pytest.raises(ConfigError, match="lines_per_point"):
-        SpreadSettings(0, 20.0)
-
-
-@pytest.mark.parametrize("quarter", [0, 1, 2, 3])
-def test_a_fan_on_a_plane_ends_beside_the_fall_line(quarter: int) -> None:
-    """Offset at the edge = fan x length of the middle line, positive to the right."""
-    east, north = [(0, -1), (-1, 0), (0, 1), (1, 0)][quarter]
-    grid = grid_of(lambda x, y: 500 - 0.7 * (x * east + y * north))
-    mx, my = middle(grid)
-    spread = SpreadSettings(5, 20.0)
-    traces = trace_bundles(grid, surface(grid), points_at(mx, my), SHARP, spread)
-    x0, y0, s0 = line(traces, 2)
-    assert np.allclose((x0 - mx) * east + (y0 - my) * north, s0, atol=1e-6)
-    for i in range(5):
-        x, y, _ = line(traces, i)
-        right = (x[-1] - mx) * north - (y[-1] - my) * east
-        assert right == pytest.approx(traces.fan[i] * s0[-1], abs=1e-4)
-        assert traces.end[i] == LineEnd.LEFT_DEM
-
-
-def test_a_fan_keeps_its_angle_over_flat_ground() -> None:
-    grid = grid_of(lambda x, y: 600 + np.maximum(y, 0.0) * 0.8 + 0.0 * x, 100, 240)
-    mx, my = middle(grid)
-    traces = trace(grid, surface(grid), points_at(mx, my + 100.0), SHARP, np.array([0.1]))
-    x, y, _ = line(traces)
-    assert y[-1] < my - 30.0
-    assert np.allclose(mx - x, 0.1 * (y[0] - y), atol=1e-2)
-
-
-def test_walls_of_a_gully_hold_the_bundle() -> None:
-    grid = grid_of(lambda x, y: 900 + 0.5 * y + 0.02 * x**2, 80, 240)
-    mx, my = middle(grid)
-    spread = SpreadSettings(3, 30.0)
-    traces = trace_bundles(grid, surface(grid), points_at(mx, my + 200.0), SHARP, spread)
-    for i in range(3):
-        x, _, _ = line(traces, i)
-        # Where the wall turns the descent back by the angle of the fan: 0.04 x = 0.5 f.
-        assert x[-1] - mx == pytest.approx(-traces.fan[i] * 0.5 / 0.04, abs=0.05)

@@ -38,7 +38,6 @@ def polyline(*lines: list[tuple[float, float]]) -> TraceSet:
         y=np.concatenate(xy)[:, 1].copy(),
         s=np.concatenate(s),
         point=np.arange(n, dtype=np.int64),
-        fan=np.zeros(n),
         end=np.zeros(n, np.uint8),
     )
 

@@ -10,16 +10,15 @@ from sassgis.io.read.ground_map import built_in_table
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import TraceSet
-from sassgis.model.release_areas import FallLineSettings, SpreadSettings
+from sassgis.model.release_areas import FallLineSettings
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
-from sassgis.terrain.fall_lines import fall_line_surface
+from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.prepare import (
     LEAD_IN_M,
+    draw_keys,
     drawn_lines,
-    line_draw_keys,
     prepare_lines,
-    trace_lines,
 )
 
 pytestmark = pytest.mark.kernels
@@ -27,7 +26,7 @@ pytestmark = pytest.mark.kernels
 SLOPE = 0.8
 
 
-def plane_run(lines_per_point: int = 1) -> MapRun:
+def plane_run() -> MapRun:
     """A plane that falls to the south, with a station 30 m and a wall 12 m below its middle."""
     grid = grid_of(lambda x, y: 500.0 + SLOPE * y, 60, 80)
     x, y = middle(grid)
@@ -44,7 +43,6 @@ def plane_run(lines_per_point: int = 1) -> MapRun:
         ),
         engine=EngineSettings(),
         fall_lines=FallLineSettings(smoothing_m=0.0, energy_line_angle_deg=0.0),
-        spread=SpreadSettings(lines_per_point, 10.0 if lines_per_point > 1 else 0.0),
         segment_tolerance_m=0.1,
         spacing_m=2.0,
         placement="grid",
@@ -53,14 +51,14 @@ def plane_run(lines_per_point: int = 1) -> MapRun:
     )
 
 
-def traced(run: MapRun, *starts: tuple[float, float]) -> tuple[TraceSet, np.ndarray]:
+def traced(run: MapRun, *starts: tuple[float, float]) -> TraceSet:
     points = points_at([s[0] for s in starts], [s[1] for s in starts])
-    return trace_lines(run, fall_line_surface(run.grid, run.fall_lines), points), points.key
+    return trace(run.grid, fall_line_surface(run.grid, run.fall_lines), points, run.fall_lines)
 
 
 def test_lines_are_flattened_and_go_on_behind_their_start() -> None:
     run = plane_run()
-    lines, _ = traced(run, middle(run.grid))
+    lines = traced(run, middle(run.grid))
     prepared = prepare_lines(run, lines)
     assert prepared.good.tolist() == [True]
     s, z = prepared.flat.vertices(0)
@@ -73,7 +71,7 @@ def test_lines_are_flattened_and_go_on_behind_their_start() -> None:
 
 def test_control_lines_are_crossed_at_their_distance_in_rising_order() -> None:
     run = plane_run()
-    crossed = prepare_lines(run, traced(run, middle(run.grid))[0]).crossings
+    crossed = prepare_lines(run, traced(run, middle(run.grid))).crossings
     assert np.allclose(crossed.chainage, [12.0, 30.0])
     assert [crossed.control_lines[k].name for k in crossed.control_line] == ["wall", "road"]
 
@@ -82,36 +80,33 @@ def test_lines_that_end_at_once_are_left_out_and_the_others_keep_their_places() 
     run = plane_run()
     x, y = middle(run.grid)
     edge = run.grid.bounds[1] + 0.5
-    lines, _ = traced(run, (x, y), (x, edge), (x + 20.0, y))
+    lines = traced(run, (x, y), (x, edge), (x + 20.0, y))
     prepared = prepare_lines(run, lines)
     assert prepared.good.tolist() == [True, False, True]
     assert prepared.lines.point.tolist() == [0, 2] and len(prepared) == 2
     assert len(prepared.profiles) == 2 and prepared.crossings.offset.tolist() == [0, 2, 4]
     # All lines are drawn, with the numbers of their points in the plan.
-    assert drawn_lines(run, lines, np.array([5, 6, 7])).point.tolist() == [5, 6, 7]
+    assert drawn_lines(lines, run.grid, np.array([5, 6, 7])).point.tolist() == [5, 6, 7]
 
 
 def test_blocks_start_within_twice_the_shift_but_on_the_line() -> None:
     run = plane_run()
-    prepared = prepare_lines(run, traced(run, middle(run.grid))[0])
+    prepared = prepare_lines(run, traced(run, middle(run.grid)))
     assert prepared.starts(np.array([1.5])).tolist() == [[0.0, 3.0]]
     assert prepared.starts(np.array([1e4])).tolist() == [[0.0, prepared.length_m[0]]]
 
 
 def test_drawn_lines_are_straight_on_a_plane_and_know_their_drop() -> None:
     run = plane_run()
-    lines, _ = traced(run, middle(run.grid))
-    drawn = drawn_lines(run, lines, np.array([0]))
+    lines = traced(run, middle(run.grid))
+    drawn = drawn_lines(lines, run.grid, np.array([0]))
     assert drawn.x.size == 2 < lines.x.size
     assert drawn.length_m[0] == lines.s[-1]
     assert drawn.drop_m[0] == pytest.approx(SLOPE * drawn.length_m[0], abs=2.0 * SLOPE * 2.0)
 
 
-def test_keys_of_draws_differ_by_point_member_and_scenario_alone() -> None:
-    run = plane_run(3)
-    x, y = middle(run.grid)
-    lines, keys = traced(run, (x, y), (x + 10.0, y))
-    own = line_draw_keys(lines, keys, 3, "small")
-    assert np.unique(np.concatenate([own, line_draw_keys(lines, keys, 3, "big")])).size == 12
-    alone, key = traced(run, (x, y))
-    assert np.array_equal(line_draw_keys(alone, key, 3, "small"), own[:3])
+def test_keys_of_draws_differ_by_point_and_scenario_alone() -> None:
+    keys = points_at([0.0, 10.0], [0.0, 0.0]).key
+    small, big = (draw_keys(keys, name) for name in ("small", "big"))
+    assert np.unique(np.concatenate([small, big])).size == 4
+    assert np.array_equal(draw_keys(keys[1:], "small"), small[1:])

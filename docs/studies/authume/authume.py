@@ -29,11 +29,10 @@ from numpy.typing import NDArray
 import sassgis
 from sassgis.model.errors import InputError, SassgisError
 from sassgis.model.profiles import ReleasePoints, TraceSet
-from sassgis.model.release_areas import SpreadSettings
 from sassgis.report import figures
 from sassgis.runs.run import RunResult, run
+from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import xy_to_chainage
-from sassgis.terrain.spread import trace_bundles
 
 FloatArray = NDArray[np.float64]
 
@@ -235,8 +234,7 @@ def fall_lines_of(result: RunResult, centre: FloatArray) -> tuple[TraceSet, Trac
         centre[:1].copy(), centre[1:].copy(), np.zeros(1, np.int64), np.zeros(1, np.uint64), ("c",)
     )
     every, middle = (
-        trace_bundles(job.grid, planned.surface, p, job.fall_lines, SpreadSettings())
-        for p in (planned.starts, alone)
+        trace(job.grid, planned.surface, p, job.fall_lines) for p in (planned.starts, alone)
     )
     return every, middle
 

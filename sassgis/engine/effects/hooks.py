@@ -17,6 +17,7 @@ from sassgis.engine.effects import (
     air_drag,
     entrainment,
     fragmentation,
+    lateral_deflection,
     rock_shape,
     roughness,
     soft_ground,
@@ -24,7 +25,6 @@ from sassgis.engine.effects import (
     wind,
 )
 from sassgis.engine.effects.ground_switch import ground_rows
-from sassgis.engine.effects.registry import in_motion
 from sassgis.engine.effects.spawning import MOST_SPAWNED
 from sassgis.engine.impact import COULOMB, SCALE
 from sassgis.engine.rows import Record, Records, record_type
@@ -39,6 +39,7 @@ BLOCK_DTYPE = record_type(
     ("resistance", np.float64),  # of the air (1/m)
     *trees.MEMORY,
     *wind.MEMORY,
+    *lateral_deflection.MEMORY,
     ("x_from", np.float64),  # where the step began (m)
     ("energy_from", np.float64),  # twice the energy per unit mass with which it began, less spin
     ("cut", np.bool_),  # whether an effect has cut the step short
@@ -56,6 +57,7 @@ class Effects(NamedTuple):
     breaking: fragmentation.Breaking
     loose: entrainment.LooseBlocks
     push: wind.Push
+    deflection: lateral_deflection.Deflection
 
 
 def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
@@ -67,7 +69,7 @@ def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
     has_stems : bool
         Whether there is any forest on the cells of the chunk.
     """
-    if not in_motion(settings):
+    if not settings.on:
         return None
     return Effects(
         air_drag.prepare(settings.get(air_drag.AirDrag)),
@@ -78,12 +80,13 @@ def prepare(settings: EffectSettings, has_stems: bool) -> Effects | None:
         fragmentation.prepare(settings.get(fragmentation.Fragmentation)),
         entrainment.prepare(settings.get(entrainment.Entrainment)),
         wind.prepare(settings.get(wind.Wind)),
+        lateral_deflection.prepare(settings.get(lateral_deflection.LateralDeflection)),
     )
 
 
 def ground_of(settings: EffectSettings, table: GroundTable) -> Records:
     """Ground classes for the kernel (ground_switch.GROUND_DTYPE), with the effects on each."""
-    if not in_motion(settings):
+    if not settings.on:
         return ground_rows(table, {})
     switched = (
         settings.get(soft_ground.SoftGround),
@@ -118,6 +121,20 @@ def on_start(effects: Effects | None, state: Record, block: Block) -> None:
         state.to_stem = np.inf
         if effects.stand.form != trees.OFF:
             state.to_stem = trees.to_next_stem(block.key, 0)
+
+
+@inlined
+def on_path(effects: Effects | None, state: Record, block: Block) -> None:
+    """Begin a path that is followed, with the angle by which the block drifts off the descent."""
+    if effects is not None and effects.deflection.form != lateral_deflection.OFF:
+        lateral_deflection.on_path(effects.deflection, state, block.key)
+
+
+@inlined
+def before_turn(effects: Effects | None, state: Record, block: Block) -> None:
+    """Add to the turn that is due at an impact or on the ground, on a path that is followed."""
+    if effects is not None and effects.deflection.form == lateral_deflection.KICKS:
+        lateral_deflection.before_turn(effects.deflection, state, block.key)
 
 
 @fused

@@ -13,19 +13,22 @@ from typing import Literal
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.effects.wind import Wind
 from sassgis.model.declared import Declared, Section, declared
-from sassgis.model.effects import EffectSection, EffectSettings
-from sassgis.model.settings import ForestPlace, LateralDeflection
+from sassgis.model.effects import EffectSection
+from sassgis.model.settings import ForestPlace
 
 Phase = Literal["release", "flight", "impact", "ground", "path"]
 Hook = Literal[
     "on_block",
     "on_start",
+    "on_path",
+    "before_turn",
     "before_flight",
     "after_flight",
     "before_stretch",
@@ -84,7 +87,7 @@ class Effect:
     settings : type
         Declared settings (``sassgis.model.declared``), with the name of the effect.
     phase : {"release", "flight", "impact", "ground", "path"}
-        Of the motion in which it acts; "path": on the terrain, before rocks are simulated.
+        Of the motion in which it acts; "path": on the heading, where paths are followed.
     label : str
         Its name in a sentence.
     summary : str
@@ -262,7 +265,7 @@ _ROWS = (
         phase="path",
         label="lateral deflection",
         summary="rocks that leave the fall line sideways",
-        hooks=(),
+        hooks=("on_path", "before_turn"),
         calibration=Calibration(
             order=0,
             phase="impact",
@@ -279,8 +282,3 @@ _ROWS = (
 
 #: The effects by name, in the order in which they are listed everywhere.
 EFFECTS: Mapping[str, Effect] = {row.name: row for row in _ROWS}
-
-
-def in_motion(effects: EffectSettings) -> bool:
-    """Whether an effect is on that changes the motion of a block along its path."""
-    return any(EFFECTS[name].phase != "path" for name in effects.names)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.simulate_paths import PathTerrain, follow
 from sassgis.gap.observations.campaign import (
     Campaign,
@@ -23,7 +24,6 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import ReleasePoints
 from sassgis.model.results import ControlLine, StopReason
-from sassgis.model.settings import LateralDeflection
 from sassgis.terrain.flatten import chainage_to_xy
 
 

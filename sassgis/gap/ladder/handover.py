@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import (
     Advice,
     ConfiguredGap,
@@ -26,7 +27,6 @@ from sassgis.gap.which.features import rock_quantities
 from sassgis.gap.which.hypotheses import Draw, at_physical_limit
 from sassgis.gap.words import effect_name
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.settings import LateralDeflection
 
 #: Number of the campaigns of the configured model.
 CONFIGURED_NUMBER = 3990

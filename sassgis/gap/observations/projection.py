@@ -127,7 +127,7 @@ def observed_release_points(observations: Observations) -> tuple[ReleasePoints, 
 
 
 def lines_of_rocks(traces: TraceSet, rock: IntArray, n_rocks: int) -> IntArray:
-    """Fall line of each rock: of a bundle, the line in its middle.
+    """Fall line of each rock.
 
     Parameters
     ----------
@@ -144,9 +144,7 @@ def lines_of_rocks(traces: TraceSet, rock: IntArray, n_rocks: int) -> IntArray:
         -1 for a rock without a line.
     """
     lines = np.full(n_rocks, -1, np.int64)
-    # The smallest deviation is written last and stays.
-    for i in np.argsort(-np.abs(traces.fan), kind="stable").tolist():
-        lines[rock[traces.point[i]]] = i
+    lines[rock[traces.point]] = np.arange(len(traces))
     return lines
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
-from sassgis.model.settings import LateralDeflection
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
@@ -20,7 +21,6 @@ from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.results import StopReason
-from sassgis.model.settings import LateralDeflection
 
 BoolArray = NDArray[np.bool_]
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.engine.impact import RULES
 from sassgis.gap.observations.campaign import errors_of
@@ -31,7 +32,6 @@ from sassgis.gap.residuals.residuals import (
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.settings import LateralDeflection
 from sassgis.terrain.flatten import chainage_to_xy
 
 #: An impact counts as one after a flight if the normal speed is that of a fall from this height

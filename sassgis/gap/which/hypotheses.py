@@ -17,6 +17,7 @@ from scipy.special import ndtri
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS, Range
 from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
@@ -33,7 +34,6 @@ from sassgis.gap.replicas.hypothesis_model import (
 from sassgis.gap.which.families import FAMILIES, calibration_of
 from sassgis.model.effects import EffectSection
 from sassgis.model.ground import GroundTable
-from sassgis.model.settings import LateralDeflection
 
 
 def rounded(value: float) -> float:

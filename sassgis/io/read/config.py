@@ -19,6 +19,7 @@ from typing import Any, NotRequired
 
 from pydantic import TypeAdapter, ValidationError
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS, Effect
 from sassgis.io.digests import content_digest
 from sassgis.io.read.checked import (
@@ -42,11 +43,9 @@ from sassgis.model.settings import (
     AXES,
     BarrierSettings,
     BlockSettings,
-    BundleSettings,
     EngineSettings,
     GroundSettings,
     HazardSettings,
-    LateralDeflection,
     ObjectSettings,
     OutputSettings,
     ProfileSettings,
@@ -64,7 +63,6 @@ SECTIONS: Mapping[str, type[Section] | type[EffectSettings]] = {
     "project": ProjectSettings,
     "terrain": TerrainSettings,
     "release": ReleaseSettings,
-    "spread": BundleSettings,
     "ground": GroundSettings,
     "blocks": BlockSettings,
     "stations": StationSettings,
@@ -78,6 +76,10 @@ SECTIONS: Mapping[str, type[Section] | type[EffectSettings]] = {
     "objects": ObjectSettings,
     "run": RunSettings,
     "output": OutputSettings,
+}
+#: Former sections, and what takes their place.
+_GONE = {
+    "spread": 'nothing: with terrain.path = "followed" (the default) each block has its own path'
 }
 #: Sections that are written with double brackets, as often as needed.
 LISTS = ("blocks", "stations", "barriers", "objects")
@@ -166,6 +168,11 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         target[key] = value
 
     file = file.resolve()
+    for section in _GONE.keys() & document.keys():
+        raise ConfigError(
+            "is no section any more", file=file, field=section, found=f"[{section}]",
+            expected=_GONE[section],
+        )  # fmt: skip
     notes = _with_new_names(document, file)
     try:
         sections = _document().validate_python(
@@ -307,7 +314,6 @@ def _plain(item: Any) -> dict[str, Any]:
 PHYSICS_SECTIONS = (
     "terrain",
     "release",
-    "spread",
     "ground",
     "blocks",
     "stations",
@@ -445,29 +451,15 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
                     expected="names that differ",
                 )
             )
-    lines = sections.get("spread", BundleSettings()).lines_per_point
-    if sections.get("terrain", TerrainSettings()).path == "followed":
-        lateral = LateralDeflection.name in sections.get("effects", {})
-        if lines > 1 or lateral:
-            problems.append(
-                ConfigError(
-                    "lines of their own do not go with paths that are followed",
-                    file=file,
-                    field=f"effects.{LateralDeflection.name}"
-                    if lateral
-                    else "spread.lines_per_point",
-                    found='terrain.path = "followed" (the default)',
-                    expected='terrain.path = "fall_line"',
-                )
-            )
-    if LateralDeflection.name in sections.get("effects", {}) and lines > 1:
+    kept_to_lines = sections.get("terrain", TerrainSettings()).path == "fall_line"
+    if kept_to_lines and LateralDeflection.name in sections.get("effects", {}):
         problems.append(
             ConfigError(
-                "does not go with a bundle of lines",
+                "has no meaning on fall lines: it turns the heading of paths that are followed",
                 file=file,
                 field=f"effects.{LateralDeflection.name}",
-                found=f"spread.lines_per_point = {lines}",
-                expected="one of both",
+                found='terrain.path = "fall_line"',
+                expected='terrain.path = "followed" (the default)',
             )
         )
     return problems

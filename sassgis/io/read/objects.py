@@ -483,7 +483,6 @@ def _trace(line: Any) -> TraceSet:
         y=np.ascontiguousarray(points[:, 1]),
         s=s,
         point=zero.astype(np.int64),
-        fan=zero,
         end=zero.astype(np.uint8),
     )
 

@@ -14,6 +14,7 @@ import numpy as np
 import tomli_w
 
 import sassgis
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import Diagnosis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.words import (
@@ -70,7 +71,6 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     calibrated = diagnosis.effect
     sections = calibrated.sections(case.effects)
     document = document_with_classes(config_file, path)
-    document["terrain"]["path"] = "fall_line"
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     effects = document.setdefault("effects", {})
@@ -93,14 +93,11 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
             "stems_field": "stems_per_ha",
             "dbh_field": "dbh_cm",
         }
+    # What deflects laterally turns the heading of paths that are followed.
+    along = "followed" if LateralDeflection.name in effects else "fall_line"
+    document["terrain"]["path"] = along
     if not effects:
         del document["effects"]
-    bundled = (
-        "lateral_deflection" in effects and document.get("spread", {}).get("lines_per_point", 1) > 1
-    )
-    if bundled:
-        # One or the other: both would spread the rocks twice.
-        del document["spread"]
     provenance = f"Calibrated to observations of {diagnosis.rocks} rocks (sassgis gap diagnose)"
     write_text(
         path.parent / CLASSES_NAME,
@@ -108,7 +105,7 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     )
     write_text(
         path,
-        _comments(diagnosis, sections, config_file, stand is not None, bundled)
+        _comments(diagnosis, sections, config_file, stand is not None, along)
         + tomli_w.dumps(document),
     )
     # What cannot be run again is reported now, not in the next run.
@@ -138,15 +135,15 @@ def _comments(
     sections: Collection[str],
     config_file: Path,
     stand: bool,
-    bundled: bool,
+    along: str,
 ) -> str:
     verdict = diagnosis.verdict
     named = verdict.effect not in ("none", "unknown")
     lines = [
         f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_file.name} and "
         f"observations of {diagnosis.rocks} rocks.",
-        "Ground classes are calibrated to these observations (" + CLASSES_NAME + "), "
-        'on fall lines (terrain.path = "fall_line").',
+        f"Ground classes are calibrated to these observations ({CLASSES_NAME}), on fall lines"
+        + (' (terrain.path = "fall_line").' if along == "fall_line" else "."),
     ]
     if not named:
         lines.append(
@@ -174,10 +171,6 @@ def _comments(
         lines.append(
             f"The forest ({FOREST_NAME}) is where the observations ask for one, along the fall "
             "lines of the observed rocks; it was not surveyed."
-        )
-    if bundled:
-        lines.append(
-            "Section [spread] is left out: a bundle of lines does not go with lateral deflection."
         )
     lines += [
         "Calibrated for this slope and rocks of these sizes; elsewhere it is untested.",

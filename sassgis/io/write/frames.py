@@ -44,7 +44,7 @@ def rock_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
 def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
     """Name of the release area of each line."""
     names = np.array(planned.points.area_names, dtype=object)
-    area = planned.points.area[line // run.lines_per_point]
+    area = planned.points.area[line]
     return names[area] if names.size else np.empty(0, dtype=object)
 
 

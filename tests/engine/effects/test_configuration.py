@@ -67,25 +67,17 @@ def test_a_wrong_key_or_value_is_told_in_one_line(valley, family, key, value):
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_an_empty_section_turns_the_family_on_with_its_defaults(valley, family):
-    along = "fall_line" if family == "lateral_deflection" else "followed"
-    effects = valley(f"[effects.{family}]\n", whole=False, along=along).effects
+    effects = valley(f"[effects.{family}]\n", whole=False).effects
     assert effects.names == (family,)
 
 
-@pytest.mark.parametrize(
-    ("text", "field"),
-    [
-        ("[effects.lateral_deflection]\n", "effects.lateral_deflection"),
-        ("[spread]\nlines_per_point = 3\nwidth_percent = 10\n", "spread.lines_per_point"),
-    ],
-)
-def test_lines_of_their_own_need_fall_lines(valley, text, field):
+def test_headings_do_not_turn_on_fall_lines(valley):
+    text = "[effects.lateral_deflection]\n"
     with pytest.raises(SassgisError) as caught:
-        valley(text, whole=False)
+        valley(text, whole=False, along="fall_line")
     line = str(caught.value)
-    assert "\n" not in line and f"config.toml: {field}: " in line
-    assert 'expected terrain.path = "fall_line"' in line
-    assert valley(text, whole=False, along="fall_line").terrain.path == "fall_line"
+    assert "\n" not in line and "config.toml: effects.lateral_deflection: " in line
+    assert 'expected terrain.path = "followed"' in line
 
 
 def test_an_unknown_family_and_an_unknown_class_are_told(valley):

@@ -1,187 +1,138 @@
-"""Ways that leave the fall line: their width on a plane, in a gully, and on the map."""
+"""Turns of the heading beyond those of the motion: closed forms on planes, and what they leave."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.terrains import grid_of, middle, points_at
 from scipy import stats
 
-from sassgis.hazard.map_sums import reach_probability
-from sassgis.hazard.progress import sample_of
-from sassgis.io.read.config import load_config
+from sassgis.engine.effects import lateral_deflection
+from sassgis.engine.effects.hooks import BLOCK_DTYPE
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
+from sassgis.engine.simulate_paths import PathTerrain, follow
+from sassgis.io.read.ground_map import built_in_table
+from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
-from sassgis.model.grid import Grid
-from sassgis.model.profiles import ReleasePoints
-from sassgis.model.release_areas import FallLineSettings
-from sassgis.model.settings import LateralDeflection
-from sassgis.runs.inputs import read_map_run
-from sassgis.runs.map import chunks_of, simulate_map
-from sassgis.terrain.fall_lines import fall_line_surface
-from sassgis.terrain.plan import plan
-from sassgis.terrain.spread import trace_random_paths
+from sassgis.model.ground import GroundTable
+from sassgis.model.settings import EngineSettings
 
-SETTINGS = FallLineSettings(smoothing_m=0.0)
+pytestmark = pytest.mark.kernels
+
+TABLE = built_in_table()
+MIXED = BlockPopulation("b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0), drop_m=(1, 2))
+#: Without these the heading on a plane turns by the effect alone.
+STRAIGHT = EngineSettings(side_tilt_deg=0.0, drift_deg=0.0)
 
 
-def terrain(cell=2.0, bend=0.0, slope=35.0, length=400.0, width=400.0):
-    """A plane that falls to the south, hollow towards its middle column."""
-    n_rows, n_cols = round(length / cell), round(width / cell)
-    y = (np.arange(n_rows) + 0.5) * cell
-    x = (np.arange(n_cols) + 0.5) * cell - 0.5 * width
-    z = 1500.0 - math.tan(math.radians(slope)) * y[:, None] + bend * x[None, :] ** 2
-    return Grid(z, 1000.0, 2000.0, cell)
-
-
-def paths(grid, lateral, n=600, seed=1, repetition=0, x=None):
-    west, _, east, north = grid.bounds
-    point = ReleasePoints(
-        np.array([0.5 * (west + east) if x is None else x]), np.array([north - 20.0]),
-        np.zeros(1, np.int64), np.array([7], np.uint64), ("a",),
-    )  # fmt: skip
-    return trace_random_paths(
-        grid, fall_line_surface(grid, SETTINGS), point, SETTINGS, lateral, n, seed, repetition
-    )
-
-
-def sideways(grid, traces, down):
-    """Offset of each line from the fall line at a way down it (m), east positive."""
-    out = np.empty(len(traces))
-    for i in range(len(traces)):
-        own = slice(traces.offset[i], traces.offset[i + 1])
-        x, y = traces.x[own], traces.y[own]
-        out[i] = np.interp(down, y[0] - y, x - x[0])
-    return out
-
-
-@pytest.mark.parametrize(("cell", "hop"), [(2.0, 10.0), (5.0, 10.0), (5.0, 3.0), (2.0, 40.0)])
-def test_kicks_spread_as_a_random_walk(cell, hop):
-    # Hops l ~ Exp(h), angles θ ~ N(0, σ): per metre of way the variance across grows by
-    # E[l² sin²θ] / E[l] = 2 h E[sin²θ], the last hop being looked at half way; per metre down the
-    # slope by that over E[cos θ].
-    grid = terrain(cell)
-    sigma, down, n = 12.0, 250.0, 1500
-    traces = paths(grid, LateralDeflection("kicks", sigma, hop), n)
-    across = sideways(grid, traces, down)
-    variance = (math.radians(sigma)) ** 2
-    sine2 = 0.5 * (1.0 - math.exp(-2.0 * variance))
-    way = down / math.exp(-0.5 * variance)
-    # Var of a velocity with correlation exp(-s/h): 2 σ² h (L - h (1 - exp(-L/h))).
-    expected = 2.0 * sine2 * hop * (way - hop * (1.0 - math.exp(-way / hop)))
-    assert across.var() == pytest.approx(expected, rel=4.0 * math.sqrt(2.0 / n))
-    assert abs(across.mean()) < 4.0 * math.sqrt(expected / n)
-
-
-def test_constant_deviations_are_uniform_within_the_width():
-    grid = terrain()
-    down, percent = 250.0, 20.0
-    traces = paths(grid, LateralDeflection("constant", width_percent=percent), 800)
-    across = sideways(grid, traces, down)
-    half = 0.5 * percent / 100.0 * down
-    assert stats.kstest(across, "uniform", (-half, 2.0 * half)).pvalue > 1e-3
-    # On a plane the offset is the fan times the way down.
-    assert np.abs(across) == pytest.approx(np.abs(traces.fan) * down, abs=0.05)
-
-
-def test_without_angle_or_width_all_ways_are_the_fall_line():
-    grid = terrain()
-    for lateral in (
-        LateralDeflection("kicks", angle_deg=0.0), LateralDeflection("constant", width_percent=0.0)
-    ):  # fmt: skip
-        traces = paths(grid, lateral, 5)
-        assert np.abs(sideways(grid, traces, 250.0)).max() < 1e-6
-
-
-def test_ways_depend_on_seed_round_and_number_alone():
-    grid = terrain()
-    lateral = LateralDeflection()
-    one, again, fewer = (paths(grid, lateral, n) for n in (20, 20, 5))
-    assert one.x.tobytes() == again.x.tobytes()
-    assert fewer.x.tobytes() == one.x[: fewer.x.size].tobytes()
-    base = sideways(grid, one, 250.0)
-    for other in (paths(grid, lateral, 20, seed=2), paths(grid, lateral, 20, repetition=1)):
-        assert (sideways(grid, other, 250.0) != base).all()
-    assert np.unique(np.round(base, 6)).size == 20
-
-
-def test_a_gully_holds_them():
-    plane, gully = terrain(), terrain(bend=0.01)
-    lateral = LateralDeflection("kicks", 15.0, 10.0)
-    free, held = (sideways(g, paths(g, lateral, 300), 250.0) for g in (plane, gully))
-    assert held.std() < 0.35 * free.std()
-
-
-# --- on the map ---
-
-
-@pytest.fixture(scope="module")
-def job(make_valley):
-    run = read_map_run(load_config(make_valley()))
-    x, y = run.areas[0].geometry.centroid.coords[0]
-    n_cols = run.grid.shape[1]
-    row, col = divmod(int(run.grid.cell_of(np.array([x]), np.array([y]))[0]), n_cols)
-    window = (slice(max(row - 60, 0), row + 90), slice(max(col - 30, 0), col + 160))
-    grid = replace(
-        run.grid,
-        values=np.ascontiguousarray(run.grid.values[window]),
-        west=run.grid.west + window[1].start * run.grid.cell_size,
-        north=run.grid.north - window[0].start * run.grid.cell_size,
-    )
-    return replace(
-        run, grid=grid, ground=np.ascontiguousarray(run.ground[window]), control_lines=(),
-        areas=run.areas[:1], spacing_m=15.0, rocks_per_point=8,
-        effects=EffectSettings(LateralDeflection(angle_deg=15.0)), path="fall_line",
+def paths(grid, lateral, n, *, blocks=MIXED, settings=STRAIGHT, start=(0.0, 0.0), **more):
+    points = points_at(*(own + at for own, at in zip(start, middle(grid), strict=True)))
+    debris = GroundTable((TABLE.classes[TABLE.index("debris")],))
+    return follow(
+        PathTerrain(grid, np.zeros(grid.shape, np.int32), 0.25), points, debris, blocks, settings,
+        seed=1, rocks_per_point=n, point_keys=points.key,
+        effects=EffectSettings(*([] if lateral is None else [lateral])), **more,
     )  # fmt: skip
 
 
-def test_the_map_grows_wider(job):
-    plain = replace(job, effects=EffectSettings())
-    wide, narrow = (simulate_map(j, plan(j)).sums.cells.size for j in (job, plain))
-    assert wide > 1.3 * narrow
-    assert job.lines_per_point == job.rocks_per_point and job.rocks_per_line == 1
+def slope(bend=0.0):
+    """A plane that falls to the east at 38°, hollow towards the row in its middle."""
+    return grid_of(lambda x, y: 1000.0 - 0.78 * x + bend * y**2, 160, 160)
 
 
-def test_sums_do_not_hang_on_jobs_and_chunks(job):
-    planned = plan(job)
-    states = []
-    for jobs, points in ((1, 32), (2, 3), (1, 1)):
-        sums = simulate_map(job, planned, jobs=jobs, chunk_points=points).sums.state()
-        order = np.argsort(sums["cells"])
-        states.append({k: v[order].tobytes() for k, v in sums.items()})
-    assert states[0] == states[1] == states[2]
-    assert len(chunks_of(planned, 3)) > 1
+def across(grid, out):
+    return out.y - middle(grid)[1]
 
 
-def test_further_repetitions_take_other_paths(job):
-    planned = plan(job)
-    one, two = (simulate_map(replace(job, repetitions=n), planned) for n in (1, 2))
-    assert two.reasons.sum() == 2 * one.reasons.sum()
-    assert two.sums.cells.size > 1.1 * one.sums.cells.size
+@pytest.mark.parametrize("step", [0.3, 4.0, 60.0])
+def test_turns_come_after_hops_whatever_the_steps_of_the_path(step):
+    # Hops of exponential length are a Poisson process: the variance of the sum is σ² L / h.
+    sigma, hop, length, n = 7.0, 5.0, 120.0, 4000
+    deflection = lateral_deflection.prepare(LateralDeflection("kicks", sigma, hop))
+    turns = np.empty((n, 2))
+    for i in range(n):
+        for k, pace in enumerate((step, length)):
+            state = np.zeros(1, BLOCK_DTYPE)[0]
+            state.x = 10.0
+            key = np.uint64(1000 + i)
+            lateral_deflection.on_path(deflection, state, key)
+            for x in np.append(np.arange(10.0, 10.0 + length, pace), 10.0 + length):
+                state.x = x
+                lateral_deflection.before_turn(deflection, state, key)
+            turns[i, k] = state.turn
+    assert np.array_equal(turns[:, 0], turns[:, 1])
+    expected = math.radians(sigma) ** 2 * length / hop
+    assert turns[:, 0].var() == pytest.approx(expected, rel=0.12)
+    assert abs(turns[:, 0].mean()) < 4.0 * math.sqrt(expected / n)
+
+
+def test_on_level_ground_the_heading_turns_as_the_hops_ask():
+    """Nothing else turns it there: its variance is σ² L / h over paths of length L."""
+    grid = grid_of(lambda x, y: 500.0 + 0.0 * x, 160, 160)
+    pushed = BlockPopulation(
+        "b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0), speed_mps=(15.0, 25.0),
+        drop_m=(1.0, 2.0),
+    )  # fmt: skip
+    sigma, hop, n = 3.0, 2.0, 1500
+    out = paths(grid, LateralDeflection("kicks", sigma, hop), n, blocks=pushed, log_events=4000)
+    turned = []
+    for log in out.event_logs:
+        du, dv = np.diff(log["u"]), np.diff(log["v"])
+        moved = np.hypot(du, dv) > 1e-6
+        heading = np.arctan2(dv[moved], du[moved])
+        turned.append(np.angle(np.exp(1j * (heading[-1] - heading[0]))))
+    expected = math.radians(sigma) ** 2 * out.rocks["runout_m"] / hop
+    assert np.median(expected) > math.radians(6.0) ** 2
+    ratio = np.square(turned).sum() / expected.sum()
+    assert ratio == pytest.approx(1.0, abs=0.16)
+    assert stats.ttest_1samp(turned, 0.0).pvalue > 1e-3
+
+
+def test_constant_drifts_lie_evenly_within_the_width():
+    grid, percent, n = slope(), 20.0, 800
+    out = paths(grid, LateralDeflection("constant", width_percent=percent), n, start=(-140.0, 0.0))
+    down = out.x - middle(grid)[0] + 140.0
+    share = across(grid, out)[down > 30.0] / down[down > 30.0]
+    assert share.size > 0.5 * n
+    half = 0.5 * percent / 100.0
+    assert np.abs(share).max() < half + 1e-3
+    assert stats.kstest(share, "uniform", (-half, 2.0 * half)).pvalue > 1e-3
 
 
 @pytest.mark.parametrize("form", ["kicks", "constant"])
-def test_the_standard_error_is_the_scatter_over_seeds(job, form):
-    """Scatter of 60 small runs against the error that each of them states, all cells together."""
-    lateral = LateralDeflection(form, angle_deg=15.0)
-    tiny = replace(job, effects=EffectSettings(lateral))
-    size = tiny.grid.values.size
-    total, square, stated = np.zeros(size), np.zeros(size), np.zeros(size)
-    n = 60
-    for seed in range(n):
-        run = replace(tiny, seed=seed)
-        planned = plan(run)
-        progress = simulate_map(run, planned)
-        p, error = reach_probability(
-            progress.sums.column("reach").astype(np.int64),
-            progress.sums.column("reach_square").astype(np.int64),
-            sample_of(run, planned, progress),
+def test_without_strength_blocks_are_as_without_to_the_last_bit(form):
+    def folded(x, y):
+        gully = 4.0 * np.exp(-(((y - 0.3 * x - 10.0) / 12.0) ** 2))
+        return 1000.0 - 0.75 * np.minimum(x, 60.0) - gully - 0.05 * np.maximum(x - 60.0, 0.0)
+
+    grid = grid_of(folded, 260, 260, 1.0)
+
+    def run(lateral):
+        return paths(grid, lateral, 120, settings=EngineSettings(), start=(-80.0, 3.0))
+
+    base, off = run(None), run(LateralDeflection(form, angle_deg=0.0, width_percent=0.0))
+    on = run(LateralDeflection(form))
+    assert off.rocks.tobytes() == base.rocks.tobytes() != on.rocks.tobytes()
+    assert off.x.tobytes() == base.x.tobytes() and off.y.tobytes() == base.y.tobytes()
+    # Each block has the draws of its own as before: mass and start stay.
+    for name in ("mass_kg", "a_m", "start_m"):
+        assert on.rocks[name].tobytes() == base.rocks[name].tobytes()
+
+
+def test_kicks_widen_the_map_to_both_sides_and_a_gully_holds_them():
+    sides = {
+        (angle, bend): across(
+            slope(bend),
+            paths(
+                slope(bend), LateralDeflection("kicks", angle, 5.0), 500, start=(-140.0, 0.0),
+                settings=EngineSettings(drift_deg=0.0),
+            ),
         )
-        total[progress.sums.cells] += p
-        square[progress.sums.cells] += p**2
-        stated[progress.sums.cells] += error**2
-        assert p.max() <= 1.0
-    scatter = (square - total**2 / n) / (n - 1)
-    assert (total > 0).sum() > 1000
-    assert np.sqrt(scatter.sum() / (stated.sum() / n)) == pytest.approx(1.0, abs=0.2)
+        for angle, bend in ((0.0, 0.0), (20.0, 0.0), (20.0, 0.01))
+    }  # fmt: skip
+    narrow, wide, held = sides.values()
+    assert wide.std() > 1.3 * narrow.std()
+    assert stats.ks_2samp(wide, -wide).pvalue > 1e-3
+    assert held.std() < 0.5 * wide.std()

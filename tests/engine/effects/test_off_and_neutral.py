@@ -10,6 +10,7 @@ from numpy.lib.recfunctions import structured_to_unstructured as matrix
 from sassgis.engine.effects.air_drag import AirDrag
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
@@ -18,7 +19,6 @@ from sassgis.engine.effects.wind import Wind
 from sassgis.model.effects import EffectSettings
 from sassgis.model.profiles import ControlLineCrossings
 from sassgis.model.results import ControlLine
-from sassgis.model.settings import LateralDeflection
 
 FLAT = profile(rough_slope(3))
 CONTROL_LINES = ControlLineCrossings.same_for_all(

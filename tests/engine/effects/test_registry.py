@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from annotated_types import Interval
 
-from sassgis.engine.effects.registry import EFFECTS, Calibration, Effect, Range, in_motion
+from sassgis.engine.effects.registry import EFFECTS, Calibration, Effect, Range
 from sassgis.gap.which.hypotheses import ParameterDraws, _from_row
 from sassgis.io.read import config as reader
 from sassgis.io.read.config import load_config, resolved
 from sassgis.io.write.config_template import config_template
 from sassgis.model.effects import EffectSection, EffectSettings
 from sassgis.model.errors import ConfigError
-from sassgis.model.settings import LateralDeflection
 
 CONFIG = """
 [terrain]
@@ -76,7 +75,6 @@ def test_a_row_is_a_section_of_the_configuration(breeze: Effect, tmp_path: Path)
     assert (
         "# [effects.breeze]\n# speed_mps = 5.0\n#     speed of the air (m/s)" in config_template()
     )
-    assert in_motion(config.effects)
     for text, words in (
         ("speed_mps = 51", ["effects.breeze.speed_mps", "found 51", "at most 50"]),
         ("speed = 5", ["effects.breeze.speed", "unknown key", "'speed_mps'"]),
@@ -98,8 +96,3 @@ def test_a_row_with_ranges_is_fitted(breeze: Effect) -> None:
     assert 1.0 <= speed <= 20.0
     # Drawn values are those that a configuration states, to six digits.
     assert speed == pytest.approx(20.0 ** draws.used["breeze.speed_mps"], rel=1e-5)
-
-
-def test_effects_on_paths_leave_the_motion_alone() -> None:
-    assert not in_motion(EffectSettings(LateralDeflection()))
-    assert not in_motion(EffectSettings())

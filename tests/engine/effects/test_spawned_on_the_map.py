@@ -9,10 +9,10 @@ import pytest
 
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.hazard.progress import joined_rows
 from sassgis.io.read.config import load_config
 from sassgis.model.effects import EffectSettings
-from sassgis.model.settings import LateralDeflection
 from sassgis.runs.inputs import read_map_run
 from sassgis.runs.map import simulate_map
 from sassgis.terrain.plan import plan

@@ -31,9 +31,9 @@ from sassgis.terrain.stretch import take_lines
 MIDDLE = WEST + 100.0
 
 
-def traced(grid, points, fans=None):
+def traced(grid, points):
     settings = FallLineSettings()
-    return trace(grid, fall_line_surface(grid, settings), points, settings, fans)
+    return trace(grid, fall_line_surface(grid, settings), points, settings)
 
 
 def straight(*lines):
@@ -47,7 +47,6 @@ def straight(*lines):
         y=np.concatenate(xy)[:, 1],
         s=np.concatenate(s),
         point=np.arange(n),
-        fan=np.zeros(n),
         end=np.zeros(n, np.uint8),
     )
 
@@ -137,10 +136,9 @@ def test_rocks_without_a_release_point_have_no_line(observed, slope):
     assert points.area_names == ("R1", "R3", "R4", "R5") and rock.tolist() == [0, 2, 3, 4]
     # Draws hang on the name of the rock, not on its place in the table.
     assert points.key[1] == point_keys("R3", 1)[0]
-    traces = traced(slope, points, np.array([-0.1, 0.0, 0.1]))
+    traces = traced(slope, points)
     line = lines_of_rocks(traces, rock, 5)
-    assert line.tolist() == [1, -1, 4, 7, 10]
-    assert (traces.fan[line[line >= 0]] == 0.0).all()
+    assert line.tolist() == [0, -1, 1, 2, 3]
 
 
 def test_nearest_lines_are_those_of_brute_force():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import ORDER
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.diagnosis import Fingerprint, GapFinding
 from sassgis.gap.observations.campaign import observed_campaign
@@ -38,7 +39,6 @@ from sassgis.gap.which.verdict import (
 )
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
 from sassgis.model.effects import EffectSettings
-from sassgis.model.settings import LateralDeflection
 
 
 @pytest.mark.parametrize("family", [None, *FAMILIES])

@@ -84,7 +84,7 @@ def table_of(valley):
                 blocks.name,
                 1.0,
                 tally.rocks,
-                job.rocks_per_line,
+                job.rocks_per_point,
                 block_width_m=blocks.mean_width_m,
             )
         )

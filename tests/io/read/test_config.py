@@ -93,7 +93,7 @@ def test_template_loads_with_the_defaults_it_shows(tmp_path):
     path.write_text(config_template())
     config = load_config(path)
     plain = resolved(config)
-    for section in ("spread", "engine", "run", "output"):
+    for section in ("engine", "run", "output"):
         own = SECTIONS[section]()
         own = own.resolved() if section == "engine" else own
         defaults = dataclasses.asdict(own)
@@ -184,7 +184,7 @@ WRONG = [
     ("axis_2_m = 0.5", "axis_2_m = 0.5\ndensity_kgm3 = 2.7", ["density_kgm3", "2.7", "500"]),
     ('name = "large"', 'name = "a;b"', ["blocks[a;b].name", "semicolon"]),
     ('name = "large"', "", ["blocks[no. 1].name", "missing key"]),
-    ("[terrain]", "[spread]\nlines_per_point = 3\n[terrain]", ["spread.width_percent", "0.0"]),
+    ("[terrain]", "[spread]\nlines_per_point = 3\n[terrain]", ["spread", "followed"]),
     ("[terrain]", '[engine]\neta_max_rule = "x"\n[terrain]', ["engine.eta_max_rule", "'scale'"]),
     ("[terrain]", "[engine]\nmax_event = 1\n[terrain]", ["engine.max_event", "'max_events'"]),
     ("[terrain]", "[engine]\nmax_events = 1\n[terrain]", ["engine.max_events", "100"]),

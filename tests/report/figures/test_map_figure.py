@@ -38,7 +38,6 @@ def straight_lines(grid: Grid, n: int) -> TraceSet:
         y,
         np.tile([0.0, 100.0], n),
         np.arange(n),
-        np.zeros(n),
         np.zeros(n, np.uint8),
     )
 

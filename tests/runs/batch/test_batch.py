@@ -109,7 +109,7 @@ def test_effects_reach_the_mosaic_as_well(valley: Valley, tmp_path: Path, path: 
     text = config.read_text().replace("[hazard]\n", more)
     config.write_text(text.replace("[terrain]\n", f'[terrain]\npath = "{path}"\n'))
     with config.open("a") as text:
-        if path == "fall_line":
+        if path == "followed":
             text.write("[effects.lateral_deflection]\nangle_deg = 8.0\n")
         text.write("[effects.fragmentation]\n")
         text.write("[effects.wind]\n")

@@ -16,7 +16,6 @@ from sassgis.hazard.progress import Progress, joined_rows, line_ends, sample_of
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
-from sassgis.model.release_areas import SpreadSettings
 from sassgis.model.results import StopReason
 from sassgis.runs.map import chunks_of, simulate_map
 from sassgis.terrain.plan import plan
@@ -58,7 +57,7 @@ def rocks_of_area(job: MapRun) -> dict[str, np.ndarray]:
     rows = joined_rows(simulate_map(job, planned).stops)
     order = np.lexsort((rows.rocks["rock"], rows.rock_scenario, rows.rocks["line"]))
     rocks = rows.rocks[order]
-    area = planned.points.area[rocks["line"] // job.spread.lines_per_point]
+    area = planned.points.area[rocks["line"]]
     names = [n for n in rocks.dtype.names if n != "line"]
     return {
         name: np.array(rocks[names][area == i].tolist())
@@ -202,24 +201,6 @@ def test_random_points_differ_between_seeds_and_lie_in_their_areas(job) -> None:
         assert abs(own.sum() - expected) <= 1.0
         assert shapely.contains_xy(area.geometry, first.x[own], first.y[own]).all()
     assert simulate_map(one, plan(one)).reasons.sum() > 0
-
-
-def test_bundles_share_the_rocks_of_a_point(job, planned) -> None:
-    one_line = replace(job, path="fall_line")
-    narrow = simulate_map(one_line, planned)
-    spread = replace(one_line, spread=SpreadSettings(3, 10.0))
-    bundles = plan(spread)
-    progress = simulate_map(spread, bundles, chunk_points=5)
-    lines = [line for part in progress.lines for line in part.fan.tolist()]
-    assert len(lines) == 3 * len(planned.points)
-    assert sorted(set(np.round(lines, 6))) == pytest.approx([-0.1 / 3, 0.0, 0.1 / 3], abs=1e-5)
-    rocks = joined_rows(progress.stops).rocks
-    assert spread.rocks_per_line == 2
-    assert rocks.size + progress.lost == 6 * len(planned.points)
-    assert set(np.unique(rocks["line"])) <= set(range(3 * len(planned.points)))
-    # More lines cover more ground, and their sums do not hang on the chunks either.
-    assert progress.sums.cells.size > narrow.sums.cells.size
-    assert_same(progress, simulate_map(spread, bundles, jobs=2))
 
 
 # --- Where rocks start ---------------------------------------------------------------------------

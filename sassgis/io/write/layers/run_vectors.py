@@ -131,7 +131,6 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             "area": [planned.points.area_names[planned.points.area[p]] for p in lines.point],
             "length_m": np.round(lines.length_m, 3),
             "drop_m": np.round(lines.drop_m, 3),
-            "fan": lines.fan,
             "ends_at": [LINE_END_TEXT[LineEnd(int(e))] for e in lines.end],
         },
         geometry=shapely.linestrings(x, y, indices=index) if x.size else [],
@@ -146,7 +145,6 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
             "area": FieldInfo("release area"),
             "length_m": FieldInfo("length in plan", "m"),
             "drop_m": FieldInfo("drop", "m"),
-            "fan": FieldInfo("lateral deviation", "m per m"),
             "ends_at": FieldInfo("ends at"),
         },
         style=categorised_style(
@@ -169,10 +167,7 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
     rocks = rows.rocks[on_map]
     frame = gpd.GeoDataFrame(
         {
-            "area": [
-                planned.points.area_names[planned.points.area[i]]
-                for i in rocks["line"] // run.lines_per_point
-            ],
+            "area": [planned.points.area_names[planned.points.area[i]] for i in rocks["line"]],
             "scenario": [run.blocks[k].name for k in rows.rock_scenario[on_map]],
             "end": [STOP_TEXT[StopReason(int(r))] for r in rocks["reason"]],
             "runout_m": np.round(rocks["runout_m"], 2),
