@@ -185,9 +185,9 @@ def test_a_full_disk_keeps_the_state_and_the_next_run_does_not_simulate_again(
 def test_ctrl_c_before_anything_is_computed_is_one_line(slope: Slope) -> None:
     """The interrupt comes at the first opening of a raster, however fast or slow the machine is."""
     program = (
-        "import os, signal, rasterio\n"
+        "import os, signal, rasterio.io\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "rasterio.open = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "rasterio.io.DatasetReader = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
         "from sassgis.cli import main\n"
         "main()\n"
     )

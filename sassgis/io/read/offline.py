@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
+from html import unescape
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -47,7 +48,10 @@ _MOSAIC_TAGS = re.compile(
     "IncludeOutOfRange|SimpleSource|ComplexSource|SourceFilename|SourceBand|SourceProperties|"
     "SrcRect|DstRect|NODATA|UseMaskBand|ScaleOffset|ScaleRatio"
 )
-_LARGEST_MOSAIC = 50_000_000
+#: What side files name overviews by that lie anywhere.
+_ELSEWHERE = "OVERVIEW_FILE"
+#: Of virtual rasters and side files (bytes): mosaics of ten thousand tiles have half as many.
+_LARGEST_XML = 20_000_000
 
 #: No web address goes through such a proxy, and no remote file has such a name.
 _SETTINGS = {
@@ -106,7 +110,7 @@ def _mosaic(file: Path, _inode: int, _size: int, _time_ns: int) -> str | None:
         head = stream.read(4096).lstrip()
     if not head.startswith(b"<") or b"<VRTDataset" not in head:
         return None
-    text = read_text(file, None, "a virtual raster", _LARGEST_MOSAIC)
+    text = read_text(file, None, "a virtual raster", _LARGEST_XML)
 
     def refused(what: str, found: object) -> InputError:
         return InputError(
@@ -144,16 +148,17 @@ def _is_tiff(file: Path) -> bool:
 
 
 def _check_beside(file: Path) -> None:
-    """GDAL opens masks and overviews beside a raster whatever they are."""
+    """GDAL opens masks and overviews beside a raster, and beside those, whatever they are."""
     for suffix in (".msk", ".ovr", ".OVR"):
         beside = Path(f"{file}{suffix}")
         if beside.exists():
             check_file(beside, None, "a GeoTIFF file")
             if not _is_tiff(beside):
                 raise InputError("is no GeoTIFF", file=beside, expected="a mask or overviews")
+            _check_beside(beside)
     beside = Path(f"{file}.aux.xml")
-    if beside.exists() and "OVERVIEW_FILE" in read_text(beside, None, "XML", _LARGEST_MOSAIC):
-        raise InputError("names a file elsewhere", file=beside, field="OVERVIEW_FILE")
+    if beside.exists() and _ELSEWHERE in unescape(read_text(beside, None, "XML", _LARGEST_XML)):
+        raise InputError("names a file elsewhere", file=beside, field=_ELSEWHERE)
 
 
 # ---------------------------------------------------------------------------------------------

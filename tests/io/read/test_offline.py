@@ -210,10 +210,13 @@ def test_a_virtual_raster_leads_nowhere(site: Path, kind: str, name: str, one_li
     assert not list(site.parent.rglob("run"))
 
 
-@pytest.mark.parametrize("beside", ["dem.tif.msk", "dem.tif.ovr", "dem.tif.OVR", "dem.tif.aux.xml"])
+@pytest.mark.parametrize("key", ["OVERVIEW_FILE", "OVERVIEW&#95;FILE"])
+@pytest.mark.parametrize(
+    "beside", ["dem.tif.msk", "dem.tif.ovr", "dem.tif.OVR", "dem.tif.msk.ovr", "dem.tif.aux.xml"]
+)
 @pytest.mark.parametrize("below", ["", "a mosaic of it"])
 def test_what_lies_beside_a_raster_leads_nowhere(
-    site: Path, beside: str, below: str, one_line
+    site: Path, beside: str, below: str, key: str, one_line
 ) -> None:
     write(site / "dem.tif", "GTiff")
     (site / "raw.vrt").write_text(raw())
@@ -221,11 +224,13 @@ def test_what_lies_beside_a_raster_leads_nowhere(
     text = raw()
     if beside.endswith(".xml"):
         text = (
-            '<PAMDataset><Metadata domain="OVERVIEWS"><MDI key="OVERVIEW_FILE">raw.vrt</MDI>'
+            f'<PAMDataset><Metadata domain="OVERVIEWS"><MDI key="{key}">raw.vrt</MDI>'
             "</Metadata></PAMDataset>"
         )
     file = site / ("all.vrt" if below else "dem.tif")
     assert np.array_equal(read_dem(file, crs="EPSG:2056").values[:3, :4], HEIGHTS)
+    if ".msk." in beside:
+        write(site / "dem.tif.msk", "GTiff")
     (site / beside).write_text(text)
     file.touch()
     with pytest.raises(InputError) as refused:
@@ -312,6 +317,7 @@ VECTORS_ASTRAY: dict[str, Callable[[Path], str]] = {
     "entities": lambda f: (
         f"<!DOCTYPE kml [<!ENTITY a SYSTEM '{f}'>]>" + _KML.format("<name>&a;</name>")
     ),
+    "nested": lambda f: '{"type": "FeatureCollection", "features": ' + "[" * 100_000,
     "no format": str,
 }
 

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from io import BytesIO
+
 import pytest
 
+from sassgis.io.read import web
 from sassgis.io.read.csv_table import csv_rows
+from sassgis.io.read.gap_thresholds import read_thresholds
 from sassgis.io.read.plain_file import LONGEST_TEXT, check_text, read_text, toml_table
+from sassgis.io.read.result_folder import read_manifest
 from sassgis.model.errors import InputError
 
 
@@ -68,3 +74,16 @@ def test_limits_of_files(tmp_path) -> None:
         InputError, match=r"too large \(found 300 MB; expected a table of at most 200"
     ):
         read_text(file, None, "a table")
+
+
+def test_nested_json(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a result, of thresholds and of a server."""
+    text = "[" * 100_000
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(InputError, match=r"manifest\.json: cannot be read"):
+        read_manifest(tmp_path)
+    with pytest.raises(InputError, match=r"manifest\.json: thresholds cannot be read"):
+        read_thresholds(tmp_path / "manifest.json")
+    monkeypatch.setattr(web, "opened", lambda *_: nullcontext(BytesIO(text.encode())))
+    with pytest.raises(InputError, match="does not answer in JSON"):
+        web.get_json("https://example.org", 1.0)
