@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import pickle
 import warnings
 from collections import deque
@@ -165,6 +166,10 @@ def cluster(scheduler: str) -> Iterator[Cluster]:
             field="--scheduler",
             expected="pip install 'sassgis[cluster]'",
         ) from None
+    if logging.getLogger().level > logging.DEBUG:
+        # What goes wrong with the cluster is said in one line, not in the tracebacks of its log.
+        for name in ("distributed", "distributed.client", "tornado.application"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=_CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:

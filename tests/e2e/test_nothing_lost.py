@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import os
+import signal
 import sqlite3
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
 import pytest
+from helpers.small_slope import SASSGIS
+from helpers.worker_tasks import kill_as_they_start, wait_for
 from helpers.zone_slope import box, two_areas
 
 from sassgis.cli.progress_bar import ProgressBar
@@ -190,6 +196,54 @@ def test_what_other_commands_write_is_replaced_as_long_as_nobody_changed_it(
         code, _, err = call(*given, "--overwrite")
         assert code == 3 and f"{changed}: has changed" in error_of(err), words
         assert everything(site) == before
+def contents(folder: Path) -> dict[str, bytes]:
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["files"]
+    return {own["path"]: (folder / own["path"]).read_bytes() for own in manifest["files"]}
+
+
+def test_workers_that_are_killed_as_they_start_change_nothing(
+    site: Path, call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config, out = site / "config.toml", site / "out"
+    assert call("zone", config, "-o", site / "whole", "--jobs", "1")[0] == 0
+    with monkeypatch.context() as patched:
+        killed = kill_as_they_start(patched, 1000)
+        code, _, err = call("zone", config, "-o", out, "--workers", "2")
+        assert code == 3 and "the same command goes on from what is saved" in error_of(err)
+        assert 3 <= len(killed) <= 6
+    killed = kill_as_they_start(monkeypatch, 2)
+    code, _, err = call("zone", config, "-o", out, "--workers", "2")
+    assert code == 0 and len(killed) == 2, err
+    assert contents(out) == contents(site / "whole")
+    assert not list(site.glob("out.*"))
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are found in /proc")
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_run_whose_workers_are_stopped_can_be_ended(site: Path, number: signal.Signals) -> None:
+    """As they are stopped while they start, nothing is computed; what there is, is saved."""
+    arguments = ("run", site / "config.toml", "-o", site / "out", "--workers", "2")
+    with subprocess.Popen(
+        [*SASSGIS, *map(str, arguments)], stderr=subprocess.PIPE, text=True,
+        # A shell without a terminal starts what it puts in the background deaf to the interrupt.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as process:  # fmt: skip
+        children = Path(f"/proc/{process.pid}/task")
+        found: list[int] = []
+        while len(found) < 2 and process.poll() is None:
+            time.sleep(0.02)
+            with contextlib.suppress(OSError):
+                threads = [(own / "children").read_text() for own in children.iterdir()]
+                found = [int(pid) for pid in " ".join(threads).split()]
+        for pid in found:
+            os.kill(pid, signal.SIGSTOP)
+        wait_for("T", *found)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=120.0)
+    assert process.returncode == 130 and "stopped by the user after 0 blocks" in error_of(err)
+    wait_for("Z", *found)
+    assert (site / "out.partial" / "checkpoint" / "state.npz").is_file()
 
 
 def mount(*arguments: object) -> None:

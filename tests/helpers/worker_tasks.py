@@ -7,7 +7,10 @@ import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from subprocess import Popen
 from typing import IO, Any
+
+import pytest
 
 from sassgis.runs import worker_process
 
@@ -60,6 +63,21 @@ def work(common: str, task: Task) -> str:
 
         worker_process._send = half
     return f"{common} {task.name} " * (LARGE // 8)
+
+
+def kill_as_they_start(monkeypatch: pytest.MonkeyPatch, most: int) -> list[int]:
+    """Kill so many processes before they run a line; gives their numbers."""
+    killed: list[int] = []
+
+    def start(*arguments: Any, **options: Any) -> Popen[bytes]:
+        process = Popen(*arguments, **options)
+        if len(killed) < most:
+            killed.append(process.pid)
+            process.kill()
+        return process
+
+    monkeypatch.setattr(worker_process, "Popen", start)
+    return killed
 
 
 def number(_common: object, _task: object) -> int:

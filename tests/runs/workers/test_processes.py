@@ -9,12 +9,11 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from subprocess import Popen
 
 import pytest
-from helpers.worker_tasks import LARGE, Task, number, wait_for, work
+from helpers.worker_tasks import LARGE, Task, kill_as_they_start, number, wait_for, work
 
 from sassgis.model.errors import OutputError
 from sassgis.runs import worker_process
@@ -30,26 +29,6 @@ def expected(names: str = NAMES) -> list[str]:
     return [f"common {name} " * (LARGE // 8) for name in names]
 
 
-@pytest.fixture
-def killed_as_it_starts(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
-    """Kill so many processes before they run a line; gives their numbers."""
-
-    def prepare(most: int) -> list[int]:
-        killed: list[int] = []
-
-        def start(*arguments: object, **options: object) -> Popen[bytes]:
-            process = Popen(*arguments, **options)  # type: ignore[call-overload]
-            if len(killed) < most:
-                killed.append(process.pid)
-                process.kill()
-            return process
-
-        monkeypatch.setattr(worker_process, "Popen", start)
-        return killed
-
-    return prepare
-
-
 @pytest.mark.parametrize("moment", ["reading", "working", "answering"])
 def test_a_process_that_is_killed_at_its_task_is_replaced(tmp_path: Path, moment: str) -> None:
     tasks = [Task(name, moment if name == "b" else "", tmp_path, times=2) for name in NAMES]
@@ -59,9 +38,9 @@ def test_a_process_that_is_killed_at_its_task_is_replaced(tmp_path: Path, moment
 
 
 def test_processes_that_are_killed_as_they_start_are_replaced(
-    tmp_path: Path, killed_as_it_starts: Callable[[int], list[int]]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    killed = killed_as_it_starts(2)
+    killed = kill_as_they_start(monkeypatch, 2)
     tasks = [Task(name, "", tmp_path) for name in NAMES]
     with Processes(2) as pool:
         assert list(pool.in_order(work, "common", tasks)) == expected()
@@ -82,10 +61,10 @@ def test_processes_that_are_killed_without_a_task_are_none_that_tasks_have_lost(
 
 @pytest.mark.parametrize("moment", ["starting", "working"])
 def test_one_process_after_the_other_is_one_line(
-    tmp_path: Path, moment: str, killed_as_it_starts: Callable[[int], list[int]]
+    tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if moment == "starting":
-        killed_as_it_starts(100)
+        kill_as_they_start(monkeypatch, 100)
     tasks = [Task(name, moment, tmp_path, times=100) for name in "ab"]
     with Processes(1) as pool:
         refused = pytest.raises(OutputError, match=r"3 processes ended.* task, a \(killed; memory")
