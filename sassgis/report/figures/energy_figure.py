@@ -3,48 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.results import ControlLine
 from sassgis.report.figures.style import (
     BLUE,
     INK,
     SMALL,
-    TITLE,
     VERMILION,
     WIDTH_IN,
+    halo,
+    head,
     new_figure,
     nothing_to_show,
     spread,
     styled,
     text_width_pt,
     thousands_formatter,
-    wrap,
 )
 from sassgis.report.number_text import thousands
 
-Quantity = Literal["energy", "speed", "height"]
-
-_LABEL = {
-    "energy": "kinetic energy (kJ)",
-    "speed": "speed (m/s)",
-    "height": "passing height (m)",
+#: Name and unit of what can be drawn.
+QUANTITIES = {
+    "energy": ("kinetic energy", "kJ"),
+    "speed": ("speed", "m/s"),
+    "height": ("passing height", "m"),
 }
-_PLAIN = {"energy": "kinetic energy", "speed": "speed", "height": "passing height"}
-
-
-def _share_text(share: float) -> str:
-    """Name a quantile: the median, or the share of blocks that stays below."""
-    return "median" if share == 0.5 else f"{100.0 * share:.4g} %"
 
 
 @styled
@@ -54,16 +44,15 @@ def energy_profile_figure(
     s: FloatArray,
     z: FloatArray,
     *,
-    quantity: Quantity = "energy",
+    quantity: str = "energy",
     control_lines: Sequence[tuple[ControlLine, float]] = (),
-    title: str | None = None,
 ) -> Figure:
     """Draw quantiles of a quantity along the profile, with the slope beneath.
 
     Parameters
     ----------
-    s_bins : float, shape (n + 1,) or (n,)
-        Edges of the chainage bins, or single chainages (m).
+    s_bins : float, shape (n + 1,)
+        Edges of the chainage bins (m).
     quantiles : by share (0.5, 0.95, ...), float, shape (n,)
         Value that this share of the passing blocks stays below; NaN where no block passes.
     s, z : float, shape (m,)
@@ -72,32 +61,12 @@ def energy_profile_figure(
         Energy (kJ) has a logarithmic axis; speed (m/s) and passing height (m) a plain one.
     control_lines : (ControlLine, chainage)
         Marked in both panels.
-    title : str, optional
-
-    Raises
-    ------
-    InputError
-        The arrays do not fit each other.
     """
-    bins = np.asarray(s_bins, float)
-    curves = {share: np.asarray(quantiles[share], float) for share in sorted(quantiles)}
-    first = next(iter(curves.values())).size if curves else 0
-    for share, values in curves.items():
-        if (
-            values.ndim != 1
-            or values.size not in (bins.size, bins.size - 1)
-            or values.size != first
-        ):
-            raise InputError(
-                f"the quantile {share:g} does not fit the chainage bins",
-                found=f"shape {values.shape}",
-                expected=f"({bins.size - 1},) or ({bins.size},)",
-            )
+    name, unit = QUANTITIES[quantity]
     figure = new_figure(WIDTH_IN, 4.3)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1.0))
-    heading = title if title is not None else f"{_PLAIN[quantity].capitalize()} along the profile"
-    figure.suptitle(wrap(heading, WIDTH_IN, TITLE), x=0.01, ha="left", size=TITLE, weight="bold")
-    upper.set_ylabel(_LABEL[quantity])
+    head(figure, f"{name.capitalize()} along the profile")
+    upper.set_ylabel(f"{name} ({unit})")
     lower.set_ylabel("height (m)")
     lower.set_xlabel("chainage (m)")
     lower.plot(s, z, color=INK, lw=1.2, gid="slope")
@@ -106,74 +75,64 @@ def energy_profile_figure(
     lower.set_xlim(float(np.min(s)), float(np.max(s)))
     for axis in (lower.xaxis, lower.yaxis):
         axis.set_major_formatter(thousands_formatter())
+    _draw_control_lines(upper, lower, control_lines)
 
     log = quantity == "energy"
     # A log axis cannot show a block that stands still; a gap there is what is known.
-    shown = {q: np.where(v > 0.0, v, np.nan) if log else v for q, v in curves.items()}
-    known = np.concatenate([v[np.isfinite(v)] for v in shown.values()] or [np.empty(0)])
-    for control_line, where in control_lines:
-        colour = BLUE if control_line.kind == "station" else VERMILION
-        for ax in (upper, lower):
-            ax.axvline(where, color=colour, lw=0.8, ls=(0, (4, 2)), zorder=1)
-    if control_lines:
-        x0, x1 = lower.get_xlim()
-        # The panels are about 5.6 inches wide.
-        room = (
-            np.array([text_width_pt(control_line.name) for control_line, _ in control_lines])
-            * (x1 - x0)
-            / (72.0 * 5.6)
-        )
-        for (control_line, where), label in zip(
-            control_lines, spread([g[1] for g in control_lines], room), strict=True
-        ):
-            upper.annotate(
-                control_line.name,
-                (where, 1.0),
-                xycoords=("data", "axes fraction"),
-                xytext=(label, 1.015),
-                textcoords=("data", "axes fraction"),
-                ha="center",
-                va="bottom",
-                size=SMALL,
-                weight="bold",
-                color=BLUE if control_line.kind == "station" else VERMILION,
-            )
+    curves = {q: np.where(v > 0.0, v, np.nan) if log else v for q, v in sorted(quantiles.items())}
+    known = np.concatenate([v[np.isfinite(v)] for v in curves.values()] or [np.empty(0)])
     if not known.size:
         nothing_to_show(upper, "no block passes", keep_x=True)
         return figure
-
     if log:
-        low, high = np.log10(known.min()), np.log10(known.max())
-        # Blocks about to stop draw a long tail to nothing: five decades show all that matters.
-        low = max(low, high - 5.0)
-        upper.set_yscale("log")
-        upper.set_ylim(10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1))
-        # Where few powers of ten are in sight, the steps between them are named too.
-        steps = (1.0, 2.0, 5.0) if high - low < 2.0 else (1.0,)
-        upper.yaxis.set_major_locator(LogLocator(10.0, subs=steps))
-        upper.yaxis.set_major_formatter(
-            FuncFormatter(lambda v, _: thousands(v) if v >= 1.0 else f"{v:g}")
-        )
-        upper.yaxis.set_minor_formatter(NullFormatter())
+        _log_axis(upper, np.log10(known.min()), np.log10(known.max()))
     else:
         upper.set_ylim(min(0.0, float(known.min())), 1.1 * max(float(known.max()), 1e-9))
-
-    for i, (share, values) in enumerate(shown.items()):
-        width = 0.9 + 0.35 * i
-        tone = 0.35 + 0.65 * (i + 1) / len(shown)
+    for i, (share, values) in enumerate(curves.items()):
+        tone = 0.35 + 0.65 * (i + 1) / len(curves)
         shade = to_hex((1.0 - tone, 1.0 - 0.72 * tone, 1.0 - 0.5 * tone))
-        if values.size == bins.size - 1:
-            upper.stairs(values, bins, baseline=None, color=shade, lw=width, gid=f"q{share:g}")
-        else:
-            upper.plot(bins, values, color=shade, lw=width, gid=f"q{share:g}")
-    _name_curves(upper, bins, shown, log)
+        width = 0.9 + 0.35 * i
+        upper.stairs(values, s_bins, baseline=None, color=shade, lw=width, gid=f"q{share:g}")
+    _name_curves(upper, (s_bins[:-1] + s_bins[1:]) / 2.0, curves, log)
     return figure
 
 
-def _name_curves(ax: Axes, bins: FloatArray, curves: Mapping[float, FloatArray], log: bool) -> None:
+def _draw_control_lines(
+    upper: Axes, lower: Axes, control_lines: Sequence[tuple[ControlLine, float]]
+) -> None:
+    x0, x1 = lower.get_xlim()
+    # The panels are about 5.6 inches wide.
+    room = np.array([text_width_pt(line.name) for line, _ in control_lines])
+    placed = spread([at for _, at in control_lines], room * (x1 - x0) / (72.0 * 5.6))
+    for (line, at), label in zip(control_lines, placed, strict=True):
+        colour = BLUE if line.kind == "station" else VERMILION
+        for ax in (upper, lower):
+            ax.axvline(at, color=colour, lw=0.8, ls=(0, (4, 2)), zorder=1)
+        upper.annotate(
+            line.name, (at, 1.0), xycoords=("data", "axes fraction"), xytext=(label, 1.015),
+            textcoords=("data", "axes fraction"), ha="center", va="bottom", size=SMALL,
+            weight="bold", color=colour,
+        )  # fmt: skip
+
+
+def _log_axis(ax: Axes, low: float, high: float) -> None:
+    """Show energies between powers of ten."""
+    # Blocks about to stop draw a long tail to nothing: five decades show all that matters.
+    low = max(low, high - 5.0)
+    ax.set_yscale("log")
+    ax.set_ylim(10.0 ** (low - 0.08), 10.0 ** (high + 0.12 * (high - low) + 0.1))
+    # Where few powers of ten are in sight, the steps between them are named too.
+    steps = (1.0, 2.0, 5.0) if high - low < 2.0 else (1.0,)
+    ax.yaxis.set_major_locator(LogLocator(10.0, subs=steps))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: thousands(v) if v >= 1.0 else f"{v:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _name_curves(
+    ax: Axes, middle: FloatArray, curves: Mapping[float, FloatArray], log: bool
+) -> None:
     """Write the quantiles on their curves, at the chainage where these lie furthest apart."""
     values = np.stack(list(curves.values()))
-    middle = bins if values.shape[1] == bins.size else (bins[:-1] + bins[1:]) / 2.0
     low, high = ax.get_ylim()
     scale = np.log10 if log else np.asarray
     bottom = float(scale(low))
@@ -197,11 +156,12 @@ def _name_curves(ax: Axes, bins: FloatArray, curves: Mapping[float, FloatArray],
             ax.text(
                 float(middle[column]),
                 float(height),
-                _share_text(share),
+                # The median, or the share of blocks that stays below.
+                "median" if share == 0.5 else f"{100.0 * share:.4g} %",
                 transform=ax.get_xaxis_transform(),
                 ha="center",
                 va="center",
                 size=SMALL,
-                path_effects=[withStroke(linewidth=2.2, foreground="white")],
+                path_effects=halo(2.2),
                 zorder=8,
             )
