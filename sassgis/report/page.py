@@ -118,17 +118,10 @@ class ReportContext:
 
 
 def sensible(value: Cell, digits: int = 3) -> str:
-    """Write a value as a person would.
+    """Write a value as a person would; text as it is, None and NaN as a dash.
 
     Whole numbers are written out. Others get ``digits`` significant digits, and no digit before
     the point is ever rounded away: 0.0123, 4.57, 0.8, 812, 10 340.
-
-    Parameters
-    ----------
-    value : str, int, float or None
-        Text is given back as it is; None and NaN become a dash.
-    digits : int
-        Significant digits of a number with a fraction.
     """
     if value is None:
         return "–"
@@ -177,11 +170,11 @@ def _template() -> Template:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["sensible"] = sensible
-    environment.filters["data_uri"] = data_uri
+    environment.filters |= {
+        "sensible": sensible, "data_uri": data_uri, "number_columns": number_columns,
+    }  # fmt: skip
     # A function: jinja computes filters of constants once, whatever the language is then.
     environment.globals["said"] = said
-    environment.filters["number_columns"] = number_columns
     source = files("sassgis.data").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(source)
 
@@ -195,40 +188,27 @@ def said_report(context: ReportContext) -> ReportContext:
     """The report in the language in which the program writes; its title is the user's."""
     if spoken() == "en":
         return context
-    results = context.key_results
-    return replace(
-        context,
-        subtitle=said(context.subtitle),
-        summary=tuple((said(name), _said_cell(value)) for name, value in context.summary),
-        what_was_run=tuple((said(name), _said_cell(value)) for name, value in context.what_was_run),
-        warnings=tuple(said(text) for text in context.warnings),
-        key_results=None if results is None else _said_table(results),
-        figures=tuple(
-            replace(f, title=said(f.title), caption=said(f.caption), alt=said(f.alt))
-            for f in context.figures
-        ),
-        tables=tuple(_said_table(table) for table in context.tables),
-        provenance=tuple((said(name), value) for name, value in context.provenance),
+    provenance = tuple((said(name), value) for name, value in context.provenance)
+    names = ("subtitle", "summary", "what_was_run", "warnings", "key_results", "figures", "tables")
+    parts = {name: _said(getattr(context, name)) for name in names}
+    return replace(context, provenance=provenance, **parts)
+
+
+def _said(part: Any) -> Any:
+    """A part of a report; sources stay in the words of their publication."""
+    if isinstance(part, str):
+        return said(part)
+    if isinstance(part, tuple):
+        return tuple(_said(one) for one in part)
+    if isinstance(part, ReportFigure):
+        return ReportFigure(said(part.title), said(part.caption), part.png, said(part.alt))
+    if not isinstance(part, ReportTable):
+        return part
+    kept = {k for k, (name, _) in enumerate(part.columns) if name == "source"}
+    rows = tuple(
+        tuple(cell if k in kept else _said(cell) for k, cell in enumerate(row)) for row in part.rows
     )
-
-
-def _said_cell(cell: Cell) -> Cell:
-    return said(cell) if isinstance(cell, str) else cell
-
-
-def _said_table(table: ReportTable) -> ReportTable:
-    """A table; sources stay in the words of their publication."""
-    kept = {k for k, (name, _) in enumerate(table.columns) if name == "source"}
-    return replace(
-        table,
-        title=said(table.title),
-        columns=tuple((said(name), said(unit)) for name, unit in table.columns),
-        rows=tuple(
-            tuple(cell if k in kept else _said_cell(cell) for k, cell in enumerate(row))
-            for row in table.rows
-        ),
-        note=said(table.note),
-    )
+    return ReportTable(said(part.title), _said(part.columns), rows, said(part.note))
 
 
 def write_report(path: str | PathLike[str], context: ReportContext) -> Path:

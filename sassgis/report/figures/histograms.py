@@ -15,9 +15,10 @@ from sassgis.report.figures.style import (
     BLUE,
     GREY,
     INK,
-    REASON_COLOURS,
-    REASON_NAMES,
+    ORANGE,
+    PURPLE,
     SMALL,
+    VERMILION,
     WIDTH_IN,
     count,
     head,
@@ -32,6 +33,14 @@ from sassgis.report.number_text import thousands
 
 #: Ticks at round numbers.
 _STEPS = [1, 2, 5, 10]
+_REASONS = {
+    StopReason.REST: ("at rest", BLUE),
+    StopReason.BARRIER: ("stopped by a barrier", VERMILION),
+    StopReason.LEFT_PROFILE: ("left the profile", ORANGE),
+    StopReason.STEP_LIMIT: ("given up (step limit)", PURPLE),
+    StopReason.NEVER_STARTED: ("never started", "#8c8c8c"),
+    StopReason.BROKEN: ("broke into fragments", "#3d3d3d"),
+}
 
 
 def _panel(ax: Axes, name: str, histogram: Histogram) -> None:
@@ -102,16 +111,17 @@ def _draw_runout(
     upper.yaxis.set_major_formatter(percent_formatter())
     base = np.zeros(edges.size - 1)
     for reason in present:
+        name, colour = _REASONS[reason]
         above = base + counts[reason]
         lower.stairs(
             above,
             edges,
             baseline=base,
             fill=True,
-            color=REASON_COLOURS[reason],
+            color=colour,
             alpha=0.9,
             lw=0,
-            label=f"{REASON_NAMES[reason]}: {thousands(total[reason])}",
+            label=f"{name}: {thousands(total[reason])}",
             gid=f"reason-{reason.name}",
         )
         base = above

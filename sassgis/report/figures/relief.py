@@ -12,7 +12,6 @@ from matplotlib.patches import Polygon, Rectangle
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
-from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.report.figures.style import GREY, INK, SMALL, Page, round_step
 from sassgis.report.number_text import thousands
@@ -29,13 +28,8 @@ FURNITURE_IN = (1.55, 0.42)
 def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
     """Extent of what is shown, with a margin, cut to the grid; all of it where nothing is shown.
 
-    Parameters
-    ----------
-    grid : Grid
-    values : shape of the grid, optional
-        Cells that are not NaN count.
-    others : shape (n, 2)
-        Coordinates that must be seen as well (m); those outside the grid are left out.
+    Shown are cells of ``values`` that are not NaN, and those of the ``others``, coordinates of
+    shape (n, 2), that lie within the grid.
     """
     west, south, east, north = grid.bounds
     x, y = others[:, 0], others[:, 1]
@@ -56,27 +50,17 @@ def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Exte
         if lack > 0.0:
             box[low] -= lack / 2.0
             box[high] += lack / 2.0
-    return _cut((float(box[0]), float(box[1]), float(box[2]), float(box[3])), grid)
-
-
-def _cut(box: Extent, grid: Grid) -> Extent:
-    west, south, east, north = grid.bounds
-    return max(box[0], west), max(box[1], south), min(box[2], east), min(box[3], north)
+    return (
+        float(max(box[0], west)),
+        float(max(box[1], south)),
+        float(min(box[2], east)),
+        float(min(box[3], north)),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class MapView:
-    """The part of a grid that a map shows, in whole cells.
-
-    Attributes
-    ----------
-    box : Extent
-        Limits of the map; within the cells.
-    rows, cols : slice
-        Of the grid.
-    grid : Grid
-        The cells that cover the box.
-    """
+    """The part of a grid that a map shows: its limits, and the whole cells that cover them."""
 
     box: Extent
     rows: slice
@@ -113,21 +97,8 @@ class MapView:
 
 
 def view_of(grid: Grid, box: Extent) -> MapView:
-    """The smallest part of a grid, in whole cells, that covers a box.
-
-    Raises
-    ------
-    InputError
-        The box lies outside the grid.
-    """
-    west, south, east, north = cut = _cut(box, grid)
-    if west >= east or south >= north:
-        raise InputError(
-            "the extent of the map lies outside the terrain",
-            field="extent",
-            found=tuple(box),
-            expected=f"part of {grid.bounds}",
-        )
+    """The smallest part of a grid, in whole cells, that covers a box."""
+    west, south, east, north = box
     n_rows, n_cols = grid.shape
     col_0 = int(np.clip(np.floor((west - grid.west) / grid.cell_size), 0, n_cols - 1))
     col_1 = int(np.clip(np.ceil((east - grid.west) / grid.cell_size), col_0 + 1, n_cols))
@@ -139,7 +110,7 @@ def view_of(grid: Grid, box: Extent) -> MapView:
         west=grid.west + col_0 * grid.cell_size,
         north=grid.north - row_0 * grid.cell_size,
     )
-    return MapView(cut, slice(row_0, row_1), slice(col_0, col_1), part)
+    return MapView(box, slice(row_0, row_1), slice(col_0, col_1), part)
 
 
 def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
@@ -172,23 +143,12 @@ def _slope(z: FloatArray, axis: int, cell_size: float) -> FloatArray:
     return np.asarray(np.where(number > 0, total / np.maximum(number, 1.0), 0.0))
 
 
-def hillshade(grid: Grid, *, altitude_deg: float = 45.0) -> FloatArray:
+def hillshade(grid: Grid) -> FloatArray:
     """Relief lit from four sides at once, so that no slope is lost in its own shadow.
 
     Each light counts more on ground that it strikes from the side (Mark, R. K., 1992,
     Multidirectional, oblique-weighted, shaded-relief image of the Island of Hawaii, USGS Open-File
-    Report 92-422).
-
-    Parameters
-    ----------
-    grid : Grid
-    altitude_deg : float
-        Height of the lights above the horizon.
-
-    Returns
-    -------
-    float64, shape (n_rows, n_cols)
-        0 (dark) to 1 (bright); NaN where the height is unknown.
+    Report 92-422). From 0 (dark) to 1 (bright); NaN where the height is unknown.
     """
     z = np.asarray(grid.values, float)
     if min(z.shape) < 2:
@@ -197,7 +157,7 @@ def hillshade(grid: Grid, *, altitude_deg: float = 45.0) -> FloatArray:
     north = -_slope(z, 0, grid.cell_size)
     steepness = np.arctan(np.hypot(east, north))
     aspect = np.arctan2(-east, -north)
-    altitude = np.radians(altitude_deg)
+    altitude = np.radians(45.0)
     total = np.zeros_like(z)
     weights = np.zeros_like(z)
     for azimuth in np.radians([225.0, 270.0, 315.0, 360.0]):
@@ -253,18 +213,9 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
 
 
 def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) -> tuple[bool, bool]:
-    """Find the corner of a raster that hides least.
+    """The corner (right, top) of a raster in which a box hides least of what is occupied.
 
-    Parameters
-    ----------
-    occupied : shape (n_rows, n_cols)
-        True where something is drawn; row 0 in the north.
-    width, height : float
-        Size of the box to place, as a share of the raster.
-
-    Returns
-    -------
-    (right, top) : bool
+    Width and height of the box are shares of the raster; row 0 lies in the north.
     """
     rows = max(1, int(np.ceil(occupied.shape[0] * min(1.0, height))))
     cols = max(1, int(np.ceil(occupied.shape[1] * min(1.0, width))))
@@ -288,17 +239,7 @@ def taken_by(points: FloatArray, box: Extent) -> NDArray[np.bool_]:
 
 
 def draw_furniture(ax: Axes, box: Extent, width_in: float, corner: tuple[bool, bool]) -> None:
-    """Draw a scale bar and a north arrow in a corner of a map.
-
-    Parameters
-    ----------
-    ax : Axes
-    box : Extent
-        Of the map.
-    width_in : float
-        Its drawn width.
-    corner : (right, top) of bool
-    """
+    """Draw a scale bar and a north arrow in a corner (right, top) of a map of this width."""
     west, south, east, north = box
     inch = (east - west) / width_in
     right, top = corner

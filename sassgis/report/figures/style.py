@@ -8,6 +8,7 @@ import textwrap
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.resources import as_file, files
 from os import PathLike
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -25,7 +26,6 @@ from matplotlib.ticker import FuncFormatter, PercentFormatter
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import said, spoken
-from sassgis.model.results import StopReason
 from sassgis.report.number_text import thousands
 
 #: Width of a figure: the text width of an A4 page (in).
@@ -56,58 +56,6 @@ GROUND_COLOURS = (
     "#8c8c8c", "#E6C27A", "#7FBF9B", "#A6D3EE", "#E0A3C2", "#C98A5B", "#5B8FB9", "#EDE79B",
 )  # fmt: skip
 
-REASON_COLOURS = {
-    StopReason.REST: BLUE,
-    StopReason.BARRIER: VERMILION,
-    StopReason.LEFT_PROFILE: ORANGE,
-    StopReason.STEP_LIMIT: PURPLE,
-    StopReason.NEVER_STARTED: "#8c8c8c",
-    StopReason.BROKEN: "#3d3d3d",
-}
-REASON_NAMES = {
-    StopReason.REST: "at rest",
-    StopReason.BARRIER: "stopped by a barrier",
-    StopReason.LEFT_PROFILE: "left the profile",
-    StopReason.STEP_LIMIT: "given up (step limit)",
-    StopReason.NEVER_STARTED: "never started",
-    StopReason.BROKEN: "broke into fragments",
-}
-
-_RC: dict[str, Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": TEXT,
-    "text.color": INK,
-    "axes.titlesize": TEXT,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": TEXT,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": GREY,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e3e3e3",
-    "grid.linewidth": 0.5,
-    "xtick.labelsize": SMALL,
-    "ytick.labelsize": SMALL,
-    "xtick.color": GREY,
-    "ytick.color": GREY,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 3,
-    "ytick.major.size": 3,
-    "legend.frameon": False,
-    "legend.fontsize": SMALL,
-    "figure.facecolor": "white",
-    "figure.dpi": 100,
-    "savefig.dpi": DPI,
-    "hatch.linewidth": 0.5,
-}
-
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -115,15 +63,21 @@ R = TypeVar("R")
 _LOCK = threading.RLock()
 
 
+@functools.cache
+def _settings() -> dict[Any, Any]:
+    """Settings of matplotlib: its defaults, and over them the style sheet of the figures."""
+    with as_file(files("sassgis.data").joinpath("figures.mplstyle")) as sheet:
+        own = mpl.rc_params_from_file(sheet, use_default_template=False)
+    # Not the backend: setting that would load pyplot.
+    both = dict(mpl.rcParamsDefault) | dict(own)
+    return {key: value for key, value in both.items() if not key.startswith("backend")}
+
+
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw with the settings of this module, whatever the user's matplotlibrc says."""
+    """Draw in the style of the figures, whatever the user's matplotlibrc says."""
     with _LOCK, mpl.rc_context():
-        # Not the backend: setting that would load pyplot.
-        settings: dict[Any, Any] = dict(mpl.rcParamsDefault)
-        for key, value in (settings | _RC).items():
-            if not key.startswith("backend"):
-                mpl.rcParams[key] = value
+        mpl.rcParams.update(_settings())
         yield
 
 
@@ -211,13 +165,7 @@ def to_png(figure: Figure) -> bytes:
 
 
 def save(figure: Figure, path: str | PathLike[str]) -> Path:
-    """Write a figure as PNG.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
+    """Write a figure as PNG; an OutputError if the file cannot be written."""
     target = Path(path)
     try:
         target.write_bytes(to_png(figure))
@@ -266,14 +214,9 @@ def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) 
     Parameters
     ----------
     positions : float, shape (n,)
-        Where the middles of the labels want to stand.
+        Where the middles of the labels want to stand; their order along the axis is kept.
     widths : float or float, shape (n,)
         Room that each label takes, same unit.
-
-    Returns
-    -------
-    float64, shape (n,)
-        Middles in the order given; their order along the axis is kept.
     """
     wanted = np.asarray(positions, float)
     room = np.broadcast_to(np.asarray(widths, float), wanted.shape)
