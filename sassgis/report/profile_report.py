@@ -10,7 +10,7 @@ import numpy as np
 from sassgis.hazard.along_profile import STRETCH_M, ProfileResult
 from sassgis.model.results import StopReason
 from sassgis.report import figures
-from sassgis.report.figures.energy_figure import QUANTITIES
+from sassgis.report.figures.distributions import QUANTITIES
 from sassgis.report.map_report import control_line_tables, station_figures, stopping_reasons
 from sassgis.report.page import Cell, ReportContext, ReportFigure
 from sassgis.report.pictures import picture

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -27,7 +26,13 @@ from sassgis.gap.words import (
     with_unit_in_brackets,
 )
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.report.figures.map_figure import MapFrame, MapPanel, draw_maps, furniture_within
+from sassgis.report.figures.map_figure import (
+    MapFrame,
+    MapPanel,
+    colour_bar,
+    draw_maps,
+    furniture_within,
+)
 from sassgis.report.figures.map_marks import (
     MapMarks,
     all_points,
@@ -144,18 +149,14 @@ def gap_map_figure(
                            zorder=22)  # fmt: skip
         draw_points(ax, stops, "D", 3.2, "white", INK, 0.7, zorder=11, gid="stops")
 
-    panel = MapPanel(None, GAP_COLOURS, norm)
+    panel = MapPanel(None, GAP_COLOURS, norm, alpha=1.0)
     maps = draw_maps(view, [panel], MapMarks(release=list(release[:, None])), frame, draw)
     maps.page.around("Where the gap lies", text)
     furniture_within(maps, view.box, taken_by(points, view.box))
     if gaps:
         x, top = maps.left[0] + maps.width + 0.14, frame.bottom + maps.height
         tall = min(2.4, 0.8 * maps.height)
-        bar = maps.page.axes(x, top - tall - 0.18, 0.14, tall, "legend")
-        colours = ScalarMappable(norm, GAP_COLOURS)
-        maps.page.figure.colorbar(colours, cax=bar).outline.set_linewidth(0.5)
-        bar.tick_params(labelsize=SMALL)
-        bar.grid(False)
+        colour_bar(maps.page.axes(x, top - tall - 0.18, 0.14, tall, "legend"), panel)
         maps.page.text(x, top, unit, size=SMALL, va="top")
     return maps.page.figure
 

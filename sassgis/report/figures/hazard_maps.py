@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -21,6 +20,7 @@ from sassgis.report.figures.map_figure import (
     class_panel,
     class_positions,
     coarse_note,
+    colour_bar,
     draw_maps,
 )
 from sassgis.report.figures.map_marks import MapMarks, all_points
@@ -252,13 +252,8 @@ def map_change_figure(
         (2, "both", maps.width, f"change ({unit or 'percentage points'})"),
     ):
         bar = maps.page.axes(maps.left[k] + 0.15, frame.bottom - 0.62, width - 0.3, 0.09, "legend")
-        colours = ScalarMappable(panels[k].norm, panels[k].colours)
-        maps.page.figure.colorbar(
-            colours, cax=bar, orientation="horizontal", extend=extend, alpha=panels[k].alpha
-        ).outline.set_linewidth(0.5)
-        bar.tick_params(labelsize=SMALL)
+        colour_bar(bar, panels[k], orientation="horizontal", extend=extend)
         bar.set_xlabel(words, size=SMALL)
-        bar.grid(False)
     # Below the maps, where it hides nothing.
     furniture_beside(
         maps.page, WIDTH_IN - frame.right - FURNITURE_IN[0] - 0.1, 0.04, maps.metres_per_inch

@@ -383,6 +383,18 @@ class ClassRow:
         return end
 
 
+def colour_bar(ax: Axes, panel: MapPanel, **how: Any) -> None:
+    """Draw the bar of the colours of a map."""
+    figure = ax.get_figure()
+    assert isinstance(figure, Figure)
+    bar = figure.colorbar(
+        ScalarMappable(panel.norm, panel.colours), cax=ax, alpha=panel.alpha, **how
+    )
+    bar.outline.set_linewidth(0.5)
+    ax.tick_params(labelsize=SMALL)
+    ax.grid(False)
+
+
 # --- a layer ---------------------------------------------------------------------------------
 
 
@@ -473,27 +485,13 @@ def map_figure(
         top -= 0.15 * lines_in(unit)
         tall = min(top - frame.bottom, 0.42 * len(labels) if labels else 3.0)
         bar = maps.page.axes(x, top - tall, _BAR_IN, tall, "legend")
-        colour_bar(ScalarMappable(panel.norm, panel.colours), bar, labels)
+        if labels:
+            colour_bar(bar, panel, ticks=list(range(len(labels))), format=FixedFormatter(labels))
+            bar.tick_params(length=0)
+        else:
+            colour_bar(bar, panel, format=FuncFormatter(_value_label))
+        bar.yaxis.set_minor_locator(NullLocator())
         maps.page.text(x, top + 0.15 * lines_in(unit), unit, size=SMALL, va="top", gid="unit")
     maps.page.title(maps.left[0], heading)
     maps.page.note(maps.left[0], frame.bottom - 0.46, below)
     return maps.page.figure
-
-
-def colour_bar(colours: ScalarMappable, ax: Axes, labels: Sequence[str]) -> None:
-    """Draw the bar of the colours: of named classes, or with numbers."""
-    figure = ax.get_figure()
-    assert isinstance(figure, Figure)
-    bar = figure.colorbar(
-        colours,
-        cax=ax,
-        ticks=list(range(len(labels))) if labels else None,
-        format=FixedFormatter(labels) if labels else FuncFormatter(_value_label),
-        alpha=LAYER_ALPHA,
-    )
-    ax.yaxis.set_minor_locator(NullLocator())
-    ax.tick_params(labelsize=SMALL)
-    if labels:
-        ax.tick_params(length=0)
-    bar.outline.set_linewidth(0.5)
-    ax.grid(False)

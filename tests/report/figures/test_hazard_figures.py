@@ -22,10 +22,9 @@ from sassgis.report.figures import (
     map_figure,
     risk_figure,
 )
-from sassgis.report.figures.hazard_curve import MAX_SOURCES, leading_sources
+from sassgis.report.figures.hazard_figures import MAX_SOURCES, amount, leading_sources
 from sassgis.report.figures.hazard_maps import columns_of, level_changes
 from sassgis.report.figures.map_figure import class_positions, draw_stripes
-from sassgis.report.figures.risk_figure import amount
 from sassgis.report.figures.style import new_figure
 
 LEVELS = (
