@@ -39,15 +39,9 @@ _KINDS = {"program": "version of sassgis"}
 def change_figures(
     before: StoredResult, after: StoredResult, folder: Path, *, levels: bool
 ) -> tuple[ReportFigure, ...]:
-    """Draw the maps before and after and their difference into a folder.
+    """Draw the maps before and after, on the same cells, and their difference into a folder.
 
-    Parameters
-    ----------
-    before, after : StoredResult
-        On the same cells.
-    folder : Path
-    levels : bool
-        Whether levels can be compared.
+    ``levels`` says whether the levels can be compared.
     """
     grid = after.grid
     out: list[ReportFigure] = []

@@ -53,17 +53,9 @@ def exposed_table(
     layers: Sequence[RasterLayer],
     levels: Mapping[str, str],
 ) -> ReportTable:
-    """What reaches the exposed objects; the largest energy first.
+    """What reaches the exposed objects on the cells that they touch; the largest energy first.
 
-    Parameters
-    ----------
-    placed : PlacedObjects
-    cells : ObjectCells
-        The cells that they touch.
-    layers : sequence of RasterLayer
-        Maps of the blocks.
-    levels : mapping of str to str
-        Of :func:`levels_of`; empty without zones.
+    The layers are maps of the blocks, the levels those of :func:`levels_of`, empty without zones.
     """
     bands = {(layer.stem, band.name): band for layer in layers for band in layer.bands}
     largest = []

@@ -378,16 +378,7 @@ def gap_report(
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together.
 
-    Parameters
-    ----------
-    case : Case
-    diagnosis : Diagnosis
-    folder : Path
-        Of the figures.
-    project, terrain, crs, configuration : str
-        Names of the project, the terrain file, the coordinate system and the configuration file.
-    warnings : sequence of str
-        What a reader must know before trusting the answer.
+    Project, terrain file, coordinate system and configuration file are given by their names.
     """
     rows, columns = case.grid.shape
     tried = ", ".join(effect_name(c.effect) for c in diagnosis.which)

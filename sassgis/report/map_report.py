@@ -238,16 +238,13 @@ def map_report(
 
     Parameters
     ----------
-    run, planned, progress
     layers : tuple of RasterLayer
         Maps of what was simulated.
     furthest : LinePaths or None
         Paths on the line of the block with the longest run-out.
-    warnings : sequence of str
     facts : mapping of str to object
         As in the GeoPackage, the names "terrain_file" and "config_file", and "tolerance_check" if
         there was one.
-    folder : Path
     objects : sequence of (name, geometry)
         Exposed objects, drawn on the maps.
     """

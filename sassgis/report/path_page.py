@@ -95,21 +95,7 @@ def write_path_page(
     outlines: Sequence[FloatArray],
     objects: Sequence[MapObject],
 ) -> None:
-    """Write the page.
-
-    Parameters
-    ----------
-    file : Path
-    title : str
-    run : MapRun
-    layer : RasterLayer
-        The map under the paths, in classes.
-    paths : sequence of LinePaths
-        At least one.
-    outlines : sequence of float64, shape (n, 2)
-        Of the release areas.
-    objects : sequence of (name, geometry)
-    """
+    """Write the page: one path at least, over a layer in classes, with outlines of the release."""
     values = shown_values(layer.bands[0])
     places = np.concatenate([np.column_stack([p.x, p.y]) for p in paths])
     view = view_of(run.grid, footprint(run.grid, values, places))

@@ -44,16 +44,7 @@ def profile_report(
 ) -> ReportContext:
     """Draw the figures of a profile into ``folder`` and put the report together.
 
-    Parameters
-    ----------
-    result : ProfileResult
-    warnings : sequence of str
-    effects : sequence of str
-        Names of those that are switched on.
-    byline : tuple of str
-        Who made it, when, with which program.
-    provenance : tuple of (name, value)
-    folder : Path
+    The effects are the names of those that are switched on.
     """
     p = result.profile
     length, relief = p.s[-1] - p.s[0], p.z.max() - p.z.min()

@@ -171,15 +171,8 @@ def zone_tables(
 ) -> tuple[ReportTable, ...]:
     """Tables of a zoning besides that of the levels.
 
-    Parameters
-    ----------
-    preset : HazardPreset
-    found : Assessment
-    sources, design : DataFrame
-        As in ``tables/sources.csv`` and ``tables/design.csv``.
-    return_periods_years : sequence of float
-        Of the design values.
-    currency : str
+    Frames are those of ``tables/sources.csv`` and ``tables/design.csv``, return periods those of
+    the design values.
     """
     tables = [
         ReportTable(

@@ -21,6 +21,7 @@ from sassgis.report.figures.style import (
     SMALL,
     VERMILION,
     WIDTH_IN,
+    beside,
     count,
     halo,
     head,
@@ -204,11 +205,9 @@ def _panel(ax: Axes, name: str, histogram: Histogram) -> None:
     ax.yaxis.set_major_formatter(thousands_formatter())
     # No bin's share can be read as more than it is: the last one is open.
     if counts[-1] > 0:
-        ax.annotate(
-            f"≥ {edges[-2]:g}", ((edges[-2] + edges[-1]) / 2.0, float(counts[-1])), xytext=(0, 2),
-            textcoords="offset points", ha="center", va="bottom", size=SMALL, color=BLUE,
-            gid="open-bin",
-        )  # fmt: skip
+        at = ((edges[-2] + edges[-1]) / 2.0, float(counts[-1]))
+        look = {"ha": "center", "va": "bottom", "color": BLUE, "gid": "open-bin"}
+        beside(ax, f"≥ {edges[-2]:g}", at, (0, 2), **look)
 
 
 @styled

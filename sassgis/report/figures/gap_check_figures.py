@@ -17,10 +17,10 @@ from sassgis.report.figures.style import (
     GREY,
     INK,
     LIGHT,
-    SMALL,
     TEXT,
     VERMILION,
     WIDTH_IN,
+    beside,
     count,
     new_figure,
     nothing_to_show,
@@ -97,10 +97,7 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
     ax.set_title("Right answers by stated confidence")
     ax.plot([0.0, 1.0], [0.0, 1.0], **_DIAGONAL)
     ax.axvline(limit, color=VERMILION, linewidth=0.8)
-    ax.annotate(
-        f"required: 90 % right from {limit:g} on", (limit, 0.02), xytext=(3, 0),
-        textcoords="offset points", size=SMALL, color=VERMILION,
-    )  # fmt: skip
+    beside(ax, f"required: 90 % right from {limit:g} on", (limit, 0.02), (3, 0), color=VERMILION)
     known = [row for row in rows if row.right.trials]
     if not known:
         nothing_to_show(ax, keep_x=True)
@@ -113,10 +110,9 @@ def reliability_figure(rows: Sequence[ReliabilityRow], limit: float) -> Figure:
     )  # fmt: skip
     for row in known:
         left = row.confidence >= 0.85
-        ax.annotate(
-            f"{row.right.hits} of {row.right.trials}", (row.confidence, row.right.value),
-            xytext=(-7.0 if left else 7.0, 0), textcoords="offset points",
-            ha="right" if left else "left", va="center", size=SMALL,
+        beside(
+            ax, f"{row.right.hits} of {row.right.trials}", (row.confidence, row.right.value),
+            (-7.0 if left else 7.0, 0), ha="right" if left else "left", va="center",
             bbox={"boxstyle": "square,pad=0.15", "facecolor": "white", "edgecolor": "none"},
         )  # fmt: skip
     ax.set_ylim(0.0, 1.0)

@@ -53,6 +53,7 @@ from sassgis.report.figures.style import (
     VERMILION,
     WIDTH_IN,
     Page,
+    beside,
     halo,
     lines_in,
     note_height,
@@ -78,14 +79,8 @@ _ROW_IN = 0.2
 class GapStretch:
     """A stretch of a fall line, or a station, with the gap there.
 
-    Attributes
-    ----------
-    trace : float64, shape (n, 2)
-        Coordinates (m).
-    gap : float
-        NaN where nothing was compared.
-    sure : bool
-        Whether the gap is distinguished from chance; others are drawn thin.
+    The trace holds coordinates (m) of shape (n, 2), the gap is NaN where nothing was compared. A
+    gap that is not sure to differ from chance is drawn thin.
     """
 
     trace: FloatArray
@@ -109,12 +104,10 @@ def gap_map_figure(
 
     Parameters
     ----------
-    grid : Grid
     lines : sequence of float64, shape (n, 2)
         Fall lines (m).
     stretches : sequence of GapStretch
         Parts of them on which the quantity was compared.
-    stations : mapping of str to GapStretch
     release, stops : float64, shape (n, 2)
         Release points and where observed blocks lie (m).
     quantity, unit : str
@@ -145,8 +138,7 @@ def gap_map_figure(
                 ax.plot(*station.trace.T, ls="--", color=INK, lw=1.1, zorder=7)
             if len(station.trace):
                 x, y = station.trace[np.argmax(station.trace[:, 0])]
-                name_place(ax, name, (float(x), float(y)), 3, True, size=SMALL, weight="bold",
-                           zorder=22)  # fmt: skip
+                name_place(ax, name, (float(x), float(y)), 3, True, weight="bold", zorder=22)
         draw_points(ax, stops, "D", 3.2, "white", INK, 0.7, zorder=11, gid="stops")
 
     panel = MapPanel(None, GAP_COLOURS, norm, alpha=1.0)
@@ -267,7 +259,7 @@ def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
             [finding.gap], [i], "o", ms=4.5, mec=colour, mew=1.1,
             mfc=colour if sure == "sure" else "white", zorder=5, gid=f"gap-{sure}",
         )  # fmt: skip
-        _beside(ax, i, str(finding.rocks), (1.0, 6.0), size=SMALL, color=GREY)
+        _beside(ax, i, str(finding.rocks), (1.0, 6.0), color=GREY)
     ax.set_yticks(range(len(rows)), [_row_label(f, rows) for f in rows])
     for label, finding in zip(ax.get_yticklabels(), rows, strict=True):
         label.set_fontweight("bold" if significance(finding) == "sure" else "normal")
@@ -280,10 +272,8 @@ def _beside(
     ax: Axes, row: int, words: str, at: tuple[float, float], up: float = 0.0, **how: Any
 ) -> None:
     """Write beside a row: at a share of the width, and so many points from there."""
-    ax.annotate(
-        words, (at[0], row), xycoords=("axes fraction", "data"), xytext=(at[1], up),
-        textcoords="offset points", va="center", annotation_clip=False, **how,
-    )  # fmt: skip
+    how |= {"xycoords": ("axes fraction", "data"), "va": "center", "annotation_clip": False}
+    beside(ax, words, (at[0], row), (at[1], up), **how)
 
 
 # --- before and after ------------------------------------------------------------------------
@@ -316,12 +306,7 @@ def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str =
 
     The band is that of the calibrated base model for as many rocks as were observed: a curve within
     it does not differ from that model. Of more than ``MAX_PANELS`` comparisons the figure says so.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-    effect : str
-        Of the effect model; empty if none is named.
+    ``effect`` is that of the effect model, empty if none is named.
     """
     chosen = list(comparisons)[:MAX_PANELS]
     after = bool(effect) and any(c.effect for c in chosen)
@@ -423,16 +408,9 @@ def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
 def gap_hypotheses_figure(
     hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
 ) -> Figure:
-    """Draw what each explanation gains, and how probable it is; those confused are marked.
+    """Draw what each explanation gains, and how probable it is, the most probable first.
 
-    Parameters
-    ----------
-    hypotheses : sequence of Hypothesis
-        The most probable first.
-    verdict : str
-        The effect that the diagnosis names.
-    confusion : sequence of str
-        Effects that the data do not separate.
+    The effect that the diagnosis names is marked, and those that the data do not separate from it.
     """
     n = len(hypotheses)
     others = [e for e in confusion if e != verdict]

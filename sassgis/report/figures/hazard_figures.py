@@ -29,6 +29,7 @@ from sassgis.report.figures.style import (
     VERMILION,
     WIDTH_IN,
     Page,
+    beside,
     count,
     halo,
     lines_in,
@@ -314,10 +315,8 @@ def risk_figure(
     ax.hlines(middle[known], low, high, color=INK, lw=0.9, zorder=3, gid="intervals")
     ends = risk + np.nan_to_num(half)
     for y, value, end in zip(middle, risk, ends, strict=True):
-        ax.annotate(
-            amount(float(value)), (float(end), y), xytext=(4, 0), textcoords="offset points",
-            size=SMALL, va="center", ha="left", color=INK, gid="value",
-        )  # fmt: skip
+        text = amount(float(value))
+        beside(ax, text, (float(end), y), (4, 0), va="center", ha="left", color=INK, gid="value")
     ax.set_xlim(0.0, 1.2 * float(ends.max()))
     ax.set_ylim(0.0, plot_h)
     ax.set_yticks(middle, labels)

@@ -47,13 +47,7 @@ _PALE = 0.65
 def columns_of(panels: int, aspect: float, width_in: float, height_in: float) -> int:
     """Number of columns that makes equal panels largest; the fewest of those equally good.
 
-    Parameters
-    ----------
-    panels : int
-    aspect : float
-        Height by width of a panel.
-    width_in, height_in : float
-        Room for all.
+    The aspect is height by width of a panel; width and height are the room for all.
     """
 
     def panel_width(columns: int) -> float:
@@ -159,14 +153,7 @@ def change_figure(
 ) -> Figure:
     """Draw the hazard level before and after, and where it became lower or higher.
 
-    Parameters
-    ----------
-    grid, marks, title, note
-        As in :func:`map_figure`.
-    before, after : RasterLayer
-        Maps of the same classes.
-    names : (str, str)
-        Over the first two maps.
+    Both layers are maps of the same classes; the names stand over them.
     """
     classes = before.classes
     positions = [class_positions(layer.bands[0].values, classes) for layer in (before, after)]

@@ -336,13 +336,7 @@ def class_list(
 class ClassRow:
     """The signs and names of classes side by side, the highest value first.
 
-    Attributes
-    ----------
-    heading : str
-        Stands before the first; empty for none.
-    classes : sequence of RasterClass
-    over : RasterClass, optional
-        A last sign: fine lines that fall to the right.
+    A heading stands before the first; ``over`` is a last sign of fine lines that fall to the right.
     """
 
     heading: str
@@ -353,9 +347,7 @@ class ClassRow:
         self, x: float, top: float, width: float
     ) -> tuple[list[tuple[float, float, RasterClass]], float]:
         """Where the upper left corners of the signs stand, and where the row ends (in)."""
-        start = x
-        if self.heading:
-            start = x + text_width_pt(self.heading) * 1.1 / 72.0 + 0.1
+        start = x + text_width_pt(self.heading) * 1.1 / 72.0 + 0.1 if self.heading else x
         at, out = start, []
         entries = sorted(self.classes, key=lambda entry: -entry.value)
         for entry in [*entries, *([self.over] if self.over else [])]:
@@ -437,14 +429,7 @@ def map_figure(
 ) -> Figure:
     """Draw the first band of a layer: in its classes, those of its breaks, or as a ramp.
 
-    Parameters
-    ----------
-    grid : Grid
-        Terrain; the layer lies on the same cells.
-    layer : RasterLayer
-    marks : MapMarks, optional
-    note : str, optional
-        Below the map; default: that of the layer.
+    The layer lies on the cells of the terrain; below the map stands its note or another.
     """
     marks = marks or MapMarks()
     panel, values = _layer_panel(layer)

@@ -14,7 +14,15 @@ from matplotlib.collections import LineCollection, PolyCollection
 from sassgis.model.grid import FloatArray
 from sassgis.model.styles import BARRIER_STYLE
 from sassgis.report.figures.relief import Extent
-from sassgis.report.figures.style import BLUE, INK, SMALL, count, halo, text_width_pt
+from sassgis.report.figures.style import (
+    BLUE,
+    INK,
+    SMALL,
+    beside,
+    count,
+    halo,
+    text_width_pt,
+)
 from sassgis.report.number_text import thousands
 
 #: Name, kind ("station", "wall" or "net") and line on the map, shape (n, 2), of a control line.
@@ -169,11 +177,9 @@ def name_place(
     ax: Axes, name: str, at: tuple[float, float], gap_pt: float, to_the_right: bool, **how: Any
 ) -> None:
     """Write a name beside a place of the map."""
-    ax.annotate(
-        name, at, xytext=(gap_pt if to_the_right else -gap_pt, 0), textcoords="offset points",
-        ha="left" if to_the_right else "right", va="center", path_effects=halo(), clip_on=True,
-        annotation_clip=True, **how,
-    )  # fmt: skip
+    side = "left" if to_the_right else "right"
+    how |= {"path_effects": halo(), "clip_on": True, "annotation_clip": True}
+    beside(ax, name, at, (gap_pt if to_the_right else -gap_pt, 0), ha=side, va="center", **how)
 
 
 def draw_lines(
@@ -202,6 +208,6 @@ def draw_control_lines(
         east = seen[np.argmax(seen[:, 0])]
         fits = (box[2] - east[0]) * points_per_metre > text_width_pt(name) + 6.0
         name_place(
-            ax, name, (float(east[0]), float(east[1])), 3, bool(fits), size=SMALL, color=colour,
+            ax, name, (float(east[0]), float(east[1])), 3, bool(fits), color=colour,
             weight="bold", zorder=22,
         )  # fmt: skip

@@ -27,6 +27,7 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     YELLOW,
     Page,
+    beside,
     count,
     halo,
     lines_in,
@@ -57,10 +58,6 @@ class ProfilePanel:
         Paths of the centres of mass (m).
     ground : int, shape (n - 1,) or (n,), optional
         Ground class of the segment that starts at each vertex; a last value is unused.
-    ground_names : str
-        Names of the ground classes by their number.
-    control_lines : (ControlLine, chainage, height of the ground)
-        Stations are drawn as dashed lines, walls and nets at their true height.
     stops : float, shape (k,)
         Chainages where blocks ended (m).
     """
@@ -224,10 +221,8 @@ def _draw_ground(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             )
             strip.set_clip_path(under)
     for name in _ground_names(panel, frame)[0]:
-        ax.annotate(
-            name.name, name.at, xytext=name.offset, textcoords="offset points", ha=name.align,
-            va="top", size=SMALL, color=INK, style="italic", zorder=6,
-        )  # fmt: skip
+        look = {"ha": name.align, "va": "top", "color": INK, "style": "italic", "zorder": 6}
+        beside(ax, name.name, name.at, name.offset, **look)
     ax.plot(s, z, color=INK, lw=1.1, zorder=4, gid="slope", solid_joinstyle="round")
 
 
@@ -236,12 +231,7 @@ def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
     stations = [(line, s, z) for line, s, z in panel.control_lines if line.kind == "station"]
     room = np.array([text_width_pt(line.name) * frame.pt for line, _, _ in stations])
     top = frame.z1 - 13.0 * frame.pt
-    name: dict[str, Any] = {
-        "textcoords": "offset points",
-        "size": SMALL,
-        "weight": "bold",
-        "va": "bottom",
-    }
+    bold: dict[str, Any] = {"weight": "bold", "va": "bottom", "zorder": 9}
     placed = spread([s for _, s, _ in stations], room)
     for (line, s, z), label in zip(stations, placed, strict=True):
         ax.plot(
@@ -249,9 +239,7 @@ def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             gid=f"control_line-{line.name}",
         )  # fmt: skip
         offset = (float((label - s) / frame.pt), 2.0)
-        ax.annotate(
-            line.name, (float(s), top), xytext=offset, color=BLUE, ha="center", zorder=9, **name
-        )
+        beside(ax, line.name, (float(s), top), offset, color=BLUE, ha="center", **bold)
     for line, s, z in panel.control_lines:
         if line.kind == "station":
             continue
@@ -260,10 +248,9 @@ def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             [s, s], [z, z + line.height_m], color=VERMILION, lw=2.4, ls=dashes, zorder=8,
             solid_capstyle="butt", dash_capstyle="butt", gid=f"control_line-{line.name}",
         )  # fmt: skip
-        ax.annotate(
-            f"{line.name} ({line.kind}, {line.height_m:g} m)", (float(s), float(z + line.height_m)),
-            xytext=(3.0, 3.0), color=VERMILION, path_effects=halo(1.8), zorder=9, **name,
-        )  # fmt: skip
+        words = f"{line.name} ({line.kind}, {line.height_m:g} m)"
+        at = (float(s), float(z + line.height_m))
+        beside(ax, words, at, (3.0, 3.0), color=VERMILION, path_effects=halo(1.8), **bold)
 
 
 def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
@@ -295,11 +282,7 @@ def _draw_panel(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
 def profile_figure(panels: Sequence[ProfilePanel], *, letters: bool = True) -> Figure:
     """Stack profiles at one scale on one page, such as a slope before and after measures.
 
-    Parameters
-    ----------
-    panels : sequence of ProfilePanel
-    letters : bool
-        Whether a letter stands before each title.
+    With ``letters`` one stands before each title.
     """
     # One A4 page holds all panels with their headings, gaps and the foot.
     frame = _frame(panels, max((9.3 - 0.75) / len(panels) - 0.7, 1.6))

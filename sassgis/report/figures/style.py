@@ -151,6 +151,13 @@ def halo(width: float = 2.0) -> list[AbstractPathEffect]:
     return [withStroke(linewidth=width, foreground="white")]
 
 
+def beside(
+    ax: Axes, words: str, at: tuple[float, float], offset_pt: tuple[float, float], **how: Any
+) -> None:
+    """Write a text so many points beside a place."""
+    ax.annotate(words, at, xytext=offset_pt, textcoords="offset points", **({"size": SMALL} | how))
+
+
 def to_png(figure: Figure) -> bytes:
     """Draw a figure as PNG; the same figure gives the same bytes on every run."""
     if spoken() != "en":
