@@ -20,7 +20,7 @@ import pandas as pd
 from sassgis.hazard.along_profile import arrivals, passage_histogram, share_within
 from sassgis.io.write.frames import write_table
 from sassgis.model.errors import SassgisError
-from sassgis.report.figures import profile_comparison_figure, save, station_figure
+from sassgis.report.figures import profile_figure, save, station_figure
 from sassgis.report.profile_report import profile_panel
 from sassgis.runs.profile_run import run_profile
 from sassgis.runs.samples import sample_folder
@@ -65,7 +65,7 @@ def main(argv: list[str] | None = None) -> None:
         profile_panel(r, f"{name}: {arrivals(r, 'road')} of {r.rocks.size} rocks reach the road")
         for name, r in results.items()
     ]
-    save(profile_comparison_figure(panels), given.output / "comparison.png")
+    save(profile_figure(panels), given.output / "comparison.png")
     for camera in CAMERAS:
         bins = [
             passage_histogram(

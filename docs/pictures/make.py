@@ -14,7 +14,7 @@ from pathlib import Path
 from sassgis.hazard.along_profile import arrivals
 from sassgis.io.read.config import load_config
 from sassgis.model.results import StopReason
-from sassgis.report.figures import profile_comparison_figure, save
+from sassgis.report.figures import profile_figure, save
 from sassgis.report.profile_report import profile_panel
 from sassgis.runs import gap_map_change
 from sassgis.runs.diagnose import diagnose
@@ -41,7 +41,7 @@ def before_and_after(folder: Path) -> None:
         started = int((result.rocks["reason"] != StopReason.NEVER_STARTED).sum())
         words = f"{name}: {arrivals(result, 'road')} of {started} rocks reach the road"
         panels.append(profile_panel(result, words))
-    save(profile_comparison_figure(panels), folder / "before_after.png")
+    save(profile_figure(panels), folder / "before_after.png")
 
 
 def map_change(folder: Path) -> None:

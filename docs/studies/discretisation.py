@@ -11,16 +11,31 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 from scipy.stats import ks_2samp
 from slopes import Slope, follow, split, table_slope, valley_slopes
 
 import sassgis
 from sassgis.model.grid import FloatArray
 from sassgis.model.results import StopReason
-from sassgis.report.figures import convergence_figure, save
+from sassgis.report.figures import save
+from sassgis.report.figures.style import (
+    BLUE,
+    GREY,
+    SMALL,
+    TITLE,
+    WIDTH_IN,
+    new_figure,
+    styled,
+    thousands_formatter,
+    wrap,
+)
 from sassgis.terrain.prepare import LEAD_IN_M
 from sassgis.terrain.stretch import with_lead_in
 
@@ -177,6 +192,77 @@ def write(path: Path, rows: list[dict]) -> None:
         writer.writeheader()
         for row in rows:
             writer.writerow({k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()})
+
+
+@styled
+def convergence_figure(
+    tolerances: FloatArray,
+    series: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
+    *,
+    title: str = "Effect of the cutting of the slope into segments",
+) -> Figure:
+    """Draw results against the tolerance of the segments, with their statistical range.
+
+    Parameters
+    ----------
+    tolerances : float, shape (n,)
+        Largest distance between terrain and segment (m).
+    series : by name with unit, (values, lower, upper) of float, shape (n,)
+        One panel each; lower and upper are the limits of the confidence interval.
+    title : str
+    """
+    x = np.asarray(tolerances, float)
+    order = np.argsort(x)
+    n = max(len(series), 1)
+    columns = min(n, 3)
+    rows = -(-n // columns)
+    figure = new_figure(WIDTH_IN, 0.55 + 2.35 * rows)
+    axes: Sequence[Axes] = list(figure.subplots(rows, columns, squeeze=False).ravel())
+    figure.suptitle(wrap(title, WIDTH_IN, TITLE), x=0.01, ha="left", size=TITLE, weight="bold")
+    for ax in axes[len(series) :]:
+        ax.set_visible(False)
+    for ax, (name, arrays) in zip(axes, series.items(), strict=False):
+        values, lower, upper = (np.asarray(a, float) for a in arrays)
+        ax.set_title(wrap(name, WIDTH_IN / columns - 0.4, SMALL + 1.0), size=SMALL + 1.0)
+        finest = order[0]
+        ax.axhspan(
+            float(lower[finest]), float(upper[finest]), color=BLUE, alpha=0.1, lw=0, gid="finest"
+        )
+        gaps = np.vstack([values - lower, upper - values])[:, order]
+        ax.errorbar(
+            x[order],
+            values[order],
+            yerr=np.maximum(gaps, 0.0),
+            fmt="o-",
+            color=BLUE,
+            ms=3.5,
+            lw=1.2,
+            elinewidth=0.9,
+            capsize=2.0,
+        )
+        ax.set_xscale("log")
+        ax.set_xticks(x[order])
+        ax.xaxis.set_minor_locator(NullLocator())
+        ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+        ax.yaxis.set_major_formatter(_plain(lower, upper))
+        ax.set_xlabel("segment tolerance (m)")
+        span = float(np.nanmax(upper) - np.nanmin(lower)) or 1.0
+        ax.set_ylim(float(np.nanmin(lower)) - 0.15 * span, float(np.nanmax(upper)) + 0.15 * span)
+    figure.supxlabel(
+        "band: confidence interval at the finest tolerance",
+        size=SMALL,
+        color=GREY,
+        x=0.01,
+        ha="left",
+    )
+    return figure
+
+
+def _plain(lower: FloatArray, upper: FloatArray) -> FuncFormatter:
+    """Tick labels with as many decimals as the range needs."""
+    span = float(np.nanmax(upper) - np.nanmin(lower))
+    return thousands_formatter(0 if span >= 5.0 else 1 if span >= 0.5 else 2)
 
 
 def main() -> None:

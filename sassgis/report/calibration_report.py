@@ -13,20 +13,30 @@ from sassgis.gap.calibration.identifiability import Fitted
 from sassgis.gap.inference.intervals import Interval
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure
 from sassgis.report.gap_answer import interval_text
-from sassgis.report.map_report import save_figure
+from sassgis.report.gap_report import FEW_ROCKS
 from sassgis.report.page import (
     Cell,
     ReportAnswer,
     ReportContext,
     ReportFigure,
     ReportTable,
+    heads,
     sensible,
 )
+from sassgis.report.pictures import picture
 
-#: Below this number of rocks the report warns of it.
-_FEW_ROCKS = 20
 #: Panels of one site.
 _PANELS = 6
+_MEANING = ReportAnswer(
+    "How to read this",
+    (
+        "The observed rocks were released again with many sets of parameters. A set counts by "
+        "its energy score: how near the simulated rocks come to each observed one, less their "
+        "own scatter.",
+        "Rocks left out: the rocks were split into five parts; each part was predicted with "
+        "parameters chosen on the other four.",
+    ),
+)
 
 
 def verdict(calibration: SiteCalibration) -> str:
@@ -39,10 +49,10 @@ def verdict(calibration: SiteCalibration) -> str:
     for site in calibration.sites:
         if site.errors:
             e = site.errors[_headline(site)]
+            before, after, out = (sensible(e.crps[m], 2) for m in ("before", "after", "left out"))
             text += (
-                f" {site.name}: CRPS of the {e.name} {_number(e.crps['before'])} {e.unit} before, "
-                f"{_number(e.crps['after'])} after, {_number(e.crps['left out'])} on rocks left "
-                "out."
+                f" {site.name}: CRPS of the {e.name} {before} {e.unit} before, {after} after, "
+                f"{out} on rocks left out."
             )
     return text
 
@@ -83,7 +93,7 @@ def calibration_warnings(calibration: SiteCalibration) -> list[str]:
             + ", ".join(limits)
             + ". The model may lack something that acts there."
         )
-    if calibration.rocks < _FEW_ROCKS:
+    if calibration.rocks < FEW_ROCKS:
         out.append(f"Only {calibration.rocks} rocks were observed: intervals are wide.")
     for site in calibration.sites:
         e = site.errors[_headline(site)]
@@ -108,12 +118,15 @@ def calibration_report(
         title="Calibrated ground classes",
         subtitle=sites,
         verdict=verdict(calibration),
-        answer=(_meaning(),),
+        answer=(_MEANING,),
         warnings=tuple(warnings),
         what_was_run=(
             ("Sites", sites),
             ("Configurations", ", ".join(configurations)),
-            *((f"Observations of {s.name}", _rows(s)) for s in calibration.sites),
+            *(
+                (f"Observations of {s.name}", ", ".join(f"{n} {t}" for t, n in s.tables.items()))
+                for s in calibration.sites
+            ),
             ("Parameter sets tried", calibration.draws),
         ),
         key_results=_parameter_table(calibration.fitted),
@@ -128,33 +141,17 @@ def calibration_report(
     )
 
 
-def _rows(site: SiteResult) -> str:
-    return ", ".join(f"{n} {name}" for name, n in site.tables.items())
-
-
-def _meaning() -> ReportAnswer:
-    return ReportAnswer(
-        "How to read this",
-        (
-            "The observed rocks were released again with many sets of parameters. A set counts by "
-            "its energy score: how near the simulated rocks come to each observed one, less their "
-            "own scatter.",
-            "Rocks left out: the rocks were split into five parts; each part was predicted with "
-            "parameters chosen on the other four.",
-        ),
-    )
-
-
 def _figures(calibration: SiteCalibration, folder: Path) -> list[ReportFigure]:
-    png = save_figure(folder, "parameters", parameters_figure(calibration.fitted))
-    found = [
-        ReportFigure(
-            "Parameters",
-            "Line: range of the search. Bar: 95 % interval; dot: calibrated; upright stroke: "
-            "configured. Grey: not identified.",
-            png,
-        )
-    ]
+    caption = (
+        "Line: range of the search. Bar: 95 % interval; dot: calibrated; upright stroke: "
+        "configured. Grey: not identified."
+    )
+    figure = parameters_figure(calibration.fitted)
+    found = [picture(folder, "parameters", "Parameters", caption, figure)]
+    caption = (
+        "Share of the rocks below a value. Before: as configured. Left out: each rock "
+        "predicted with parameters chosen without it."
+    )
     for k, site in enumerate(calibration.sites, start=1):
         panels = []
         for name, e in list(zip(site.observed, site.errors, strict=True))[::-1][:_PANELS]:
@@ -162,24 +159,16 @@ def _figures(calibration: SiteCalibration, folder: Path) -> list[ReportFigure]:
             made = {m: natural(v[name]) for m, v in site.replicas.items()}
             label = f"{e.name} ({e.unit})" if e.unit else e.name
             panels.append((label, natural(site.observed[name]), made))
-        png = save_figure(folder, f"rocks_{k}", quantity_curves_figure(panels))
-        found.append(
-            ReportFigure(
-                f"Observed and simulated rocks: {site.name}",
-                "Share of the rocks below a value. Before: as configured. Left out: each rock "
-                "predicted with parameters chosen without it.",
-                png,
-            )
-        )
+        title = f"Observed and simulated rocks: {site.name}"
+        found.append(picture(folder, f"rocks_{k}", title, caption, quantity_curves_figure(panels)))
     return found
 
 
 def _parameter_table(fitted: Sequence[Fitted]) -> ReportTable:
     return ReportTable(
         "Calibrated parameters",
-        (
-            ("class", ""), ("parameter", ""), ("configured", ""), ("calibrated", ""),
-            ("95 % interval", ""), ("range", ""), ("identified", ""), ("at a limit", ""),
+        heads(
+            "class; parameter; configured; calibrated; 95 % interval; range; identified; at a limit"
         ),
         tuple(
             (
@@ -206,14 +195,11 @@ def _error_table(site: SiteResult) -> ReportTable:
             )
     return ReportTable(
         f"Errors at {site.name}",
-        (
-            ("quantity", ""), ("unit", ""), ("rocks", ""), ("10 %", ""), ("50 %", ""), ("90 %", ""),
-            ("CRPS", ""), ("error of the median", "95 % interval"),
-        ),
+        heads("quantity; unit; rocks; 10 %; 50 %; 90 %; CRPS; error of the median | 95 % interval"),
         tuple(rows),
         "Error of the median: simulated over observed, less 1; of the lateral offset: of the "
         "distance between the 10 % and the 90 % quantile. Intervals: observed rocks drawn anew.",
-    )  # fmt: skip
+    )
 
 
 def _percent(error: Interval) -> str:
@@ -224,7 +210,7 @@ def _percent(error: Interval) -> str:
 def _trade_off_table(calibration: SiteCalibration) -> ReportTable:
     return ReportTable(
         "Parameters that make up for each other",
-        (("one", ""), ("other", ""), ("correlation", "")),
+        heads("one; other; correlation"),
         tuple((t.one, t.other, f"{t.correlation:+.2f}") for t in calibration.trade_offs),
         "Above 0: more of both fits as well; below 0: more of one and less of the other.",
     )
@@ -244,8 +230,7 @@ def _site_table(calibration: SiteCalibration) -> ReportTable:
     labels = [f.parameter.label for f in calibration.fitted]
     return ReportTable(
         "Common parameters and those that fit each site best",
-        (("site", ""), ("score, common", ""), ("score, own", ""),
-         *((label, "") for label in labels)),
+        (*heads("site; score, common; score, own"), *((label, "") for label in labels)),
         tuple(
             (s.name, s.fit.score, s.fit.own_score,
              *(float(f"{s.own[label]:.3g}") for label in labels))
@@ -253,7 +238,3 @@ def _site_table(calibration: SiteCalibration) -> ReportTable:
         ),
         "Score: energy score, mean over the rocks; less is better.",
     )  # fmt: skip
-
-
-def _number(value: float) -> str:
-    return sensible(value, 2)

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from sassgis.hazard.result_change import (
     LEVEL,
     REACH,
@@ -18,15 +20,16 @@ from sassgis.hazard.result_change import (
 from sassgis.hazard.stored_result import StoredResult
 from sassgis.model.grid import FloatArray
 from sassgis.report import figures
-from sassgis.report.map_report import save_figure
 from sassgis.report.page import (
     Cell,
     ReportAnswer,
     ReportContext,
     ReportFigure,
     ReportTable,
+    heads,
     sensible,
 )
+from sassgis.report.pictures import picture
 
 _RAMPS = {"reach_probability": "plasma_r", "energy": "YlOrRd", "passing_height": "YlGnBu"}
 _NOTHING = "Cells that no block reaches count as zero."
@@ -36,56 +39,44 @@ _KINDS = {"program": "version of sassgis"}
 def change_figures(
     before: StoredResult, after: StoredResult, folder: Path, *, levels: bool
 ) -> tuple[ReportFigure, ...]:
-    """Draw the maps before and after and their difference into a folder.
+    """Draw the maps before and after, on the same cells, and their difference into a folder.
 
-    Parameters
-    ----------
-    before, after : StoredResult
-        On the same cells.
-    folder : Path
-    levels : bool
-        Whether levels can be compared.
+    ``levels`` says whether the levels can be compared.
     """
     grid = after.grid
-    drawn = []
+    out: list[ReportFigure] = []
+
+    def add(name: str, title: str, caption: str, figure: Figure, moved: FloatArray) -> None:
+        higher, lower = ((s * moved > 0.0).sum() * grid.cell_size**2 for s in (1.0, -1.0))
+        alt = (
+            "Three maps: before, after, and the change. "
+            f"Higher on {sensible(float(higher))} m², lower on {sensible(float(lower))} m²."
+        )
+        out.append(picture(folder, f"{name}_change", title, caption, figure, alt))
+
     if levels:
         old_level, new_level = before.maps[LEVEL], after.maps[LEVEL]
-        picture = figures.change_figure(
-            grid, old_level, replace(new_level, classes=old_level.classes),
-            names=("Before", "After"), title="Hazard level before and after",
-            release=after.release, control_lines=after.traces,
+        title = "Hazard level before and after"
+        figure = figures.change_figure(
+            grid, old_level, new_level,
+            figures.MapMarks(after.release, control_lines=after.traces),
+            names=("Before", "After"), title=title,
         )  # fmt: skip
-        caption = "Levels of the cells, before they are drawn as zones."
         moved = difference(before.band(LEVEL, "level"), after.band(LEVEL, "level"))
-        drawn.append(
-            ("hazard_level_change", "Hazard level before and after", caption, moved, picture)
-        )
+        caption = "Levels of the cells, before they are drawn as zones."
+        add("hazard_level", title, caption, figure, moved)
     for compared in compared_maps(before, after):
         old, new = (r.band(compared.stem, compared.band) for r in (before, after))
         title = f"{compared.title}, before and after"
         moved = difference(old, new)
-        picture = figures.map_change_figure(
-            grid, old, new, moved,
+        figure = figures.map_change_figure(
+            grid, old, new, moved, figures.MapMarks(after.release),
             unit="" if compared.unit == "1" else compared.unit, ramp=_RAMPS[compared.stem],
-            release=after.release, title=title, note=_NOTHING,
+            title=title, note=_NOTHING,
         )  # fmt: skip
         width = f" Width {grid.cell_size:.4g} m (one cell)." if compared is REACH else ""
-        drawn.append((f"{compared.stem}_change", title, _NOTHING + width, moved, picture))
-    return tuple(
-        ReportFigure(
-            title, caption, save_figure(folder, name, picture), _alt(moved, grid.cell_size)
-        )
-        for name, title, caption, moved, picture in drawn
-    )
-
-
-def _alt(change: FloatArray, cell_size: float) -> str:
-    """What three maps of a change show."""
-    higher, lower = ((s * change > 0.0).sum() * cell_size**2 for s in (1.0, -1.0))
-    return (
-        "Three maps: before, after, and the change. "
-        f"Higher on {sensible(float(higher))} m², lower on {sensible(float(lower))} m²."
-    )
+        add(compared.stem, title, _NOTHING + width, figure, moved)
+    return tuple(out)
 
 
 def change_report(
@@ -95,25 +86,22 @@ def change_report(
     pictures: Sequence[ReportFigure],
     facts: Mapping[str, Cell],
 ) -> ReportContext:
-    """Put the report together.
-
-    Parameters
-    ----------
-    before, after : StoredResult
-    change : ResultChange
-    pictures : sequence of ReportFigure
-        From :func:`change_figures`.
-    facts : mapping of str to Cell
-        Where the numbers come from.
-    """
+    """Put the report together; ``facts`` say where the numbers come from."""
     differ = ReportTable(
         "What differs between the two",
-        (("kind", ""), ("what", ""), ("before", ""), ("after", "")),
+        heads("kind; what; before; after"),
         tuple(
             (_KINDS.get(d.kind, d.kind), d.name, d.before or "–", d.after or "–")
             for d in change.differences
         ),
         "From the two manifests. Inputs are compared by their content, not by their name.",
+    )
+    sure = (
+        f"On {sensible(change.certain_m2)} m² the reach probability changes by more than the "
+        "sampling of the blocks explains (95 %, the two samples taken as independent).",
+        "With the same seed and release points the samples are alike, and smaller changes are "
+        "real as well. Errors of the model, its parameters and the onset frequencies are not "
+        "included.",
     )
     tables = [
         _at_places("At stations and barriers", change.of("control line")),
@@ -130,7 +118,7 @@ def change_report(
         ),
         warnings=change.notes,
         verdict=verdict(change),
-        answer=(ReportAnswer("How sure this is", _sure(change)), _differ(change)),
+        answer=(ReportAnswer("How sure this is", sure), _differ(change)),
         key_results=_key_table(change),
         figures=tuple(pictures),
         tables=tuple(t for t in tables if t is not None),
@@ -191,31 +179,20 @@ def _more(start: str, change: float, unit: str, more: str, less: str, same: str)
     return f"{start} {sensible(abs(change))} {unit} {more if change > 0.0 else less}"
 
 
-def _sure(change: ResultChange) -> tuple[str, ...]:
-    return (
-        f"On {sensible(change.certain_m2)} m² the reach probability changes by more than the "
-        "sampling of the blocks explains (95 %, the two samples taken as independent).",
-        "With the same seed and release points the samples are alike, and smaller changes are "
-        "real as well. Errors of the model, its parameters and the onset frequencies are not "
-        "included.",
-    )
-
-
 def _differ(change: ResultChange) -> ReportAnswer:
     heading = "What differs between the two"
     if not change.differences:
         return ReportAnswer(heading, ("Program, settings, inputs and libraries are the same.",))
-    kinds = {
-        kind: [d.name for d in change.differences if d.kind == kind]
-        for kind in dict.fromkeys(d.kind for d in change.differences)
-    }
+    kinds: dict[str, list[str]] = {}
+    for d in change.differences:
+        kinds.setdefault(_KINDS.get(d.kind, d.kind), []).append(d.name)
+    libraries = kinds.pop("library", None)
     points = [
         f"{kind if len(names) == 1 else kind + 's'}: {', '.join(names)}"
-        for kind, names in ((_KINDS.get(k, k), n) for k, n in kinds.items())
-        if kind != "library"
+        for kind, names in kinds.items()
     ]
-    if "library" in kinds:
-        points.append("versions of libraries: " + ", ".join(kinds["library"]))
+    if libraries:
+        points.append("versions of libraries: " + ", ".join(libraries))
     return ReportAnswer(heading, ("The table at the end has the values.",), tuple(points))
 
 
@@ -223,7 +200,7 @@ def _key_table(change: ResultChange) -> ReportTable:
     rows = [r for part in ("map", "zones", "run-out") for r in change.of(part)]
     return ReportTable(
         "Before and after",
-        (("quantity", ""), ("unit", ""), ("before", ""), ("after", ""), ("change", "")),
+        heads("quantity; unit; before; after; change"),
         tuple(
             (
                 f"{r.quantity}: {r.name}" if r.name else r.quantity,

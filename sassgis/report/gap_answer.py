@@ -14,10 +14,10 @@ from sassgis.gap.words import (
     tested_by,
 )
 from sassgis.model.styles import with_unit
-from sassgis.report.page import (
-    ReportAnswer,
-    sensible,
-)
+from sassgis.report.page import ReportAnswer, sensible
+
+#: Answers that name no effect.
+UNNAMED = ("none", "unknown")
 
 #: Findings that are stated in a sentence.
 _STATED = 4
@@ -36,15 +36,12 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{sure}"
         ).strip()
     if verdict.effect == "unknown":
+        group = f"; it belongs to the group “{verdict.group}”" if verdict.group else ""
         return (
             "After calibration gaps are left that are significant and large, and these data cannot "
-            f"answer which cause they have{_group(verdict.group)}. {sure}"
+            f"answer which cause they have{group}. {sure}"
         ).strip()
     return f"The gap is best explained by {effect_phrase(verdict.effect)}. {sure}"
-
-
-def _group(group: str) -> str:
-    return f"; it belongs to the group “{group}”" if group else ""
 
 
 def answer(diagnosis: Diagnosis) -> tuple[ReportAnswer, ...]:
@@ -95,16 +92,12 @@ def hypothesis_of(which: Iterable[Hypothesis], effect: str) -> Hypothesis | None
 def _confused(diagnosis: Diagnosis) -> ReportAnswer:
     verdict = diagnosis.verdict
     others = [e for e in verdict.confusion_set if e != verdict.effect]
-    if not others:
-        sentences = ["None of the other explanations that were tried remains possible."]
-    else:
-        sentences = [
-            "These data do not separate it from: " + ", ".join(effect_name(e) for e in others) + "."
-        ]
-    if diagnosis.measure_next and others:
-        sentences.append("What would separate them:")
-    elif diagnosis.measure_next:
-        sentences.append("What would make it surer:")
+    names = ", ".join(effect_name(e) for e in others)
+    sentences = ["None of the other explanations that were tried remains possible."]
+    if others:
+        sentences = [f"These data do not separate it from: {names}."]
+    if diagnosis.measure_next:
+        sentences.append(f"What would {'separate them' if others else 'make it surer'}:")
     return ReportAnswer("What it may be mistaken for", tuple(sentences), diagnosis.measure_next)
 
 
@@ -113,17 +106,15 @@ def finding_sentence(finding: GapFinding) -> str:
     more = "more" if finding.gap > 0.0 else "less"
     low, high = sorted(abs(v) for v in finding.ci95)
     both = finding.ci95[0] * finding.ci95[1] > 0.0
-    span = (
-        f"{sensible(low, 2)} to {sensible(high, 2)}"
-        if both
-        else interval_text(finding.ci95, digits=2)
-    )
-    place = place_words(finding.place)
+    span = f"{sensible(low, 2)} to {sensible(high, 2)}"
+    if not both:
+        span = interval_text(finding.ci95, digits=2)
+    name, unit = capital(quantity_name(finding.quantity)), finding.unit
     return (
-        f"{capital(quantity_name(finding.quantity))} {place}: observed "
-        f"{with_unit(sensible(finding.observed), finding.unit)}, predicted "
-        f"{with_unit(sensible(finding.predicted), finding.unit)}, that is "
-        f"{with_unit(sensible(abs(finding.gap), 2), finding.unit)} {more} "
+        f"{name} {place_words(finding.place)}: observed "
+        f"{with_unit(sensible(finding.observed), unit)}, predicted "
+        f"{with_unit(sensible(finding.predicted), unit)}, that is "
+        f"{with_unit(sensible(abs(finding.gap), 2), unit)} {more} "
         f"(95 % interval {span}; {finding.rocks} rocks; {tested_by(finding.test)}; "
         f"p {p_text(finding.p_adjusted)})."
     )
@@ -171,7 +162,7 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
         "chance leaves."
     )
     note = (_sentence(shrinkage.note),) if shrinkage.note else ()
-    if effect in ("none", "unknown"):
+    if effect in UNNAMED:
         base = (
             f"No effect was named that could be added. The energy distance of the calibrated base "
             f"model to the observed rocks is {sensible(shrinkage.distance_base)}; "
@@ -184,11 +175,10 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
             "what chance leaves."
         )
     else:
-        span = (
-            ""
-            if shrinkage.ci95 is None
-            else f" (95 % interval {_share(shrinkage.ci95[0])} to {_share(shrinkage.ci95[1])})"
-        )
+        span = ""
+        if shrinkage.ci95 is not None:
+            low, high = map(_share, shrinkage.ci95)
+            span = f" (95 % interval {low} to {high})"
         first = (
             f"With {effect_name(shrinkage.effect)} added, {_share(shrinkage.value)} of the gap "
             f"that is not chance closes{span}, on rocks that had no say in it."
@@ -197,8 +187,7 @@ def _how_far(shrinkage: Shrinkage, effect: str) -> ReportAnswer:
 
 
 def _sentence(text: str) -> str:
-    text = text.strip()
-    text = capital(text)
+    text = capital(text.strip())
     return text if text.endswith((".", "!", "?")) else text + "."
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,13 +24,20 @@ from sassgis.gap.check.check_scores import (
     is_right,
     scores_as_json,
 )
-from sassgis.report.figures import to_png
 from sassgis.report.figures.gap_check_figures import (
     confusion_figure,
     reliability_figure,
     shrinkage_figure,
 )
-from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, write_report
+from sassgis.report.page import (
+    Cell,
+    ReportContext,
+    ReportFigure,
+    ReportTable,
+    heads,
+    write_report,
+)
+from sassgis.report.pictures import picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +46,6 @@ class WorldRow:
 
     Attributes
     ----------
-    truth : Truth
-    answer : Answer
     measured : mapping
         S, D_configured, D_base, D_effect, D_floor, failure; empty if nothing was measured.
     seconds : float
@@ -65,8 +70,6 @@ class CheckRecord:
         Hashes of the states of the program that gave the answers.
     hashes : mapping
         Of the blinded labels and of the answers.
-    rows : tuple of WorldRow
-    scores : CheckScores
     """
 
     plan: Mapping[str, Any]
@@ -90,12 +93,12 @@ def write_check(folder: Path, record: CheckRecord) -> tuple[str, ...]:
     }
     text = json.dumps(scores, indent=1, allow_nan=False) + "\n"
     (folder / "scores.json").write_text(text, encoding="utf-8", newline="\n")
-    table = _world_table(record)
-    (folder / "worlds.csv").write_text(table, encoding="utf-8", newline="\n")
-    pictures = _pictures(record)
-    for name, figure in pictures.items():
-        (folder / f"{name}.png").write_bytes(figure.png)
-    write_report(folder / "report.html", _report(record, warnings, tuple(pictures.values())))
+    with (folder / "worlds.csv").open("w", encoding="utf-8", newline="") as stream:
+        rows = [_world_cells(row) for row in record.rows]
+        writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+    write_report(folder / "report.html", _report(record, warnings, _pictures(record, folder)))
     return warnings
 
 
@@ -130,32 +133,38 @@ def _warnings(record: CheckRecord) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _world_table(record: CheckRecord) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(
-        (
-            "case", "law", "disturbance", "slope", "rocks", "kind", "truth", "effects",
-            "strengths", "true_phase", "true_segments", "answer", "group", "confidence", "right",
-            "confusion_set", "covered", "phase", "segments", "located", "shrinkage_stated",
-            "shrinkage_fresh", "distance_configured_fresh", "distance_model_fresh",
-            "distance_floor_fresh", "seconds", "failure",
-        )
-    )  # fmt: skip
-    for row in record.rows:
-        t, a, m = row.truth, row.answer, row.measured
-        located = is_located(t, a) if t.local and t.kind != "stops" else None
-        values: tuple[Any, ...] = (
-            t.case, t.law, t.disturbance, t.slope, t.rocks, t.kind, t.verdict, "+".join(t.effects),
-            "+".join(t.strengths), t.phase, " ".join(t.segments), a.effect, a.group,
-            a.confidence if a.confidence == a.confidence else None, is_right(t, a),
-            " ".join(a.confusion_set), is_covered(t, a), a.phase, " ".join(a.segments), located,
-            a.shrinkage, m.get("S"), m.get("D_configured"), m.get("D_effect"),
-            m.get("D_floor"),
-            row.seconds, a.failure or m.get("failure", ""),
-        )  # fmt: skip
-        writer.writerow([_cell(value) for value in values])
-    return out.getvalue()
+def _world_cells(row: WorldRow) -> dict[str, Any]:
+    """The columns of a site in worlds.csv."""
+    t, a, m = row.truth, row.answer, row.measured
+    return {
+        "case": t.case,
+        "law": t.law,
+        "disturbance": t.disturbance,
+        "slope": t.slope,
+        "rocks": t.rocks,
+        "kind": t.kind,
+        "truth": t.verdict,
+        "effects": "+".join(t.effects),
+        "strengths": "+".join(t.strengths),
+        "true_phase": t.phase,
+        "true_segments": " ".join(t.segments),
+        "answer": a.effect,
+        "group": a.group,
+        "confidence": None if math.isnan(a.confidence) else a.confidence,
+        "right": is_right(t, a),
+        "confusion_set": " ".join(a.confusion_set),
+        "covered": is_covered(t, a),
+        "phase": a.phase,
+        "segments": " ".join(a.segments),
+        "located": is_located(t, a) if t.local and t.kind != "stops" else None,
+        "shrinkage_stated": a.shrinkage,
+        "shrinkage_fresh": m.get("S"),
+        "distance_configured_fresh": m.get("D_configured"),
+        "distance_model_fresh": m.get("D_effect"),
+        "distance_floor_fresh": m.get("D_floor"),
+        "seconds": row.seconds,
+        "failure": a.failure or m.get("failure", ""),
+    }
 
 
 def _cell(value: Any) -> str:
@@ -166,43 +175,51 @@ def _cell(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _pictures(record: CheckRecord) -> dict[str, ReportFigure]:
+def _pictures(record: CheckRecord, folder: Path) -> tuple[ReportFigure, ...]:
     scores = record.scores
     compared = [
         (row.answer.shrinkage, row.measured["S"])
         for row in record.rows
         if row.answer.shrinkage is not None and row.measured.get("S") is not None
     ]
-    pictures = {
-        "confusion": ReportFigure(
+    pictures = [
+        picture(
+            folder,
+            "confusion",
             "What was answered",
             "Numbers of sites by truth and answer, shaded by their share of the row; right "
             "answers are outlined. Pairs stand together: an answer of the right column may name "
             "other effects than the true ones.",
-            to_png(confusion_figure(scores.confusion)),
+            confusion_figure(scores.confusion),
         ),
-        "reliability": ReportFigure(
+        picture(
+            folder,
+            "reliability",
             "What the confidence is worth",
             "Share of right answers by stated confidence, with 95 % intervals. Points below the "
             "diagonal claim more than they hold.",
-            to_png(reliability_figure(scores.reliability, NAMED_CONFIDENCE)),
+            reliability_figure(scores.reliability, NAMED_CONFIDENCE),
         ),
-    }
+    ]
     if compared:
         stated, measured = ([float(v) for v in side] for side in zip(*compared, strict=True))
-        pictures["shrinkage"] = ReportFigure(
-            "How far the gap shrinks",
+        caption = (
             f"Shrinkage as stated from the observed rocks, and as found on fresh rocks of the same "
-            f"site. {len(compared)} sites; the band is what is required.",
-            to_png(shrinkage_figure(stated, measured, SHRINKAGE_TOLERANCE)),
+            f"site. {len(compared)} sites; the band is what is required."
         )
-    return pictures
+        figure = shrinkage_figure(stated, measured, SHRINKAGE_TOLERANCE)
+        pictures.append(picture(folder, "shrinkage", "How far the gap shrinks", caption, figure))
+    return tuple(pictures)
 
 
 def _report(
     record: CheckRecord, warnings: tuple[str, ...], figures: tuple[ReportFigure, ...]
 ) -> ReportContext:
     scores, plan = record.scores, record.plan
+    overlap = scores.figures.numbers["location_overlap"]
+    reliability = {
+        row.right.measure.removeprefix("confidence "): row.right for row in scores.reliability
+    }
     return ReportContext(
         title="Blind check of the diagnosis",
         subtitle=f"{scores.worlds} synthetic sites, blinded labels, battery of seed {plan['seed']}",
@@ -210,10 +227,7 @@ def _report(
             ("Sites", scores.worlds),
             ("Rocks observed", sum(row.truth.rocks for row in record.rows)),
             ("Sites without an answer", scores.failed),
-            (
-                "Mean overlap of the reaches of local effects",
-                scores.figures.numbers["location_overlap"],
-            ),
+            ("Mean overlap of the reaches of local effects", overlap),
             ("Time of all diagnoses together (h)", sum(r.seconds for r in record.rows) / 3600.0),
         ),
         warnings=warnings,
@@ -224,24 +238,17 @@ def _report(
             _share_table(
                 "All measures",
                 "measure",
-                [(s.measure, s) for s in scores.measures.values()],
+                {s.measure: s for s in scores.measures.values()},
                 "Intervals are those of Clopper and Pearson (95 %). Weak, medium and strong go by "
                 "the strength that the effect came out with.",
             ),
             *(
                 _share_table(
-                    f"Single effect named, by {title}", title, [(s.measure, s) for s in rows]
+                    f"Single effect named, by {title}", title, {s.measure: s for s in rows}
                 )
                 for title, rows in scores.groups.items()
             ),
-            _share_table(
-                "Reliability",
-                "stated confidence",
-                [
-                    (row.right.measure.removeprefix("confidence "), row.right)
-                    for row in scores.reliability
-                ],
-            ),
+            _share_table("Reliability", "stated confidence", reliability),
             _shrinkage_table(scores),
             _answers_table(record),
         ),
@@ -263,63 +270,52 @@ def _report(
 
 def _acceptance_table(scores: CheckScores) -> ReportTable:
     words = {True: "yes", False: "no", None: None}
-    rows: list[tuple[Cell, ...]] = [
-        (
-            row["measure"],
-            f"{'≥' if row['asked_is'] == 'at least' else '≤'} {_value(row, 'asked')}",
-            _value(row, "reached"),
-            _interval(row["ci95"]) if row["worlds"] else None,
-            f"{row['hits']} of {row['worlds']}" if row["is_share"] else None,
-            words[row["met"]],
-        )
-        for row in acceptance(scores)
-    ]
     return ReportTable(
         "What is required, and what is reached",
-        (
-            ("measure", ""), ("required", ""), ("reached", ""), ("95 % interval", ""),
-            ("sites", ""), ("met", ""),
+        heads("measure; required; reached; 95 % interval; sites; met"),
+        tuple(
+            (
+                row["measure"],
+                f"{'≥' if row['asked_is'] == 'at least' else '≤'} {_value(row, 'asked')}",
+                _value(row, "reached"),
+                _interval(row["ci95"]) if row["worlds"] else None,
+                f"{row['hits']} of {row['worlds']}" if row["is_share"] else None,
+                words[row["met"]],
+            )
+            for row in acceptance(scores)
         ),
-        tuple(rows),
         "Met states whether the reached share is on the right side of what is required; it is "
         "certain only where the whole interval is.",
-    )  # fmt: skip
+    )
 
 
 def _law_table(scores: CheckScores) -> ReportTable:
-    laws = {law: acceptance(scores, law) for law in scores.by_law}
-    rows: list[tuple[Cell, ...]] = [
-        (first["measure"], *(_with_count(row) for row in (first, *others)))
-        for first, *others in zip(*laws.values(), strict=True)
-    ]
+    def reached(row: Mapping[str, Any]) -> str:
+        count = f" ({row['hits']} of {row['worlds']})" if row["worlds"] else ""
+        return _value(row, "reached") + count
+
+    laws = [acceptance(scores, law) for law in scores.by_law]
     return ReportTable(
         "By law of the motion",
-        (("measure", ""), *((law, "") for law in laws)),
-        tuple(rows),
+        (("measure", ""), *((law, "") for law in scores.by_law)),
+        tuple((rows[0]["measure"], *map(reached, rows)) for rows in zip(*laws, strict=True)),
         "Where rocks obey another law than that of the model and no effect acts, “none” and "
         "“contact law” are both right.",
     )
 
 
-def _with_count(row: Mapping[str, Any]) -> str:
-    count = f" ({row['hits']} of {row['worlds']})" if row["worlds"] else ""
-    return _value(row, "reached") + count
-
-
 def _value(row: Mapping[str, Any], key: str) -> str:
     """A share in per cent, or a number; nothing where there is none."""
     value = row[key]
-    if value != value:
+    if math.isnan(value):
         return ""
     return _percent(value) if row["is_share"] else f"{value:.2f}"
 
 
-def _share_table(
-    title: str, head: str, rows: list[tuple[str, Share]], note: str = ""
-) -> ReportTable:
+def _share_table(title: str, head: str, rows: Mapping[str, Share], note: str = "") -> ReportTable:
     return ReportTable(
         title,
-        ((head, ""), ("share", ""), ("95 % interval", ""), ("sites", "")),
+        ((head, ""), *heads("share; 95 % interval; sites")),
         tuple(
             (
                 name.replace("_", " "),
@@ -327,7 +323,7 @@ def _share_table(
                 _interval([s.low, s.high]) if s.trials else None,
                 f"{s.hits} of {s.trials}",
             )
-            for name, s in rows
+            for name, s in rows.items()
         ),
         note,
     )
@@ -337,7 +333,7 @@ def _shrinkage_table(scores: CheckScores) -> ReportTable:
     s = scores.shrinkage
     return ReportTable(
         "Shrinkage, stated and on fresh rocks",
-        (("", ""), ("sites", "")),
+        heads("; sites"),
         (
             ("measured on fresh rocks", s.worlds),
             ("both given", s.compared),
@@ -355,29 +351,20 @@ def _answers_table(record: CheckRecord) -> ReportTable:
     rows: list[tuple[Cell, ...]] = []
     for row in record.rows:
         t, a = row.truth, row.answer
-        strengths = ", ".join(t.strengths)
         truth = t.verdict if t.part != "unknown" else f"unknown ({t.effects[0]})"
         rows.append(
             (
-                t.case,
-                t.law,
-                f"{t.rocks}, {t.kind}",
-                f"{truth}{f', {strengths}' if strengths else ''}".replace("_", " "),
-                a.effect.replace("_", " "),
-                round(a.confidence, 2),
-                "yes" if is_right(t, a) else "no",
-                "yes" if is_covered(t, a) else "no",
+                t.case, t.law, f"{t.rocks}, {t.kind}",
+                ", ".join((truth, *t.strengths)).replace("_", " "), a.effect.replace("_", " "),
+                round(a.confidence, 2), _cell(is_right(t, a)), _cell(is_covered(t, a)),
             )
-        )
+        )  # fmt: skip
     return ReportTable(
         "All answers",
-        (
-            ("site", ""), ("law", ""), ("rocks, seen", ""), ("truth", ""), ("answer", ""),
-            ("confidence", ""), ("right", ""), ("covered", ""),
-        ),
+        heads("site; law; rocks, seen; truth; answer; confidence; right; covered"),
         tuple(rows),
         "More columns in worlds.csv.",
-    )  # fmt: skip
+    )
 
 
 def _percent(value: float) -> str:

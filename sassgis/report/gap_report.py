@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import sassgis
-from sassgis.gap.diagnosis import Consequence, Diagnosis, GapFinding, Rung, Shrinkage
+from sassgis.gap.diagnosis import Diagnosis, GapFinding
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.places import (
     is_stretch,
@@ -28,9 +29,10 @@ from sassgis.gap.words import (
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS, GroundTable
 from sassgis.report import figures
-from sassgis.report.figures.gap_map_figures import GapStretch
+from sassgis.report.figures.gap_figures import GapStretch
 from sassgis.report.gap_answer import (
     MATTERS,
+    UNNAMED,
     answer,
     capital,
     hypothesis_of,
@@ -38,47 +40,36 @@ from sassgis.report.gap_answer import (
     p_text,
     verdict_sentence,
 )
-from sassgis.report.map_report import save_figure
-from sassgis.report.page import (
-    Cell,
-    ReportContext,
-    ReportFigure,
-    ReportTable,
-    sensible,
-)
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads, sensible
+from sassgis.report.pictures import picture
 
 #: Below this number of rocks the report warns of it.
-_FEW_ROCKS = 20
+FEW_ROCKS = 20
 #: Findings in the table of the report.
 _ROWS = 40
-
-# --- warnings --------------------------------------------------------------------------------
 
 
 def report_warnings(case: Case, diagnosis: Diagnosis) -> list[str]:
     """What a reader must know before trusting the answer."""
     out = []
     verdict = diagnosis.verdict
-    if diagnosis.rocks < _FEW_ROCKS:
+    if diagnosis.rocks < FEW_ROCKS:
         out.append(
             f"Only {diagnosis.rocks} rocks were observed. Intervals are wide, and an effect that "
             "is not named may still be there."
         )
-    if verdict.effect not in ("none", "unknown") and len(verdict.confusion_set) > 1:
-        out.append(
-            "More than one explanation fits these data: "
-            + ", ".join(effect_name(e) for e in verdict.confusion_set)
-            + "."
-        )
+    if verdict.effect not in UNNAMED and len(verdict.confusion_set) > 1:
+        names = ", ".join(effect_name(e) for e in verdict.confusion_set)
+        out.append(f"More than one explanation fits these data: {names}.")
     if diagnosis.effect.stand is not None:
         out.append(
             "The forest of the calibrated model is fitted to the observations. Compare it with the "
             "forest that stands there."
         )
-    left_out = [f for f in case.observations.findings if f.left_out]
+    left_out = sum(bool(f.left_out) for f in case.observations.findings)
     if left_out:
         out.append(
-            f"{len(left_out)} {'finding' if len(left_out) == 1 else 'findings'} about the "
+            f"{left_out} {'finding' if left_out == 1 else 'findings'} about the "
             "observations made values, rows or tables be left out; sassgis gap validate lists them."
         )
     return out
@@ -123,16 +114,12 @@ def map_parts(
         for i in used_lines(case)
         if len(trace := line_stretch(case.traces, i, *limits_on(case, f, i))) > 1
     ]
-    at_station = {f.place: f for f in chosen if not is_stretch(f)}
+    gaps = {f.place: (f.gap, significance(f) != "open") for f in chosen if not is_stretch(f)}
     table = case.observations.stations
-    stations = {}
-    for name, vertices in zip(table.station.tolist(), table.vertices, strict=True):
-        own = at_station.get(name)
-        stations[name] = (
-            GapStretch(vertices, math.nan, False)
-            if own is None
-            else GapStretch(vertices, own.gap, significance(own) != "open")
-        )
+    stations = {
+        name: GapStretch(vertices, *gaps.get(name, (math.nan, False)))
+        for name, vertices in zip(table.station.tolist(), table.vertices, strict=True)
+    }
     return lines, stretches, stations, first
 
 
@@ -142,44 +129,46 @@ def _one_per_place(findings: Iterable[GapFinding], first: GapFinding | None) -> 
     """
     if first is None:
         return []
-    found: dict[str, GapFinding] = {}
-    for finding in findings:
-        same = (finding.quantity, finding.unit) == (first.quantity, first.unit)
-        if not same or finding.place.startswith("ground:") or not math.isfinite(finding.gap):
-            continue
-        other = found.setdefault(finding.place, finding)
-        rank, rank_other = (
-            (f.phase != first.phase, f.p_adjusted, f.q_value) for f in (finding, other)
-        )
-        if rank < rank_other:
-            found[finding.place] = finding
-    return list(found.values())
+    same = [
+        f
+        for f in findings
+        if (f.quantity, f.unit) == (first.quantity, first.unit)
+        and not f.place.startswith("ground:")
+        and math.isfinite(f.gap)
+    ]
+
+    def rank(finding: GapFinding) -> tuple[bool, float, float]:
+        return (finding.phase != first.phase, finding.p_adjusted, finding.q_value)
+
+    return [
+        min((f for f in same if f.place == place), key=rank)
+        for place in dict.fromkeys(f.place for f in same)
+    ]
 
 
 def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFigure]:
     """Draw the figures of a diagnosis into ``folder``."""
     verdict = diagnosis.verdict
-    named = verdict.effect if verdict.effect not in ("none", "unknown") else ""
-    out = []
+    out: list[ReportFigure] = []
 
-    def add(name: str, title: str, caption: str, figure: object) -> None:
-        out.append(ReportFigure(title, caption, save_figure(folder, name, figure)))  # type: ignore[arg-type]
+    def add(name: str, title: str, caption: str, figure: Figure) -> None:
+        out.append(picture(folder, name, title, caption, figure))
 
     lines, stretches, stations, first = map_parts(case, diagnosis)
     table = case.observations
     release = np.column_stack([table.rocks.x, table.rocks.y])
     stops = np.column_stack([table.deposits.x, table.deposits.y])
-    coloured = any(math.isfinite(s.gap) for s in (*stretches, *stations.values()))
-    add(
-        "gap_map",
-        "Where the gap lies",
-        (
+    caption = "No gap has a place along the fall lines."
+    if first is not None and any(math.isfinite(s.gap) for s in (*stretches, *stations.values())):
+        caption = (
             f"{capital(quantity_name(first.quantity))}. Across the slope: at a station; along the "
             "fall lines: on that stretch, as a rule with the rocks started anew where it begins, "
             "so that what went wrong above does not count again."
-            if first is not None and coloured
-            else "No gap has a place along the fall lines."
-        ),
+        )
+    add(
+        "gap_map",
+        "Where the gap lies",
+        caption,
         figures.gap_map_figure(
             case.grid,
             lines=lines,
@@ -199,6 +188,7 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
             figures.gap_where_figure(diagnosis.where),
         )
     if diagnosis.comparisons:
+        named = verdict.effect if verdict.effect not in UNNAMED else ""
         add(
             "gap_distributions",
             "Observed rocks and the models",
@@ -232,24 +222,70 @@ def gap_figures(case: Case, diagnosis: Diagnosis, folder: Path) -> list[ReportFi
 
 def gap_tables(case: Case, diagnosis: Diagnosis) -> list[ReportTable]:
     """Tables of a diagnosis: where, which, how far, calibrated ground, data."""
+    named = hypothesis_of(diagnosis.which, diagnosis.verdict.effect)
+    parameters = {} if named is None else named.parameters
     return [
         _where_table(diagnosis.where),
         _which_table(diagnosis),
-        _parameter_table(diagnosis),
-        _ladder_table(diagnosis.ladder),
-        _consequence_table(diagnosis.advice.consequences),
-        _shrinkage_table(diagnosis.shrinkage),
+        ReportTable(
+            f"Calibrated parameters of the answer: {effect_name(diagnosis.verdict.effect)}",
+            heads("parameter; value; 95 % interval"),
+            tuple(
+                (name, value, _interval_cell(named.intervals.get(name) if named else None))
+                for name, value in parameters.items()
+            ),
+            "Units are part of the names.",
+        ),
+        ReportTable(
+            "From the configured model to chance",
+            heads("model; energy distance; closes of the gap | %; 95 % interval | %"),
+            tuple(
+                (
+                    RUNG_NAMES.get(r.rung) or effect_name(r.rung),
+                    r.distance,
+                    _percent(r.share),
+                    _interval_cell(r.ci95 and (100.0 * r.ci95[0], 100.0 * r.ci95[1]), 2),
+                )
+                for r in diagnosis.ladder
+            ),
+            "Each rock is compared with a model that was drawn, chosen and fitted without it. "
+            "Closes: share of the gap of the configured model beyond chance. A dash: that gap may "
+            "be chance.",
+        ),
+        ReportTable(
+            "What changes for these rocks",
+            heads("place; quantity; unit; configured; handed over"),
+            tuple(
+                (c.place, c.quantity, c.unit, c.before, c.after)
+                for c in diagnosis.advice.consequences
+            ),
+            "The observed rocks, released with the configured model and with that of model/. "
+            "Energy: of translation, at the furthest station.",
+        ),
+        _shrinkage_table(diagnosis),
         _ground_table(case.table, diagnosis.effect.table),
-        _data_table(diagnosis),
+        ReportTable(
+            "Observations used",
+            heads("table; rows"),
+            tuple((name, int(n)) for name, n in diagnosis.tables.items()),
+        ),
     ]
 
 
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100.0 * share
+
+
+def _interval_cell(span: tuple[float, float] | None, digits: int = 3) -> str:
+    return "–" if span is None else interval_text(span, digits)
+
+
 def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
+    more = f" The {_ROWS} most certain of {len(findings)}; all are in diagnosis.json."
     return ReportTable(
         "Where the gap lies",
-        (
-            ("place", ""), ("phase", ""), ("quantity", ""), ("observed", ""), ("predicted", ""),
-            ("gap", "95 % interval"), ("p", ""), ("q", ""), ("rocks", ""), ("test", ""),
+        heads(
+            "place; phase; quantity; observed; predicted; gap | 95 % interval; p; q; rocks; test"
         ),
         tuple(
             (
@@ -264,27 +300,20 @@ def _where_table(findings: tuple[GapFinding, ...]) -> ReportTable:
         "the largest of all these gaps would be as large without any. q: share of false findings "
         "among those that are as sure. Test: free run: from the release; reach: from what was "
         "observed where the stretch begins; one step: from one observed state to the next."
-        + (
-            f" The {_ROWS} most certain of {len(findings)}; all are in diagnosis.json."
-            if len(findings) > _ROWS
-            else ""
-        ),
+        + (more if len(findings) > _ROWS else ""),
     )  # fmt: skip
 
 
 def _which_table(diagnosis: Diagnosis) -> ReportTable:
+    separated = dict.fromkeys(diagnosis.verdict.confusion_set, "no")
+    separated[diagnosis.verdict.effect] = "the answer"
     return ReportTable(
         "Explanations",
-        (
-            ("effect", ""), ("form", ""), ("score", ""), ("gain", ""), ("95 % interval", ""),
-            ("weight", "%"), ("separated from the answer", ""),
-        ),
+        heads("effect; form; score; gain; 95 % interval; weight | %; separated from the answer"),
         tuple(
             (
                 effect_name(c.effect), c.form or "–", c.score, c.gain, interval_text(c.ci95),
-                100.0 * c.probability,
-                "the answer" if c.effect == diagnosis.verdict.effect
-                else "no" if c.effect in diagnosis.verdict.confusion_set else "yes",
+                100.0 * c.probability, separated.get(c.effect, "yes"),
             )
             for c in diagnosis.which
         ),
@@ -293,118 +322,43 @@ def _which_table(diagnosis: Diagnosis) -> ReportTable:
     )  # fmt: skip
 
 
-def _parameter_table(diagnosis: Diagnosis) -> ReportTable:
-    named = hypothesis_of(diagnosis.which, diagnosis.verdict.effect)
-    rows: list[tuple[Cell, ...]] = []
-    if named is not None:
-        for name, value in named.parameters.items():
-            span = named.intervals.get(name)
-            rows.append((name, value, "–" if span is None else interval_text(span)))
-    return ReportTable(
-        f"Calibrated parameters of the answer: {effect_name(diagnosis.verdict.effect)}",
-        (("parameter", ""), ("value", ""), ("95 % interval", "")),
-        tuple(rows),
-        "Units are part of the names.",
-    )
-
-
-def _ladder_table(ladder: Sequence[Rung]) -> ReportTable:
-    return ReportTable(
-        "From the configured model to chance",
-        (
-            ("model", ""),
-            ("energy distance", ""),
-            ("closes of the gap", "%"),
-            ("95 % interval", "%"),
-        ),
-        tuple(
-            (
-                RUNG_NAMES.get(r.rung) or effect_name(r.rung),
-                r.distance,
-                None if r.share is None else 100.0 * r.share,
-                "–" if r.ci95 is None else interval_text((100.0 * r.ci95[0], 100.0 * r.ci95[1]), 2),
-            )
-            for r in ladder
-        ),
-        "Each rock is compared with a model that was drawn, chosen and fitted without it. Closes: "
-        "share of the gap of the configured model beyond chance. A dash: that gap may be chance.",
-    )
-
-
-def _consequence_table(consequences: Sequence[Consequence]) -> ReportTable:
-    return ReportTable(
-        "What changes for these rocks",
-        (("place", ""), ("quantity", ""), ("unit", ""), ("configured", ""), ("handed over", "")),
-        tuple((c.place, c.quantity, c.unit, c.before, c.after) for c in consequences),
-        "The observed rocks, released with the configured model and with that of model/. Energy: "
-        "of translation, at the furthest station.",
-    )
-
-
-def _shrinkage_table(shrinkage: Shrinkage) -> ReportTable:
-    def row(name: str, values: Mapping[str, float | None]) -> tuple[Cell, ...]:
-        share = values.get("shrinkage")
-        return (
-            name,
-            values.get("base"),
-            values.get("effect"),
-            values.get("floor"),
-            None if share is None else 100.0 * share,
-        )
-
-    rows = [row(quantity_name(q), v) for q, v in shrinkage.by_quantity.items()]
-    rows.append(
-        row(
-            "all together",
-            {
-                "base": shrinkage.distance_base,
-                "effect": shrinkage.distance_effect,
-                "floor": shrinkage.distance_floor,
-                "shrinkage": shrinkage.value,
-            },
-        )
-    )
+def _shrinkage_table(diagnosis: Diagnosis) -> ReportTable:
+    s = diagnosis.shrinkage
+    rows: list[tuple[Cell, ...]] = [
+        (quantity_name(quantity), *map(v.get, ("base", "effect", "floor")),
+         _percent(v.get("shrinkage")))
+        for quantity, v in s.by_quantity.items()
+    ]  # fmt: skip
+    together = (s.distance_base, s.distance_effect, s.distance_floor, _percent(s.value))
     return ReportTable(
         "How far the gap shrinks",
-        (
-            ("quantity", ""), ("base model", "energy distance"), ("with the effect", ""),
-            ("chance alone", ""), ("shrinks by", "%"),
+        heads(
+            "quantity; base model | energy distance; with the effect; chance alone; shrinks by | %"
         ),
-        tuple(rows),
+        (*rows, ("all together", *together)),
         "On held-out rocks. Shrinks by: (base − effect) / (base − chance); a dash "
         "where the base model is not certainly worse than chance.",
-    )  # fmt: skip
+    )
 
 
 def _ground_table(before: GroundTable, after: GroundTable) -> ReportTable:
     old = {c.name: c for c in before.classes}
-    heads = (
-        "η max", "Δp/p least", "Δp/p most", "μ_f", "μ_0", "k", "d*", "e", "v of e/2",
-        "rolling threshold",
-    )  # fmt: skip
-    units = {"d*": "m", "v of e/2": "m/s"}
     rows = []
     for own in after.classes:
         first = old.get(own.name, own)
         pairs = [(getattr(first, n), getattr(own, n)) for n in PARAMETERS]
         if any(a != b for a, b in pairs):
-            rows.append(
-                (own.name, *(f"{a:.3g} → {b:.3g}" if a != b else f"{a:.3g}" for a, b in pairs))
-            )
+            cells = (f"{a:.3g} → {b:.3g}" if a != b else f"{a:.3g}" for a, b in pairs)
+            rows.append((own.name, *cells))
     return ReportTable(
         "Calibrated ground classes",
-        (("class", ""), *((h, units.get(h, "")) for h in heads)),
+        heads(
+            "class; η max; Δp/p least; Δp/p most; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; "
+            "rolling threshold"
+        ),
         tuple(rows),
         "Configured → calibrated, with the named effect if there is one. Classes that did not "
         "change are not listed.",
-    )
-
-
-def _data_table(diagnosis: Diagnosis) -> ReportTable:
-    return ReportTable(
-        "Observations used",
-        (("table", ""), ("rows", "")),
-        tuple((name, int(n)) for name, n in diagnosis.tables.items()),
     )
 
 
@@ -424,18 +378,10 @@ def gap_report(
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together.
 
-    Parameters
-    ----------
-    case : Case
-    diagnosis : Diagnosis
-    folder : Path
-        Of the figures.
-    project, terrain, crs, configuration : str
-        Names of the project, the terrain file, the coordinate system and the configuration file.
-    warnings : sequence of str
-        What a reader must know before trusting the answer.
+    Project, terrain file, coordinate system and configuration file are given by their names.
     """
-    grid = case.grid
+    rows, columns = case.grid.shape
+    tried = ", ".join(effect_name(c.effect) for c in diagnosis.which)
     return ReportContext(
         title=f"{project}: observed and simulated rocks",
         subtitle="What separates the field observations from the SASS model, and why",
@@ -445,14 +391,12 @@ def gap_report(
         what_was_run=(
             ("Observed rocks", diagnosis.rocks),
             ("Observations", ", ".join(f"{n} {t}" for t, n in diagnosis.tables.items()) or "none"),
-            ("Terrain", f"{terrain}, {grid.shape[1]} × {grid.shape[0]} cells of "
-             f"{grid.cell_size:.4g} m"),
+            ("Terrain", f"{terrain}, {columns} × {rows} cells of {case.grid.cell_size:.4g} m"),
             ("Coordinate system", crs),
             ("Fall lines", len(used_lines(case))),
             ("Stations", ", ".join(case.station_names) or "none"),
             ("Effects already configured", ", ".join(case.effects.names) or "none"),
-            ("Explanations tried", ", ".join(effect_name(c.effect) for c in diagnosis.which)
-             or "none"),
+            ("Explanations tried", tried or "none"),
         ),
         figures=tuple(gap_figures(case, diagnosis, folder)),
         tables=tuple(gap_tables(case, diagnosis)),
@@ -463,4 +407,4 @@ def gap_report(
             ("Configuration", configuration),
             ("Calibrated model", "model/config.toml"),
         ),
-    )  # fmt: skip
+    )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,33 +17,27 @@ from sassgis.hazard.progress import Progress, joined_lines
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems
 from sassgis.model.map_run import MapRun
-from sassgis.model.noted_files import noted
-from sassgis.model.profiles import TraceSet
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
-from sassgis.report.alt_text import map_alt, path_alt, station_alt
 from sassgis.report.figures.map_marks import MapObject
-from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable
+from sassgis.report.page import Cell, ReportContext, ReportFigure, ReportTable, heads
+from sassgis.report.pictures import map_alt, path_alt, picture, station_alt
 from sassgis.report.run_summary import runout_words
 from sassgis.terrain.plan import Plan
 
 
 def release_outlines(run: MapRun) -> list[FloatArray]:
     """Coordinates of the release areas, for drawing."""
-    outlines = []
-    for area in run.areas:
-        for part in shapely.get_parts(area.geometry):
-            if isinstance(part, shapely.Polygon):
-                outlines.append(shapely.get_coordinates(part.exterior))
-            else:
-                outlines.append(shapely.get_coordinates(part))
-    return outlines
+    parts = [part for area in run.areas for part in shapely.get_parts(area.geometry)]
+    return [
+        shapely.get_coordinates(p.exterior if isinstance(p, shapely.Polygon) else p) for p in parts
+    ]
 
 
-def _drawn_lines(progress: Progress) -> TraceSet:
-    lines = joined_lines(progress.lines)
-    n = lines.point.size
-    return TraceSet(lines.offset, lines.x, lines.y, np.zeros_like(lines.x), np.arange(n), lines.end)
+def map_marks(run: MapRun, objects: Sequence[MapObject]) -> figures.MapMarks:
+    """Release areas, control lines and exposed objects, for drawing."""
+    control_lines = [(line.name, line.kind, trace) for line, trace in run.control_lines]
+    return figures.MapMarks(release_outlines(run), (), control_lines, (), objects)
 
 
 def line_figure(shown: LinePaths) -> Figure:
@@ -49,36 +45,41 @@ def line_figure(shown: LinePaths) -> Figure:
     s, z = shown.s, shown.z
     reach = s <= max(float(shown.stops.max()) + 30.0, s[1])
     last = max(int(reach.sum()), 2)
-    control_lines = [
-        (line, chainage, float(np.interp(chainage, s, z)))
-        for line, chainage in shown.control_lines
-        if chainage <= s[last - 1]
-    ]
-    return figures.profile_figure(
-        s[:last], z[:last], shown.paths, ground=shown.ground[:last],
-        ground_names=shown.ground_names, control_lines=control_lines, stops=shown.stops,
+    panel = figures.ProfilePanel(
+        s[:last],
+        z[:last],
+        shown.paths,
+        ground=shown.ground[:last],
+        ground_names=shown.ground_names,
+        control_lines=[
+            (line, chainage, float(np.interp(chainage, s, z)))
+            for line, chainage in shown.control_lines
+            if chainage <= s[last - 1]
+        ],
+        stops=shown.stops,
         title=f"Path of the block with the longest run-out: {shown.area}, {shown.scenario}",
-    )  # fmt: skip
+    )
+    return figures.profile_figure([panel], letters=False)
 
 
-def station_figures(control_lines: ControlLineSums, n: int) -> list[tuple[str, Figure]]:
-    """A figure for each station or barrier that blocks reach."""
+def station_figures(
+    control_lines: ControlLineSums, n: int, folder: Path, caption: str, alts: Mapping[str, str]
+) -> list[ReportFigure]:
+    """Draw a figure for each station or barrier that blocks reach; ``alts`` by its name."""
+    lines = control_lines.control_lines
+    reached = [i for i in range(len(lines)) if control_lines.arrivals(i)]
     out = []
-    for i, control_line in enumerate(control_lines.control_lines):
-        if not control_lines.arrivals(i):
-            continue
+    for i, stem in zip(reached, file_stems([lines[i].name for i in reached]), strict=True):
         bins = [
             trimmed(control_lines.distribution(i, q).histogram)
             for q in ("speed_mps", "rotation_hz", "height_m")
         ]
-        name = (
-            control_line.name
-            if control_line.kind == "station"
-            else f"{control_line.name} ({control_line.kind})"
+        name, kind = lines[i].name, lines[i].kind
+        figure = figures.station_figure(
+            name if kind == "station" else f"{name} ({kind})", *bins, n=n
         )
-        out.append(
-            (control_line.name, figures.station_figure(name, bins[0], bins[1], bins[2], n=n))
-        )
+        alt = alts.get(name, "")
+        out.append(picture(folder, f"station_{stem}", f"At {name}", caption, figure, alt))
     return out
 
 
@@ -100,91 +101,66 @@ def stopping_reasons(counts: IntArray) -> ReportTable:
     total = max(int(counts.sum()), 1)
     return ReportTable(
         "Stopping reasons",
-        (("reason", ""), ("blocks", ""), ("share", "%")),
+        heads("reason; blocks; share | %"),
         tuple((STOP_TEXT[r], int(counts[r]), 100.0 * int(counts[r]) / total) for r in StopReason),
     )
 
 
+#: Of stations and of barriers: title, columns, their keys in the rows, and note.
+_CONTROL_LINE_TABLES = (
+    (
+        "Stations",
+        "station; blocks; speed, median | m/s; speed, 95 % | m/s; rotation, 95 % | Hz; "
+        "height, 95 % | m; energy, median | kJ; energy, 95 % | kJ; energy, 99 % | kJ",
+        "name rocks speed_mps_q50 speed_mps_q95 rotation_hz_q95 height_m_q95 energy_kj_q50 "
+        "energy_kj_q95 energy_kj_q99",
+        "First downhill passage of each block.",
+    ),
+    (
+        "Walls and nets",
+        "barrier; kind; arriving blocks; hits; stopped; taken, then move on; over the top; "
+        "break through; energy, 95 % | kJ; energy, 99 % | kJ; height, 95 % | m; height, 99 % | m",
+        "name kind rocks hits stopped held_by_net overtopped broke_through energy_kj_q95 "
+        "energy_kj_q99 height_m_q95 height_m_q99",
+        "Energy (translation + rotation) and passing height of all blocks at their first "
+        "arrival, also of those that pass over.",
+    ),
+)
+
+
 def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
     """Statistics at stations and barriers, for the report."""
-    rows = control_line_rows(control_lines)
-    tables = []
 
     def number(value: object) -> Cell:
         return value if isinstance(value, (int, float, str)) else None
 
-    stations = [r for r in rows if r["kind"] == "station"]
-    columns: tuple[tuple[str, str], ...] = (
-        ("station", ""), ("blocks", ""), ("speed, median", "m/s"), ("speed, 95 %", "m/s"),
-        ("rotation, 95 %", "Hz"), ("height, 95 %", "m"), ("energy, median", "kJ"),
-        ("energy, 95 %", "kJ"), ("energy, 99 %", "kJ"),
-    )  # fmt: skip
-    keys = (
-        "name", "rocks", "speed_mps_q50", "speed_mps_q95", "rotation_hz_q95", "height_m_q95",
-        "energy_kj_q50", "energy_kj_q95", "energy_kj_q99",
-    )  # fmt: skip
-    if stations:
-        tables.append(
-            ReportTable(
-                "Stations",
-                columns,
-                tuple(tuple(number(r[k]) for k in keys) for r in stations),
-                "First downhill passage of each block.",
-            )
+    tables = []
+    for title, columns, keys, note in _CONTROL_LINE_TABLES:
+        rows = tuple(
+            tuple(number(row[key]) for key in keys.split())
+            for row in control_line_rows(control_lines)
+            if (row["kind"] == "station") == (title == "Stations")
         )
-    barriers = [r for r in rows if r["kind"] != "station"]
-    if barriers:
-        tables.append(
-            ReportTable(
-                "Walls and nets",
-                (
-                    ("barrier", ""), ("kind", ""), ("arriving blocks", ""), ("hits", ""),
-                    ("stopped", ""), ("taken, then move on", ""), ("over the top", ""),
-                    ("break through", ""), ("energy, 95 %", "kJ"), ("energy, 99 %", "kJ"),
-                    ("height, 95 %", "m"), ("height, 99 %", "m"),
-                ),
-                tuple(
-                    tuple(
-                        number(r[k])
-                        for k in (
-                            "name", "kind", "rocks", "hits", "stopped", "held_by_net",
-                            "overtopped", "broke_through", "energy_kj_q95", "energy_kj_q99",
-                            "height_m_q95", "height_m_q99",
-                        )
-                    )
-                    for r in barriers
-                ),
-                "Energy (translation + rotation) and passing height of all blocks at their first "
-                "arrival, also of those that pass over.",
-            )
-        )  # fmt: skip
+        if rows:
+            tables.append(ReportTable(title, heads(columns), rows, note))
     return tables
 
 
-def save_figure(folder: Path, name: str, figure: Figure) -> bytes:
-    """Save a figure as ``<name>.png`` and return its bytes."""
-    png = figures.to_png(figure)
-    folder.mkdir(parents=True, exist_ok=True)
-    noted(folder / f"{name}.png").write_bytes(png)
-    return png
+def _span(low: float, high: float) -> str:
+    return f"{low:g} to {high:g}" if high > low else f"{low:g}"
 
 
 def _block_table(run: MapRun) -> ReportTable:
     return ReportTable(
         "Block scenarios",
-        (
-            ("scenario", ""), ("semi-axis 1", "m"), ("semi-axis 2", "m"), ("semi-axis 3", "m"),
-            ("density", "kg/m³"), ("initial speed", "m/s"),
+        heads(
+            "scenario; semi-axis 1 | m; semi-axis 2 | m; semi-axis 3 | m; density | kg/m³; "
+            "initial speed | m/s"
         ),
         tuple(
             (
-                b.name,
-                *(
-                    f"{low:g} to {high:g}" if high > low else f"{low:g}"
-                    for low, high in (
-                        b.axis_1_m, b.axis_2_m, b.axis_3_m, b.density_kgm3, b.speed_mps
-                    )
-                ),
+                b.name, _span(*b.axis_1_m), _span(*b.axis_2_m), _span(*b.axis_3_m),
+                _span(*b.density_kgm3), _span(*b.speed_mps),
             )
             for b in run.blocks
         ),
@@ -196,9 +172,10 @@ def _ground_table(run: MapRun) -> ReportTable:
     used = np.unique(run.ground[np.isfinite(run.grid.values)])
     return ReportTable(
         "Ground classes",
-        (("class", ""), ("η max", ""), ("Δp/p", ""), ("μ_f", ""), ("μ_0", ""), ("k", ""),
-         ("d*", "m"), ("e", ""), ("v of e/2", "m/s"), ("rolling threshold", ""),
-         ("η max, Δp from the paper", ""), ("source", "")),
+        heads(
+            "class; η max; Δp/p; μ_f; μ_0; k; d* | m; e; v of e/2 | m/s; rolling threshold; "
+            "η max, Δp from the paper; source"
+        ),
         tuple(
             (c.name, c.eta_max, f"{c.dp_min:g} to {c.dp_max:g}", c.mu_f, c.mu_0, c.k, c.d_star_m,
              c.restitution, c.restitution_speed_mps, c.rolling_threshold,
@@ -208,11 +185,42 @@ def _ground_table(run: MapRun) -> ReportTable:
     )  # fmt: skip
 
 
-def _block_scale(run: MapRun) -> str:
-    """In words: what of the terrain blocks do not meet."""
-    if run.heights is run.grid:
-        return "none: cells are not finer than the blocks"
-    return f"what is smaller than {run.block_scale_m:.3g} m (terrain.block_scale_m)"
+def _pictures(
+    run: MapRun,
+    progress: Progress,
+    layers: Sequence[RasterLayer],
+    furthest: LinePaths | None,
+    objects: Sequence[MapObject],
+    folder: Path,
+) -> list[ReportFigure]:
+    """Draw the maps, a profile and the run-out."""
+    by_stem = {layer.stem: layer for layer in layers}
+    marks = map_marks(run, objects)
+    pictures = []
+    for stem in ("energy", "reach_probability", "passing_height", "stops"):
+        layer = by_stem[stem]
+        if stem == "stops":
+            lines = joined_lines(progress.lines)
+            xy = np.column_stack([lines.x, lines.y])
+            marks = replace(marks, lines=[xy[a:b] for a, b in pairwise(lines.offset)])
+        figure = figures.map_figure(run.grid, layer, marks)
+        alt = map_alt(run.grid, layer)
+        pictures.append(picture(folder, f"map_{stem}", layer.title, layer.note, figure, alt))
+    if furthest is not None:
+        pictures.append(
+            picture(
+                folder,
+                "profile_furthest",
+                "A path of blocks and the terrain under it",
+                "Flattened into one vertical plane. Walls and nets at their true height.",
+                line_figure(furthest),
+                path_alt(furthest),
+            )
+        )
+    caption = "Chainage in plan along the path at which blocks stop, by stopping reason."
+    alt = f"Histogram: {runout_words(progress.runout.sum(axis=0))}."
+    pictures.append(picture(folder, "runout", "Run-out", caption, runout_counts(progress), alt))
+    return pictures
 
 
 def map_report(
@@ -230,78 +238,44 @@ def map_report(
 
     Parameters
     ----------
-    run, planned, progress
     layers : tuple of RasterLayer
         Maps of what was simulated.
     furthest : LinePaths or None
         Paths on the line of the block with the longest run-out.
-    warnings : sequence of str
     facts : mapping of str to object
         As in the GeoPackage, the names "terrain_file" and "config_file", and "tolerance_check" if
         there was one.
-    folder : Path
     objects : sequence of (name, geometry)
         Exposed objects, drawn on the maps.
     """
-    outlines = release_outlines(run)
-    control_lines: list[tuple[str, str, FloatArray]] = [
-        (g.name, g.kind, c) for g, c in run.control_lines
-    ]
-    by_stem = {layer.stem: layer for layer in layers}
     total = int(progress.reasons.sum())
-    pictures = []
     anything = bool(progress.sums.cells.size)
-    if anything:
-        for stem in ("energy", "reach_probability", "passing_height", "stops"):
-            layer = by_stem[stem]
-            figure = figures.map_figure(
-                run.grid, layer, release=outlines, control_lines=control_lines,
-                lines=_drawn_lines(progress) if stem == "stops" else None, objects=objects,
-            )  # fmt: skip
-            png = save_figure(folder, f"map_{stem}", figure)
-            pictures.append(ReportFigure(layer.title, layer.note, png, map_alt(run.grid, layer)))
-        if furthest is not None:
-            figure = line_figure(furthest)
-            pictures.append(
-                ReportFigure(
-                    "A path of blocks and the terrain under it",
-                    "Flattened into one vertical plane. Walls and nets at their true height.",
-                    save_figure(folder, "profile_furthest", figure),
-                    path_alt(furthest),
-                )
-            )
-        pictures.append(
-            ReportFigure(
-                "Run-out",
-                "Chainage in plan along the path at which blocks stop, by stopping reason.",
-                save_figure(folder, "runout", runout_counts(progress)),
-                f"Histogram: {runout_words(progress.runout.sum(axis=0))}.",
-            )
-        )
-    rows = {str(row["name"]): row for row in control_line_rows(progress.control_lines)}
-    drawn = station_figures(progress.control_lines, total)
-    for (name, figure), stem in zip(drawn, file_stems([n for n, _ in drawn]), strict=True):
-        pictures.append(
-            ReportFigure(
-                f"At {name}",
-                "First downhill passage of each block.",
-                save_figure(folder, f"station_{stem}", figure),
-                station_alt(rows[name]),
-            )
-        )
-    ends = stopping_reasons(progress.reasons)
-    lines = joined_lines(progress.lines)
+    pictures = _pictures(run, progress, layers, furthest, objects, folder) if anything else []
+    rows = control_line_rows(progress.control_lines)
+    pictures += station_figures(
+        progress.control_lines, total, folder, "First downhill passage of each block.",
+        {str(row["name"]): station_alt(row) for row in rows},
+    )  # fmt: skip
+    ends = joined_lines(progress.lines).end
     line_ends = ReportTable(
         "How fall lines end",
-        (("reason", ""), ("lines", "")),
-        tuple((text, int((lines.end == e).sum())) for e, text in LINE_END_TEXT.items()),
+        heads("reason; lines"),
+        tuple((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
+    # In words: what of the terrain blocks do not meet.
+    roughness = f"what is smaller than {run.block_scale_m:.3g} m (terrain.block_scale_m)"
+    if run.heights is run.grid:
+        roughness = "none: cells are not finer than the blocks"
+    cell = f"{run.grid.cell_size:.4g} m"
+    smoothing = "Smoothing of the terrain for "
+    smoothing += "the drawn fall lines" if run.followed else "fall lines"
+    checked = facts.get("tolerance_check")
     return ReportContext(
         title=str(facts["title"]),
         subtitle="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986)",
         what_was_run=(
             ("Terrain", f"{facts['terrain_file']}, {run.grid.shape[1]} × {run.grid.shape[0]} cells "
-             f"of {run.grid.cell_size:.4g} m"),
+             f"of {cell}"),
             ("Coordinate system", str(facts["crs"])),
             ("Heights", str(facts["vertical_datum"])),
             ("Release areas", ", ".join(a.name for a in run.areas)),
@@ -310,16 +284,14 @@ def map_report(
             ("Paths", run.path_words),
             ("Lateral spread", run.lateral_spread),
             ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),
-            ("Reference width of the reach probability", f"{run.grid.cell_size:.4g} m (one cell)"),
-            ("Smoothing of the terrain for the drawn fall lines" if run.followed
-             else "Smoothing of the terrain for fall lines", f"{run.fall_lines.smoothing_m:g} m"),
-            ("Terrain that counts as roughness", _block_scale(run)),
+            ("Reference width of the reach probability", f"{cell} (one cell)"),
+            (smoothing, f"{run.fall_lines.smoothing_m:g} m"),
+            ("Terrain that counts as roughness", roughness),
             ("Segments within", f"{run.segment_tolerance_m:g} m of the terrain, vertically"),
-            *((("A sample at other tolerances", str(facts["tolerance_check"])),)
-              if "tolerance_check" in facts else ()),
+            *((("A sample at other tolerances", str(checked)),) if checked is not None else ()),
         ),
         warnings=tuple(warnings),
-        key_results=ends,
+        key_results=stopping_reasons(progress.reasons),
         figures=tuple(pictures),
         tables=(*control_line_tables(progress.control_lines), _block_table(run), _ground_table(run),
                 line_ends),

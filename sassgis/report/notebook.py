@@ -9,14 +9,7 @@ from sassgis.report.page import ReportContext, data_uri, sensible
 
 
 def in_short(report: ReportContext, folder: Path) -> str:
-    """Give the answer of a report as a piece of HTML, complete in itself.
-
-    Parameters
-    ----------
-    report : ReportContext
-    folder : Path
-        Where the result lies; the whole report is linked.
-    """
+    """Give the answer of a report as a piece of HTML, with a link to the whole in its folder."""
     rows = "".join(
         f'<tr><th style="text-align: left">{escape(name)}</th>'
         f'<td style="text-align: left">{escape(sensible(value))}</td></tr>'

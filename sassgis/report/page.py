@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.resources import files
@@ -26,15 +25,12 @@ Cell = str | int | float | np.integer[Any] | np.floating[Any] | None
 
 @dataclass(frozen=True, slots=True)
 class ReportFigure:
-    """A picture in the report.
+    """A picture (PNG) in the report.
 
     Attributes
     ----------
-    title : str
     caption : str
         What is to be seen, in a sentence or two.
-    png : bytes
-        The picture, as ``sassgis.report.figures.to_png`` gives it.
     alt : str
         What is seen, for those who cannot see it; default: the title.
     """
@@ -45,16 +41,20 @@ class ReportFigure:
     alt: str = ""
 
 
+def heads(columns: str) -> tuple[tuple[str, str], ...]:
+    """Name and unit of the columns of a table, from "station; speed | m/s"."""
+    parts = (column.partition("|") for column in columns.split(";"))
+    return tuple((name.strip(), unit.strip()) for name, _, unit in parts)
+
+
 @dataclass(frozen=True, slots=True)
 class ReportTable:
     """A table in the report.
 
     Attributes
     ----------
-    title : str
     columns : tuple of (name, unit)
         The unit stands beneath the name; empty for words and plain counts.
-    rows : tuple of tuple of Cell
     note : str
         What the numbers mean; stands beneath the table.
     """
@@ -75,16 +75,7 @@ class ReportTable:
 
 @dataclass(frozen=True, slots=True)
 class ReportAnswer:
-    """A part of the answer in plain words.
-
-    Attributes
-    ----------
-    heading : str
-    sentences : tuple of str
-        One paragraph.
-    points : tuple of str
-        A list below it.
-    """
+    """A part of the answer in plain words: a paragraph, and a list of points below it."""
 
     heading: str
     sentences: tuple[str, ...] = ()
@@ -97,7 +88,6 @@ class ReportContext:
 
     Attributes
     ----------
-    title, subtitle : str
     what_was_run : tuple of (name, value)
         Terrain, release areas, blocks, number of blocks, settings.
     byline : tuple of str
@@ -110,9 +100,6 @@ class ReportContext:
         The answer in a sentence; stands above all but the box and the warnings.
     answer : tuple of ReportAnswer
         What follows from it, in plain words.
-    key_results : ReportTable, optional
-    figures : tuple of ReportFigure
-    tables : tuple of ReportTable
     provenance : tuple of (name, value)
         Version, seed, hash of the inputs, input files.
     """
@@ -132,17 +119,10 @@ class ReportContext:
 
 
 def sensible(value: Cell, digits: int = 3) -> str:
-    """Write a value as a person would.
+    """Write a value as a person would; text as it is, None and NaN as a dash.
 
     Whole numbers are written out. Others get ``digits`` significant digits, and no digit before
     the point is ever rounded away: 0.0123, 4.57, 0.8, 812, 10 340.
-
-    Parameters
-    ----------
-    value : str, int, float or None
-        Text is given back as it is; None and NaN become a dash.
-    digits : int
-        Significant digits of a number with a fraction.
     """
     if value is None:
         return "–"
@@ -170,16 +150,12 @@ def sensible(value: Cell, digits: int = 3) -> str:
     return text.replace(",", "\u202f").replace("-", "\u2212")
 
 
-def _is_number(value: Cell) -> bool:
-    """Whether a cell is set flush right, as numbers are."""
-    return not isinstance(value, str | bool)
-
-
 def number_columns(table: ReportTable) -> tuple[bool, ...]:
-    """Whether each column of a table holds numbers only."""
+    """Whether each column of a table holds numbers only, which are set flush right."""
     columns = [[row[i] for row in table.rows] for i in range(len(table.columns))]
     return tuple(
-        any(cell is not None for cell in column) and all(_is_number(cell) for cell in column)
+        any(cell is not None for cell in column)
+        and not any(isinstance(cell, str | bool) for cell in column)
         for column in columns
     )
 
@@ -195,27 +171,17 @@ def _template() -> Template:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["sensible"] = sensible
-    environment.filters["data_uri"] = data_uri
+    environment.filters |= {
+        "sensible": sensible, "data_uri": data_uri, "number_columns": number_columns,
+    }  # fmt: skip
     # A function: jinja computes filters of constants once, whatever the language is then.
     environment.globals["said"] = said
-    environment.filters["number_columns"] = number_columns
     source = files("sassgis.data").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(source)
 
 
 def render_report(context: ReportContext) -> str:
-    """Give the report as HTML text.
-
-    Parameters
-    ----------
-    context : ReportContext
-
-    Returns
-    -------
-    str
-        A whole page: styles and pictures inside, no scripts, nothing fetched from elsewhere.
-    """
+    """Give the report as a whole HTML page: styles and pictures inside, no scripts, no network."""
     return _template().render(report=context, language=spoken())
 
 
@@ -223,57 +189,31 @@ def said_report(context: ReportContext) -> ReportContext:
     """The report in the language in which the program writes; its title is the user's."""
     if spoken() == "en":
         return context
-    results = context.key_results
-    return replace(
-        context,
-        subtitle=said(context.subtitle),
-        summary=_said_pairs(context.summary),
-        what_was_run=_said_pairs(context.what_was_run),
-        warnings=tuple(said(text) for text in context.warnings),
-        key_results=None if results is None else _said_table(results),
-        figures=tuple(
-            replace(f, title=said(f.title), caption=said(f.caption), alt=said(f.alt))
-            for f in context.figures
-        ),
-        tables=tuple(_said_table(table) for table in context.tables),
-        provenance=tuple((said(name), value) for name, value in context.provenance),
+    provenance = tuple((said(name), value) for name, value in context.provenance)
+    names = ("subtitle", "summary", "what_was_run", "warnings", "key_results", "figures", "tables")
+    parts = {name: _said(getattr(context, name)) for name in names}
+    return replace(context, provenance=provenance, **parts)
+
+
+def _said(part: Any) -> Any:
+    """A part of a report; sources stay in the words of their publication."""
+    if isinstance(part, str):
+        return said(part)
+    if isinstance(part, tuple):
+        return tuple(_said(one) for one in part)
+    if isinstance(part, ReportFigure):
+        return ReportFigure(said(part.title), said(part.caption), part.png, said(part.alt))
+    if not isinstance(part, ReportTable):
+        return part
+    kept = {k for k, (name, _) in enumerate(part.columns) if name == "source"}
+    rows = tuple(
+        tuple(cell if k in kept else _said(cell) for k, cell in enumerate(row)) for row in part.rows
     )
-
-
-def _said_pairs(pairs: Sequence[tuple[str, Cell]]) -> tuple[tuple[str, Cell], ...]:
-    return tuple((said(name), _said_cell(value)) for name, value in pairs)
-
-
-def _said_cell(cell: Cell) -> Cell:
-    return said(cell) if isinstance(cell, str) else cell
-
-
-def _said_table(table: ReportTable) -> ReportTable:
-    """A table; sources stay in the words of their publication."""
-    sources = [name == "source" for name, _ in table.columns]
-    return replace(
-        table,
-        title=said(table.title),
-        columns=tuple((said(name), said(unit)) for name, unit in table.columns),
-        rows=tuple(
-            tuple(
-                cell if source else _said_cell(cell)
-                for cell, source in zip(row, sources, strict=True)
-            )
-            for row in table.rows
-        ),
-        note=said(table.note),
-    )
+    return ReportTable(said(part.title), _said(part.columns), rows, said(part.note))
 
 
 def write_report(path: str | PathLike[str], context: ReportContext) -> Path:
-    """Write the report as one HTML file.
-
-    Parameters
-    ----------
-    path : path
-        The file; its folder must exist.
-    context : ReportContext
+    """Write the report as one HTML file into a folder that exists.
 
     Raises
     ------

@@ -21,9 +21,9 @@ from sassgis.model.noted_files import noted
 from sassgis.model.ramps import rgb
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_colours, class_labels, class_name, class_tint
-from sassgis.report.figures import relief
 from sassgis.report.figures.map_figure import class_numbers, shown_values
-from sassgis.report.figures.map_marks import MapObject, footprint
+from sassgis.report.figures.map_marks import MapObject
+from sassgis.report.figures.relief import footprint, hillshade, view_of
 from sassgis.report.page import data_uri
 
 _MOST_DOTS = 1200
@@ -34,7 +34,7 @@ _COLOUR = 0.6
 def _picture(part: Grid, values: FloatArray, layer: RasterLayer) -> bytes:
     """The map over the relief, a dot for each cell or some of them, as PNG."""
     factor = -(-max(part.shape) // _MOST_DOTS)
-    grey = np.nan_to_num((relief.hillshade(part) + 0.35) / 1.3, nan=1.0)[::factor, ::factor]
+    grey = np.nan_to_num((hillshade(part) + 0.35) / 1.3, nan=1.0)[::factor, ::factor]
     image = np.repeat(grey[..., None], 3, axis=2)
     if layer.classes:
         colours = {float(c.value): class_tint(c) for c in layer.classes}
@@ -96,44 +96,26 @@ def write_path_page(
     outlines: Sequence[FloatArray],
     objects: Sequence[MapObject],
 ) -> None:
-    """Write the page.
-
-    Parameters
-    ----------
-    file : Path
-    title : str
-    run : MapRun
-    layer : RasterLayer
-        The map under the paths, in classes.
-    paths : sequence of LinePaths
-        At least one.
-    outlines : sequence of float64, shape (n, 2)
-        Of the release areas.
-    objects : sequence of (name, geometry)
-    """
+    """Write the page: one path at least, over a layer in classes, with outlines of the release."""
     values = shown_values(layer.bands[0])
     places = np.concatenate([np.column_stack([p.x, p.y]) for p in paths])
-    window = relief.window_of(run.grid, footprint(run.grid, values, places))
-    part = window.grid(run.grid)
+    view = view_of(run.grid, footprint(run.grid, values, places))
     data = {
-        "extent": part.bounds,
-        "picture": data_uri(_picture(part, window.cut(values), layer)),
+        "extent": view.grid.bounds,
+        "picture": data_uri(_picture(view.grid, view.cut(values), layer)),
         "around": _around(run, outlines, objects),
         "paths": [_path(shown) for shown in paths],
     }
     source = files("sassgis.data").joinpath("path_page.html.j2").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.globals["said"] = said
+    words = {"chainage": "chainage", "ground": "ground at", "above": "block above the ground"}
     page = environment.from_string(source).render(
         title=title,
         layer=said(layer.title),
         legend=_legend(layer),
         language=spoken(),
         data=data,
-        words={
-            "chainage": said("chainage"),
-            "ground": said("ground at"),
-            "above": said("block above the ground"),
-        },
+        words={key: said(text) for key, text in words.items()},
     )
     noted(file).write_text(page, encoding="utf-8", newline="\n")

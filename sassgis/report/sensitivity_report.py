@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +10,10 @@ import numpy as np
 from sassgis.hazard.sensitivity import Names, RangeEffect, SensitivityMaps
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
-from sassgis.report import figures
-from sassgis.report.map_report import release_outlines, save_figure
-from sassgis.report.page import ReportContext, ReportFigure, ReportTable
+from sassgis.report.figures import map_figure
+from sassgis.report.map_report import map_marks
+from sassgis.report.page import ReportContext, ReportTable, heads
+from sassgis.report.pictures import picture
 
 #: What the first table ranks by.
 _RANKED = "run-out (95 %)"
@@ -28,19 +29,13 @@ def sensitivity_report(
     samples: int,
     blocks: int,
     names: Names,
-    warnings: Sequence[str],
-    facts: Mapping[str, str],
     folder: Path,
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together."""
-    outlines = release_outlines(run)
+    marks = map_marks(run, ())
     pictures = tuple(
-        ReportFigure(
-            layer.title,
-            layer.note,
-            save_figure(
-                folder, f"map_{layer.stem}", figures.map_figure(run.grid, layer, release=outlines)
-            ),
+        picture(
+            folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(run.grid, layer, marks)
         )
         for layer in layers
         if np.isfinite(layer.bands[0].values).any()
@@ -55,22 +50,18 @@ def sensitivity_report(
             ("Blocks in each simulation", blocks),
             ("Reference width of the hazard", f"{run.ref_width_m:.4g} m" if names.levels else "–"),
         ),
-        warnings=tuple(warnings),
         verdict=_verdict(effects, maps, names),
         key_results=_key_table(effects),
         figures=pictures,
         tables=tuple(_measure_table(m, effects) for m in measures if m not in (_RANKED, _ENERGY)),
-        provenance=tuple(facts.items()),
     )
 
 
 def _verdict(effects: Sequence[RangeEffect], maps: SensitivityMaps, names: Names) -> str:
     ranked = [e for e in _ranked(effects, _RANKED) if e.beyond_chance]
-    text = (
-        f"Run-out (95 %) answers most to {ranked[0].range.label}."
-        if ranked
-        else "No range alone changes the run-out (95 %) beyond chance."
-    )
+    text = "No range alone changes the run-out (95 %) beyond chance."
+    if ranked:
+        text = f"Run-out (95 %) answers most to {ranked[0].range.label}."
     if names.levels:
         reached = maps.level > 0
         share = float((maps.higher[reached] >= 0.1).mean()) if reached.any() else 0.0
@@ -88,31 +79,25 @@ def _ranked(effects: Sequence[RangeEffect], measure: str) -> list[RangeEffect]:
 
 def _key_table(effects: Sequence[RangeEffect]) -> ReportTable:
     energy = {e.range: e for e in effects if e.measure == _ENERGY}
-    rows = []
-    for e in _ranked(effects, _RANKED):
-        r, on_map = e.range, energy[e.range]
-        rows.append(
-            (
-                r.class_name, r.parameter, r.value, f"{r.low:.3g} to {r.high:.3g}", e.low, e.high,
-                on_map.low, on_map.high, "yes" if e.beyond_chance else "no",
-                "yes" if r.verified else "no",
-            )
-        )  # fmt: skip
-    chosen = [e for e in effects if e.measure == _RANKED]
-    note = (
-        f"Base {chosen[0].base:.4g} m, with another seed {chosen[0].chance:.4g} m. Energy: median "
-        "ratio over the cells that 20 or more blocks reach in both. Each range alone, all other "
-        "values as in the class. Beyond chance: more than twice the change by another seed."
-    )
+    first = next(e for e in effects if e.measure == _RANKED)
     return ReportTable(
         "What run-out and energy answer to",
-        (
-            ("class", ""), ("parameter", ""), ("value", ""), ("range", ""),
-            ("run-out 95 %, low", "m"), ("high", "m"), ("energy ratio, low", "1"), ("high", "1"),
-            ("run-out beyond chance", ""), ("range read in its source", ""),
+        heads(
+            "class; parameter; value; range; run-out 95 %, low | m; high | m; energy ratio, low | "
+            "1; high | 1; run-out beyond chance; range read in its source"
         ),
-        tuple(rows),
-        note,
+        tuple(
+            (
+                e.range.class_name, e.range.parameter, e.range.value,
+                f"{e.range.low:.3g} to {e.range.high:.3g}", e.low, e.high,
+                energy[e.range].low, energy[e.range].high, "yes" if e.beyond_chance else "no",
+                "yes" if e.range.verified else "no",
+            )
+            for e in _ranked(effects, _RANKED)
+        ),
+        f"Base {first.base:.4g} m, with another seed {first.chance:.4g} m. Energy: median "
+        "ratio over the cells that 20 or more blocks reach in both. Each range alone, all other "
+        "values as in the class. Beyond chance: more than twice the change by another seed.",
     )  # fmt: skip
 
 
@@ -121,13 +106,13 @@ def _measure_table(measure: str, effects: Sequence[RangeEffect]) -> ReportTable:
     unit = "" if chosen[0].unit == "1" else chosen[0].unit
     return ReportTable(
         measure[0].upper() + measure[1:],
-        (
-            ("class", ""), ("parameter", ""), ("low", unit), ("high", unit), ("base", unit),
-            ("another seed", unit), ("rank correlation", ""),
+        heads(
+            f"class; parameter; low | {unit}; high | {unit}; base | {unit}; another seed | {unit}; "
+            "rank correlation"
         ),
         tuple(
             (e.range.class_name, e.range.parameter, e.low, e.high, e.base, e.chance, e.correlation)
             for e in chosen
         ),
         "Each range alone. Rank correlation: over the simulations of all ranges at once.",
-    )  # fmt: skip
+    )

@@ -1,19 +1,163 @@
-"""Tables of a zoning in the report: levels, rules, sources, design values, risk."""
+"""Figures and tables of a zoning in the report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import shapely
+from matplotlib.figure import Figure
 
-from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.assess import Assessment, Hazard, Rules, raster
+from sassgis.hazard.curves import source_rate
+from sassgis.hazard.levels import hazard_level
 from sassgis.hazard.preset_labels import energy_labels, period_labels
-from sassgis.hazard.risk import risk_totals
+from sassgis.hazard.risk import RiskTable, risk_totals
 from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import rounded
-from sassgis.report.page import ReportTable
+from sassgis.model.map_run import MapRun
+from sassgis.model.results import RasterLayer
+from sassgis.report import figures
+from sassgis.report.exposed_report import map_objects
+from sassgis.report.map_report import map_marks
+from sassgis.report.page import Cell, ReportFigure, ReportTable, heads, sensible
+from sassgis.report.pictures import map_alt, picture
+
+
+def telling_place(hazard: Hazard) -> int | None:
+    """The place whose hazard curve is drawn: reached by the most sources, and then most often.
+
+    Given as its position in ``curves.places``; None if no block arrives anywhere.
+    """
+    curves = hazard.curves
+    if not curves.places.size:
+        return None
+    sources = np.zeros(curves.places.size, np.int64)
+    for sampled in hazard.sampled:
+        sources[np.searchsorted(curves.places, sampled.cells.places)] += 1
+    return int(np.lexsort((curves.places, -curves.rate[:, 0], -sources))[0])
+
+
+def curves_at(hazard: Hazard, place: int) -> dict[str, FloatArray]:
+    """Rate of each source at one place, by its label."""
+    out = {}
+    cell = hazard.curves.places[place]
+    for sampled in hazard.sampled:
+        at = int(np.searchsorted(sampled.cells.places, cell))
+        if at < sampled.cells.places.size and sampled.cells.places[at] == cell:
+            out[sampled.source.label] = source_rate(sampled.source, sampled.cells)[at]
+    return out
+
+
+def zone_figures(
+    run: MapRun,
+    rules: Rules,
+    found: Assessment,
+    maps: tuple[RasterLayer, ...],
+    folder: Path,
+    *,
+    confidence: float,
+    currency: str,
+) -> tuple[ReportFigure, ...]:
+    """Draw the figures of a zoning into a folder."""
+    hazard, grid = found.hazard, run.grid
+    place = telling_place(hazard)
+    if place is None:
+        return ()
+    out: list[ReportFigure] = []
+
+    def add(name: str, title: str, caption: str, alt: str, figure: Figure) -> None:
+        out.append(picture(folder, name, title, caption, figure, alt))
+
+    by_stem = {layer.stem: layer for layer in maps}
+    level, unsure = by_stem["hazard_level"], by_stem["confidence"]
+    marks = map_marks(run, map_objects(rules.placed))
+    width = f"Reference width {rules.ref_width_m:.4g} m."
+    rings = [shapely.get_coordinates(r) for r in shapely.get_rings(hazard.levels.polygons)]
+    add(
+        "hazard_level",
+        "Hazard zones",
+        f"Preset {rules.preset.name}: {rules.preset.title}. Cells, and the zones drawn around "
+        f"them, which are never lower. {width}",
+        map_alt(grid, level),
+        figures.map_figure(grid, level, replace(marks, zones=rings), note=width),
+    )
+    intensities = [m for m in maps if m.stem.startswith("intensity")]
+    add(
+        "intensity",
+        "Intensity by return period",
+        f"Strongest intensity that is reached at least once in the return period. {width}",
+        " ".join(map_alt(grid, layer) for layer in intensities),
+        figures.intensity_figure(grid, intensities, marks, width),
+    )
+    add(
+        "confidence",
+        "Where the level is statistically uncertain",
+        f"Cells whose level changes within the {100 * confidence:g} % interval "
+        "of the sampling of blocks. More blocks settle them; other frequencies or ground "
+        "values may change any cell.",
+        map_alt(grid, unsure),
+        figures.confidence_figure(grid, level, unsure.bands[0].values == 1, marks, width),
+    )
+    if found.without is not None:
+        both = []
+        for one in (found.without, hazard):
+            levels = raster(grid, one.curves.places, hazard_level(one.curves, rules.preset))
+            drawn = np.where(levels == 0, np.nan, levels).astype(np.float32)
+            both.append(replace(level, bands=(replace(level.bands[0], values=drawn),)))
+        add(
+            "barriers",
+            "What walls and nets change",
+            "Hazard level of the cells without and with walls and nets, from the same blocks.",
+            f"Without: {map_alt(grid, both[0])} With: {map_alt(grid, both[1])}",
+            figures.change_figure(
+                grid,
+                both[0],
+                both[1],
+                marks,
+                names=("Without walls and nets", "With them"),
+                note=width,
+            ),
+        )
+    curves, preset = hazard.curves, rules.preset
+    x, y = grid.cell_centres(curves.places[place : place + 1])
+    rates = ", ".join(
+        f"{sensible(curves.rate[place, curves.column(e)])} of {e:g} kJ and more"
+        for e in preset.thresholds_kj
+    )
+    add(
+        "hazard_curve",
+        "A hazard curve",
+        "At the cell that most sources reach. The level is the highest field that the curve "
+        f"crosses. {width}",
+        f"Falling curve. Blocks per year: {rates}.",
+        figures.hazard_curve_figure(
+            curves, place, preset, by_source=curves_at(hazard, place), confidence=confidence,
+            note=f"At {x[0]:.0f}, {y[0]:.0f}.",
+        ),
+    )  # fmt: skip
+    for quantity, unit in (("loss", f"{currency}/year"), ("deaths", "1/year")):
+        if found.risk is None or not ((values := found.risk.of_object(quantity)) > 0.0).any():
+            continue
+        names = [o.name for o in found.risk.objects]
+        first = [i for i in np.argsort(-values, kind="stable")[:3] if values[i] > 0]
+        largest = ", ".join(f"{names[i]} {sensible(values[i])} {unit}" for i in first)
+        add(
+            f"risk_{quantity}",
+            f"Risk: {quantity}",
+            "Objects with the largest values, with the 95 % interval of the sampling of "
+            "blocks (at most). Values and vulnerability are the user's.",
+            f"Bars, the largest first: {largest}.",
+            figures.risk_figure(
+                names, values, found.risk.standard_error(quantity), quantity=quantity, unit=unit
+            ),
+        )
+    return tuple(out)
 
 
 def zone_tables(
@@ -27,57 +171,61 @@ def zone_tables(
 ) -> tuple[ReportTable, ...]:
     """Tables of a zoning besides that of the levels.
 
-    Parameters
-    ----------
-    preset : HazardPreset
-    found : Assessment
-    sources, design : DataFrame
-        As in ``tables/sources.csv`` and ``tables/design.csv``.
-    return_periods_years : sequence of float
-        Of the design values.
-    currency : str
+    Frames are those of ``tables/sources.csv`` and ``tables/design.csv``, return periods those of
+    the design values.
     """
-    tables = [_matrix_table(preset)]
-    tables.append(
+    tables = [
+        ReportTable(
+            f"Rules: preset {preset.name}",
+            (*heads("intensity; energy"),
+             *((label, "years") for label in period_labels(preset.return_periods))),
+            tuple(
+                (c.label, span, *(preset.levels[k].label for k in row))
+                for c, span, row in reversed(
+                    list(zip(preset.intensities, energy_labels(preset), preset.matrix, strict=True))
+                )
+            ),
+            f"{preset.title}. The level of a cell is the highest that its hazard curve crosses.",
+        ),
         ReportTable(
             "Sources",
-            (("release area", ""), ("block scenario", ""), ("onset frequency", "1/year"),
-             ("blocks", ""), ("annual frequency per simulated block", "1/year")),
-            _cells(sources),  # type: ignore[arg-type]
+            heads("release area; block scenario; onset frequency | 1/year; blocks; "
+                  "annual frequency per simulated block | 1/year"),
+            _cells(sources),
             "Onset frequencies are the user's; the hazard is proportional to them.",
-        )
-    )  # fmt: skip
+        ),
+    ]  # fmt: skip
     if len(design):
-        tables += _design_tables(return_periods_years, design)
+        years = [f"{t:g}" for t in return_periods_years]
+        tables += [
+            _design_table("Arriving energy", "energy", "kj", "kJ", years, design),
+            _design_table("Passing height", "height", "m", "m", years, design),
+        ]
     if found.risk is not None:
-        tables += _risk_tables(currency, found)
+        tables.append(_risk_table(found.risk, found.risk_without, f"{currency}/year"))
     return tuple(tables)
 
 
 def level_table(preset: HazardPreset, found: Assessment) -> ReportTable:
     """Zones and their area by hazard level."""
-    zones = found.hazard.levels
 
-    def areas(coverage: Coverage) -> list[float]:
+    def areas(coverage: Coverage) -> list[int]:
         return [
-            float(sum(p.area for p in coverage.polygons[coverage.classes == k + 1]))
+            round(float(sum(p.area for p in coverage.polygons[coverage.classes == k + 1])))
             for k in range(len(preset.levels))
         ]
 
-    columns = [("hazard level", ""), ("zones", ""), ("area", "m²")]
-    now = areas(zones)
+    columns = "hazard level; zones; area | m²"
+    zones = found.hazard.levels
     count = [int((zones.classes == k + 1).sum()) for k in range(len(preset.levels))]
-    rows: list[list[object]] = [
-        [level.label, n, round(a)] for level, n, a in zip(preset.levels, count, now, strict=True)
-    ]
+    cells: list[Sequence[Cell]] = [[v.label for v in preset.levels], count, areas(zones)]
     if found.without is not None:
-        columns.append(("area without walls and nets", "m²"))
-        for row, area in zip(rows, areas(found.without.levels), strict=True):
-            row.append(round(area))
+        columns += "; area without walls and nets | m²"
+        cells.append(areas(found.without.levels))
     return ReportTable(
         "Hazard zones",
-        tuple(columns),
-        tuple(tuple(row) for row in reversed(rows)),  # type: ignore[arg-type]
+        heads(columns),
+        tuple(zip(*cells, strict=True))[::-1],
         "Zones are never lower than the cells in them: gaps are closed and small zones enlarged or "
         "raised, so that areas are a little larger than those of the cells.",
     )
@@ -100,87 +248,52 @@ def zone_facts_of(
     )
 
 
-def _matrix_table(preset: HazardPreset) -> ReportTable:
+def _design_table(
+    title: str, name: str, key: str, unit: str, years: Sequence[str], design: pd.DataFrame
+) -> ReportTable:
+    keys = ["line", "arrivals_per_year", f"{name}_q95_{key}", f"{name}_q99_{key}"]
+    columns = f"line; arrivals | 1/year; 95 % | {unit}; 99 % | {unit}"
     return ReportTable(
-        f"Rules: preset {preset.name}",
-        (("intensity", ""), ("energy", ""), *((label, "years") for label in
-                                              period_labels(preset.return_periods))),
-        tuple(
-            (c.label, span, *(preset.levels[k].label for k in row))
-            for c, span, row in reversed(
-                list(zip(preset.intensities, energy_labels(preset), preset.matrix, strict=True))
-            )
-        ),
-        f"{preset.title}. The level of a cell is the highest that its hazard curve crosses.",
+        f"{title} at stations and barriers",
+        heads("; ".join([columns, *(f"exceeded once in {t} years | {unit}" for t in years)])),
+        _cells(design[keys + [f"{name}_{t}y_{key}" for t in years]]),
+        "As if no wall or net held a block, sources weighted by their onset frequency. A "
+        "dash: blocks arrive less often than that. Height of the centre above its resting "
+        "height: a barrier needs the block's half height and freeboard on top. How many "
+        "simulated blocks lie beyond each value is in tables/design.csv.",
+    )
+
+
+def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> ReportTable:
+    columns = heads(
+        "what; sum over; hits | 1/year; loss | money; its standard error, at most | money; "
+        "deaths | 1/year; their standard error, at most | 1/year; largest individual risk | 1/year"
+        + ("" if without is None else "; loss without walls and nets | money; "
+           "deaths without walls and nets | 1/year")
     )  # fmt: skip
-
-
-def _design_tables(
-    return_periods_years: Sequence[float], design: pd.DataFrame
-) -> list[ReportTable]:
-    tables = []
-    for name, unit, title in (
-        ("energy", "kj", "Arriving energy at stations and barriers"),
-        ("height", "m", "Passing height at stations and barriers"),
-    ):
-        years = [f"{t:g}" for t in return_periods_years]
-        keys = ["line", "arrivals_per_year", f"{name}_q95_{unit}", f"{name}_q99_{unit}"]
-        keys += [f"{name}_{t}y_{unit}" for t in years]
-        shown = "kJ" if unit == "kj" else "m"
-        tables.append(
-            ReportTable(
-                title,
-                (
-                    ("line", ""), ("arrivals", "1/year"), ("95 %", shown), ("99 %", shown),
-                    *((f"exceeded once in {t} years", shown) for t in years),
-                ),
-                _cells(design[keys]),  # type: ignore[arg-type]
-                "As if no wall or net held a block, sources weighted by their onset frequency. A "
-                "dash: blocks arrive less often than that. Height of the centre above its resting "
-                "height: a barrier needs the block's half height and freeboard on top. How many "
-                "simulated blocks lie beyond each value is in tables/design.csv.",
-            )
-        )  # fmt: skip
-    return tables
-
-
-def _risk_tables(currency: str, found: Assessment) -> list[ReportTable]:
-    assert found.risk is not None
-    money = f"{currency}/year"
-    before = None if found.risk_without is None else risk_totals(found.risk_without)
+    before = {} if without is None else {(b.scope, b.name): b for b in risk_totals(without)}
     rows = []
-    for total in risk_totals(found.risk):
+    for total in risk_totals(risk):
         row = [
             total.name, total.scope, rounded(total.values["hits"]), rounded(total.values["loss"]),
             rounded(total.standard_error["loss"], 2), rounded(total.values["deaths"]),
             rounded(total.standard_error["deaths"], 2), rounded(total.individual_risk),
         ]  # fmt: skip
-        if before is not None:
-            same = [b for b in before if (b.scope, b.name) == (total.scope, total.name)]
-            row.append(rounded(same[0].values["loss"]) if same else None)
-            row.append(rounded(same[0].values["deaths"]) if same else None)
+        if without is not None:
+            same = before.get((total.scope, total.name))
+            row += [None if same is None else rounded(same.values[v]) for v in ("loss", "deaths")]
         rows.append(tuple(row))
-    columns = [
-        ("what", ""), ("sum over", ""), ("hits", "1/year"), ("loss", money),
-        ("its standard error, at most", money), ("deaths", "1/year"),
-        ("their standard error, at most", "1/year"), ("largest individual risk", "1/year"),
-    ]  # fmt: skip
-    if before is not None:
-        columns += [("loss without walls and nets", money),
-                    ("deaths without walls and nets", "1/year")]  # fmt: skip
-    return [
-        ReportTable(
-            "Risk of exposed objects",
-            tuple(columns),
-            tuple(rows),
-            "Values, presence, vulnerability and lethality are the user's. Each object is in "
-            "tables/risk_objects.csv, each source in tables/risk_sources.csv. Standard errors are "
-            "of the sampling of blocks only.",
-        )
-    ]
+    return ReportTable(
+        "Risk of exposed objects",
+        tuple((name, money if unit == "money" else unit) for name, unit in columns),
+        tuple(rows),
+        "Values, presence, vulnerability and lethality are the user's. Each object is in "
+        "tables/risk_objects.csv, each source in tables/risk_sources.csv. Standard errors are "
+        "of the sampling of blocks only.",
+    )
 
 
-def _cells(frame: pd.DataFrame) -> tuple[tuple[object, ...], ...]:
+def _cells(frame: pd.DataFrame) -> tuple[tuple[Cell, ...], ...]:
     """Rows of a frame as a report takes them."""
     return tuple(
         tuple(None if isinstance(v, float) and np.isnan(v) else v for v in row)

@@ -74,8 +74,7 @@ from sassgis.report.page import (
 from sassgis.report.path_page import write_path_page
 from sassgis.report.profile_report import profile_report
 from sassgis.report.run_summary import object_lines, run_lines, zone_lines
-from sassgis.report.zone_figures import zone_figures
-from sassgis.report.zone_report import level_table, zone_facts_of, zone_tables
+from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.checkpoint import read_rows
 from sassgis.runs.inputs import input_files
 from sassgis.runs.job import Simulation

@@ -322,9 +322,10 @@ def _publish(
         "Configuration": config.file.name,
     }
     context = sensitivity_report(
-        config.project.name, run, found, maps, layers, len(filling), base.blocks, names, warnings,
-        facts, work / "figures",
+        config.project.name, run, found, maps, layers, len(filling), base.blocks, names,
+        work / "figures",
     )  # fmt: skip
+    context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
     write_report(work / "report.html", context)
     write_manifest(
         work / "manifest.json",

@@ -25,11 +25,12 @@ import numpy as np
 import pandas as pd
 import shapely
 from numpy.typing import NDArray
+from runout_figure import runout_gap_figure
 
 import sassgis
 from sassgis.model.errors import InputError, SassgisError
 from sassgis.model.profiles import ReleasePoints, TraceSet
-from sassgis.report import figures
+from sassgis.report.figures import save
 from sassgis.runs.run import RunResult, run
 from sassgis.terrain.fall_lines import trace
 from sassgis.terrain.flatten import xy_to_chainage
@@ -402,12 +403,10 @@ def study(
     out.mkdir(parents=True, exist_ok=True)
     (out / "results.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     title = "Authume quarry, P1: plan distance from the release to the stop"
-    figures.save(
-        figures.runout_gap_figure(seen.plan_m, made.plan_m, title=title), out / "runout.png"
-    )
+    save(runout_gap_figure(seen.plan_m, made.plan_m, title=title), out / "runout.png")
     stopped = table[~table["reason"].isin(NO_STOP)]
-    figures.save(
-        figures.runout_gap_figure(
+    save(
+        runout_gap_figure(
             seen.plan_m,
             made.plan_m,
             grid=result.run.grid,

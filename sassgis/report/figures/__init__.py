@@ -1,55 +1,23 @@
 """Figures: arrays in, a matplotlib Figure out; nothing is written until ``save``."""
 
-from sassgis.report.figures.energy_figure import energy_profile_figure
-from sassgis.report.figures.gap_figures import (
-    gap_distributions_figure,
-    gap_hypotheses_figure,
-    gap_ladder_figure,
-    gap_where_figure,
-)
-from sassgis.report.figures.gap_map_figures import gap_map_figure, map_change_figure
-from sassgis.report.figures.hazard_curve import hazard_curve_figure
-from sassgis.report.figures.hazard_map_figures import (
-    change_figure,
-    confidence_figure,
-    intensity_figure,
-)
-from sassgis.report.figures.histograms import runout_counts_figure, runout_figure, station_figure
-from sassgis.report.figures.map_figure import map_figure
-from sassgis.report.figures.profile_figure import (
-    ProfilePanel,
-    profile_comparison_figure,
-    profile_figure,
-)
-from sassgis.report.figures.restitution import fig9_figure
-from sassgis.report.figures.risk_figure import risk_figure
-from sassgis.report.figures.runout_gap import runout_gap_figure
-from sassgis.report.figures.study import convergence_figure
-from sassgis.report.figures.style import save, to_png
-
-__all__ = [
-    "ProfilePanel",
-    "change_figure",
-    "confidence_figure",
-    "convergence_figure",
-    "energy_profile_figure",
-    "fig9_figure",
-    "gap_distributions_figure",
-    "gap_hypotheses_figure",
-    "gap_ladder_figure",
-    "gap_map_figure",
-    "gap_where_figure",
-    "hazard_curve_figure",
-    "intensity_figure",
-    "map_change_figure",
-    "map_figure",
-    "profile_comparison_figure",
-    "profile_figure",
-    "risk_figure",
-    "runout_counts_figure",
-    "runout_figure",
-    "runout_gap_figure",
-    "save",
-    "station_figure",
-    "to_png",
-]
+from sassgis.report.figures.distributions import energy_profile_figure as energy_profile_figure
+from sassgis.report.figures.distributions import runout_counts_figure as runout_counts_figure
+from sassgis.report.figures.distributions import runout_figure as runout_figure
+from sassgis.report.figures.distributions import station_figure as station_figure
+from sassgis.report.figures.gap_figures import gap_distributions_figure as gap_distributions_figure
+from sassgis.report.figures.gap_figures import gap_hypotheses_figure as gap_hypotheses_figure
+from sassgis.report.figures.gap_figures import gap_ladder_figure as gap_ladder_figure
+from sassgis.report.figures.gap_figures import gap_map_figure as gap_map_figure
+from sassgis.report.figures.gap_figures import gap_where_figure as gap_where_figure
+from sassgis.report.figures.hazard_figures import hazard_curve_figure as hazard_curve_figure
+from sassgis.report.figures.hazard_figures import risk_figure as risk_figure
+from sassgis.report.figures.hazard_maps import change_figure as change_figure
+from sassgis.report.figures.hazard_maps import confidence_figure as confidence_figure
+from sassgis.report.figures.hazard_maps import intensity_figure as intensity_figure
+from sassgis.report.figures.hazard_maps import map_change_figure as map_change_figure
+from sassgis.report.figures.map_figure import map_figure as map_figure
+from sassgis.report.figures.map_marks import MapMarks as MapMarks
+from sassgis.report.figures.profile_figure import ProfilePanel as ProfilePanel
+from sassgis.report.figures.profile_figure import profile_figure as profile_figure
+from sassgis.report.figures.style import save as save
+from sassgis.report.figures.style import to_png as to_png

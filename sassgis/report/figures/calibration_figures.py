@@ -36,15 +36,17 @@ def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
     figure = new_figure(WIDTH_IN, 0.55 + 0.24 * len(fitted))
     ax = figure.subplots()
     for k, f in enumerate(fitted):
-        ends = _shares(f, np.array([f.low, f.high]))
+        own, ends = f.parameter.limits, np.array([f.low, f.high])
+        if own.log:
+            ends = np.log(ends / own.low) / math.log(own.high / own.low)
+        else:
+            ends = (ends - own.low) / (own.high - own.low)
         colour = BLUE if f.identified else GREY
         ax.plot([0.0, 1.0], [k, k], color=LIGHT, lw=1.0, zorder=1)
         ax.plot(ends, [k, k], color=colour, lw=3.5, solid_capstyle="butt", zorder=2)
         ax.plot(f.share, k, "o", color=colour, ms=5, zorder=4)
         ax.plot(f.parameter.start, k, "|", color=INK, ms=10, mew=1.4, zorder=3)
-        own = f.parameter.limits
-        for at, value in ((-0.01, own.low), (1.01, own.high)):
-            side = "right" if at < 0.0 else "left"
+        for at, value, side in ((-0.01, own.low, "right"), (1.01, own.high, "left")):
             ax.text(at, k, f"{value:g}", ha=side, va="center", size=SMALL, color=GREY)
     ax.set_yticks(range(len(fitted)), [f.parameter.label for f in fitted])
     ax.invert_yaxis()
@@ -54,13 +56,6 @@ def parameters_figure(fitted: Sequence[Fitted]) -> Figure:
     ax.spines[["left", "bottom"]].set_visible(False)
     ax.tick_params(length=0)
     return figure
-
-
-def _shares(f: Fitted, values: FloatArray) -> FloatArray:
-    own = f.parameter.limits
-    if own.log:
-        return np.log(values / own.low) / math.log(own.high / own.low)
-    return (values - own.low) / (own.high - own.low)
 
 
 @styled
@@ -76,7 +71,7 @@ def quantity_curves_figure(
     columns = min(len(panels), 2) or 1
     rows = max(math.ceil(len(panels) / columns), 1)
     figure = new_figure(WIDTH_IN, 2.4 * rows)
-    axes = np.atleast_1d(figure.subplots(rows, columns, squeeze=False).ravel())
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for ax, (label, seen, made) in zip(axes, panels, strict=False):
         _curves(ax, label, seen, made)
     for ax in axes[len(panels) :]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import PercentFormatter
 from scipy.stats import binom
 
 from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis, Rung
@@ -24,20 +25,38 @@ from sassgis.gap.words import (
     tested_by,
     with_unit_in_brackets,
 )
-from sassgis.model.grid import FloatArray
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.report.figures.map_figure import (
+    MapFrame,
+    MapPanel,
+    colour_bar,
+    draw_maps,
+    furniture_within,
+)
+from sassgis.report.figures.map_marks import (
+    MapMarks,
+    all_points,
+    draw_lines,
+    draw_points,
+    name_place,
+)
+from sassgis.report.figures.relief import footprint, taken_by, view_of
 from sassgis.report.figures.style import (
     BLUE,
+    GAP_COLOURS,
     GREY,
     INK,
     LIGHT,
     SKY,
     SMALL,
     TEXT,
-    TITLE,
     VERMILION,
     WIDTH_IN,
+    Page,
+    beside,
+    halo,
     lines_in,
-    new_figure,
+    note_height,
     nothing_to_show,
     percent_formatter,
     styled,
@@ -50,45 +69,102 @@ MAX_ROWS = 14
 MAX_PANELS = 12
 #: Up to this many observed values each is marked on the curve.
 _MARKED = 60
-
-#: Less observed than predicted is blue, more vermilion, in all figures and layers of a diagnosis.
-GAP_COLOURS = LinearSegmentedColormap.from_list(
-    "gap", [BLUE, "#9ecae1", "#f2f2f2", "#f5b38c", VERMILION]
-)
 _ROW_IN = 0.2
-_HALO = [withStroke(linewidth=2.0, foreground="white")]
-
-
-def _heading(figure: Figure, title: str, note: str, room: float = WIDTH_IN) -> None:
-    """Write the title above and the note below, the note within a width (in)."""
-    width, height = figure.get_size_inches()
-    figure.text(
-        0.1 / width, 1.0 - 0.08 / height, wrap(title, width, TITLE), size=TITLE, weight="bold",
-        va="top", gid="title",
-    )  # fmt: skip
-    figure.text(
-        0.1 / width, 0.07 / height, wrap(note, room - 0.2), size=SMALL, color=GREY, va="bottom",
-        gid="note",
-    )  # fmt: skip
-
-
-def _note_height(note: str, width: float = WIDTH_IN) -> float:
-    return 0.14 * lines_in(wrap(note, width - 0.2)) + 0.12 if note else 0.1
 
 
 # --- where -----------------------------------------------------------------------------------
 
 
-def _by_quantity(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[GapFinding]]:
-    groups: dict[tuple[str, str], list[GapFinding]] = {}
-    for finding in findings:
-        groups.setdefault((finding.quantity, finding.unit), []).append(finding)
-    return groups
+@dataclass(frozen=True, slots=True)
+class GapStretch:
+    """A stretch of a fall line, or a station, with the gap there.
+
+    The trace holds coordinates (m) of shape (n, 2), the gap is NaN where nothing was compared. A
+    gap that is not sure to differ from chance is drawn thin.
+    """
+
+    trace: FloatArray
+    gap: float
+    sure: bool = True
 
 
-def _order(finding: GapFinding) -> tuple[float, str, str]:
-    middle = 0.5 * (finding.s0_m + finding.s1_m)
-    return (middle if math.isfinite(middle) else math.inf, finding.place, finding.phase)
+@styled
+def gap_map_figure(
+    grid: Grid,
+    *,
+    lines: Sequence[FloatArray],
+    stretches: Sequence[GapStretch],
+    stations: Mapping[str, GapStretch],
+    release: FloatArray,
+    stops: FloatArray,
+    quantity: str,
+    unit: str,
+) -> Figure:
+    """Draw fall lines and stations over the relief, coloured by the gap of one quantity.
+
+    Parameters
+    ----------
+    lines : sequence of float64, shape (n, 2)
+        Fall lines (m).
+    stretches : sequence of GapStretch
+        Parts of them on which the quantity was compared.
+    release, stops : float64, shape (n, 2)
+        Release points and where observed blocks lie (m).
+    quantity, unit : str
+        Empty if no gap is to be shown.
+    """
+    points = all_points([*lines, *(s.trace for s in stations.values()), release, stops])
+    points = points[np.isfinite(points).all(axis=1)]
+    view = view_of(grid, footprint(grid, None, points))
+    gaps = [s.gap for s in (*stretches, *stations.values()) if math.isfinite(s.gap)]
+    largest = max((abs(g) for g in gaps), default=0.0)
+    norm = Normalize(-largest or -1.0, largest or 1.0)
+    keys = {
+        f"Colour: {quantity_name(quantity)}, observed less predicted; vermilion: more was "
+        "observed, blue: less; thin: not distinguished from chance.": gaps,
+        "Thin dark lines: fall lines.": lines,
+        "Triangles: release.": len(release),
+        "Diamonds: where observed blocks lie.": len(stops),
+    }
+    text = " ".join(part for part, there in keys.items() if there)
+    frame = MapFrame(left=0.62, right=0.95, top=0.52, bottom=0.5 + note_height(text), most=6.5)
+
+    def draw(ax: Axes) -> None:
+        draw_lines(ax, [c for c in lines if len(c) > 1], 0.5, 0.5)
+        _draw_stretches(ax, stretches, norm, 2.4, 6)
+        _draw_stretches(ax, list(stations.values()), norm, 3.2, 8)
+        for name, station in stations.items():
+            if len(station.trace) > 1 and not math.isfinite(station.gap):
+                ax.plot(*station.trace.T, ls="--", color=INK, lw=1.1, zorder=7)
+            if len(station.trace):
+                x, y = station.trace[np.argmax(station.trace[:, 0])]
+                name_place(ax, name, (float(x), float(y)), 3, True, weight="bold", zorder=22)
+        draw_points(ax, stops, "D", 3.2, "white", INK, 0.7, zorder=11, gid="stops")
+
+    panel = MapPanel(None, GAP_COLOURS, norm, alpha=1.0)
+    maps = draw_maps(view, [panel], MapMarks(release=list(release[:, None])), frame, draw)
+    maps.page.around("Where the gap lies", text)
+    furniture_within(maps, view.box, taken_by(points, view.box))
+    if gaps:
+        x, top = maps.left[0] + maps.width + 0.14, frame.bottom + maps.height
+        tall = min(2.4, 0.8 * maps.height)
+        colour_bar(maps.page.axes(x, top - tall - 0.18, 0.14, tall, "legend"), panel)
+        maps.page.text(x, top, unit, size=SMALL, va="top")
+    return maps.page.figure
+
+
+def _draw_stretches(
+    ax: Axes, stretches: Sequence[GapStretch], norm: Normalize, width: float, zorder: float
+) -> None:
+    known = [s for s in stretches if math.isfinite(s.gap) and len(s.trace) > 1]
+    widths = np.array([width if s.sure else 0.45 * width for s in known])
+    traces = [s.trace for s in known]
+    colours = GAP_COLOURS(norm([s.gap for s in known])) if known else INK
+    edges = LineCollection(traces, colors=INK, linewidths=widths + 0.8, alpha=0.55, zorder=zorder)
+    ax.add_collection(edges)
+    ax.add_collection(
+        LineCollection(traces, colors=colours, linewidths=widths, zorder=zorder + 1, gid="gaps")
+    )
 
 
 def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
@@ -98,23 +174,32 @@ def _row_label(finding: GapFinding, rows: Sequence[GapFinding]) -> str:
     return f"{place} · {phase}" if phase else place
 
 
+def _chosen_rows(findings: Sequence[GapFinding]) -> dict[tuple[str, str], list[GapFinding]]:
+    """The most certain rows by quantity and unit, from the release down."""
+    groups: dict[tuple[str, str], list[GapFinding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.quantity, finding.unit), []).append(finding)
+
+    def down_the_slope(finding: GapFinding) -> tuple[float, str, str]:
+        middle = 0.5 * (finding.s0_m + finding.s1_m)
+        return (middle if math.isfinite(middle) else math.inf, finding.place, finding.phase)
+
+    return {
+        key: sorted(
+            sorted(rows, key=lambda f: (f.p_adjusted, f.q_value))[:MAX_ROWS], key=down_the_slope
+        )
+        for key, rows in list(groups.items())[:MAX_PANELS]
+    }
+
+
 @styled
-def gap_where_figure(
-    findings: Sequence[GapFinding], *, title: str = "Observed less predicted, by place and phase"
-) -> Figure:
+def gap_where_figure(findings: Sequence[GapFinding]) -> Figure:
     """Draw every gap as a dot with its interval, a panel for each quantity in its own unit.
 
-    Parameters
-    ----------
-    findings : sequence of GapFinding
-        The most certain first. Quantities beyond ``MAX_PANELS`` and rows of one beyond ``MAX_ROWS``
-        are left out, and the figure says so.
-    title : str
+    The most certain findings come first. Quantities beyond ``MAX_PANELS`` and rows of one beyond
+    ``MAX_ROWS`` are left out, and the figure says so.
     """
-    groups = {
-        key: sorted(sorted(rows, key=lambda f: (f.p_adjusted, f.q_value))[:MAX_ROWS], key=_order)
-        for key, rows in list(_by_quantity(findings).items())[:MAX_PANELS]
-    }
+    groups = _chosen_rows(findings)
     shown = sum(len(rows) for rows in groups.values())
     note = (
         "Dots: mean over rocks; bars: 95 % intervals, rocks resampled. Filled: significant among "
@@ -129,70 +214,66 @@ def gap_where_figure(
         key: wrap(with_unit_in_brackets(quantity_name(key[0]), key[1]), width - 0.3, TEXT + 1.0)
         for key in groups
     }
-    heads, gaps = {key: 0.06 + 0.15 * lines_in(text) for key, text in titles.items()}, 0.36
-    heights = {key: heads[key] + _ROW_IN * len(rows) + gaps for key, rows in groups.items()}
+    heads = {key: 0.06 + 0.15 * lines_in(text) for key, text in titles.items()}
     filled = [0.0] * columns
-    places: list[tuple[tuple[str, str], int, float]] = []
-    for key in groups:
+    places = []
+    for key, rows in groups.items():
         column = int(np.argmin(filled))
-        places.append((key, column, filled[column]))
-        filled[column] += heights[key]
-    top, bottom = 0.36, _note_height(note) + 0.05
-    height = top + max(max(filled), 1.0) + bottom
-    figure = new_figure(WIDTH_IN, height, constrained=False)
-    _heading(figure, title, note)
-    if not groups:
-        nothing_to_show(
-            figure.add_axes((0.05, bottom / height, 0.9, 1.0 / height)), "nothing was compared"
-        )
-        return figure
+        places.append((key, column * width, filled[column]))
+        filled[column] += heads[key] + _ROW_IN * len(rows) + 0.36
+    top, bottom = 0.36, note_height(note) + 0.05
+    page = Page(top + max(max(filled), 1.0) + bottom)
+    page.around("Observed less predicted, by place and phase", note)
     longest = max(len(_row_label(f, rows)) for rows in groups.values() for f in rows)
     label_w = min(0.45 * width, 0.066 * longest + 0.2)
-    for key, column, used in places:
-        rows = groups[key]
-        y = height - top - used - heads[key] - _ROW_IN * len(rows)
-        figure.text(
-            (column * width + 0.1) / WIDTH_IN, (height - top - used) / height, titles[key],
-            size=TEXT, weight="bold", va="top",
-        )  # fmt: skip
-        ax = figure.add_axes(
-            (
-                (column * width + label_w) / WIDTH_IN,
-                y / height,
-                (width - label_w - 0.38) / WIDTH_IN,
-                _ROW_IN * len(rows) / height,
-            ),
-            label=key[0],
-        )
+    for key, x, used in places:
+        rows, y = groups[key], page.height - top - used
+        page.text(x + 0.1, y, titles[key], size=TEXT, weight="bold", va="top")
+        tall = _ROW_IN * len(rows)
+        ax = page.axes(x + label_w, y - heads[key] - tall, width - label_w - 0.38, tall, key[0])
         _draw_gaps(ax, rows)
-    return figure
+    return page.figure
+
+
+def _interval(ax: Axes, row: int, ends: tuple[float, float], colour: str) -> None:
+    """Draw an interval in a row; nothing where it is not known."""
+    if math.isfinite(ends[0]) and math.isfinite(ends[1]):
+        ax.plot(ends, [row, row], color=colour, lw=1.5, alpha=0.8, gid="interval")
+
+
+def _rows_only(ax: Axes, n: int, rest: float) -> None:
+    """Give an axis the look of n rows, the first on top."""
+    ax.set_ylim(n - 1 + rest, -rest)
+    ax.grid(axis="y", visible=False)
+    ax.spines["left"].set_visible(False)
+    ax.tick_params(axis="y", length=0)
 
 
 def _draw_gaps(ax: Axes, rows: Sequence[GapFinding]) -> None:
     ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
-    ax.grid(axis="y", visible=False)
-    ax.spines["left"].set_visible(False)
     for i, finding in enumerate(rows):
         sure = significance(finding)
         colour = GREY if sure == "open" else VERMILION if finding.gap > 0.0 else BLUE
-        low, high = finding.ci95
-        if math.isfinite(low) and math.isfinite(high):
-            ax.plot([low, high], [i, i], color=colour, lw=1.5, alpha=0.8, gid="interval")
+        _interval(ax, i, finding.ci95, colour)
         ax.plot(
             [finding.gap], [i], "o", ms=4.5, mec=colour, mew=1.1,
             mfc=colour if sure == "sure" else "white", zorder=5, gid=f"gap-{sure}",
         )  # fmt: skip
-        ax.annotate(
-            str(finding.rocks), (1.0, i), xycoords=("axes fraction", "data"), xytext=(6, 0),
-            textcoords="offset points", size=SMALL, color=GREY, va="center", annotation_clip=False,
-        )  # fmt: skip
+        _beside(ax, i, str(finding.rocks), (1.0, 6.0), color=GREY)
     ax.set_yticks(range(len(rows)), [_row_label(f, rows) for f in rows])
     for label, finding in zip(ax.get_yticklabels(), rows, strict=True):
         label.set_fontweight("bold" if significance(finding) == "sure" else "normal")
-    ax.tick_params(axis="y", length=0)
-    ax.set_ylim(len(rows) - 0.4, -0.6)
+    _rows_only(ax, len(rows), 0.6)
     ax.margins(x=0.08)
     ax.locator_params(axis="x", nbins=4)
+
+
+def _beside(
+    ax: Axes, row: int, words: str, at: tuple[float, float], up: float = 0.0, **how: Any
+) -> None:
+    """Write beside a row: at a share of the width, and so many points from there."""
+    how |= {"xycoords": ("axes fraction", "data"), "va": "center", "annotation_clip": False}
+    beside(ax, words, (at[0], row), (at[1], up), **how)
 
 
 # --- before and after ------------------------------------------------------------------------
@@ -220,24 +301,12 @@ def _distance(observed: FloatArray, model: FloatArray) -> float:
 
 
 @styled
-def gap_distributions_figure(
-    comparisons: Sequence[Comparison],
-    *,
-    effect: str = "",
-    title: str = "Observed and simulated, before and after",
-) -> Figure:
+def gap_distributions_figure(comparisons: Sequence[Comparison], *, effect: str = "") -> Figure:
     """Draw the distributions of observed rocks and of the models, each as it is: in steps.
 
     The band is that of the calibrated base model for as many rocks as were observed: a curve within
-    it does not differ from that model.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        More than ``MAX_PANELS`` are not drawn, and the figure says so.
-    effect : str
-        Of the effect model; empty if none is named.
-    title : str
+    it does not differ from that model. Of more than ``MAX_PANELS`` comparisons the figure says so.
+    ``effect`` is that of the effect model, empty if none is named.
     """
     chosen = list(comparisons)[:MAX_PANELS]
     after = bool(effect) and any(c.effect for c in chosen)
@@ -251,33 +320,23 @@ def gap_distributions_figure(
     )
     if len(chosen) < len(comparisons):
         note += f" {len(chosen)} of {len(comparisons)} comparisons are drawn."
-    columns = min(max(len(chosen), 1), 3 if len(chosen) > 4 else 2)
-    rows = max(1, -(-len(chosen) // columns))
-    panel_h, gap_h, top, bottom = 1.45, 0.55, 0.62, _note_height(note) + 0.36
-    height = top + rows * panel_h + (rows - 1) * gap_h + bottom
-    figure = new_figure(WIDTH_IN, height, constrained=False)
-    _heading(figure, title, note)
+    columns = min(len(chosen), 3 if len(chosen) > 4 else 2)
+    rows = -(-len(chosen) // columns)
+    panel_h, gap_h, top, bottom = 1.45, 0.55, 0.62, note_height(note) + 0.36
+    page = Page(top + rows * panel_h + (rows - 1) * gap_h + bottom)
+    page.around("Observed and simulated, before and after", note)
     left, right, between = 0.66, 0.12, 0.24
     width = (WIDTH_IN - left - right - (columns - 1) * between) / columns
-    if not chosen:
-        ax = figure.add_axes((0.05, bottom / height, 0.9, panel_h / height))
-        nothing_to_show(ax, "nothing to compare")
     for i, comparison in enumerate(chosen):
         row, column = divmod(i, columns)
-        ax = figure.add_axes(
-            (
-                (left + column * (width + between)) / WIDTH_IN,
-                (height - top - (row + 1) * panel_h - row * gap_h) / height,
-                width / WIDTH_IN,
-                panel_h / height,
-            )
-        )
+        x = left + column * (width + between)
+        ax = page.axes(x, page.height - top - (row + 1) * panel_h - row * gap_h, width, panel_h)
         _draw_comparison(ax, comparison, width, after)
         if column:
             ax.tick_params(labelleft=False)
         else:
             ax.set_ylabel("share below")
-    return figure
+    return page.figure
 
 
 def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: bool) -> None:
@@ -287,114 +346,73 @@ def _draw_comparison(ax: Axes, comparison: Comparison, width_in: float, after: b
     words = with_unit_in_brackets(words, comparison.unit)
     ax.set_title(wrap(words, width_in, SMALL + 0.5), size=SMALL + 0.5, pad=3)
     ax.set_ylim(-0.02, 1.04)
-    ax.yaxis.set_major_formatter(_share_formatter())
+    ax.yaxis.set_major_formatter(percent_formatter(1.0))
     ax.locator_params(axis="x", nbins=5)
     if not seen.size:
         nothing_to_show(ax, "not observed", keep_x=True)
         return
-    for values, colour, gid in ((base, BLUE, "base"), (with_effect, VERMILION, "effect")):
-        if not values.size:
-            continue
-        if gid == "base":
-            x, low, high = _band(values, seen.size)
-            ax.fill_between(x, low, high, step="post", color=SKY, alpha=0.25, lw=0, gid="band")
-        x, y = _steps(values)
-        ax.step(x, y, where="post", color=colour, lw=1.3, gid=gid)
-    x, y = _steps(seen)
-    ax.step(x, y, where="post", color=INK, lw=1.1, gid="observed")
+    if base.size:
+        x, low, high = _band(base, seen.size)
+        ax.fill_between(x, low, high, step="post", color=SKY, alpha=0.25, lw=0, gid="band")
+    curves = ((base, BLUE, 1.3, "base"), (with_effect, VERMILION, 1.3, "effect"))
+    for values, colour, width, gid in (*curves, (seen, INK, 1.1, "observed")):
+        if values.size:
+            ax.step(*_steps(values), where="post", color=colour, lw=width, gid=gid)
     if seen.size <= _MARKED:
-        ax.plot(np.sort(seen), y[1:], "o", ms=2.2, color=INK, gid="observed-values")
+        x, y = _steps(seen)
+        ax.plot(x[1:], y[1:], "o", ms=2.2, color=INK, gid="observed-values")
     distances = [f"{_distance(seen, v):.2g}" for v in (base, with_effect) if v.size]
     compared = "D " + " → ".join(distances) + "\n" if distances else ""
     ax.text(
-        0.97, 0.06, f"{compared}n = {seen.size}",
-        transform=ax.transAxes, ha="right", va="bottom", size=SMALL, gid="distance",
-        path_effects=_HALO, zorder=9,
+        0.97, 0.06, f"{compared}n = {seen.size}", transform=ax.transAxes, ha="right", va="bottom",
+        size=SMALL, gid="distance", path_effects=halo(), zorder=9,
     )  # fmt: skip
-
-
-def _share_formatter() -> PercentFormatter:
-    """Tick labels of shares from 0 to 1 in per cent."""
-    formatter = percent_formatter()
-    formatter.xmax = 1.0
-    return formatter
 
 
 # --- which -----------------------------------------------------------------------------------
 
 
 @styled
-def gap_ladder_figure(ladder: Sequence[Rung], *, title: str = "How far the gap shrinks") -> Figure:
+def gap_ladder_figure(ladder: Sequence[Rung]) -> Figure:
     """Draw the distance of each model to the observed rocks, and the share of the gap it closes.
 
-    Parameters
-    ----------
-    ladder : sequence of Rung
-        The configured model first, what chance leaves last.
-    title : str
+    The configured model comes first, what chance leaves last.
     """
     note = (
         "Energy distance to the observed rocks, each compared with a model fitted without it; in "
         "brackets the 95 % interval of the share of the gap (rocks resampled)."
     )
-    n = max(len(ladder), 1)
-    top, bottom = 0.62, _note_height(note) + 0.5
-    height = top + 0.32 * n + bottom
-    figure = new_figure(WIDTH_IN, height, constrained=False)
-    _heading(figure, title, note)
-    ax = figure.add_axes(
-        (1.95 / WIDTH_IN, bottom / height, 3.0 / WIDTH_IN, 0.32 * n / height), label="ladder"
-    )
-    if not ladder:
-        nothing_to_show(ax)
-        return figure
+    n = len(ladder)
+    top, bottom = 0.62, note_height(note) + 0.5
+    page = Page(top + 0.32 * n + bottom)
+    page.around("How far the gap shrinks", note)
+    ax = page.axes(1.95, bottom, 3.0, 0.32 * n, "ladder")
     for i, rung in enumerate(ladder):
         ends = rung.rung in ("configured", "floor")
         ax.barh(i, rung.distance, 0.6, color=LIGHT if ends else BLUE, gid=f"rung-{rung.rung}")
         if rung.share is not None:
-            span = (
-                ""
-                if rung.ci95 is None
-                else f" ({100 * rung.ci95[0]:.0f} to {100 * rung.ci95[1]:.0f})"
-            )
+            low, high = (100 * v for v in rung.ci95 or (0.0, 0.0))
+            span = "" if rung.ci95 is None else f" ({low:.0f} to {high:.0f})"
             text = f" closes {100 * rung.share:.0f} %{span}".replace("-", "\u2212")
             ax.text(max(rung.distance, 0.0), i, text, va="center", size=SMALL)
-    ax.grid(visible=False)
     ax.axvline(0.0, color=GREY, lw=0.8, zorder=1)
-    ax.set_yticks(
-        range(len(ladder)),
-        [RUNG_NAMES.get(r.rung) or effect_name(r.rung) for r in ladder],
-        size=TEXT,
-    )
-    ax.set_ylim(n - 0.4, -0.6)
+    names = [RUNG_NAMES.get(r.rung) or effect_name(r.rung) for r in ladder]
+    ax.set_yticks(range(n), names, size=TEXT)
+    _rows_only(ax, n, 0.6)
+    ax.grid(visible=False)
     ax.set_xlim(min(0.0, *(r.distance for r in ladder)), 1.45 * max(r.distance for r in ladder))
     ax.set_xlabel("energy distance", size=SMALL)
-    for side in ("top", "right", "left"):
-        ax.spines[side].set_visible(False)
-    ax.tick_params(axis="y", length=0)
-    return figure
+    return page.figure
 
 
 def gap_hypotheses_figure(
-    hypotheses: Sequence[Hypothesis],
-    *,
-    verdict: str,
-    confusion: Sequence[str] = (),
-    title: str = "Explanations that were tried",
+    hypotheses: Sequence[Hypothesis], *, verdict: str, confusion: Sequence[str] = ()
 ) -> Figure:
-    """Draw what each explanation gains, and how probable it is; those confused are marked.
+    """Draw what each explanation gains, and how probable it is, the most probable first.
 
-    Parameters
-    ----------
-    hypotheses : sequence of Hypothesis
-        The most probable first.
-    verdict : str
-        The effect that the diagnosis names.
-    confusion : sequence of str
-        Effects that the data do not separate.
-    title : str
+    The effect that the diagnosis names is marked, and those that the data do not separate from it.
     """
-    n = max(len(hypotheses), 1)
+    n = len(hypotheses)
     others = [e for e in confusion if e != verdict]
     note = (
         "Left: by how much the energy score of held-out rocks falls below that of the calibrated "
@@ -402,64 +420,37 @@ def gap_hypotheses_figure(
         "probability of being the cause. Vermilion: the answer"
         + ("; blue: not separated from it by these data." if others else ".")
     )
-    top, bottom = 0.62, _note_height(note) + 0.42
-    height = top + 0.29 * n + bottom
-    figure = new_figure(WIDTH_IN, height, constrained=False)
-    _heading(figure, title, note)
-    labels, middle, right = 1.95, 2.55, 1.75
-
-    def place(x: float, w: float, label: str) -> Axes:
-        return figure.add_axes(
-            (x / WIDTH_IN, bottom / height, w / WIDTH_IN, 0.29 * n / height), label=label
-        )
-
-    gains, shares = place(labels, middle, "gain"), place(labels + middle + 0.15, right, "share")
-    if not hypotheses:
-        nothing_to_show(gains)
-        nothing_to_show(shares)
-        return figure
+    top, bottom = 0.62, note_height(note) + 0.42
+    page = Page(top + 0.29 * n + bottom)
+    page.around("Explanations that were tried", note)
+    gains = page.axes(1.95, bottom, 2.55, 0.29 * n, "gain")
+    shares = page.axes(1.95 + 2.55 + 0.15, bottom, 1.75, 0.29 * n, "share")
     gains.axvline(0.0, color=GREY, lw=0.8, zorder=1)
     for i, hypothesis in enumerate(hypotheses):
         named = hypothesis.effect == verdict
         colour = VERMILION if named else BLUE if hypothesis.effect in others else GREY
-        low, high = hypothesis.ci95
-        if math.isfinite(low) and math.isfinite(high) and low < high:
-            gains.plot([low, high], [i, i], color=colour, lw=1.5, alpha=0.8, gid="interval")
+        if hypothesis.ci95[0] < hypothesis.ci95[1]:
+            _interval(gains, i, hypothesis.ci95, colour)
         if math.isfinite(hypothesis.gain):
             gains.plot([hypothesis.gain], [i], "o", ms=4.5, color=colour, zorder=5, gid="gain")
         share = hypothesis.probability if math.isfinite(hypothesis.probability) else 0.0
-        shares.barh(
-            i,
-            share,
-            0.6,
-            color=LIGHT if colour == GREY else colour,
-            gid=f"share-{hypothesis.effect}",
-        )
-        shares.text(
-            share + 0.02, i, f"{100 * share:.0f} %" if share >= 0.005 else "< 1 %", va="center",
-            size=SMALL,
-        )  # fmt: skip
-        gains.annotate(
-            effect_name(hypothesis.effect), (0.0, i), xycoords=("axes fraction", "data"),
-            xytext=(-6, 3.5 if hypothesis.form else 0.0), textcoords="offset points", ha="right",
-            va="center", size=TEXT, weight="bold" if named else "normal", annotation_clip=False,
-        )  # fmt: skip
-        if hypothesis.form:
-            gains.annotate(
-                hypothesis.form, (0.0, i), xycoords=("axes fraction", "data"), xytext=(-6, -5.0),
-                textcoords="offset points", ha="right", va="center", size=SMALL - 1.0, color=GREY,
-                annotation_clip=False,
-            )  # fmt: skip
-    for ax in (gains, shares):
-        ax.set_ylim(n - 0.45, -0.55)
+        bar = LIGHT if colour == GREY else colour
+        shares.barh(i, share, 0.6, color=bar, gid=f"share-{hypothesis.effect}")
+        text = f"{100 * share:.0f} %" if share >= 0.005 else "< 1 %"
+        shares.text(share + 0.02, i, text, va="center", size=SMALL)
+        weight = "bold" if named else "normal"
+        up = 3.5 if hypothesis.form else 0.0
+        name = effect_name(hypothesis.effect)
+        _beside(gains, i, name, (0.0, -6.0), up, ha="right", size=TEXT, weight=weight)
+        _beside(gains, i, hypothesis.form, (0.0, -6.0), -5.0, ha="right", size=SMALL - 1.0,
+                color=GREY)  # fmt: skip
+    for ax, title in ((gains, "gain in score"), (shares, "probability")):
         ax.set_yticks([])
-        ax.grid(axis="y", visible=False)
-        ax.spines["left"].set_visible(False)
-    gains.set_title("gain in score", size=TEXT)
-    shares.set_title("probability", size=TEXT)
+        ax.set_title(title, size=TEXT)
+        _rows_only(ax, n, 0.55)
     shares.set_xlim(0.0, 1.18)
     shares.set_xticks([0.0, 0.5, 1.0])
-    shares.xaxis.set_major_formatter(_share_formatter())
+    shares.xaxis.set_major_formatter(percent_formatter(1.0))
     gains.margins(x=0.08)
     gains.locator_params(axis="x", nbins=5)
-    return figure
+    return page.figure

@@ -1,72 +1,71 @@
-"""A map layer over the relief of the terrain."""
+"""The one map figure: layers over the relief in panels of one extent, with marks and a legend.
+
+A map is described by its panels (values with their colours), its marks, and the room around it;
+:func:`draw_maps` draws all of them. What differs between maps is where their legend stands.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedFormatter, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
-from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.profiles import TraceSet
 from sassgis.model.results import Band, RasterClass, RasterLayer
-from sassgis.model.styles import (
-    class_colours,
-    class_labels,
-    class_limits,
-    zero_is_nothing,
-)
-from sassgis.report.figures import relief
-from sassgis.report.figures.class_maps import (
-    LAYER_ALPHA,
-    SIGN_IN,
-    class_positions,
-    draw_class_legend,
-    draw_classes,
-)
-from sassgis.report.figures.map_marks import (
-    HALO,
-    MAX_LINES,
-    MapControlLine,
-    MapObject,
-    all_points,
-    cut_extent,
-    draw_lines,
-    draw_map_control_lines,
-    draw_objects,
-    draw_release,
-    draw_zones,
+from sassgis.model.styles import class_colours, class_labels, class_limits, zero_is_nothing
+from sassgis.report.figures.map_marks import MapMarks, all_points
+from sassgis.report.figures.relief import (
+    FURNITURE_IN,
+    Extent,
+    MapView,
+    draw_furniture,
+    draw_relief,
+    emptiest_corner,
     footprint,
-    line_key,
+    map_axes,
+    view_of,
 )
-from sassgis.report.figures.relief import Extent
 from sassgis.report.figures.style import (
+    DPI,
     GREY,
+    INK,
     SMALL,
     TEXT,
     TITLE,
     WIDTH_IN,
-    count,
+    Page,
+    halo,
     lines_in,
-    new_figure,
     styled,
     text_width_pt,
     wrap,
 )
 from sassgis.report.number_text import thousands
 
-_MAX_MAP_HEIGHT_IN = 7.2
+#: Maps let a little of the relief through.
+LAYER_ALPHA = 0.8
+#: From one stripe to the next, and the part of it that is coloured; of fine lines over other
+#: colours, which fall to the right.
+_STRIPE_IN, _STRIPE_SHARE, _OVER_SHARE = 0.052, 0.5, 0.2
+#: A sign of a legend (in), and the room from one line of text to the next.
+SIGN_IN = (0.26, 0.15)
+_LINE_IN = 0.135
 _LEGEND_GAP_IN, _BAR_IN = 0.14, 0.14
 #: Units that mean that a number has no unit.
 _UNITLESS = ("", "1", "-", "–", "class")
+
+
+# --- values and colours ----------------------------------------------------------------------
 
 
 def shown_values(band: Band) -> FloatArray:
@@ -88,24 +87,307 @@ def class_numbers(values: FloatArray, breaks: Sequence[float]) -> FloatArray:
     return np.where(np.isfinite(values) & (number >= 0.0), number, np.nan)
 
 
-def _ramp_norm(values: FloatArray) -> Normalize:
-    """Colours from the least to the greatest value."""
-    known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
-    return Normalize(low, high if high > low else low + max(1.0, abs(low)))
+def class_positions(values: NDArray[Any], classes: Sequence[RasterClass]) -> FloatArray:
+    """Position of each value among the classes, in ascending order; NaN where it is none."""
+    ordered = np.array(sorted(entry.value for entry in classes), float)
+    known = np.nan_to_num(np.asarray(values, float), nan=-np.inf)
+    place = np.clip(np.searchsorted(ordered, known), 0, ordered.size - 1)
+    return np.where(ordered[place] == known, place.astype(float), np.nan)
 
 
-def _colours(
-    layer: RasterLayer, classes: Sequence[RasterClass], values: FloatArray
-) -> tuple[Colormap, Normalize]:
-    """Colours of classes, of those of a layer's breaks, or of the range of its values."""
-    if classes:
-        colours = [entry.colour for entry in sorted(classes, key=lambda entry: entry.value)]
-    elif layer.breaks:
-        colours = class_colours(layer.breaks, layer.ramp)
-    else:
-        return mpl.colormaps[layer.ramp or "viridis"], _ramp_norm(values)
+@dataclass(frozen=True, slots=True)
+class MapPanel:
+    """One map of a figure.
+
+    Attributes
+    ----------
+    values : float64, shape of the grid
+        Of the colours; NaN where the map stays clear. None: only marks are drawn.
+    stripes : sequence of (position, colour)
+        Classes that are striped on white.
+    over : bool, shape of the grid, optional
+        Cells with fine black lines over them.
+    together : {"max", "mean"}
+        What a dot for several cells shows.
+    """
+
+    values: FloatArray | None
+    colours: Colormap
+    norm: Normalize
+    title: str = ""
+    stripes: Sequence[tuple[int, str]] = ()
+    over: NDArray[np.bool_] | None = None
+    alpha: float = LAYER_ALPHA
+    together: str = "max"
+
+
+def coloured_classes(colours: Sequence[str]) -> tuple[Colormap, Normalize]:
+    """Colours of the positions among classes."""
     return ListedColormap(colours), BoundaryNorm(np.arange(len(colours) + 1) - 0.5, len(colours))
+
+
+def class_panel(
+    values: NDArray[Any],
+    classes: Sequence[RasterClass],
+    title: str = "",
+    over: NDArray[np.bool_] | None = None,
+    alpha: float = LAYER_ALPHA,
+) -> MapPanel:
+    """A map of classes; values that are none stay clear."""
+    ordered = sorted(classes, key=lambda entry: entry.value)
+    colours = coloured_classes(["#ffffff" if c.hatched else c.colour for c in ordered])
+    stripes = [(k, c.colour) for k, c in enumerate(ordered) if c.hatched]
+    return MapPanel(class_positions(values, classes), *colours, title, stripes, over, alpha)
+
+
+# --- drawing ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class MapFrame:
+    """Room around the maps of a figure, and between them (in).
+
+    Attributes
+    ----------
+    most : float
+        Height of all maps together, with what stands over them.
+    columns : int
+    gap, head : float
+        Between two columns; over each map.
+    ticks : int
+        About how many along the longer side; 0: by the size of the maps.
+    """
+
+    left: float
+    right: float
+    top: float
+    bottom: float
+    most: float
+    columns: int = 1
+    gap: float = 0.0
+    head: float = 0.0
+    ticks: int = 5
+
+
+@dataclass(frozen=True, slots=True)
+class DrawnMaps:
+    """Maps on their page: of each the axes and the left edge; the size of all (in)."""
+
+    page: Page
+    axes: tuple[Axes, ...]
+    left: tuple[float, ...]
+    width: float
+    height: float
+    metres_per_inch: float
+
+
+def draw_maps(
+    view: MapView,
+    panels: Sequence[MapPanel],
+    marks: MapMarks,
+    frame: MapFrame,
+    more: Callable[[Axes], None] | None = None,
+) -> DrawnMaps:
+    """Draw maps of one extent side by side; ``more`` draws what is neither value nor mark."""
+    columns, aspect = frame.columns, view.aspect
+    rows = -(-len(panels) // columns)
+    room = WIDTH_IN - frame.left - frame.right
+    width = min(
+        (room - (columns - 1) * frame.gap) / columns,
+        (frame.most - rows * frame.head) / rows / aspect,
+    )
+    height = width * aspect
+    page = Page(frame.top + rows * (height + frame.head) + frame.bottom)
+    metres_per_inch = view.width_m / width
+    left = frame.left + (room - columns * width - (columns - 1) * frame.gap) / 2.0
+    drawn = []
+    for number, panel in enumerate(panels):
+        row, column = divmod(number, columns)
+        x = left + column * (width + frame.gap)
+        y = frame.bottom + (rows - 1 - row) * (height + frame.head)
+        ax = page.axes(x, y, width, height, "map")
+        draw_relief(ax, view)
+        _draw_values(ax, panel, view, metres_per_inch)
+        if more is not None:
+            more(ax)
+        marks.draw(ax, view.box, 72.0 / metres_per_inch)
+        map_axes(ax, view.box, frame.ticks or (5 if width > 4.0 else 3))
+        # Coordinates only left of the first column and below the last map of each.
+        if column:
+            ax.set_ylabel("")
+            ax.tick_params(labelleft=False)
+        if number + columns < len(panels):
+            ax.set_xlabel("")
+            ax.tick_params(labelbottom=False)
+        ax.set_title(panel.title, size=TEXT, pad=3.0)
+        drawn.append((ax, x))
+    axes, lefts = zip(*drawn, strict=True)
+    return DrawnMaps(page, axes, lefts, width, height, metres_per_inch)
+
+
+def _draw_values(ax: Axes, panel: MapPanel, view: MapView, metres_per_inch: float) -> None:
+    if panel.values is None:
+        return
+    values, extent = view.coarse(view.cut(panel.values), panel.together)
+    west, south, east, north = extent
+    ax.imshow(
+        np.ma.masked_invalid(values),
+        cmap=panel.colours,
+        norm=panel.norm,
+        extent=(west, east, south, north),
+        interpolation="nearest",
+        alpha=panel.alpha,
+        zorder=2,
+        gid="layer",
+    )
+    for place, colour in panel.stripes:
+        draw_stripes(ax, values == place, colour, extent, metres_per_inch, panel.alpha)
+    if panel.over is not None:
+        over, _ = view.coarse(view.cut(panel.over.astype(float)), "max")
+        draw_stripes(ax, over > 0.0, INK, extent, metres_per_inch, 0.9, fine=True)
+
+
+def draw_stripes(
+    ax: Axes,
+    cells: NDArray[np.bool_],
+    colour: str,
+    extent: Extent,
+    metres_per_inch: float,
+    alpha: float = LAYER_ALPHA,
+    *,
+    fine: bool = False,
+) -> None:
+    """Draw stripes over the cells that are true; matplotlib can hatch polygons alone.
+
+    They rise to the right; fine ones fall.
+    """
+    rows, cols = np.nonzero(cells)
+    if not rows.size:
+        return
+    west, _, east, north = extent
+    cell = (east - west) / cells.shape[1]
+    top, left = int(rows.min()), int(cols.min())
+    part = cells[top : rows.max() + 1, left : cols.max() + 1]
+    # Two dots for each of the printed figure.
+    dot = metres_per_inch / (2.0 * DPI)
+    row = (np.arange(max(1, round(part.shape[0] * cell / dot))) * dot / cell).astype(int)
+    col = (np.arange(max(1, round(part.shape[1] * cell / dot))) * dot / cell).astype(int)
+    inside = part[np.minimum(row, part.shape[0] - 1)][:, np.minimum(col, part.shape[1] - 1)]
+    step = max(2, round(_STRIPE_IN * 2.0 * DPI))
+    down = np.arange(row.size)[:, None]
+    along = np.arange(col.size)[None, :] + (-down if fine else down)
+    share = _OVER_SHARE if fine else _STRIPE_SHARE
+    image = np.zeros((row.size, col.size, 4), np.float32)
+    image[..., :3] = to_rgb(colour)
+    image[..., 3] = alpha * (inside & (along % step < share * step))
+    ax.imshow(
+        image,
+        extent=(
+            west + left * cell,
+            west + (left + part.shape[1]) * cell,
+            north - (top + part.shape[0]) * cell,
+            north - top * cell,
+        ),
+        zorder=2.5,
+        gid="stripes",
+    )
+
+
+def furniture_within(maps: DrawnMaps, box: Extent, taken: NDArray[np.bool_]) -> None:
+    """Draw scale bar and north arrow in the corner of the first map that hides least."""
+    corner = emptiest_corner(taken, FURNITURE_IN[0] / maps.width, FURNITURE_IN[1] / maps.height)
+    draw_furniture(maps.axes[0], box, maps.width, corner)
+
+
+# --- legends ---------------------------------------------------------------------------------
+
+
+def _sign(page: Page, x: float, y: float, entry: RasterClass, *, over: bool = False) -> None:
+    """Draw the sign of a class, its lower left corner at x, y."""
+    ax = page.axes(x, y, *SIGN_IN, "sign")
+    ax.set_axis_off()
+    if entry.hatched or over:
+        cells = np.ones((round(100.0 * SIGN_IN[1]), round(100.0 * SIGN_IN[0])), bool)
+        draw_stripes(ax, cells, entry.colour, (0.0, 0.0, *SIGN_IN), 1.0, fine=over)
+        ax.set_aspect("auto")
+    else:
+        ax.add_patch(Rectangle((0.0, 0.0), *SIGN_IN, fc=entry.colour, ec="none", alpha=LAYER_ALPHA))
+    ax.set_xlim(0.0, SIGN_IN[0])
+    ax.set_ylim(0.0, SIGN_IN[1])
+    ax.add_patch(Rectangle((0.0, 0.0), *SIGN_IN, fc="none", ec=GREY, lw=0.8, zorder=5))
+
+
+def class_list(
+    page: Page, classes: Sequence[RasterClass], x: float, top: float, width: float
+) -> None:
+    """Draw the signs and names of classes one below the other, the highest value first."""
+    for entry in sorted(classes, key=lambda entry: -entry.value):
+        _sign(page, x, top - SIGN_IN[1], entry)
+        text = wrap(entry.label, width - SIGN_IN[0] - 0.1)
+        lines = lines_in(text)
+        page.text(
+            x + SIGN_IN[0] + 0.08, top - SIGN_IN[1] / 2.0 + (lines > 1) * _LINE_IN / 2.0, text,
+            size=SMALL, va="center" if lines == 1 else "top", gid="class",
+        )  # fmt: skip
+        top -= max(SIGN_IN[1], _LINE_IN * lines) + 0.07
+
+
+@dataclass(frozen=True, slots=True)
+class ClassRow:
+    """The signs and names of classes side by side, the highest value first.
+
+    A heading stands before the first; ``over`` is a last sign of fine lines that fall to the right.
+    """
+
+    heading: str
+    classes: Sequence[RasterClass]
+    over: RasterClass | None = None
+
+    def placed(
+        self, x: float, top: float, width: float
+    ) -> tuple[list[tuple[float, float, RasterClass]], float]:
+        """Where the upper left corners of the signs stand, and where the row ends (in)."""
+        start = x + text_width_pt(self.heading) * 1.1 / 72.0 + 0.1 if self.heading else x
+        at, out = start, []
+        entries = sorted(self.classes, key=lambda entry: -entry.value)
+        for entry in [*entries, *([self.over] if self.over else [])]:
+            room = SIGN_IN[0] + 0.08 + text_width_pt(entry.label) / 72.0 + 0.12
+            if at + room > x + width and at > start:
+                at, top = start, top - SIGN_IN[1] - 0.08
+            out.append((at, top, entry))
+            at += room
+        return out, top - SIGN_IN[1] - 0.1
+
+    def draw(self, page: Page, x: float, top: float, width: float) -> float:
+        """Draw the row from its upper left corner, and give where it ends (in)."""
+        half = SIGN_IN[1] / 2.0
+        if self.heading:
+            page.text(
+                x, top - half, self.heading, size=SMALL, weight="bold", va="center",
+                gid="legend-heading",
+            )  # fmt: skip
+        placed, end = self.placed(x, top, width)
+        for at, y, entry in placed:
+            _sign(page, at, y - SIGN_IN[1], entry, over=entry is self.over)
+            page.text(
+                at + SIGN_IN[0] + 0.08, y - half, entry.label, size=SMALL, va="center", gid="class"
+            )
+        return end
+
+
+def colour_bar(ax: Axes, panel: MapPanel, **how: Any) -> None:
+    """Draw the bar of the colours of a map."""
+    figure = ax.get_figure()
+    assert isinstance(figure, Figure)
+    bar = figure.colorbar(
+        ScalarMappable(panel.norm, panel.colours), cax=ax, alpha=panel.alpha, **how
+    )
+    bar.outline.set_linewidth(0.5)
+    ax.tick_params(labelsize=SMALL)
+    ax.grid(False)
+
+
+# --- a layer ---------------------------------------------------------------------------------
 
 
 def _value_label(value: float, _: object = None) -> str:
@@ -115,260 +397,86 @@ def _value_label(value: float, _: object = None) -> str:
     return thousands(value) if abs(value) >= 1e4 else f"{value:.0e}".replace("-", "\u2212")
 
 
-@styled
-def map_figure(
-    grid: Grid,
-    layer: RasterLayer,
-    band: int = 0,
-    *,
-    release: Sequence[FloatArray] = (),
-    release_points: FloatArray | None = None,
-    lines: TraceSet | None = None,
-    control_lines: Sequence[MapControlLine] = (),
-    zones: Sequence[FloatArray] = (),
-    objects: Sequence[MapObject] = (),
-    extent: Extent | None = None,
-    title: str | None = None,
-    note: str | None = None,
-) -> Figure:
-    """Draw a map layer over the relief: in its classes, those of its breaks, or as a ramp.
-
-    Parameters
-    ----------
-    grid : Grid
-        Terrain; the layer lies on the same cells.
-    layer : RasterLayer
-    band : int
-        Band of the layer to show.
-    release : float, each of shape (n, 2)
-        Outlines of the release areas (m); arrays of one or two rows are drawn as points.
-    release_points : float, shape (n, 2), optional
-    lines : TraceSet, optional
-        Fall lines. Of more than ``MAX_LINES`` an even choice is drawn, and the map says so.
-    control_lines : (name, kind, coordinates of shape (n, 2))
-        Stations, walls and nets.
-    zones : float, each of shape (n, 2)
-        Outlines of zones (m).
-    objects : (name, geometry)
-        Exposed objects.
-    extent : (west, south, east, north), optional
-        Part of the grid to show (m); default: the layer and the release,
-        with a margin.
-    title : str, optional
-        Default: the title of the layer, with the name of the band if it is not the first.
-    note : str, optional
-        Below the map; default: that of the layer.
-
-    Raises
-    ------
-    InputError
-        There is no such band, it does not fit the grid, or the extent lies outside the grid.
-    """
-    shown, classes, values = _values(grid, layer, band)
-    marks = all_points([*release, *([] if release_points is None else [release_points])])
-    box = footprint(grid, values, marks) if extent is None else cut_extent(extent, grid)
-    window = relief.window_of(grid, box)
-    part, part_values = window.grid(grid), window.cut(values)
-    factor = -(-max(part.shape) // relief.MAX_CELLS)
-    key = line_key(
-        bool(marks.size),
-        lines is not None and len(lines) > 0,
-        control_lines,
-        bool(zones),
-        objects,
-    )
-    notes = [layer.note if note is None else note, *_reductions(factor, lines, classes), key]
-    coarse = relief.coarsen(part_values, factor, "max")
+def _layer_panel(layer: RasterLayer) -> tuple[MapPanel, FloatArray]:
+    """A layer in its classes, those of its breaks, or as a ramp; and the values that it shows."""
+    if layer.classes:
+        panel = class_panel(layer.bands[0].values, layer.classes)
+        assert panel.values is not None
+        return panel, panel.values
+    values = shown_values(layer.bands[0])
     # Classes and colours are those of the map in QGIS, and do not depend on the data: maps with
     # the same limits can be laid side by side.
-    labels = class_labels(layer.breaks, "") if layer.breaks and not classes else []
-    if labels:
-        coarse = class_numbers(coarse, layer.breaks)
-    cmap, norm = _colours(layer, classes, values)
-    heading = title or (
-        layer.title if band == 0 else f"{layer.title}: {shown.description or shown.name}"
-    )
-    heading = wrap(heading, WIDTH_IN - 0.4, TITLE)
-    below = wrap("\n".join(n for n in notes if n), WIDTH_IN - 0.8)
-    page = _placed(box, [entry.label for entry in classes], labels, heading, below)
-    figure = new_figure(WIDTH_IN, page.height, constrained=False)
-    ax = figure.add_axes(
-        (
-            page.left / WIDTH_IN,
-            page.bottom / page.height,
-            page.map_w / WIDTH_IN,
-            page.map_h / page.height,
-        )
-    )
-    ax.set_label("map")
-    relief.draw_relief(ax, part)
-    metres_per_inch = (box[2] - box[0]) / page.map_w
-    cells = _extent_of(part, coarse.shape, factor)
-    if classes:
-        draw_classes(ax, coarse, classes, extent=cells, metres_per_inch=metres_per_inch)
-    else:
-        ax.imshow(
-            np.ma.masked_invalid(coarse),
-            cmap=cmap,
-            norm=norm,
-            extent=(cells[0], cells[2], cells[1], cells[3]),
-            interpolation="nearest",
-            alpha=LAYER_ALPHA,
-            zorder=2,
-            gid="layer",
-        )
-    draw_zones(ax, zones)
-    draw_objects(ax, objects, box)
-    if lines is not None and len(lines):
-        draw_lines(ax, lines)
-    draw_release(ax, release, release_points)
-    draw_map_control_lines(ax, control_lines, box, 72.0 / metres_per_inch)
-    relief.map_axes(ax, box)
-    _draw_furniture(ax, box, np.isfinite(part_values), page)
-    legend_x, legend_top = page.left + page.map_w + _LEGEND_GAP_IN, page.bottom + page.map_h
-    if classes:
-        draw_class_legend(figure, classes, legend_x, legend_top, page.legend_w)
-    else:
-        unit = wrap("" if shown.unit in _UNITLESS else shown.unit, page.right + 0.1)
-        _colour_legend(
-            figure, ScalarMappable(norm, cmap), labels, unit, x=legend_x, top=legend_top,
-            bar_w=_BAR_IN, map_h=page.map_h,
-        )  # fmt: skip
-    x = page.left / WIDTH_IN
-    figure.text(
-        x, 1.0 - 0.1 / page.height, heading, size=TITLE, weight="bold", va="top", gid="title"
-    )
-    figure.text(
-        x, (page.bottom - 0.46) / page.height, below, size=SMALL, color=GREY, va="top", gid="note"
-    )
-    return figure
+    if layer.breaks:
+        colours = coloured_classes(class_colours(layer.breaks, layer.ramp))
+        return MapPanel(class_numbers(values, layer.breaks), *colours), values
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    norm = Normalize(low, high if high > low else low + max(1.0, abs(low)))
+    return MapPanel(values, mpl.colormaps[layer.ramp or "viridis"], norm), values
 
 
-def _values(
-    grid: Grid, layer: RasterLayer, band: int
-) -> tuple[Band, Sequence[RasterClass], FloatArray]:
-    """A band, its classes (none for a ramp or breaks), and its values or classes' positions."""
-    if not 0 <= band < len(layer.bands):
-        raise InputError(
-            f"layer {layer.stem!r} has no such band",
-            found=band,
-            expected=f"0 to {len(layer.bands) - 1}",
-        )
-    shown = layer.bands[band]
-    classes = layer.classes if band == 0 else ()
-    if classes:
-        values = class_positions(np.asarray(shown.values, float), classes)
-    else:
-        values = shown_values(shown)
-    if values.shape != grid.shape:
-        raise InputError(
-            f"layer {layer.stem!r} does not lie on the cells of the terrain",
-            found=f"{values.shape[0]} x {values.shape[1]} cells",
-            expected=f"{grid.shape[0]} x {grid.shape[1]}",
-        )
-    return shown, classes, values
+def coarse_note(view: MapView, what: str) -> str:
+    """Say what a dot of a large map shows; nothing where each cell has its own."""
+    if view.factor == 1:
+        return ""
+    n = view.factor
+    return f"Drawn with one dot for {n} × {n} cells; each shows the {what} in it."
 
 
-def _reductions(
-    factor: int, lines: TraceSet | None, classes: Sequence[RasterClass]
-) -> Iterator[str]:
-    """What the figure leaves out of a large map."""
-    if lines is not None and len(lines) > MAX_LINES:
-        yield f"{count(MAX_LINES, 'fall line')} of {thousands(len(lines))} are drawn."
-    if factor > 1:
-        largest = "highest class" if classes else "largest value"
-        yield f"Drawn with one dot for {factor} × {factor} cells; each shows the {largest} in it."
+@styled
+def map_figure(
+    grid: Grid, layer: RasterLayer, marks: MapMarks | None = None, *, note: str | None = None
+) -> Figure:
+    """Draw the first band of a layer: in its classes, those of its breaks, or as a ramp.
 
-
-@dataclass(frozen=True, slots=True)
-class _Page:
-    """Where the parts of the figure stand (in, from the lower left corner)."""
-
-    left: float
-    bottom: float
-    map_w: float
-    map_h: float
-    right: float
-    legend_w: float
-    height: float
-
-
-def _placed(
-    box: Extent, class_names: Sequence[str], labels: Sequence[str], heading: str, below: str
-) -> _Page:
-    """Place the map and make room for its legend, heading and note.
-
-    Everything is placed in inches: an equal-aspect map leaves gaps in automatic layouts.
+    The layer lies on the cells of the terrain; below the map stands its note or another.
     """
-    left, legend_w = 0.62, 0.0
-    longest = max((text_width_pt(label) for label in labels), default=0.0)
-    right = max(0.85, _LEGEND_GAP_IN + _BAR_IN + 0.12 + longest / 72.0)
-    if class_names:
-        longest = max(text_width_pt(name) for name in class_names) / 72.0
-        legend_w = min(SIGN_IN[0] + 0.1 + longest, 1.7)
-        right = max(0.85, _LEGEND_GAP_IN + legend_w)
-    aspect = (box[3] - box[1]) / (box[2] - box[0])
-    map_w = WIDTH_IN - left - right
-    map_h = map_w * aspect
-    if map_h > _MAX_MAP_HEIGHT_IN:
-        map_w, map_h = _MAX_MAP_HEIGHT_IN / aspect, _MAX_MAP_HEIGHT_IN
-        left = max(left, (WIDTH_IN - map_w - right + left) / 2.0)
-    top = 0.12 + 0.18 * lines_in(heading) + 0.08
-    bottom = 0.48 + 0.135 * lines_in(below) + 0.08
-    return _Page(left, bottom, map_w, map_h, right, legend_w, map_h + top + bottom)
-
-
-def _extent_of(part: Grid, shape: tuple[int, ...], factor: int) -> Extent:
-    """Extent of coarsened cells, which may reach beyond the part."""
-    step = part.cell_size * factor
-    return part.west, part.north - shape[0] * step, part.west + shape[1] * step, part.north
-
-
-def _draw_furniture(ax: Axes, box: Extent, known: NDArray[np.bool_], page: _Page) -> None:
-    """Draw scale bar and north arrow where they hide least, and say where the map is empty."""
-    corner = relief.emptiest_corner(
-        known,
-        min(1.0, relief.FURNITURE_IN[0] / page.map_w),
-        min(1.0, relief.FURNITURE_IN[1] / page.map_h),
+    marks = marks or MapMarks()
+    panel, values = _layer_panel(layer)
+    view = view_of(grid, footprint(grid, values, all_points(marks.release)))
+    notes = [
+        layer.note if note is None else note,
+        marks.left_out(),
+        coarse_note(view, "highest class" if layer.classes else "largest value"),
+        marks.key(),
+    ]
+    labels = class_labels(layer.breaks, "") if layer.breaks and not layer.classes else []
+    heading = wrap(layer.title, WIDTH_IN - 0.4, TITLE)
+    below = wrap("\n".join(n for n in notes if n), WIDTH_IN - 0.8)
+    names = [entry.label for entry in layer.classes]
+    longest = max((text_width_pt(label) for label in names or labels), default=0.0) / 72.0
+    legend_w = min(SIGN_IN[0] + 0.1 + longest, 1.7) if names else _BAR_IN + 0.12 + longest
+    frame = MapFrame(
+        left=0.62,
+        right=max(0.85, _LEGEND_GAP_IN + legend_w),
+        top=0.12 + 0.18 * lines_in(heading) + 0.08,
+        bottom=0.48 + _LINE_IN * lines_in(below) + 0.08,
+        most=7.2,
     )
-    relief.draw_furniture(ax, box, page.map_w, right=corner[0], top=corner[1])
+    maps = draw_maps(view, [panel], marks, frame)
+    known = np.isfinite(view.cut(values))
+    furniture_within(maps, view.box, known)
     if not known.any():
-        ax.text(
-            0.5, 0.5, "no values here", transform=ax.transAxes, ha="center", va="center",
-            size=TEXT, path_effects=HALO, zorder=23,
+        maps.axes[0].text(
+            0.5, 0.5, "no values here", transform=maps.axes[0].transAxes, ha="center", va="center",
+            size=TEXT, path_effects=halo(), zorder=23,
         )  # fmt: skip
-
-
-def _colour_legend(
-    figure: Figure,
-    colours: ScalarMappable,
-    labels: Sequence[str],
-    unit: str,
-    *,
-    x: float,
-    top: float,
-    bar_w: float,
-    map_h: float,
-) -> None:
-    """Draw the bar of colours with its unit above, from its upper left corner (in)."""
-    width, height = figure.get_size_inches()
-    unit_h = 0.15 * lines_in(unit)
-    bar_h = min(map_h - unit_h, 0.42 * len(labels) if labels else 3.0)
-    legend = figure.add_axes(
-        (x / width, (top - unit_h - bar_h) / height, bar_w / width, bar_h / height),
-        label="legend",
-    )
-    bar = figure.colorbar(
-        colours,
-        cax=legend,
-        ticks=list(range(len(labels))) if labels else None,
-        format=FixedFormatter(labels) if labels else FuncFormatter(_value_label),
-        alpha=LAYER_ALPHA,
-    )
-    bar.ax.yaxis.set_minor_locator(NullLocator())
-    if labels:
-        legend.tick_params(length=0)
-    bar.outline.set_linewidth(0.5)
-    legend.tick_params(labelsize=SMALL)
-    legend.grid(False)
-    figure.text(x / width, top / height, unit, size=SMALL, va="top", gid="unit")
+    x, top = maps.left[0] + maps.width + _LEGEND_GAP_IN, frame.bottom + maps.height
+    if layer.classes:
+        class_list(maps.page, layer.classes, x, top, legend_w)
+    else:
+        unit = "" if layer.bands[0].unit in _UNITLESS else layer.bands[0].unit
+        unit = wrap(unit, frame.right + 0.1)
+        top -= 0.15 * lines_in(unit)
+        tall = min(top - frame.bottom, 0.42 * len(labels) if labels else 3.0)
+        bar = maps.page.axes(x, top - tall, _BAR_IN, tall, "legend")
+        if labels:
+            colour_bar(bar, panel, ticks=list(range(len(labels))), format=FixedFormatter(labels))
+            bar.tick_params(length=0)
+        else:
+            colour_bar(bar, panel, format=FuncFormatter(_value_label))
+        bar.yaxis.set_minor_locator(NullLocator())
+        maps.page.text(x, top + 0.15 * lines_in(unit), unit, size=SMALL, va="top", gid="unit")
+    maps.page.title(maps.left[0], heading)
+    maps.page.note(maps.left[0], frame.bottom - 0.46, below)
+    return maps.page.figure

@@ -1,9 +1,10 @@
-"""Relief shading, and the furniture of a map: scale bar, north arrow, coordinates."""
+"""The ground of a map: the part of the terrain that it shows, its relief, scale and coordinates."""
 
 from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,63 +13,110 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.report.figures.style import GREY, INK, SMALL, round_step
+from sassgis.report.figures.style import GREY, INK, SMALL, Page, round_step
 from sassgis.report.number_text import thousands
 
+#: West, south, east, north (m).
 Extent = tuple[float, float, float, float]
 
 #: Longest side of a drawn raster in cells: more than the printed map has dots for.
 MAX_CELLS = 900
+#: Size of the box with scale bar and north arrow (in).
+FURNITURE_IN = (1.55, 0.42)
+
+
+def footprint(grid: Grid, values: FloatArray | None, others: FloatArray) -> Extent:
+    """Extent of what is shown, with a margin, cut to the grid; all of it where nothing is shown.
+
+    Shown are cells of ``values`` that are not NaN, and those of the ``others``, coordinates of
+    shape (n, 2), that lie within the grid.
+    """
+    west, south, east, north = grid.bounds
+    x, y = others[:, 0], others[:, 1]
+    inside = (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    x, y = x[inside], y[inside]
+    rows, cols = np.nonzero(np.isfinite(np.empty((0, 0)) if values is None else values))
+    if rows.size:
+        cell = grid.cell_size
+        x = np.append(x, [west + cols.min() * cell, west + (cols.max() + 1) * cell])
+        y = np.append(y, [north - rows.min() * cell, north - (rows.max() + 1) * cell])
+    if not x.size:
+        return grid.bounds
+    margin = max(0.08 * max(np.ptp(x), np.ptp(y)), 4.0 * grid.cell_size)
+    box = [x.min() - margin, y.min() - margin, x.max() + margin, y.max() + margin]
+    # A map much longer than wide (or the reverse) is hard to read: widen the short side.
+    for low, high in ((0, 2), (1, 3)):
+        lack = 0.5 * max(box[2] - box[0], box[3] - box[1]) - (box[high] - box[low])
+        if lack > 0.0:
+            box[low] -= lack / 2.0
+            box[high] += lack / 2.0
+    return (
+        float(max(box[0], west)),
+        float(max(box[1], south)),
+        float(min(box[2], east)),
+        float(min(box[3], north)),
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class GridWindow:
-    """A part of a grid by rows and columns: ``[row_0, row_1)``, ``[col_0, col_1)``."""
+class MapView:
+    """The part of a grid that a map shows: its limits, and the whole cells that cover them."""
 
-    row_0: int
-    row_1: int
-    col_0: int
-    col_1: int
+    box: Extent
+    rows: slice
+    cols: slice
+    grid: Grid
+
+    @property
+    def factor(self) -> int:
+        """Cells per drawn cell and side (1: every cell is drawn)."""
+        return -(-max(self.grid.shape) // MAX_CELLS)
+
+    @property
+    def width_m(self) -> float:
+        """Width of the map."""
+        return self.box[2] - self.box[0]
+
+    @property
+    def aspect(self) -> float:
+        """Height by width of the map."""
+        return (self.box[3] - self.box[1]) / self.width_m
 
     def cut(self, values: FloatArray) -> FloatArray:
-        """Cut the window out of an array of the grid's shape."""
-        return values[self.row_0 : self.row_1, self.col_0 : self.col_1]
+        """Cut the part out of an array of the grid's shape."""
+        return values[self.rows, self.cols]
 
-    def grid(self, grid: Grid) -> Grid:
-        """Cut the window out of a grid."""
-        return replace(
-            grid,
-            values=self.cut(grid.values),
-            west=grid.west + self.col_0 * grid.cell_size,
-            north=grid.north - self.row_0 * grid.cell_size,
-        )
+    def coarse(self, values: FloatArray, how: str) -> tuple[FloatArray, Extent]:
+        """Values of the part as they are drawn, and their extent: it may reach beyond the part."""
+        drawn = coarsen(values, self.factor, how)
+        step = self.grid.cell_size * self.factor
+        west, north = self.grid.west, self.grid.north
+        return drawn, (
+            west, north - drawn.shape[0] * step, west + drawn.shape[1] * step, north,
+        )  # fmt: skip
 
 
-def window_of(grid: Grid, extent: Extent) -> GridWindow:
-    """Smallest window of whole cells that covers (west, south, east, north), cut to the grid."""
-    west, south, east, north = extent
+def view_of(grid: Grid, box: Extent) -> MapView:
+    """The smallest part of a grid, in whole cells, that covers a box."""
+    west, south, east, north = box
     n_rows, n_cols = grid.shape
     col_0 = int(np.clip(np.floor((west - grid.west) / grid.cell_size), 0, n_cols - 1))
     col_1 = int(np.clip(np.ceil((east - grid.west) / grid.cell_size), col_0 + 1, n_cols))
     row_0 = int(np.clip(np.floor((grid.north - north) / grid.cell_size), 0, n_rows - 1))
     row_1 = int(np.clip(np.ceil((grid.north - south) / grid.cell_size), row_0 + 1, n_rows))
-    return GridWindow(row_0, row_1, col_0, col_1)
+    part = replace(
+        grid,
+        values=grid.values[row_0:row_1, col_0:col_1],
+        west=grid.west + col_0 * grid.cell_size,
+        north=grid.north - row_0 * grid.cell_size,
+    )
+    return MapView(box, slice(row_0, row_1), slice(col_0, col_1), part)
 
 
 def coarsen(values: FloatArray, factor: int, how: str) -> FloatArray:
-    """Bring blocks of cells together.
+    """Bring blocks of ``factor`` by ``factor`` cells together by their "mean" or "max".
 
-    Parameters
-    ----------
-    values : shape (n_rows, n_cols)
-    factor : int
-        Side of a block in cells.
-    how : {"mean", "max"}
-        NaN cells are left out; a block without any value is NaN.
-
-    Returns
-    -------
-    float64, shape (ceil(n_rows / factor), ceil(n_cols / factor))
+    NaN cells are left out; a block without any value is NaN. Blocks may reach beyond the edge.
     """
     values = np.asarray(values, float)
     if factor <= 1:
@@ -95,23 +143,12 @@ def _slope(z: FloatArray, axis: int, cell_size: float) -> FloatArray:
     return np.asarray(np.where(number > 0, total / np.maximum(number, 1.0), 0.0))
 
 
-def hillshade(grid: Grid, *, altitude_deg: float = 45.0) -> FloatArray:
+def hillshade(grid: Grid) -> FloatArray:
     """Relief lit from four sides at once, so that no slope is lost in its own shadow.
 
     Each light counts more on ground that it strikes from the side (Mark, R. K., 1992,
     Multidirectional, oblique-weighted, shaded-relief image of the Island of Hawaii, USGS Open-File
-    Report 92-422).
-
-    Parameters
-    ----------
-    grid : Grid
-    altitude_deg : float
-        Height of the lights above the horizon.
-
-    Returns
-    -------
-    float64, shape (n_rows, n_cols)
-        0 (dark) to 1 (bright); NaN where the height is unknown.
+    Report 92-422). From 0 (dark) to 1 (bright); NaN where the height is unknown.
     """
     z = np.asarray(grid.values, float)
     if min(z.shape) < 2:
@@ -120,7 +157,7 @@ def hillshade(grid: Grid, *, altitude_deg: float = 45.0) -> FloatArray:
     north = -_slope(z, 0, grid.cell_size)
     steepness = np.arctan(np.hypot(east, north))
     aspect = np.arctan2(-east, -north)
-    altitude = np.radians(altitude_deg)
+    altitude = np.radians(45.0)
     total = np.zeros_like(z)
     weights = np.zeros_like(z)
     for azimuth in np.radians([225.0, 270.0, 315.0, 360.0]):
@@ -134,31 +171,20 @@ def hillshade(grid: Grid, *, altitude_deg: float = 45.0) -> FloatArray:
     return np.where(np.isfinite(z), total / weights, np.nan)
 
 
-def draw_relief(ax: Axes, grid: Grid) -> int:
-    """Draw the hillshade of a grid; nodata stays white.
-
-    Returns
-    -------
-    int
-        Cells per drawn cell and side (1: every cell is drawn).
-    """
-    factor = -(-max(grid.shape) // MAX_CELLS)
-    coarse = replace(
-        grid, values=coarsen(grid.values, factor, "mean"), cell_size=grid.cell_size * factor
-    )
-    west, south, east, north = coarse.bounds
+def draw_relief(ax: Axes, view: MapView) -> None:
+    """Draw the hillshade of what a map shows; nodata stays white."""
+    heights, (west, south, east, north) = view.coarse(view.grid.values, "mean")
     ax.imshow(
-        hillshade(coarse),
+        hillshade(replace(view.grid, values=heights, cell_size=view.grid.cell_size * view.factor)),
         # Never quite black: the layer and the labels above must stay readable.
         cmap="gray",
         vmin=-0.35,
         vmax=0.95,
         extent=(west, east, south, north),
-        interpolation="nearest" if factor == 1 else "auto",
+        interpolation="nearest" if view.factor == 1 else "auto",
         zorder=0,
         gid="relief",
     )
-    return factor
 
 
 def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
@@ -171,15 +197,13 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
     ax.set_ylim(south, north)
     ax.set_aspect("equal")
     ax.grid(False)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(True)
+    ax.spines[["top", "right"]].set_visible(True)
     step = round_step(max(east - west, north - south), parts)
     in_km = step >= 1000.0
     scale, decimals = (1000.0, 0) if in_km else (1.0, max(0, int(-np.floor(np.log10(step)))))
-    text = FuncFormatter(lambda value, _: thousands(value / scale, decimals))
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MultipleLocator(step))
-        axis.set_major_formatter(text)
+        axis.set_major_formatter(FuncFormatter(lambda value, _: thousands(value / scale, decimals)))
     unit = "km" if in_km else "m"
     ax.set_xlabel(f"east ({unit})", size=SMALL)
     ax.set_ylabel(f"north ({unit})", size=SMALL)
@@ -189,52 +213,36 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
 
 
 def emptiest_corner(occupied: NDArray[np.bool_], width: float, height: float) -> tuple[bool, bool]:
-    """Find the corner of a raster that hides least.
+    """The corner (right, top) of a raster in which a box hides least of what is occupied.
 
-    Parameters
-    ----------
-    occupied : shape (n_rows, n_cols)
-        True where something is drawn; row 0 in the north.
-    width, height : float
-        Size of the box to place, as a share of the raster.
-
-    Returns
-    -------
-    (right, top) : bool
+    Width and height of the box are shares of the raster; row 0 lies in the north.
     """
-    rows = max(1, int(np.ceil(occupied.shape[0] * height)))
-    cols = max(1, int(np.ceil(occupied.shape[1] * width)))
+    rows = max(1, int(np.ceil(occupied.shape[0] * min(1.0, height))))
+    cols = max(1, int(np.ceil(occupied.shape[1] * min(1.0, width))))
+
+    def hidden(corner: tuple[bool, bool]) -> int:
+        right, top = corner
+        part = occupied[:rows] if top else occupied[-rows:]
+        return int(np.count_nonzero(part[:, -cols:] if right else part[:, :cols]))
+
     # Lower left first: where all corners are alike, that is where a reader looks for it.
-    corners = ((False, False), (True, False), (False, True), (True, True))
-    hidden = [
-        np.count_nonzero(
-            occupied[
-                slice(0, rows) if top else slice(-rows, None),
-                slice(-cols, None) if right else slice(0, cols),
-            ]
-        )
-        for right, top in corners
-    ]
-    return corners[int(np.argmin(hidden))]
+    return min(((False, False), (True, False), (False, True), (True, True)), key=hidden)
 
 
-#: Size of the box with scale bar and north arrow (in).
-FURNITURE_IN = (1.55, 0.42)
+def taken_by(points: FloatArray, box: Extent) -> NDArray[np.bool_]:
+    """Which of 40 by 40 fields of a map hold a point."""
+    taken = np.zeros((40, 40), bool)
+    col = np.clip((points[:, 0] - box[0]) / (box[2] - box[0]) * 40, 0, 39).astype(int)
+    row = np.clip((box[3] - points[:, 1]) / (box[3] - box[1]) * 40, 0, 39).astype(int)
+    taken[row, col] = True
+    return taken
 
 
-def draw_furniture(ax: Axes, extent: Extent, width_in: float, *, right: bool, top: bool) -> None:
-    """Draw a scale bar and a north arrow in a corner.
-
-    Parameters
-    ----------
-    extent : (west, south, east, north)
-    width_in : float
-        Drawn width of the map (in).
-    right, top : bool
-        Which corner.
-    """
-    west, south, east, north = extent
+def draw_furniture(ax: Axes, box: Extent, width_in: float, corner: tuple[bool, bool]) -> None:
+    """Draw a scale bar and a north arrow in a corner (right, top) of a map of this width."""
+    west, south, east, north = box
     inch = (east - west) / width_in
+    right, top = corner
     box_w, box_h = (side * inch for side in FURNITURE_IN)
     pad = 0.07 * inch
     x0 = east - pad - box_w if right else west + pad
@@ -244,53 +252,26 @@ def draw_furniture(ax: Axes, extent: Extent, width_in: float, *, right: bool, to
     power = 10.0 ** np.floor(np.log10(longest))
     bar = max(m * power for m in (1.0, 2.0, 5.0) if m * power <= longest)
     bx, by = x0 + 0.1 * inch, y0 + 0.1 * inch
+    line: dict[str, Any] = {"ec": INK, "zorder": 21}
     for half, colour in ((0, INK), (1, "white")):
-        ax.add_patch(
-            Rectangle(
-                (bx + half * bar / 2.0, by),
-                bar / 2.0,
-                0.055 * inch,
-                fc=colour,
-                ec=INK,
-                lw=0.6,
-                zorder=21,
-            )
-        )
+        at = (bx + half * bar / 2.0, by)
+        ax.add_patch(Rectangle(at, bar / 2.0, 0.055 * inch, fc=colour, lw=0.6, **line))
     label = f"{thousands(bar / 1000.0)} km" if bar >= 1000.0 else f"{bar:g} m"
-    ax.text(
-        bx + bar / 2.0,
-        by + 0.08 * inch,
-        label,
-        size=SMALL,
-        ha="center",
-        va="bottom",
-        zorder=21,
-        gid="scale-bar",
-    )
+    word: dict[str, Any] = {"size": SMALL, "ha": "center", "va": "bottom", "zorder": 21}
+    ax.text(bx + bar / 2.0, by + 0.08 * inch, label, gid="scale-bar", **word)
     nx, ny = x0 + box_w - 0.17 * inch, y0 + 0.06 * inch
-    ax.add_patch(
-        Polygon(
-            [
-                (nx, ny + 0.2 * inch),
-                (nx - 0.065 * inch, ny),
-                (nx, ny + 0.045 * inch),
-                (nx + 0.065 * inch, ny),
-            ],
-            closed=True,
-            fc=INK,
-            ec=INK,
-            lw=0.5,
-            zorder=21,
-        )
-    )
-    ax.text(
-        nx,
-        ny + 0.2 * inch,
-        "N",
-        size=SMALL,
-        ha="center",
-        va="bottom",
-        color=GREY,
-        zorder=21,
-        gid="north",
-    )
+    arrow = [(0.0, 0.2), (-0.065, 0.0), (0.0, 0.045), (0.065, 0.0)]
+    points = [(nx + x * inch, ny + y * inch) for x, y in arrow]
+    ax.add_patch(Polygon(points, closed=True, fc=INK, lw=0.5, **line))
+    ax.text(nx, ny + 0.2 * inch, "N", color=GREY, gid="north", **word)
+
+
+def furniture_beside(page: Page, x: float, y: float, metres_per_inch: float) -> None:
+    """Draw scale bar and north arrow beside the maps, where they hide nothing, from x, y (in)."""
+    width, height = FURNITURE_IN[0] + 0.1, FURNITURE_IN[1] + 0.1
+    ax = page.axes(x, y, width, height, "scale")
+    ax.set_axis_off()
+    box = (0.0, 0.0, width * metres_per_inch, height * metres_per_inch)
+    ax.set_xlim(box[0], box[2])
+    ax.set_ylim(box[1], box[3])
+    draw_furniture(ax, box, width, (True, True))

@@ -8,6 +8,7 @@ import textwrap
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.resources import as_file, files
 from os import PathLike
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -16,14 +17,15 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
+from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import said, spoken
-from sassgis.model.results import StopReason
 from sassgis.report.number_text import thousands
 
 #: Width of a figure: the text width of an A4 page (in).
@@ -44,69 +46,15 @@ YELLOW = "#F0E442"
 VERMILION = "#D55E00"
 PURPLE = "#CC79A7"
 
-#: Fill colours for kinds of ground, in the order of the table; they repeat after the last.
-GROUND_COLOURS = (
-    "#8c8c8c",
-    "#E6C27A",
-    "#7FBF9B",
-    "#A6D3EE",
-    "#E0A3C2",
-    "#C98A5B",
-    "#5B8FB9",
-    "#EDE79B",
+#: Less observed than predicted (or before) is blue, more vermilion.
+GAP_COLOURS = LinearSegmentedColormap.from_list(
+    "gap", [BLUE, "#9ecae1", "#f2f2f2", "#f5b38c", VERMILION]
 )
 
-REASON_COLOURS = {
-    StopReason.REST: BLUE,
-    StopReason.BARRIER: VERMILION,
-    StopReason.LEFT_PROFILE: ORANGE,
-    StopReason.STEP_LIMIT: PURPLE,
-    StopReason.NEVER_STARTED: "#8c8c8c",
-    StopReason.BROKEN: "#3d3d3d",
-}
-REASON_NAMES = {
-    StopReason.REST: "at rest",
-    StopReason.BARRIER: "stopped by a barrier",
-    StopReason.LEFT_PROFILE: "left the profile",
-    StopReason.STEP_LIMIT: "given up (step limit)",
-    StopReason.NEVER_STARTED: "never started",
-    StopReason.BROKEN: "broke into fragments",
-}
-
-_RC: dict[str, Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": TEXT,
-    "text.color": INK,
-    "axes.titlesize": TEXT,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": TEXT,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": GREY,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e3e3e3",
-    "grid.linewidth": 0.5,
-    "xtick.labelsize": SMALL,
-    "ytick.labelsize": SMALL,
-    "xtick.color": GREY,
-    "ytick.color": GREY,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 3,
-    "ytick.major.size": 3,
-    "legend.frameon": False,
-    "legend.fontsize": SMALL,
-    "figure.facecolor": "white",
-    "figure.dpi": 100,
-    "savefig.dpi": DPI,
-    "hatch.linewidth": 0.5,
-}
+#: Fill colours for kinds of ground, in the order of the table; they repeat after the last.
+GROUND_COLOURS = (
+    "#8c8c8c", "#E6C27A", "#7FBF9B", "#A6D3EE", "#E0A3C2", "#C98A5B", "#5B8FB9", "#EDE79B",
+)  # fmt: skip
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -115,15 +63,21 @@ R = TypeVar("R")
 _LOCK = threading.RLock()
 
 
+@functools.cache
+def _settings() -> dict[Any, Any]:
+    """Settings of matplotlib: its defaults, and over them the style sheet of the figures."""
+    with as_file(files("sassgis.data").joinpath("figures.mplstyle")) as sheet:
+        own = mpl.rc_params_from_file(sheet, use_default_template=False)
+    # Not the backend: setting that would load pyplot.
+    both = dict(mpl.rcParamsDefault) | dict(own)
+    return {key: value for key, value in both.items() if not key.startswith("backend")}
+
+
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw with the settings of this module, whatever the user's matplotlibrc says."""
+    """Draw in the style of the figures, whatever the user's matplotlibrc says."""
     with _LOCK, mpl.rc_context():
-        # Not the backend: setting that would load pyplot.
-        settings: dict[Any, Any] = dict(mpl.rcParamsDefault)
-        for key, value in (settings | _RC).items():
-            if not key.startswith("backend"):
-                mpl.rcParams[key] = value
+        mpl.rcParams.update(_settings())
         yield
 
 
@@ -145,34 +99,80 @@ def new_figure(width_in: float, height_in: float, *, constrained: bool = True) -
     return figure
 
 
+class Page:
+    """A figure whose parts are placed in inches from its lower left corner.
+
+    Maps and profiles have axes of equal scale, which leave gaps in automatic layouts.
+    """
+
+    def __init__(self, height: float) -> None:
+        self.height = height
+        self.figure = new_figure(WIDTH_IN, height, constrained=False)
+
+    def axes(self, x: float, y: float, width: float, height: float, label: str = "") -> Axes:
+        """Axes with their lower left corner at x, y."""
+        return self.figure.add_axes(
+            (x / WIDTH_IN, y / self.height, width / WIDTH_IN, height / self.height), label=label
+        )
+
+    def text(self, x: float, y: float, words: str, **how: Any) -> None:
+        """Write a text at x, y."""
+        self.figure.text(x / WIDTH_IN, y / self.height, words, **how)
+
+    def title(self, x: float, words: str, below_top: float = 0.1) -> None:
+        """Write the title, its upper left corner so far below the top."""
+        self.figure.text(
+            x / WIDTH_IN, 1.0 - below_top / self.height, words, size=TITLE, weight="bold",
+            va="top", gid="title",
+        )  # fmt: skip
+
+    def note(self, x: float, y: float, words: str, va: str = "top") -> None:
+        """Write the note below the figure."""
+        self.text(x, y, words, size=SMALL, color=GREY, va=va, gid="note")
+
+    def around(self, title: str, note: str, room: float = WIDTH_IN) -> None:
+        """Write the title at the top and the note at the foot, the note within a width."""
+        self.title(0.1, wrap(title, WIDTH_IN, TITLE), 0.08)
+        self.note(0.1, 0.07, wrap(note, room - 0.2), "bottom")
+
+
+def note_height(note: str, room: float = WIDTH_IN) -> float:
+    """Height that a note at the foot takes (in)."""
+    return 0.14 * lines_in(wrap(note, room - 0.2)) + 0.12 if note else 0.1
+
+
+def head(figure: Figure, title: str) -> None:
+    """Write the title of a figure that lays itself out."""
+    figure.suptitle(wrap(title, WIDTH_IN, TITLE), x=0.01, ha="left", size=TITLE, weight="bold")
+
+
+def halo(width: float = 2.0) -> list[AbstractPathEffect]:
+    """A white edge around letters that lie over a drawing."""
+    return [withStroke(linewidth=width, foreground="white")]
+
+
+def beside(
+    ax: Axes, words: str, at: tuple[float, float], offset_pt: tuple[float, float], **how: Any
+) -> None:
+    """Write a text so many points beside a place."""
+    ax.annotate(words, at, xytext=offset_pt, textcoords="offset points", **({"size": SMALL} | how))
+
+
 def to_png(figure: Figure) -> bytes:
     """Draw a figure as PNG; the same figure gives the same bytes on every run."""
+    if spoken() != "en":
+        for text in figure.findobj(Text):
+            assert isinstance(text, Text)
+            text.set_text(said(text.get_text()))
     buffer = io.BytesIO()
-    _say(figure)
     with house_style():
         # Without this matplotlib writes its version into the file.
         figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()
 
 
-def _say(figure: Figure) -> None:
-    """Put the texts of a figure into the language in which the program writes."""
-    if spoken() == "en":
-        return
-    for text in figure.findobj(Text):
-        assert isinstance(text, Text)
-        words = text.get_text()
-        text.set_text(said(words))
-
-
 def save(figure: Figure, path: str | PathLike[str]) -> Path:
-    """Write a figure as PNG.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
+    """Write a figure as PNG; an OutputError if the file cannot be written."""
     target = Path(path)
     try:
         target.write_bytes(to_png(figure))
@@ -221,14 +221,9 @@ def spread(positions: Sequence[float] | FloatArray, widths: float | FloatArray) 
     Parameters
     ----------
     positions : float, shape (n,)
-        Where the middles of the labels want to stand.
+        Where the middles of the labels want to stand; their order along the axis is kept.
     widths : float or float, shape (n,)
         Room that each label takes, same unit.
-
-    Returns
-    -------
-    float64, shape (n,)
-        Middles in the order given; their order along the axis is kept.
     """
     wanted = np.asarray(positions, float)
     room = np.broadcast_to(np.asarray(widths, float), wanted.shape)
@@ -256,9 +251,9 @@ def text_width_pt(text: str, size: float = SMALL) -> float:
     return 0.64 * size * len(text) + 4.0
 
 
-def percent_formatter() -> PercentFormatter:
-    """Tick labels in per cent, with a thin space before the sign."""
-    return PercentFormatter(decimals=0, symbol="\u2009%")
+def percent_formatter(whole: float = 100.0) -> PercentFormatter:
+    """Tick labels in per cent of a whole, with a thin space before the sign."""
+    return PercentFormatter(whole, decimals=0, symbol="\u2009%")
 
 
 def round_step(span: float, target: int) -> float:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from sassgis.model.errors import OutputError
 from sassgis.report.figures import save, to_png
-from sassgis.report.figures.histograms import runout_figure
+from sassgis.report.figures.distributions import runout_figure
 from sassgis.report.figures.style import house_style, round_step, spread, wrap
 from sassgis.report.number_text import thousands
 

@@ -10,23 +10,21 @@ from matplotlib.figure import Figure
 from sassgis.hazard.curves import rate_interval
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
 from sassgis.io.read.presets import read_preset
-from sassgis.model.errors import InputError
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardCurves
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.report.figures import (
+    MapMarks,
     change_figure,
     confidence_figure,
     hazard_curve_figure,
     intensity_figure,
     map_figure,
     risk_figure,
-    to_png,
 )
-from sassgis.report.figures.class_maps import class_positions, draw_stripes
-from sassgis.report.figures.hazard_curve import MAX_SOURCES, leading_sources
-from sassgis.report.figures.hazard_map_figures import columns_of, level_changes
-from sassgis.report.figures.risk_figure import amount
+from sassgis.report.figures.hazard_figures import MAX_SOURCES, amount, leading_sources
+from sassgis.report.figures.hazard_maps import columns_of, level_changes
+from sassgis.report.figures.map_figure import class_positions, draw_stripes
 from sassgis.report.figures.style import new_figure
 
 LEVELS = (
@@ -98,10 +96,8 @@ def test_stripes_lie_on_the_hatched_cells_alone(valley: Grid, find) -> None:
 def test_fine_lines_fall_where_stripes_rise() -> None:
     def painted(falling: bool) -> np.ndarray:
         ax = new_figure(2.0, 2.0, constrained=False).add_axes((0, 0, 1, 1))
-        draw_stripes(
-            ax, np.ones((10, 10), bool), "#000000", extent=(0.0, 0.0, 1.0, 1.0),
-            metres_per_inch=1.0, falling=falling,
-        )  # fmt: skip
+        cells = np.ones((10, 10), bool)
+        draw_stripes(ax, cells, "#000000", (0.0, 0.0, 1.0, 1.0), 1.0, fine=falling)
         return np.asarray(ax.get_images()[0].get_array())[..., 3] > 0.0
 
     rising, falling = painted(False), painted(True)
@@ -111,18 +107,10 @@ def test_fine_lines_fall_where_stripes_rise() -> None:
     assert not (rising[1:, 1:] == rising[:-1, :-1]).all()
 
 
-def test_another_band_of_a_class_map_has_a_ramp(valley: Grid, find) -> None:
-    layer = level_of(valley)
-    more = replace(layer.bands[0], name="factor", unit="1", values=layer.bands[0].values * 7.0)
-    figure = map_figure(valley, replace(layer, bands=(layer.bands[0], more)), band=1)
-    (image,) = find(figure, "layer")
-    assert (image.norm.vmin, image.norm.vmax) == (7.0, 28.0)
-
-
 def test_zones_are_outlined(valley: Grid, find, texts) -> None:
     ring = np.array([[100.0, -50.0], [150.0, -50.0], [150.0, -90.0]])
     ring += [valley.west, valley.north]
-    figure = map_figure(valley, level_of(valley), zones=[ring])
+    figure = map_figure(valley, level_of(valley), MapMarks(zones=[ring]))
     np.testing.assert_allclose(find(figure, "zones")[0].get_paths()[0].vertices[:3], ring)
     assert "hin outlines: zones" in texts(figure)
 
@@ -145,7 +133,7 @@ def test_intensities_side_by_side(valley: Grid, find, texts) -> None:
     )
     ring = np.array([[80.0, -10.0], [110.0, -10.0], [110.0, -30.0]])
     ring += [valley.west, valley.north]
-    figure = intensity_figure(valley, [first, second], release=[ring], note="Width 5 m.")
+    figure = intensity_figure(valley, [first, second], MapMarks([ring]), "Width 5 m.")
     one, two = maps(figure)
     assert (one.get_xlim(), one.get_ylim()) == (two.get_xlim(), two.get_ylim())
     assert np.nanmax(classes_on(one)) == 2.0 and np.nanmin(classes_on(one)) == 0.0
@@ -159,7 +147,7 @@ def test_intensities_side_by_side(valley: Grid, find, texts) -> None:
 
 
 def test_the_scale_bar_has_the_scale_of_the_maps(valley: Grid, find) -> None:
-    figure = intensity_figure(valley, [level_of(valley)] * 2)
+    figure = intensity_figure(valley, [level_of(valley)] * 2, MapMarks())
     (label,) = find(figure, "scale-bar")
     metres = float(label.get_text().split()[0])
     bars = [p for p in label.axes.patches if p.get_zorder() == 21 and hasattr(p, "get_width")]
@@ -170,27 +158,11 @@ def test_the_scale_bar_has_the_scale_of_the_maps(valley: Grid, find) -> None:
     assert bar == pytest.approx(np.ptp(pixels[:, 0]), rel=0.02)
 
 
-def test_layers_that_do_not_belong_together(valley: Grid) -> None:
-    layer = level_of(valley)
-    with pytest.raises(InputError, match="no map to draw"):
-        intensity_figure(valley, [])
-    with pytest.raises(InputError, match="other classes"):
-        intensity_figure(valley, [layer, replace(layer, classes=LEVELS[:2])])
-    with pytest.raises(InputError, match="is no map of classes"):
-        intensity_figure(valley, [replace(layer, classes=())])
-    with pytest.raises(InputError, match="does not lie on the cells"):
-        intensity_figure(replace(valley, values=valley.values[1:]), [layer])
-    with pytest.raises(InputError, match="'uncertain' does not lie"):
-        confidence_figure(valley, layer, np.zeros((3, 3), bool))
-    with pytest.raises(InputError, match="before and after"):
-        change_figure(valley, layer, replace(layer, classes=LEVELS[:2]))
-
-
 def test_uncertain_cells_have_lines_over_them(valley: Grid, find, texts) -> None:
     open_ = np.zeros(valley.shape, bool)
     open_[10:14, 22:26] = True
     open_[30:, :] = True  # No block arrives here.
-    figure = confidence_figure(valley, level_of(valley), open_)
+    figure = confidence_figure(valley, level_of(valley), open_, MapMarks())
     stripes = [s for s in find(figure, "stripes") if s.axes.get_label() == "map"]
     assert len(stripes) == 2
     black = next(s for s in stripes if np.asarray(s.get_array())[..., :3].max() < 0.2)
@@ -212,7 +184,7 @@ def test_before_after_and_what_changed(valley: Grid, find, texts) -> None:
     values[8:10, 20:30] = np.nan
     values[30, 30] = 1.0
     after = replace(before, bands=(replace(before.bands[0], values=values),))
-    figure = change_figure(valley, before, after, names=("before", "after"))
+    figure = change_figure(valley, before, after, MapMarks(), names=("before", "after"))
     assert [ax.get_title(loc="left") for ax in maps(figure)] == ["before", "after", "Change"]
     change = classes_on(maps(figure)[2])
     # 25 m² a cell: 36 + 20 cells lower, one higher, the other 104 as before.
@@ -313,13 +285,6 @@ def test_many_sources_are_brought_together() -> None:
     assert "s0" not in leading_sources({"s0": ENERGIES * 0.0, "s1": ENERGIES})
 
 
-def test_curves_that_cannot_be_drawn() -> None:
-    with pytest.raises(InputError, match="no such hazard curve"):
-        hazard_curve_figure(CURVE, 2, PRESET)
-    with pytest.raises(InputError, match="does not fit the energies"):
-        hazard_curve_figure(CURVE, 1, PRESET, by_source={"a": np.ones(3)})
-
-
 def test_an_error_that_cannot_be_told(texts) -> None:
     unknown = replace(CURVE, variance=np.full_like(CURVE.variance, np.nan))
     assert "does not give the error" in texts(hazard_curve_figure(unknown, 1, PRESET))
@@ -348,14 +313,6 @@ def test_the_largest_risks_stand_on_top(find, texts) -> None:
     assert "deaths (10⁻⁶ 1/year)" in words
     assert "Sum of all 5 objects: 1.10 × 10⁻⁴ 1/year." in words
     assert "Not drawn: 1 object of less risk, together 1.00 × 10⁻⁵ 1/year." in words
-
-
-def test_no_risk_at_all(texts) -> None:
-    figure = risk_figure(["a"], np.zeros(1), np.zeros(1), quantity="loss", unit="CHF/year")
-    assert "no object at risk" in texts(figure)
-    assert to_png(figure).startswith(b"\x89PNG")
-    with pytest.raises(InputError, match="do not belong together"):
-        risk_figure(["a"], np.zeros(2), np.zeros(2), quantity="loss", unit="CHF/year")
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.report.figures import relief
-from sassgis.report.figures.map_marks import draw_release, footprint
+from sassgis.report.figures.map_marks import all_points, draw_points, draw_release, even_choice
 from sassgis.report.figures.style import (
     BLUE,
     GREY,
@@ -21,8 +20,8 @@ from sassgis.report.figures.style import (
     TEXT,
     TITLE,
     WIDTH_IN,
+    Page,
     count,
-    new_figure,
     nothing_to_show,
     percent_formatter,
     styled,
@@ -130,7 +129,6 @@ def runout_gap_figure(
     observed_xy: FloatArray | None = None,
     predicted_xy: FloatArray | None = None,
     release: Sequence[FloatArray] = (),
-    release_points: FloatArray | None = None,
     title: str = "Observed and predicted run-out",
 ) -> Figure:
     """Compare run-outs: distributions, quantiles and, with a terrain, the stops on the map.
@@ -145,108 +143,52 @@ def runout_gap_figure(
         Coordinates of the stops (m).
     release : float, each of shape (n, 2)
         Outlines of the release areas (m).
-    release_points : float, shape (n, 2), optional
     title : str
-
-    Raises
-    ------
-    InputError
-        Stops are given without a terrain to show them on.
     """
     seen, made = _known(observed_m, 1), _known(predicted_m, 1)
     stops = [
         np.empty((0, 2)) if xy is None else _known(xy, 2) for xy in (observed_xy, predicted_xy)
     ]
-    if grid is None and any(xy.size for xy in stops):
-        raise InputError("stops can be drawn only over a terrain", field="grid", found="none")
-    note = f"{count(seen.size, 'observed rock')}, {count(made.size, 'predicted rock')}"
-    left, gap, side = 0.62, 0.62, 2.25
-    map_w = map_h = 0.0
+    left, gap, side = 0.62, 0.62, 2.25 if grid is not None else WIDTH_IN - 0.62 - 2.75
+    top, map_w, map_h = 0.45, 0.0, 0.0
     if grid is not None:
-        marks = np.concatenate(
-            [
-                *stops,
-                *(np.asarray(a, float).reshape(-1, 2) for a in release),
-                np.empty((0, 2)) if release_points is None else np.asarray(release_points, float),
-            ]
-        )
-        box = footprint(grid, np.full(grid.shape, np.nan), marks)
-        aspect = (box[3] - box[1]) / (box[2] - box[0])
-        map_w = WIDTH_IN - left - side - gap - 0.1
-        map_h = map_w * aspect
-        if map_h > 6.0:
-            map_w, map_h = 6.0 / aspect, 6.0
-    else:
-        side = WIDTH_IN - left - 2.75
-    top = 0.45
-    height = max(map_h + top + 0.75, 4.35 if grid is not None else 2.9)
-    figure = new_figure(WIDTH_IN, height, constrained=False)
-    figure.text(
-        0.1 / WIDTH_IN,
-        1.0 - 0.08 / height,
-        wrap(title, WIDTH_IN, TITLE),
-        size=TITLE,
-        weight="bold",
-        va="top",
-        gid="title",
-    )
-    figure.text(
-        0.1 / WIDTH_IN, 0.07 / height, note, size=SMALL, color=GREY, va="bottom", gid="note"
-    )
-
-    def place(x: float, y: float, w: float, h: float, label: str) -> Axes:
-        return figure.add_axes((x / WIDTH_IN, y / height, w / WIDTH_IN, h / height), label=label)
-
-    rows = quantile_rows(seen, made)
+        marks = all_points([*stops, *release])
+        view = relief.view_of(grid, relief.footprint(grid, None, marks))
+        map_w = min(WIDTH_IN - left - side - gap - 0.1, 6.0 / view.aspect)
+        map_h = map_w * view.aspect
+    page = Page(max(map_h + top + 0.75, 4.35 if grid is not None else 2.9))
+    page.title(0.1, wrap(title, WIDTH_IN, TITLE), 0.08)
+    note = f"{count(seen.size, 'observed rock')}, {count(made.size, 'predicted rock')}"
+    page.note(0.1, 0.07, note, "bottom")
+    rows, high = quantile_rows(seen, made), page.height - top
     if grid is None:
-        _draw_curves(place(left, 0.65, side, height - top - 0.65, "curves"), seen, made)
-        _draw_table(place(left + side + 0.15, 0.65, 2.45, height - top - 0.75, "table"), rows)
-        return figure
-    _draw_curves(place(left, height - top - 1.85, side, 1.85, "curves"), seen, made)
-    _draw_table(place(left - 0.3, height - top - 3.75, side + 0.3, 1.3, "table"), rows)
-    ax = place(left + side + gap, height - top - map_h, map_w, map_h, "map")
-    relief.draw_relief(ax, relief.window_of(grid, box).grid(grid))
-    draw_release(ax, release, release_points)
-    for name, xy, colour, mark, size in (
-        ("predicted", stops[1], BLUE, "o", 2.2),
-        ("observed", stops[0], ORANGE, "D", 3.6),
+        _draw_curves(page.axes(left, 0.65, side, high - 0.65, "curves"), seen, made)
+        _draw_table(page.axes(left + side + 0.15, 0.65, 2.45, high - 0.75, "table"), rows)
+        return page.figure
+    _draw_curves(page.axes(left, high - 1.85, side, 1.85, "curves"), seen, made)
+    _draw_table(page.axes(left - 0.3, high - 3.75, side + 0.3, 1.3, "table"), rows)
+    ax = page.axes(left + side + gap, high - map_h, map_w, map_h, "map")
+    relief.draw_relief(ax, view)
+    draw_release(ax, release)
+    # Beyond a few thousand dots more ink says nothing more.
+    made_xy, seen_xy = (xy[even_choice(len(xy), _MAX_POINTS)] for xy in stops[::-1])
+    for name, xy, mark, size, fill, edge, width, alpha in (
+        ("predicted", made_xy, "o", 2.2, BLUE, "white", 0.25, 0.65),
+        ("observed", seen_xy, "D", 3.6, ORANGE, INK, 0.5, 1.0),
     ):
-        # Beyond a few thousand dots more ink says nothing more.
-        keep = np.unique(np.linspace(0, len(xy) - 1, min(len(xy), _MAX_POINTS)).astype(int))
-        ax.plot(
-            xy[keep, 0],
-            xy[keep, 1],
-            mark,
-            ms=size,
-            mfc=colour,
-            mec="white" if name == "predicted" else INK,
-            mew=0.25 if name == "predicted" else 0.5,
-            alpha=0.65 if name == "predicted" else 1.0,
-            ls="none",
-            label=f"stop, {name}",
-            zorder=10,
+        draw_points(
+            ax, xy, mark, size, fill, edge, width, alpha=alpha, label=f"stop, {name}", zorder=10,
             gid=f"stops-{name}",
-        )
-    relief.map_axes(ax, box)
-    taken = np.zeros((40, 40))
-    for xy in (*stops, *(np.asarray(a, float).reshape(-1, 2) for a in release)):
-        if len(xy):
-            col = np.clip((xy[:, 0] - box[0]) / (box[2] - box[0]) * 40, 0, 39).astype(int)
-            row = np.clip((box[3] - xy[:, 1]) / (box[3] - box[1]) * 40, 0, 39).astype(int)
-            np.add.at(taken, (row, col), 1.0)
+        )  # fmt: skip
+    relief.map_axes(ax, view.box)
     corner = relief.emptiest_corner(
-        taken > 0.0, relief.FURNITURE_IN[0] / map_w, relief.FURNITURE_IN[1] / map_h
+        relief.taken_by(marks, view.box),
+        relief.FURNITURE_IN[0] / map_w,
+        relief.FURNITURE_IN[1] / map_h,
     )
-    relief.draw_furniture(ax, box, map_w, right=corner[0], top=corner[1])
-    handles, names = ax.get_legend_handles_labels()
-    figure.legend(
-        handles,
-        names,
-        loc="lower right",
-        ncols=2,
-        bbox_to_anchor=(1.0, 0.0),
-        handletextpad=0.2,
-        columnspacing=1.2,
-        markerscale=1.4,
-    )
-    return figure
+    relief.draw_furniture(ax, view.box, map_w, corner)
+    page.figure.legend(
+        *ax.get_legend_handles_labels(), loc="lower right", ncols=2, bbox_to_anchor=(1.0, 0.0),
+        handletextpad=0.2, columnspacing=1.2, markerscale=1.4,
+    )  # fmt: skip
+    return page.figure

@@ -1,17 +1,31 @@
-"""What is seen in figures, in words, for those who cannot see them."""
+"""Figures for a report: saved beside it, and what is seen in them in words."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.model.grid import Grid
+from sassgis.model.noted_files import noted
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_labels
 from sassgis.report.figures.map_figure import class_numbers, shown_values
-from sassgis.report.page import Cell, sensible
+from sassgis.report.figures.style import to_png
+from sassgis.report.page import Cell, ReportFigure, sensible
+
+
+def picture(
+    folder: Path, name: str, title: str, caption: str, figure: Figure, alt: str = ""
+) -> ReportFigure:
+    """Save a figure as ``<name>.png``, and give it as the report shows it."""
+    png = to_png(figure)
+    folder.mkdir(parents=True, exist_ok=True)
+    noted(folder / f"{name}.png").write_bytes(png)
+    return ReportFigure(title, caption, png, alt)
 
 
 def map_alt(grid: Grid, layer: RasterLayer) -> str:

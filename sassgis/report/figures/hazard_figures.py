@@ -1,8 +1,8 @@
-"""The hazard curve of a place over the fields of the matrix that it crosses."""
+"""Figures of hazard zones: the hazard curve of a place over its matrix, the risk of objects."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,12 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from sassgis.hazard.curves import rate_interval, return_period
 from sassgis.hazard.levels import deciding_energy, hazard_level
-from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.report.figures.style import (
@@ -30,9 +28,13 @@ from sassgis.report.figures.style import (
     TITLE,
     VERMILION,
     WIDTH_IN,
+    Page,
+    beside,
+    count,
+    halo,
     lines_in,
-    new_figure,
     styled,
+    text_width_pt,
     wrap,
 )
 from sassgis.report.number_text import power_of_ten, thousands
@@ -42,35 +44,12 @@ MAX_SOURCES = 6
 _COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 _DASHES = ((0, (5, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1)), (0, (8, 2)), "-")
 _FIELD_ALPHA = 0.38
-_HALO = [withStroke(linewidth=2.0, foreground="white")]
-
-
-def _one_place(curves: HazardCurves, row: int) -> HazardCurves:
-    if not 0 <= row < curves.places.size:
-        raise InputError(
-            "there is no such hazard curve", found=row, expected=f"0 to {curves.places.size - 1}"
-        )
-    own = slice(row, row + 1)
-    return replace(
-        curves,
-        places=curves.places[own],
-        rate=curves.rate[own],
-        variance=curves.variance[own],
-        rate_of_a_rock=curves.rate_of_a_rock[own],
-    )
 
 
 def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """The sources from which most blocks arrive, and the sum of the others.
 
-    Parameters
-    ----------
-    by_source : mapping of str to float, shape (n_energies,)
-
-    Returns
-    -------
-    dict of str to float64
-        At most ``MAX_SOURCES``; those without a block are left out.
+    At most ``MAX_SOURCES``; those without a block are left out. Rates are of shape (n_energies,).
     """
     coming = {name: np.asarray(r, float) for name, r in by_source.items() if np.any(r > 0.0)}
     names = sorted(coming, key=lambda name: -coming[name][0])
@@ -96,28 +75,24 @@ def _draw_matrix(ax: Axes, preset: HazardPreset, energy: tuple[float, float]) ->
             bottom, top = max(bottom, low), min(top, high)
             if top <= bottom or right <= left:
                 continue
-            x, y = [left, right], [bottom, top]
             # A hatched level is striped on white, as on maps.
             field = ax.fill_between(
-                x, y[0], y[1], facecolor="white" if level.hatched else level.colour,
-                alpha=_FIELD_ALPHA if not level.hatched else None, lw=0.0, zorder=0.5,
+                [left, right], bottom, top, facecolor="white" if level.hatched else level.colour,
+                alpha=None if level.hatched else _FIELD_ALPHA, lw=0.0, zorder=0.5,
                 gid=f"field-{level.code}",
             )  # fmt: skip
             if level.hatched:
                 field.set_hatch("/////")
                 field.set_edgecolor(level.colour)
-            ax.add_patch(_frame(left, right, bottom, top))
+            size = (right - left, top - bottom)
+            ax.add_patch(
+                Rectangle((left, bottom), *size, fc="none", ec="white", lw=1.0, zorder=0.6)
+            )
             if np.log(top / bottom) > 0.06 * np.log(high / low):
                 ax.text(
                     np.sqrt(left * right), np.sqrt(bottom * top), level.label, size=SMALL,
-                    color=GREY, ha="center", va="center", path_effects=_HALO, zorder=1.5,
+                    color=GREY, ha="center", va="center", path_effects=halo(), zorder=1.5,
                 )  # fmt: skip
-
-
-def _frame(left: float, right: float, bottom: float, top: float) -> Rectangle:
-    return Rectangle(
-        (left, bottom), right - left, top - bottom, fc="none", ec="white", lw=1.0, zorder=0.6
-    )
 
 
 def _rate_limits(rates: FloatArray, preset: HazardPreset) -> tuple[float, float]:
@@ -139,7 +114,6 @@ def hazard_curve_figure(
     *,
     by_source: Mapping[str, FloatArray] | None = None,
     confidence: float = 0.95,
-    title: str = "Hazard curve",
     note: str = "",
 ) -> Figure:
     """Draw how often blocks reach a place with at least some energy.
@@ -158,45 +132,23 @@ def hazard_curve_figure(
         fewest blocks arrive are drawn together.
     confidence : float
         Of the band around the sum.
-    title, note : str
-
-    Raises
-    ------
-    InputError
-        There is no such place, or a source has another number of energies.
     """
-    one = _one_place(curves, row)
-    energies = one.energies_kj
+    own = {k: getattr(curves, k)[row : row + 1] for k in (
+        "places", "rate", "variance", "rate_of_a_rock",
+    )}  # fmt: skip
+    one = replace(curves, **own)
+    energies, total = one.energies_kj, one.rate[0]
     sources = leading_sources(by_source or {})
-    for name, rates in sources.items():
-        if rates.shape != energies.shape:
-            raise InputError(
-                f"the curve of source {name!r} does not fit the energies",
-                found=f"{rates.size} rates",
-                expected=f"{energies.size}",
-            )
-    total = one.rate[0]
     lower, upper = (limit[0] for limit in rate_interval(one, confidence))
-    level = int(hazard_level(one, preset)[0])
-    notes = [_level_words(one, preset, level)]
+    notes = [_level_words(one, preset)]
     if np.isnan(lower[total > 0.0]).any():
         notes.append("The sample does not give the error of the rates.")
-    notes.append(note)
-    below = wrap(" ".join(n for n in notes if n), WIDTH_IN - 0.5)
-    heading = wrap(title, WIDTH_IN - 0.5, TITLE)
-
-    head, foot, legend_h = (
-        0.12 + 0.18 * lines_in(heading) + 0.06,
-        0.42 + 0.135 * lines_in(below) + 0.1,
-        0.2 + 0.17 * ((len(sources) + 2) // 2),
-    )
-    plot_h = 3.6
-    height = head + plot_h + foot + legend_h
-    figure = new_figure(WIDTH_IN, height, constrained=False)
-    ax = figure.add_axes(
-        (0.72 / WIDTH_IN, (foot + legend_h) / height, (WIDTH_IN - 1.5) / WIDTH_IN, plot_h / height)
-    )
-    ax.set_label("curve")
+    below = wrap(" ".join(n for n in (*notes, note) if n), WIDTH_IN - 0.5)
+    heading = wrap("Hazard curve", WIDTH_IN - 0.5, TITLE)
+    foot = 0.42 + 0.135 * lines_in(below) + 0.1
+    legend_h, plot_h = 0.2 + 0.17 * ((len(sources) + 2) // 2), 3.6
+    page = Page(0.12 + 0.18 * lines_in(heading) + 0.06 + plot_h + foot + legend_h)
+    ax = page.axes(0.72, foot + legend_h, WIDTH_IN - 1.5, plot_h, "curve")
     first = float(energies[1]) if energies.size > 1 else 1.0
     second = preset.thresholds_kj[1] if len(preset.thresholds_kj) > 1 else first
     left = min(first, second / 10.0) / 2.0
@@ -236,18 +188,14 @@ def hazard_curve_figure(
         loc="upper left", bbox_to_anchor=(0.0, -0.42 / plot_h), ncols=2, borderaxespad=0.0,
         handlelength=3.2, columnspacing=1.6,
     )  # fmt: skip
-    figure.text(
-        0.25 / WIDTH_IN, 1.0 - 0.1 / height, heading, size=TITLE, weight="bold", va="top",
-        gid="title",
-    )  # fmt: skip
-    figure.text(
-        0.25 / WIDTH_IN, (foot - 0.38) / height, below, size=SMALL, color=GREY, va="top", gid="note"
-    )
-    return figure
+    page.title(0.25, heading)
+    page.note(0.25, foot - 0.38, below)
+    return page.figure
 
 
-def _level_words(one: HazardCurves, preset: HazardPreset, level: int) -> str:
+def _level_words(one: HazardCurves, preset: HazardPreset) -> str:
     """The level of the place and what decides it."""
+    level = int(hazard_level(one, preset)[0])
     if not level:
         return "No block arrives here."
     energy = float(one.energies_kj[int(deciding_energy(one, preset)[0])])
@@ -262,12 +210,16 @@ def _level_words(one: HazardCurves, preset: HazardPreset, level: int) -> str:
 
 
 def _label_axes(ax: Axes, preset: HazardPreset) -> None:
+    def plain(value: float, _: object = None) -> str:
+        if value >= 1.0:
+            return thousands(value)
+        return f"{value:.3g}" if value >= 0.01 else power_of_ten(round(np.log10(value)))
+
     ax.set_xlabel("kinetic energy, translation and rotation (kJ)")
     ax.set_ylabel("frequency of reaching it or more (1/year)")
-    ax.xaxis.set_major_formatter(FuncFormatter(_plain))
-    ax.yaxis.set_major_formatter(FuncFormatter(_plain))
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.yaxis.set_minor_locator(NullLocator())
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_formatter(FuncFormatter(plain))
+        axis.set_minor_locator(NullLocator())
     right = ax.twinx()
     right.set_label("return period")
     right.set_yscale("log")
@@ -280,7 +232,97 @@ def _label_axes(ax: Axes, preset: HazardPreset) -> None:
     right.spines["right"].set_visible(True)
 
 
-def _plain(value: float, _: object = None) -> str:
-    if value >= 1.0:
-        return thousands(value)
-    return f"{value:.3g}" if value >= 0.01 else power_of_ten(round(np.log10(value)))
+#: Width of a 95 % interval in standard errors of a normal distribution.
+_NORMAL_95 = 1.96
+_ROW_IN = 0.23
+_NAME_IN = 1.9
+
+
+def amount(value: float) -> str:
+    """Write a risk with three digits: '12 300', '4.56', '1.20 × 10⁻⁵'."""
+    if value == 0.0:
+        return "0"
+    if abs(value) >= 1000.0:
+        digits = int(np.floor(np.log10(abs(value)))) - 2
+        return thousands(round(value, -digits))
+    if abs(value) >= 1e-3:
+        return f"{value:.3g}"
+    number, exponent = f"{value:.2e}".split("e")
+    return f"{number}\u2009×\u2009{power_of_ten(int(exponent))}"
+
+
+@styled
+def risk_figure(
+    names: Sequence[str],
+    values: FloatArray,
+    standard_errors: FloatArray,
+    *,
+    quantity: str,
+    unit: str,
+    top: int = 15,
+) -> Figure:
+    """Draw the objects at largest risk, one at least, as bars with the error of the sample.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the objects.
+    values, standard_errors : float, shape (n,)
+        Risk of each, and the standard error of its sampling; NaN where it is not known.
+    quantity, unit : str
+        As "deaths" and "1/year".
+    top : int
+        Objects that are drawn; the others are summed in the note.
+    """
+    order = np.argsort(-np.nan_to_num(values), kind="stable")
+    order = order[values[order] > 0.0]
+    chosen, rest = order[:top], order[top:]
+    risk, errors = values[chosen], standard_errors[chosen]
+    total = amount(float(np.nansum(values)))
+    notes = [f"Sum of all {count(values.size, 'object')}: {total} {unit}."]
+    if rest.size:
+        notes.append(
+            f"Not drawn: {count(rest.size, 'object')} of less risk, together "
+            f"{amount(float(values[rest].sum()))} {unit}."
+        )
+    if np.isfinite(errors).any():
+        notes.append(
+            "Thin lines: 95 % intervals (1.96 standard errors) of the sample of blocks alone."
+        )
+    heading = wrap(f"{quantity[:1].upper()}{quantity[1:]} by object", WIDTH_IN - 0.4, TITLE)
+    below = wrap(" ".join(notes), WIDTH_IN - 0.4)
+    labels = [wrap(names[i], _NAME_IN) for i in chosen]
+    widths = [text_width_pt(line) for label in labels for line in label.splitlines()]
+    left = min(max([*widths, 40.0]) / 72.0, _NAME_IN) + 0.2
+    heights = [max(_ROW_IN, 0.13 * lines_in(label) + 0.08) for label in labels]
+    plot_h = max(sum(heights), 0.8)
+    foot = 0.48 + 0.135 * lines_in(below) + 0.08
+    page = Page(0.12 + 0.18 * lines_in(heading) + 0.06 + plot_h + foot)
+    ax = page.axes(left, foot, WIDTH_IN - left - 0.2, plot_h, "risk")
+    # In steps of three, so that the numbers along the axis are short.
+    exponent = min(0, 3 * int(np.floor(np.log10(risk.max()) / 3.0)))
+    power = f"{power_of_ten(exponent)} " if exponent else ""
+    ax.set_xlabel(f"{quantity} ({power}{unit})")
+    ax.xaxis.set_major_formatter(
+        FuncFormatter(lambda x, _: thousands(x) if x >= 1e4 else f"{x / 10.0**exponent:g}")
+    )
+    edges = np.cumsum([0.0, *heights])
+    middle = plot_h - (edges[:-1] + edges[1:]) / 2.0
+    ax.barh(middle, risk, height=0.62 * _ROW_IN, color=BLUE, alpha=0.75, zorder=2, gid="bars")
+    half = _NORMAL_95 * errors
+    known = np.isfinite(half)
+    low, high = np.maximum(risk - half, 0.0)[known], (risk + half)[known]
+    ax.hlines(middle[known], low, high, color=INK, lw=0.9, zorder=3, gid="intervals")
+    ends = risk + np.nan_to_num(half)
+    for y, value, end in zip(middle, risk, ends, strict=True):
+        text = amount(float(value))
+        beside(ax, text, (float(end), y), (4, 0), va="center", ha="left", color=INK, gid="value")
+    ax.set_xlim(0.0, 1.2 * float(ends.max()))
+    ax.set_ylim(0.0, plot_h)
+    ax.set_yticks(middle, labels)
+    ax.tick_params(axis="y", length=0)
+    ax.grid(axis="y", visible=False)
+    ax.spines["left"].set_visible(True)
+    page.title(0.2, heading)
+    page.note(0.2, foot - 0.44, below)
+    return page.figure

@@ -1,0 +1,248 @@
+"""Maps side by side: intensities, uncertain levels, what changes from one result to another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sassgis.hazard.zone_styles import LEVEL_CHANGES
+from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.results import RasterClass, RasterLayer
+from sassgis.report.figures.map_figure import (
+    ClassRow,
+    MapFrame,
+    MapPanel,
+    class_panel,
+    class_positions,
+    coarse_note,
+    colour_bar,
+    draw_maps,
+)
+from sassgis.report.figures.map_marks import MapMarks, all_points
+from sassgis.report.figures.relief import FURNITURE_IN, footprint, furniture_beside, view_of
+from sassgis.report.figures.style import (
+    GAP_COLOURS,
+    INK,
+    SMALL,
+    TITLE,
+    WIDTH_IN,
+    lines_in,
+    note_height,
+    styled,
+    wrap,
+)
+from sassgis.report.number_text import thousands
+
+_MAX_HEIGHT_IN = 8.0
+_LEFT_IN, _RIGHT_IN, _GAP_IN, _HEAD_IN = 0.5, 0.26, 0.14, 0.22
+_ROOM_IN = WIDTH_IN - _LEFT_IN - _RIGHT_IN
+_PALE = 0.65
+
+
+def columns_of(panels: int, aspect: float, width_in: float, height_in: float) -> int:
+    """Number of columns that makes equal panels largest; the fewest of those equally good.
+
+    The aspect is height by width of a panel; width and height are the room for all.
+    """
+
+    def panel_width(columns: int) -> float:
+        rows = -(-panels // columns)
+        wide = (width_in - (columns - 1) * _GAP_IN) / columns
+        tall = (height_in - rows * _HEAD_IN) / rows
+        return min(wide, tall / aspect)
+
+    return max(range(1, panels + 1), key=lambda columns: (panel_width(columns), -columns))
+
+
+def _class_maps(
+    grid: Grid,
+    panels: Sequence[MapPanel],
+    legends: Sequence[ClassRow],
+    marks: MapMarks,
+    title: str,
+    note: str,
+) -> Figure:
+    """Lay maps of classes side by side, with one legend below."""
+    values = [panel.values for panel in panels if panel.values is not None]
+    seen = np.where(np.any(np.isfinite(values), axis=0), 1.0, np.nan)
+    view = view_of(grid, footprint(grid, seen, all_points(marks.release)))
+    notes = [note, marks.key(), coarse_note(view, "highest class")]
+    heading = wrap(title, WIDTH_IN - 0.4, TITLE)
+    below = wrap("\n".join(n for n in notes if n), WIDTH_IN - _LEFT_IN - 0.2)
+    legend_w = _ROOM_IN - FURNITURE_IN[0] - 0.2
+    legend_h = sum(-row.placed(0.0, 0.0, legend_w)[1] for row in legends)
+    legend_h = max(legend_h, FURNITURE_IN[1])
+    frame = MapFrame(
+        left=_LEFT_IN,
+        right=_RIGHT_IN,
+        top=0.12 + 0.18 * lines_in(heading) + 0.04,
+        bottom=0.46 + legend_h + 0.06 + 0.135 * lines_in(below) + 0.1,
+        most=_MAX_HEIGHT_IN,
+        columns=columns_of(len(panels), view.aspect, _ROOM_IN, _MAX_HEIGHT_IN),
+        gap=_GAP_IN,
+        head=_HEAD_IN,
+        ticks=0,
+    )
+    maps = draw_maps(view, panels, marks, frame)
+    at = frame.bottom - 0.46
+    for row in legends:
+        at = row.draw(maps.page, _LEFT_IN, at, legend_w)
+    at = min(at, frame.bottom - 0.46 - FURNITURE_IN[1])
+    x, y = WIDTH_IN - _RIGHT_IN - FURNITURE_IN[0] - 0.1, frame.bottom - 0.36
+    furniture_beside(maps.page, x, y - (FURNITURE_IN[1] + 0.1), maps.metres_per_inch)
+    maps.page.note(_LEFT_IN, at - 0.02, below)
+    maps.page.title(_LEFT_IN, heading)
+    return maps.page.figure
+
+
+@styled
+def intensity_figure(
+    grid: Grid, layers: Sequence[RasterLayer], marks: MapMarks, note: str = ""
+) -> Figure:
+    """Draw maps of the same classes side by side, as the intensities of several return periods.
+
+    The title of each stands over its map; the classes of the first are the legend.
+    """
+    panels = [class_panel(layer.bands[0].values, layer.classes, layer.title) for layer in layers]
+    legend = ClassRow("", layers[0].classes)
+    return _class_maps(grid, panels, [legend], marks, "Intensity by return period", note)
+
+
+@styled
+def confidence_figure(
+    grid: Grid, level: RasterLayer, uncertain: NDArray[np.bool_], marks: MapMarks, note: str = ""
+) -> Figure:
+    """Draw the hazard level, with fine black lines over the cells whose level is uncertain."""
+    panel = class_panel(level.bands[0].values, level.classes, level.title, uncertain, _PALE)
+    assert panel.values is not None
+    reached = np.isfinite(panel.values)
+    share = int((uncertain & reached).sum()) / max(int(reached.sum()), 1)
+    words = f"Statistically uncertain: {100.0 * share:.1f} % of the cells that have a level."
+    legend = ClassRow("", level.classes, RasterClass(0, "statistically uncertain", INK))
+    title = "Where the sample of blocks leaves the level open"
+    return _class_maps(grid, [panel], [legend], marks, title, f"{words} {note}".strip())
+
+
+def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
+    """What becomes of each cell's class: -1 lower, 0 the same, 1 higher; NaN without any.
+
+    Parameters
+    ----------
+    before, after : same shape
+        Positions among the classes; NaN where there is none, which is below the lowest.
+    """
+    old, new = np.nan_to_num(before, nan=-1.0), np.nan_to_num(after, nan=-1.0)
+    return np.where((old < 0.0) & (new < 0.0), np.nan, np.sign(new - old))
+
+
+@styled
+def change_figure(
+    grid: Grid,
+    before: RasterLayer,
+    after: RasterLayer,
+    marks: MapMarks,
+    *,
+    names: tuple[str, str] = ("Without barriers", "With barriers"),
+    title: str = "What the barriers make of the hazard level",
+    note: str = "",
+) -> Figure:
+    """Draw the hazard level before and after, and where it became lower or higher.
+
+    Both layers are maps of the same classes; the names stand over them.
+    """
+    classes = before.classes
+    positions = [class_positions(layer.bands[0].values, classes) for layer in (before, after)]
+    change = level_changes(*positions)
+    kinds = tuple(
+        RasterClass(number, *LEVEL_CHANGES[code])
+        for number, code in ((-1, "lower"), (0, "same"), (1, "higher"))
+    )
+    area = grid.cell_size**2
+    changes = "; ".join(
+        f"{kind.label.lower()}: {thousands(np.count_nonzero(change == kind.value) * area)} m²"
+        for kind in kinds
+    )
+    panels = [
+        class_panel(before.bands[0].values, classes, names[0]),
+        class_panel(after.bands[0].values, classes, names[1]),
+        class_panel(change, kinds, "Change"),
+    ]
+    legends = [ClassRow("Level", classes), ClassRow("Change", kinds)]
+    note = f"{changes[:1].upper()}{changes[1:]}. {note}".strip()
+    return _class_maps(grid, panels, legends, marks, title, note)
+
+
+@styled
+def map_change_figure(
+    grid: Grid,
+    before: FloatArray,
+    after: FloatArray,
+    change: FloatArray,
+    marks: MapMarks,
+    *,
+    unit: str,
+    ramp: str,
+    title: str,
+    note: str = "",
+) -> Figure:
+    """Draw a map before and after, and the difference.
+
+    Parameters
+    ----------
+    before, after, change : shape of the grid
+        NaN where no rock comes.
+    unit : str
+        Empty for shares, which are drawn in per cent.
+    ramp : str
+        Name of a matplotlib colour map for the first two.
+    """
+    scale = 1.0 if unit else 100.0
+    view = view_of(grid, footprint(grid, change, all_points(marks.release)))
+    key = "Black outline: release area." if marks.release else ""
+    text = " ".join(p for p in (note, key) if p)
+    room = WIDTH_IN - FURNITURE_IN[0] - 0.4
+    frame = MapFrame(
+        left=0.6,
+        right=0.12,
+        top=0.55,
+        bottom=1.0 + max(note_height(text, room), FURNITURE_IN[1] + 0.1),
+        most=6.0,
+        columns=3,
+        gap=0.1,
+        ticks=2,
+    )
+    known = np.concatenate([scale * m[np.isfinite(m)] for m in (before, after)])
+    # One cell must not take all the colour; the bar says that it is cut.
+    high = float(np.quantile(known, 0.995)) if known.size else 1.0
+    moved = np.abs(scale * change[np.isfinite(change)])
+    moved = moved[moved > 0.0]
+    most = float(np.quantile(moved, 0.98)) if moved.size else 1.0
+    amounts = (mpl.colormaps[ramp], Normalize(0.0, high))
+    changes = (GAP_COLOURS, Normalize(-most, most))
+    panels = [
+        MapPanel(scale * values, *colours, name, alpha=0.9, together="mean")
+        for name, values, colours in (
+            ("Before", before, amounts),
+            ("After", after, amounts),
+            ("After less before", change, changes),
+        )
+    ]
+    maps = draw_maps(view, panels, marks, frame)
+    maps.page.around(title, text, room)
+    for k, extend, width, words in (
+        (0, "max", 2.0 * maps.width + frame.gap, unit or "%"),
+        (2, "both", maps.width, f"change ({unit or 'percentage points'})"),
+    ):
+        bar = maps.page.axes(maps.left[k] + 0.15, frame.bottom - 0.62, width - 0.3, 0.09, "legend")
+        colour_bar(bar, panels[k], orientation="horizontal", extend=extend)
+        bar.set_xlabel(words, size=SMALL)
+    # Below the maps, where it hides nothing.
+    furniture_beside(
+        maps.page, WIDTH_IN - frame.right - FURNITURE_IN[0] - 0.1, 0.04, maps.metres_per_inch
+    )
+    return maps.page.figure
