@@ -15,8 +15,8 @@ import pytest
 from sassgis.engine.effects.fragmentation import Fragmentation
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
-from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.ladder.rungs import RockDistances
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.which.ensemble import model_rows, problem_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of

@@ -32,9 +32,8 @@ from helpers.observed_slope import NORTH
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.diagnosis import Hypothesis
-from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk, configured_model
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
