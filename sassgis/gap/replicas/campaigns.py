@@ -22,7 +22,7 @@ from sassgis.gap.observations.campaign import (
     PassageRows,
 )
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
 from sassgis.gap.replicas.motion import Moved, all_rocks, in_plane, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, heights_at_chainage
 from sassgis.model.grid import FloatArray, IntArray
@@ -73,6 +73,10 @@ def campaigns(
             for name in ("passages", "deposits", "impacts")
             if len(case.observations.tables[name]) and (impacts or name != "impacts")
         )
+    aside = model.lateral_walk.effect
+    if case.terrain is not None and aside is not None:
+        # Followed paths turn; only on fall lines the offset is no part of the motion.
+        model = replace(model, effects=model.effects.having(aside), lateral_walk=LateralWalk())
     rng = np.random.default_rng([seed, number, 77])
     release = model.release
     rocks = all_rocks(case, rock_lines)

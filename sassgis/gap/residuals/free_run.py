@@ -302,7 +302,7 @@ def free_run_residuals(
     for k, name in enumerate(case.station_names):
         where = (mean_s[k], mean_s[k])
         found += residuals_at_station(case, seen, run, run.at, k, name, "free run", where)
-    sides = model.effects.get(LateralDeflection) is None
+    sides = case.terrain is not None or model.effects.get(LateralDeflection) is None
     error = errors_of(case)
     if sides:
         for k, name in enumerate(case.station_names):
