@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import (
     Advice,
     ConfiguredGap,

@@ -166,6 +166,10 @@ def _comments(
                 + ", ".join(effect_name(e) for e in verdict.confusion_set)
                 + "."
             )
+    if left_out:
+        lines.append(
+            "[effects.lateral_deflection] is left out: it turns followed paths, not fall lines."
+        )
     if stand:
         lines.append(
             f"The forest ({FOREST_NAME}) is where the observations ask for one, along the fall "

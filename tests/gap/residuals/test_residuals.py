@@ -145,7 +145,9 @@ def test_runs_from_the_release_are_those_of_the_engine():
     assert run.ends.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
     assert (run.ends.stops == 1.0).all() and (run.ends.largest == 1.0).all()
     arrived = run.at.arrived == 1.0
-    np.testing.assert_array_equal(arrived, run.ends.runout_m[:, :, None] >= case.station_s[:, None, :])
+    np.testing.assert_array_equal(
+        arrived, run.ends.runout_m[:, :, None] >= case.station_s[:, None, :]
+    )
     np.testing.assert_array_equal(arrived, np.isfinite(run.at.speed_mps))
     edges = reach_edges(case, run)
     np.testing.assert_allclose(edges[1:, 0], STATIONS, atol=0.1)
