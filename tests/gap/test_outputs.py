@@ -28,7 +28,7 @@ from helpers.made_diagnosis import (
     with_trees,
     write_slope,
 )
-from helpers.observed_slope import LV95, NORTH
+from helpers.observed_slope import LV95, NORTH, TAN
 from scipy import stats
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
@@ -457,14 +457,17 @@ def test_every_part_of_a_draw_is_read_back_from_its_configuration(
 
 def test_the_map_runs_what_was_scored(slope: Grid, tmp_path: Path) -> None:
     """Run-outs and offsets of blocks of the map from the stated places are those of the rocks."""
-    config, _ = made_case(tmp_path, slope, 12, config=FOLLOWED, passages=False)
+    fast = FOLLOWED.replace("axis_3_m = 0.32", "axis_3_m = 0.32\nspeed_mps = [8.0, 12.0]")
+    config, _ = made_case(tmp_path, slope, 12, config=fast, passages=False)
     observed_at = config.parent / "observed"
     # Blocks as they are configured, from the places where rocks were released.
     rows = [line.split(",") for line in (observed_at / "rocks.csv").read_text().splitlines()]
     (observed_at / "rocks.csv").write_text("".join(",".join(r[:4]) + "\n" for r in rows))
     (observed_at / "metadata.csv").write_text("key,value\nposition_error_m,0.001\n")
     case = read_case(config, observed_at)
-    model = draw(case, ("lateral_deflection",), ParameterDraws(np.random.default_rng(2))).model
+    # Rough enough for blocks to stop on the slope.
+    table = calibrated(case.table, mu_0=TAN + 0.25, mu_f=0.9, eta_max=0.3)
+    model = HypothesisModel(table, EffectSettings(), lateral_walk=LateralWalk(8.0, 6.0))
     new = write_config_back(
         tmp_path / "m" / "config.toml", config, replace(with_trees(case), effect=model), case
     )
@@ -479,9 +482,9 @@ def test_the_map_runs_what_was_scored(slope: Grid, tmp_path: Path) -> None:
                           "release.rocks_per_point": 200, "output.rock_table": "csv"}),
         tmp_path / "map",
     )  # fmt: skip
-    table = pd.read_csv(tmp_path / "map" / "tables" / "rocks.csv")
-    rock = np.array([case.observations.rock_names.index(n) for n in table["area"]])
-    on_map = in_plane(case, rock, table["x_m"].to_numpy(), table["y_m"].to_numpy())
+    ends = pd.read_csv(tmp_path / "map" / "tables" / "rocks.csv")
+    rock = np.array([case.observations.rock_names.index(n) for n in ends["area"]])
+    on_map = in_plane(case, rock, ends["x_m"].to_numpy(), ends["y_m"].to_numpy())
     scored = campaigns(case, rock_lines_of(case), model, count=200, seed=9)
     rows_of = [c.deposits for c in scored if c.deposits is not None]
     of_rocks = (
@@ -490,7 +493,7 @@ def test_the_map_runs_what_was_scored(slope: Grid, tmp_path: Path) -> None:
     )
     for one, other in zip(on_map, of_rocks, strict=True):
         assert stats.ks_2samp(one, other).pvalue > 1e-3
-        assert np.std(one) > 1.0
+        assert np.std(one) > 0.3
 
 
 def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> None:
