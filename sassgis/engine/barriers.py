@@ -103,6 +103,9 @@ def _write_passage(
     row.energy_trans_kj = 0.5e-3 * block.mass * (vx * vx + vz * vz)
     row.energy_rot_kj = 0.5e-3 * block.mass * block.inertia * omega * omega
     row.mass_kg = block.mass
+    # In cells: the driver knows where these lie.
+    row.x_m = state.from_u + (crossing.x - state.from_x) * state.du
+    row.y_m = state.from_v + (crossing.x - state.from_x) * state.dv
     state.n_passages += 1
 
 

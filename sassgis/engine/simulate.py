@@ -372,6 +372,9 @@ def simulate(
         raise too_many_spawned()
     n_passages, n_spawned = rows.filled
     counts = rows.event_counts
+    passages = rows.passages[:n_passages].view(PASSAGE_DTYPE)
+    # Where a given line lies on the map is not known here.
+    passages["x_m"] = passages["y_m"] = np.nan
     return Simulated(
         cells=cells,
         sums=by_name(totals.sums, totals.reach, flat) | exceedance(totals.reach),
@@ -380,6 +383,6 @@ def simulate(
         objects=exceedance(totals.objects.reach),
         rocks=rows.rocks.view(ROCK_DTYPE),
         pieces=rows.spawned[:n_spawned].view(ROCK_DTYPE),
-        passages=rows.passages[:n_passages].view(PASSAGE_DTYPE),
+        passages=passages,
         event_logs=tuple(rows.events[i, : counts[i]] for i in range(n)) if log_events else (),
     )

@@ -229,6 +229,9 @@ def _named(
     windows = windows[came]
     n_passages, n_spawned = rows.filled
     ends = np.concatenate([rows.ends, rows.spawned_ends[:n_spawned]])
+    passages = rows.passages[:n_passages].view(PASSAGE_DTYPE)
+    passages["x_m"] = grid.west + passages["x_m"] * grid.cell_size
+    passages["y_m"] = grid.north - passages["y_m"] * grid.cell_size
     return Simulated(
         cells=register.cells[order],
         sums={name: values[order] for name, values in sums.items()},
@@ -237,7 +240,7 @@ def _named(
         objects=exceedance(totals.objects.reach),
         rocks=rows.rocks.view(ROCK_DTYPE),
         pieces=rows.spawned[:n_spawned].view(ROCK_DTYPE),
-        passages=rows.passages[:n_passages].view(PASSAGE_DTYPE),
+        passages=passages,
         event_logs=tuple(rows.events[i, : rows.event_counts[i]] for i in range(rows.rocks.size))
         if log_events
         else (),

@@ -73,6 +73,8 @@ PASSAGE_DTYPE = np.dtype(
         ("energy_trans_kj", np.float64),
         ("energy_rot_kj", np.float64),
         ("mass_kg", np.float64),
+        ("x_m", np.float64),  # place on the map where a path is followed; on given lines NaN
+        ("y_m", np.float64),
     ]
 )
 

@@ -21,7 +21,6 @@ from sassgis.gap.calibration.fitting import (
     score_draw,
     search,
 )
-from sassgis.gap.calibration.observed_release import terrain_of
 from sassgis.gap.calibration.parameters import fitted_names
 from sassgis.gap.calibration.site import CalibrationSite, site_of
 from sassgis.io.read.config import load_config
@@ -32,7 +31,7 @@ from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
 from sassgis.runs.draw_store import DrawStore
-from sassgis.runs.gap_case import fingerprint_of, read_case_and_run
+from sassgis.runs.gap_case import fingerprint_of, read_case
 from sassgis.runs.job import workers_asked
 from sassgis.runs.workers import Jobs, TaskMap, task_map
 
@@ -171,8 +170,7 @@ def _sites(configs: Sequence[Config], files: Sequence[Path]) -> list[Calibration
         name, number = config.project.name, 2
         while name in [s.name for s in ready]:
             name, number = f"{config.project.name} ({number})", number + 1
-        case, run = read_case_and_run(config, file)
-        ready.append(site_of(name, case, terrain_of(case, run), str(file)))
+        ready.append(site_of(name, read_case(config, file), str(file)))
     known = {c.name: c for c in ready[0].case.table.classes}
     for site, config in zip(ready, configs, strict=True):
         for own in site.case.table.classes:

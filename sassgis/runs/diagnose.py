@@ -29,7 +29,6 @@ from sassgis.gap.ladder.calibration import (
 from sassgis.gap.ladder.handover import (
     CONFIGURED_NUMBER,
     configured_gap,
-    configured_model,
     consequences_of,
     first_sentence,
     settings_of,
@@ -44,6 +43,7 @@ from sassgis.gap.ladder.rungs import (
 )
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.identifiable import what_is_identifiable
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.residuals.table import ResidualTable, residuals_of
 from sassgis.gap.where.findings import where
@@ -71,7 +71,6 @@ from sassgis.io.staging import staged_output, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
-from sassgis.model.run_config import Config
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
 from sassgis.runs.gap_case import fingerprint_of, read_case
 from sassgis.runs.gap_outputs import write_outputs
@@ -190,7 +189,6 @@ def diagnose(
             diagnosis,
             warnings=(
                 *settings.notes,
-                *_motion_warnings(settings),
                 *_group_warnings(case),
                 *diagnosis.warnings,
             ),
@@ -202,18 +200,6 @@ def diagnose(
         else:
             write_diagnosis_json(work / "diagnosis.json", diagnosis)
     return diagnosis
-
-
-def _motion_warnings(settings: Config) -> tuple[str, ...]:
-    """Where the configured motion is not that with which rocks are replayed or causes learned."""
-    out = []
-    if settings.terrain.path == "followed":
-        out.append(
-            'terrain.path is "followed". The diagnosis replays rocks along fall lines, and model/ '
-            'states terrain.path = "fall_line", unless it has a lateral deflection. Lateral '
-            "offsets of followed paths are not in the base model."
-        )
-    return tuple(out)
 
 
 def _group_warnings(case: Case) -> tuple[str, ...]:
@@ -259,8 +245,6 @@ def _residuals(made: HypothesisFits) -> ResidualTable:
         case,
         made.model(NONE).model.table,
         seed=made.problem.seed,
-        effects=case.effects,
-        forest=case.forest,
     )
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from sassgis.gap.ladder.handover import CONFIGURED_NUMBER, configured_model
+from sassgis.gap.ladder.handover import CONFIGURED_NUMBER
 from sassgis.gap.ladder.rungs import RockDistances
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.replicas.model_json import model_from_json
 from sassgis.gap.which.ensemble import Scale, model_rows, problem_of
 from sassgis.model.errors import InputError

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import DENSITY_KGM3, Observations, rock_masses_kg
 from sassgis.gap.observations.projection import (
@@ -17,6 +18,7 @@ from sassgis.gap.observations.projection import (
     project_observations,
     station_chainages,
 )
+from sassgis.gap.replicas.motion import station_traces
 from sassgis.io.read.config import settings_hash
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.blocks import BlockPopulation
@@ -51,14 +53,9 @@ def read_case(config: Config | str | Path, observations: str | Path) -> Case:
     ConfigError, InputError
         Files that cannot be used, or no rock whose fall line can be traced.
     """
-    return read_case_and_run(config, observations)[0]
-
-
-def read_case_and_run(config: Config | str | Path, observations: str | Path) -> tuple[Case, MapRun]:
-    """A case, and the run of the configuration; as ``read_case``."""
     run = read_map_run(configured(config, None))
     read = read_observations(Path(observations), run.grid)
-    return case_of(run, read, Path(observations)), run
+    return case_of(run, read, Path(observations))
 
 
 def fingerprint_of(config: Config, observations: Path, options: str) -> str:
@@ -88,7 +85,7 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
     masses = rock_masses_kg(observations)
     blocks = rock_populations(observations, run.blocks[0], masses)
     radius = np.array([_radius(b) for b in blocks], np.float64)
-    return Case(
+    case = Case(
         observations=observations,
         grid=run.grid,
         table=run.table,
@@ -104,9 +101,15 @@ def case_of(run: MapRun, observations: Observations, file: Path) -> Case:
         radius_m=radius,
         stations=stations,
         projected=project_observations(
-            observations, traces, line, grid=run.grid, profiles=prepared.flat
+            observations, traces, line, grid=run.grid, profiles=prepared.flat,
+            prolonged=run.followed,
         ),
-    )
+    )  # fmt: skip
+    if not run.followed:
+        return case
+    traced = station_traces(case)
+    terrain = PathTerrain(run.heights, run.ground, run.segment_tolerance_m, traced, run.forest)
+    return replace(case, terrain=terrain)
 
 
 def _fall_lines(run: MapRun, observations: Observations, file: Path) -> tuple[TraceSet, IntArray]:

@@ -6,6 +6,7 @@ import csv
 import json
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 
@@ -14,10 +15,9 @@ import pytest
 from helpers.changed_arrays import change_arrays
 
 from sassgis.engine.effects.fragmentation import Fragmentation
-from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
-from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.ladder.rungs import RockDistances
+from sassgis.gap.replicas.hypothesis_model import LateralWalk, configured_model
 from sassgis.gap.which.ensemble import model_rows, problem_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
@@ -88,8 +88,8 @@ def test_all_that_is_promised_is_there(answered: Path) -> None:
 def test_the_calibrated_configuration_can_be_run(answered: Path) -> None:
     settings = load_config(answered / "model" / "config.toml")
     assert settings.effects.get(Fragmentation) is not None
-    # Scatter to the side is part of the base.
-    assert settings.effects.without(LateralDeflection).names == ("fragmentation",)
+    # Scatter to the side is no part of the motion on fall lines.
+    assert settings.effects.names == ("fragmentation",)
 
 
 def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answered: Path) -> None:
@@ -102,7 +102,9 @@ def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answe
     # So does the configuration beside it.
     read = read_case(answered / "model" / "config.toml", everything / OBSERVATIONS_NAME)
     problem = problem_of(read, kept["seed"])
-    own = model_rows(problem, configured_model(read), kept["effect"]["number"], kept["count"])
+    walk = LateralWalk(**kept["effect"]["model"]["lateral_walk"])
+    model = replace(configured_model(read), lateral_walk=walk)
+    own = model_rows(problem, model, kept["effect"]["number"], kept["count"])
     again = RockDistances.of(problem.rows, own.astype(float)).value()
     assert again == pytest.approx(kept["effect"]["distance"], rel=1e-5)
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import geopandas as gpd
 import numpy as np
+import pandas as pd
 import pytest
 import rasterio
 import shapely
@@ -27,14 +28,17 @@ from helpers.made_diagnosis import (
     with_trees,
     write_slope,
 )
-from helpers.observed_slope import NORTH
+from helpers.observed_slope import LV95, NORTH, TAN
+from scipy import stats
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees
 from sassgis.gap.diagnosis import Hypothesis
-from sassgis.gap.ladder.handover import configured_model
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk, configured_model
+from sassgis.gap.replicas.motion import in_plane
+from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
@@ -75,6 +79,15 @@ Made = tuple[Path, Case]
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
     return made_case(tmp_path_factory.mktemp("made"), slope)
+
+
+#: The same on the paths that maps follow.
+FOLLOWED = CONFIG.replace('path = "fall_line"\n', "")
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory: pytest.TempPathFactory, slope: Grid) -> Made:
+    return made_case(tmp_path_factory.mktemp("followed"), slope, config=FOLLOWED)
 
 
 @pytest.fixture(scope="module")
@@ -401,25 +414,27 @@ def test_the_user_keeps_a_forest_of_their_own(slope: Grid, tmp_path: Path) -> No
     assert (section["form"], section["efficiency"]) == ("stems", 0.7)
 
 
-def test_lateral_deflection_is_handed_over_with_paths_that_turn(
-    slope: Grid, tmp_path: Path
+def test_lateral_deflection_is_handed_over_where_paths_turn(
+    made: Made, followed: Made, tmp_path: Path
 ) -> None:
-    file, case = made_case(tmp_path, slope, 4)
-    effect = HypothesisModel(case.table, EffectSettings(), lateral_walk=LateralWalk(12.0, 7.5))
-    new = write_config_back(
-        tmp_path / "m" / "config.toml", file, replace(with_trees(case), effect=effect), case
-    )
-    assert load_config(new).terrain.path == "followed"
-    # The way beside the line is written, whatever the effect that is named.
-    lateral = load_config(new).effects.get(LateralDeflection)
-    assert lateral == LateralDeflection("kicks", 12.0, 7.5)
+    for (file, case), path in ((made, "fall_line"), (followed, "followed")):
+        effect = HypothesisModel(case.table, EffectSettings(), lateral_walk=LateralWalk(12.0, 7.5))
+        new = write_config_back(
+            tmp_path / path / "config.toml", file, replace(with_trees(case), effect=effect), case
+        )
+        assert load_config(new).terrain.path == path
+        lateral = load_config(new).effects.get(LateralDeflection)
+        # The way beside the line is written, whatever the effect that is named.
+        turns = LateralDeflection("kicks", 12.0, 7.5) if path == "followed" else None
+        assert lateral == turns
+        assert ("lateral_deflection] is left out" in new.read_text()) == (turns is None)
 
 
 @pytest.mark.parametrize("family", [*FAMILIES, "contact_law"])
 def test_every_part_of_a_draw_is_read_back_from_its_configuration(
-    made: Made, tmp_path: Path, family: str
+    followed: Made, tmp_path: Path, family: str
 ) -> None:
-    config, case = made
+    config, case = followed
     for seed in range(4):
         own = draw(case, (family,), ParameterDraws(np.random.default_rng(seed))).model
         new = write_config_back(
@@ -437,6 +452,47 @@ def test_every_part_of_a_draw_is_read_back_from_its_configuration(
             assert read.forest is not None
             stems = read.forest.stems_per_m2.max()
             assert stems == pytest.approx(own.stand.stems_per_ha / 1e4, rel=1e-6)
+
+
+def test_the_map_runs_what_was_scored(slope: Grid, tmp_path: Path) -> None:
+    """Run-outs and offsets of blocks of the map from the stated places are those of the rocks."""
+    fast = FOLLOWED.replace("axis_3_m = 0.32", "axis_3_m = 0.32\nspeed_mps = [8.0, 12.0]")
+    config, _ = made_case(tmp_path, slope, 12, config=fast, passages=False)
+    observed_at = config.parent / "observed"
+    # Blocks as they are configured, from the places where rocks were released.
+    rows = [line.split(",") for line in (observed_at / "rocks.csv").read_text().splitlines()]
+    (observed_at / "rocks.csv").write_text("".join(",".join(r[:4]) + "\n" for r in rows))
+    (observed_at / "metadata.csv").write_text("key,value\nposition_error_m,0.001\n")
+    case = read_case(config, observed_at)
+    # Rough enough for blocks to stop on the slope.
+    table = calibrated(case.table, mu_0=TAN + 0.25, mu_f=0.9, eta_max=0.3)
+    model = HypothesisModel(table, EffectSettings(), lateral_walk=LateralWalk(8.0, 6.0))
+    new = write_config_back(
+        tmp_path / "m" / "config.toml", config, replace(with_trees(case), effect=model), case
+    )
+    points = gpd.GeoDataFrame(
+        {"name": [r[0] for r in rows[1:]]},
+        geometry=[shapely.Point(float(r[1]), float(r[2])) for r in rows[1:]],
+        crs=LV95,
+    )
+    points.to_file(tmp_path / "points.gpkg", driver="GPKG", layer="release")
+    run(
+        load_config(new, {"release.file": str(tmp_path / "points.gpkg"),
+                          "release.rocks_per_point": 200, "output.rock_table": "csv"}),
+        tmp_path / "map",
+    )  # fmt: skip
+    ends = pd.read_csv(tmp_path / "map" / "tables" / "rocks.csv")
+    rock = np.array([case.observations.rock_names.index(n) for n in ends["area"]])
+    on_map = in_plane(case, rock, ends["x_m"].to_numpy(), ends["y_m"].to_numpy())
+    scored = campaigns(case, rock_lines_of(case), model, count=200, seed=9)
+    rows_of = [c.deposits for c in scored if c.deposits is not None]
+    of_rocks = (
+        np.concatenate([r.s for r in rows_of]),
+        np.concatenate([r.lateral_m for r in rows_of]),
+    )
+    for one, other in zip(on_map, of_rocks, strict=True):
+        assert stats.ks_2samp(one, other).pvalue > 1e-3
+        assert np.std(one) > 0.3
 
 
 def test_comments_say_where_the_model_comes_from(made: Made, tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ from sassgis.gap.observations.tables import (
     Stations,
     Trajectories,
 )
+from sassgis.gap.replicas.motion import repeated
 from sassgis.gap.replicas.rock_lines import dips_at
-from sassgis.gap.residuals.reaches import repeated
 from sassgis.gap.which.families import FAMILIES
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings

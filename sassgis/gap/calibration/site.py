@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.gap.calibration.impact_scores import (
     impact_quantities,
     impact_scores,
@@ -15,8 +14,10 @@ from sassgis.gap.calibration.impact_scores import (
     observed_outcomes,
     simulated_outcomes,
 )
-from sassgis.gap.calibration.observed_release import Released, observed, released
+from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.residuals.one_step import ImpactsInFlight
 from sassgis.gap.which.ensemble import Scale, rock_scores, scale_of
@@ -24,7 +25,6 @@ from sassgis.gap.which.features import rock_quantities
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
-from sassgis.terrain.flatten import chainage_to_xy
 
 #: Campaigns made with one set of parameters: the scatter of each rock is known from them.
 COUNT = 16
@@ -32,31 +32,6 @@ COUNT = 16
 _BEYOND = 1.5
 #: Share of the length of the fall lines below which a class is not calibrated.
 _LEAST_SHARE = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class Axes:
-    """Place of release of each rock, and the direction in which its fall line leaves it.
-
-    Attributes
-    ----------
-    x, y : float64, shape (n_rocks,)
-    east, north : float64, shape (n_rocks,)
-        Unit vector from the release to where the line is at the median of the observed run-outs.
-    """
-
-    x: FloatArray
-    y: FloatArray
-    east: FloatArray
-    north: FloatArray
-
-    def run_out(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Plan distance from the release (m)."""
-        return np.hypot(x - self.x, y - self.y)
-
-    def lateral(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Distance from the direction of the line (m), positive to the right looking downhill."""
-        return (x - self.x) * self.north - (y - self.y) * self.east
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +43,6 @@ class CalibrationSite:
     name : str
     case : Case
     rock_lines : RockLines
-    terrain : PathTerrain or None
-        What paths are followed on; None: rocks keep to their fall lines.
-    axes : Axes
     scale : Scale
         Quantities that are scored, with the scatter of the observed as their unit.
     quantities : mapping
@@ -87,8 +59,6 @@ class CalibrationSite:
     name: str
     case: Case
     rock_lines: RockLines
-    terrain: PathTerrain | None
-    axes: Axes
     scale: Scale
     quantities: Mapping[str, FloatArray]
     rows: FloatArray
@@ -102,19 +72,15 @@ class CalibrationSite:
         return self.case.n_rocks
 
 
-def site_of(
-    name: str, case: Case, terrain: PathTerrain | None = None, file: str = ""
-) -> CalibrationSite:
-    """Prepare a case; with a terrain paths are followed, ``file`` is for messages.
+def site_of(name: str, case: Case, file: str = "") -> CalibrationSite:
+    """Prepare a case; ``file`` is for messages.
 
     Raises
     ------
     InputError
         If nothing was measured that a simulation could be compared with.
     """
-    seen = observed(case)
-    axes = _axes(case, seen)
-    quantities = _quantities(case, axes, seen)
+    quantities = rock_quantities(case, observed_campaign(case))
     scale = scale_of(case, quantities)
     impacts = observed_impacts(case)
     if not scale.names and impacts is None:
@@ -133,39 +99,16 @@ def site_of(
         seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
         scored |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
     return CalibrationSite(
-        name, case, rock_lines_of(case), terrain, axes, scale, scored, scale.rows(quantities),
-        impacts, outcomes, _classes(case, axes, seen, impacts),
+        name, case, rock_lines_of(case), scale, scored, scale.rows(quantities), impacts, outcomes,
+        _classes(case, quantities, impacts),
     )  # fmt: skip
 
 
-def _axes(case: Case, seen: Released) -> Axes:
-    traces = case.traces
-    first = traces.offset[case.line]
-    x, y = traces.x[first], traces.y[first]
-    far = np.hypot(seen.x - x, seen.y - y)
-    known = far[np.isfinite(far)]
-    ends = traces.s[traces.offset[case.line + 1] - 1]
-    s = np.minimum(np.median(known) if known.size else np.inf, ends)
-    to_x, to_y = chainage_to_xy(traces, case.line, s)
-    size = np.maximum(np.hypot(to_x - x, to_y - y), 1e-9)
-    return Axes(x, y, (to_x - x) / size, (to_y - y) / size)
-
-
-def _quantities(case: Case, axes: Axes, seen: Released) -> dict[str, FloatArray]:
-    found = rock_quantities(case, replace(seen.campaign, deposits=None, impacts=None))
-    # Where on a station a rock passes is not kept of followed paths.
-    found = {name: values for name, values in found.items() if not name.endswith(":aside")}
-    if np.isfinite(seen.x).any():
-        found["stop:runout"] = axes.run_out(seen.x, seen.y)
-        found["stop:aside"] = axes.lateral(seen.x, seen.y)
-    return found
-
-
 def _classes(
-    case: Case, axes: Axes, seen: Released, impacts: ImpactsInFlight | None
+    case: Case, quantities: Mapping[str, FloatArray], impacts: ImpactsInFlight | None
 ) -> tuple[str, ...]:
     """Classes on the fall lines of the rocks, as far down as rocks can have come."""
-    s = axes.run_out(seen.x, seen.y)
+    s = quantities.get("stop:runout", np.empty(0))
     reached = [float(np.nanmax(s))] if np.isfinite(s).any() else []
     reached += [float(np.nanmax(case.station_s))] if np.isfinite(case.station_s).any() else []
     length = np.zeros(len(case.table.classes))
@@ -201,10 +144,11 @@ def _released(
 ) -> dict[str, FloatArray]:
     if not site.scale.names:
         return {}
-    made = released(
-        site.case, site.rock_lines, site.terrain, table, count=count, seed=seed, number=number
-    )
-    each = [_quantities(site.case, site.axes, one) for one in made]
+    made = campaigns(
+        site.case, site.rock_lines, configured_model(site.case, table),
+        count=count, seed=seed, number=number, impacts=False,
+    )  # fmt: skip
+    each = [rock_quantities(site.case, one) for one in made]
     return {name: np.stack([one[name] for one in each]) for name in site.scale.names}
 
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.gap.diagnosis import (
     Advice,
     ConfiguredGap,
@@ -21,7 +20,7 @@ from sassgis.gap.ladder.parameter_posterior import ParameterPosterior
 from sassgis.gap.observations.campaign import main_blocks
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk, MeasurementError
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
 from sassgis.gap.which.ensemble import CalibrationProblem, Scale
 from sassgis.gap.which.features import rock_quantities
 from sassgis.gap.which.hypotheses import Draw, at_physical_limit
@@ -30,14 +29,6 @@ from sassgis.model.grid import FloatArray, IntArray
 
 #: Number of the campaigns of the configured model.
 CONFIGURED_NUMBER = 3990
-
-
-def configured_model(case: Case) -> HypothesisModel:
-    """The model as it is configured."""
-    lateral = case.effects.get(LateralDeflection)
-    return HypothesisModel(
-        case.table, case.effects.without(LateralDeflection), lateral_walk=LateralWalk.of(lateral)
-    )
 
 
 def values_of(scale: Scale, rows: FloatArray, column: int) -> FloatArray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.engine.simulate_paths import PathTerrain
 from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import Projected, StationChainages
 from sassgis.model.blocks import BlockPopulation
@@ -52,6 +53,8 @@ class Case:
         Where lines cross the stations, shape (n_lines, n_stations).
     projected : mapping of table to Projected
         Every observed point in the plane of its rock's line.
+    terrain : PathTerrain or None
+        What paths are followed on, with the stations; None: rocks keep to their fall lines.
     ground_range : float
         Factor on the ranges in which the ground may be calibrated; above 1 where the configured
         classes are guesses.
@@ -72,6 +75,7 @@ class Case:
     radius_m: FloatArray
     stations: StationChainages
     projected: Mapping[str, Projected]
+    terrain: PathTerrain | None = None
     ground_range: float = 1.0
 
     @property

@@ -22,6 +22,8 @@ from sassgis.terrain.release import point_keys
 
 #: Points nearer to an end of the line than this (m) may lie beyond it.
 _END_M = 1e-6
+#: Length at the end of a line that gives its direction beyond (m).
+_LAST_M = 10.0
 #: Stations are prolonged by this much: a fall line may pass just beside one (m).
 PROLONG_M = 100.0
 POINT_TABLES = ("rocks", "passages", "impacts", "deposits", "trajectories")
@@ -192,6 +194,7 @@ def project(
     *,
     grid: Grid | None = None,
     profiles: ProfileSet | None = None,
+    prolonged: bool = False,
 ) -> Projected:
     """Put points into the planes of fall lines.
 
@@ -209,6 +212,8 @@ def project(
         line the ground has another height than on it.
     profiles : ProfileSet, optional
         Profiles of the lines, for the ground without a grid.
+    prolonged : bool
+        Whether lines go straight on beyond their end.
 
     Returns
     -------
@@ -227,9 +232,25 @@ def project(
         rows = np.flatnonzero(lines == i)
         s[rows], lateral[rows] = xy_to_chainage(traces, i, x[rows], y[rows])
         beyond[rows] = _beyond(traces, i, x[rows], y[rows], s[rows])
+        if prolonged:
+            past = rows[beyond[rows] == 1]
+            s[past], lateral[past] = _past_the_end(traces, i, x[past], y[past])
         if grid is None and profiles is not None:
             ground[rows] = np.interp(s[rows], *profiles.vertices(i))
     return Projected(lines, s, lateral, zs - ground, ground, beyond)
+
+
+def _past_the_end(
+    traces: TraceSet, line: int, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Chainage and lateral offset of points beyond the end of a line (m)."""
+    own = slice(int(traces.offset[line]), int(traces.offset[line + 1]))
+    lx, ly, ls = traces.x[own], traces.y[own], traces.s[own]
+    from_x, from_y = (np.interp(ls[-1] - _LAST_M, ls, v) for v in (lx, ly))
+    size = max(float(np.hypot(lx[-1] - from_x, ly[-1] - from_y)), _END_M)
+    east, north = (lx[-1] - from_x) / size, (ly[-1] - from_y) / size
+    ahead, aside = x - lx[-1], y - ly[-1]
+    return ls[-1] + ahead * east + aside * north, ahead * north - aside * east
 
 
 def _beyond(
@@ -256,6 +277,7 @@ def project_observations(
     grid: Grid | None = None,
     profiles: ProfileSet | None = None,
     unattributed: bool = True,
+    prolonged: bool = False,
 ) -> dict[str, Projected]:
     """Put all observed points into the planes of their rocks' fall lines.
 
@@ -265,7 +287,7 @@ def project_observations(
     traces : TraceSet
     line_of_rock : int64, shape (len(observations.rock_names),)
         See ``lines_of_rocks``.
-    grid, profiles
+    grid, profiles, prolonged
         See ``project``.
     unattributed : bool
         Whether points that belong to no rock with a line are put on the nearest line.
@@ -284,8 +306,9 @@ def project_observations(
             loose = np.flatnonzero(line < 0)
             line[loose] = nearest_lines(traces, points["x"][loose], points["y"][loose])
         found[name] = project(
-            traces, line, points["x"], points["y"], points["z"], grid=grid, profiles=profiles
-        )
+            traces, line, points["x"], points["y"], points["z"], grid=grid, profiles=profiles,
+            prolonged=prolonged,
+        )  # fmt: skip
     return found
 
 

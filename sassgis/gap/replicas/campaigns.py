@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,7 @@ from numpy.typing import NDArray
 
 from sassgis.engine.effects.entrainment import Entrainment
 from sassgis.engine.effects.fragmentation import Fragmentation
-from sassgis.engine.effects.trees import Trees
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.simulate import Simulated, simulate
 from sassgis.engine.state import EVENT_DTYPE, IMPACT
 from sassgis.gap.observations.campaign import (
     LOOSE,
@@ -23,14 +22,13 @@ from sassgis.gap.observations.campaign import (
     PassageRows,
 )
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.replicas.motion import Moved, all_rocks, in_plane, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, heights_at_chainage
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.map_run import Forest
 from sassgis.model.results import StopReason
+from sassgis.terrain.heights import heights_at
 
-#: Length of the stretches on which a forest stands or not (m).
-STRETCH_M = 2.0
 #: Step of the lateral random walks (m).
 _WALK_M = 4.0
 #: Events kept in the log of a block; later impacts are not seen.
@@ -75,33 +73,36 @@ def campaigns(
             for name in ("passages", "deposits", "impacts")
             if len(case.observations.tables[name]) and (impacts or name != "impacts")
         )
+    aside = model.lateral_walk.effect
+    if case.terrain is not None and aside is not None:
+        # Followed paths turn; only on fall lines the offset is no part of the motion.
+        model = replace(model, effects=model.effects.having(aside), lateral_walk=LateralWalk())
     rng = np.random.default_rng([seed, number, 77])
-    wood = _wood(rock_lines, model)
     release = model.release
-    blocks = [
-        replace(b, speed_mps=(b.speed_mps[0], b.speed_mps[1] + release.faster_mps))
-        for b in case.blocks
-    ] if release.faster_mps > 0.0 else case.blocks  # fmt: skip
-    start = case.start.copy()
-    start[:, 1] = np.minimum(start[:, 1] + release.ahead_m, rock_lines.end - 1.0)
-    result = simulate(
-        rock_lines.unforested if wood is None else rock_lines.forested,
+    rocks = all_rocks(case, rock_lines)
+    if release.faster_mps > 0.0:
+        faster = [
+            replace(b, speed_mps=(b.speed_mps[0], b.speed_mps[1] + release.faster_mps))
+            for b in case.blocks
+        ]
+        rocks = replace(rocks, blocks=faster)
+    if release.ahead_m > 0.0:
+        last = np.minimum(case.start[:, 1] + release.ahead_m, rock_lines.end - 1.0)
+        rocks = replace(rocks, start=np.column_stack([case.start[:, 0], last]))
+    moved = move(
+        case,
+        rock_lines,
+        rocks,
         model.table,
-        blocks,
-        case.engine,
+        model.effects,
         seed=seed,
-        rocks_per_line=count,
-        line_keys=rock_lines.keys,
-        starts=start,
-        control_lines=rock_lines.control_lines,
+        count=count,
+        stand=model.stand,
         first_rock=number * 64,
         log_events=_MOST_EVENTS if "impacts" in tables else 0,
-        effects=model.effects,
-        forest=wood,
     )
-    paths = _Paths(case, rock_lines, model, result, count, rng)
-    stations = len(rock_lines.control_lines.control_lines) > 0
-    passages = paths.passages() if "passages" in tables and stations else None
+    paths = _Paths(case, rock_lines, model, moved, count, rng)
+    passages = paths.passages() if "passages" in tables and case.station_names else None
     deposits = paths.deposits() if "deposits" in tables else None
     hits = paths.impacts(case) if "impacts" in tables else None
     n = case.n_rocks
@@ -114,38 +115,6 @@ def campaigns(
         )
         for k in range(count)
     ]
-
-
-def passages_followed(
-    case: Case, rock_lines: RockLines, result: Simulated, *, count: int, rng: np.random.Generator
-) -> list[PassageRows]:
-    """Passages of whole campaigns of blocks whose paths were followed, with errors of measurement.
-
-    Lines of ``result`` are the rocks, control lines the stations of the case. Where on a station
-    a block passed is not kept.
-    """
-    n = case.n_rocks
-    rows = result.passages
-    # The ground at a station is that of the rock's fall line there.
-    rows["chainage_m"] = case.station_s[rows["line"], rows["control_line"]]
-    known = np.isfinite(rows["chainage_m"])
-    plain = HypothesisModel(case.table, case.effects)
-    seen = replace(result, passages=rows[known])
-    passages = _Paths(case, rock_lines, plain, seen, count, rng).passages()
-    return [_of_campaign(passages, k, n) for k in range(count)]
-
-
-def _wood(rock_lines: RockLines, model: HypothesisModel) -> Forest | None:
-    if model.effects.get(Trees) is None:
-        return None
-    if model.stand is None:
-        return rock_lines.wood
-    middle = rock_lines.first_m + STRETCH_M * (np.arange(rock_lines.n_stretches) + 0.5)
-    inside = (middle >= model.stand.s0) & (middle <= model.stand.s1)
-    return Forest(
-        np.where(inside, model.stand.stems_per_ha / 1e4, 0.0),
-        np.where(inside, model.stand.dbh_cm / 100.0, 0.0),
-    )
 
 
 def _of_campaign(rows, campaign: int, n: int):  # type: ignore[no-untyped-def]
@@ -171,17 +140,18 @@ class _Paths:
         case: Case,
         rock_lines: RockLines,
         model: HypothesisModel,
-        result: Simulated,
+        moved: Moved,
         count: int,
         rng: np.random.Generator,
     ) -> None:
-        self._case, self._lines, self._model, self._result = case, rock_lines, model, result
+        self._case, self._lines, self._model, self._moved = case, rock_lines, model, moved
         self._rng = rng
         self._n = case.n_rocks
         self._count = count
         total = self._n * count
         walk = model.lateral_walk
-        reach = float(rock_lines.end.max())
+        ends = rock_lines.end if case.terrain is None else moved.rocks["runout_m"]
+        reach = float(np.nan_to_num(ends).max())
         self._knots = int(np.ceil(reach / _WALK_M)) + 2
         sd = np.tan(np.radians(walk.angle_deg)) * np.sqrt(walk.hop_m * _WALK_M)
         self._sd = sd
@@ -191,7 +161,7 @@ class _Paths:
         self._walks = self._walk(total)
         m = model.measurement
         self._clock = np.exp(m.clock_sd * np.clip(rng.standard_t(4, total), -4.0, 4.0))
-        self._mass: FloatArray = result.rocks["mass_kg"].reshape(self._n, count).T.ravel()
+        self._mass: FloatArray = moved.rocks["mass_kg"].reshape(self._n, count).T.ravel()
 
     def _walk(self, total: int) -> FloatArray | None:
         if self._sd <= 0.0:
@@ -201,16 +171,19 @@ class _Paths:
         return walks
 
     def _numbers(self, rows: NDArray[np.void]) -> IntArray:
-        first = int(self._result.rocks["rock"].min()) if self._result.rocks.size else 0
+        first = int(self._moved.rocks["rock"].min()) if self._moved.rocks.size else 0
         numbers: IntArray = rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
         return numbers
 
     def _lateral_offset(
-        self, owner: IntArray, s: FloatArray, own_walk: NDArray[np.bool_]
+        self, owner: IntArray, s: FloatArray, moved: FloatArray, own_walk: NDArray[np.bool_]
     ) -> FloatArray:
-        """Lateral offset from the line, measured; fragments walk on paths of their own."""
+        """Lateral offset from the line, measured; fragments walk on paths of their own.
+
+        ``moved``: that of the motion itself (m).
+        """
         along = np.maximum(s, 0.0)
-        lateral: FloatArray = self._offset[owner] + self._heading[owner] * along
+        lateral: FloatArray = moved + self._offset[owner] + self._heading[owner] * along
         if self._walks is not None:
             k = np.clip((s / _WALK_M).astype(np.int64), 0, self._knots - 1)
             lateral = lateral + self._walks[owner, k]
@@ -238,9 +211,10 @@ class _Paths:
 
     def deposits(self) -> DepositRows:
         """Blocks that stopped on the profiles."""
-        rocks, pieces = self._result.rocks, self._result.pieces
-        rocks = rocks[rocks["reason"] != StopReason.BROKEN]
-        pieces = pieces[pieces["reason"] != StopReason.BROKEN]
+        rocks, pieces = self._moved.rocks, self._moved.pieces
+        whole = np.concatenate([rocks["reason"], pieces["reason"]]) != StopReason.BROKEN
+        moved = self._moved.lateral_m[whole]
+        rocks, pieces = rocks[whole[: rocks.size]], pieces[whole[rocks.size :]]
         owner = np.concatenate([self._numbers(rocks), self._numbers(pieces)])
         n_whole = rocks.size
         kind = np.concatenate(
@@ -248,7 +222,7 @@ class _Paths:
         ).astype(np.int64)
         s = np.concatenate([rocks["runout_m"], pieces["runout_m"]])
         mass = np.concatenate([rocks["mass_kg"], pieces["mass_kg"]])
-        lateral = self._lateral_offset(owner, s, kind != WHOLE)
+        lateral = self._lateral_offset(owner, s, moved, kind != WHOLE)
         m = self._model.measurement
         first = self._case.station_s[:, 0] if self._case.station_names else np.zeros(self._n)
         anchor = np.nan_to_num(first)[owner % self._n]
@@ -259,7 +233,7 @@ class _Paths:
 
     def passages(self) -> PassageRows:
         """What the stations saw."""
-        rows = self._result.passages
+        rows = self._moved.passages
         owner = self._numbers(rows)
         whole = rows["mass_kg"] >= self._mass[owner] * (1.0 - 1e-9)
         kind = np.where(whole, WHOLE, self._kind(rows, owner)).astype(np.int64)
@@ -275,7 +249,9 @@ class _Paths:
             np.where(kind == LOOSE, -1 - owner, owner),
             rows["control_line"].astype(np.int64),
             kind,
-            self._lateral_offset(owner, rows["chainage_m"], kind != WHOLE),
+            self._lateral_offset(
+                owner, rows["chainage_m"], self._moved.passed_lateral_m, kind != WHOLE
+            ),
             speed,
             rotation,
             height,
@@ -285,7 +261,7 @@ class _Paths:
     def _rest(self, rows: NDArray[np.void], owner: IntArray) -> FloatArray:
         """Height of the centre of a lying block above the ground: heights are counted from it."""
         a, b = (
-            self._result.rocks[name].reshape(self._n, self._count).T.ravel()
+            self._moved.rocks[name].reshape(self._n, self._count).T.ravel()
             for name in ("a_m", "b_m")
         )
         # The engine counts heights of flight from the shorter axis; a rock that rolls has none.
@@ -298,17 +274,13 @@ class _Paths:
 
     def impacts(self, case: Case) -> ImpactRows:
         """Impacts of whole rocks, taken apart along the ground."""
-        logs = self._result.event_logs
-        sizes = np.array([log.size for log in logs], np.int64)
-        events = np.concatenate([np.empty(0, EVENT_DTYPE), *logs])
-        index = np.repeat(np.arange(sizes.size), sizes)
-        hit = np.flatnonzero((events["phase"][:-1] == IMPACT) & (index[:-1] == index[1:]))
+        events, index, hit = impacts_of(self._moved.event_logs)
         before, after = events[hit], events[hit + 1]
         line, campaign = np.divmod(index[hit], self._count)
         owner = line + campaign * self._n
         order = np.argsort(owner, kind="stable")
         before, after, owner = before[order], after[order], owner[order]
-        dip = dips_at(self._lines.unforested, owner % self._n, before["x_m"])
+        chainage, ground, dip, turned = self._under(events, index, hit[order], owner)
         cosine, sine = np.cos(dip), np.sin(dip)
         errors, m = self._lines.errors, self._model.measurement
 
@@ -325,15 +297,75 @@ class _Paths:
         vt_in, vn_in, spin_in = apart(before)
         vt_out, vn_out, spin_out = apart(after)
         kick = np.hypot(self._model.lateral_walk.angle_deg, self._model.turn_noise_deg)
-        turn = self._rng.standard_normal(owner.size) * kick
+        turn = turned + self._rng.standard_normal(owner.size) * kick
         # Where the ground was met: the foot of the centre on the segment.
-        ground = heights_at_chainage(self._lines.unforested, owner % self._n, before["x_m"])
         off = (before["z_m"] - ground) * cosine
         error = np.hypot(errors.position_m, m.position_m)
-        s = before["x_m"] + off * sine + error * self._rng.standard_normal(owner.size)
+        s = chainage + off * sine + error * self._rng.standard_normal(owner.size)
         # Nothing is put behind the start of a line.
         s = np.maximum(s, 0.0)
         z = before["z_m"] - off * cosine + error * self._rng.standard_normal(owner.size)
         rows = ImpactRows(owner, s, z, vt_in, vn_in, spin_in, vt_out, vn_out, spin_out, turn)
         approaching = vn_in < 0.0
         return ImpactRows(*(getattr(rows, f)[approaching] for f in ImpactRows.__slots__))
+
+    def _under(
+        self, events: NDArray[np.void], index: IntArray, hit: IntArray, owner: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Chainage, height and dip of the ground at impacts, and turn of the path (deg)."""
+        rock, x_m = owner % self._n, events["x_m"][hit]
+        terrain = self._case.terrain
+        if terrain is None:
+            profiles = self._lines.unforested
+            ground, dip = heights_at_chainage(profiles, rock, x_m), dips_at(profiles, rock, x_m)
+            return x_m, ground, dip, np.zeros(rock.size)
+        grid = terrain.grid
+        x = grid.west + events["u"] * grid.cell_size
+        y = grid.north - events["v"] * grid.cell_size
+        turn, before = turns_of(events, index, hit)
+        x, y = x[hit], y[hit]
+        step = 0.5 * grid.cell_size
+        behind, ahead = (
+            heights_at(grid, x + k * step * np.cos(before), y + k * step * np.sin(before))
+            for k in (-1.0, 1.0)
+        )
+        s = in_plane(self._case, rock, x, y)[0]
+        # Next to the edge of the terrain only one side is known.
+        dip = np.nan_to_num(np.arctan2(ahead - behind, 2.0 * step))
+        return s, heights_at(grid, x, y), dip, np.degrees(turn)
+
+
+def impacts_of(
+    logs: Sequence[NDArray[np.void]],
+) -> tuple[NDArray[np.void], IntArray, IntArray]:
+    """Events of blocks one after the other, the block of each, and the rows of impacts."""
+    sizes = np.array([log.size for log in logs], np.int64)
+    events = np.concatenate([np.empty(0, EVENT_DTYPE), *logs])
+    index = np.repeat(np.arange(sizes.size), sizes)
+    hit = np.flatnonzero((events["phase"][:-1] == IMPACT) & (index[:-1] == index[1:]))
+    return events, index, hit
+
+
+def turns_of(
+    events: NDArray[np.void], index: IntArray, hit: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Turn of followed paths at impacts, anticlockwise, and azimuth before them (rad).
+
+    Parameters
+    ----------
+    events : EVENT_DTYPE
+        Of several blocks, one after the other.
+    index : int64
+        Number of the block of each.
+    hit : int64, shape (n,)
+        Rows of the impacts; the row behind each is of the same block.
+    """
+    azimuth, moves = [], []
+    for first, last in ((np.maximum(hit - 1, 0), hit), (hit + 1, hit + 2)):
+        last = np.minimum(last, events.size - 1)
+        east = events["u"][last] - events["u"][first]
+        north = events["v"][first] - events["v"][last]
+        azimuth.append(np.arctan2(north, east))
+        moves.append((index[first] == index[last]) & (np.hypot(east, north) > 1e-9))
+    turn = np.remainder(azimuth[1] - azimuth[0] + np.pi, 2.0 * np.pi) - np.pi
+    return np.where(moves[0] & moves[1], turn, 0.0), azimuth[0]

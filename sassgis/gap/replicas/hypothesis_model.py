@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
+from sassgis.gap.observations.case import Case
 from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 
@@ -146,6 +147,15 @@ class HypothesisModel:
         if aside is not None and self.lateral_walk != LateralWalk.of(had):
             own.append(aside)
         return {effect.name: _set_keys(effect) for effect in own}
+
+
+def configured_model(case: Case, table: GroundTable | None = None) -> HypothesisModel:
+    """The model of a case as it is configured, or with another table of ground classes."""
+    return HypothesisModel(
+        case.table if table is None else table,
+        case.effects.without(LateralDeflection),
+        lateral_walk=LateralWalk.of(case.effects.get(LateralDeflection)),
+    )
 
 
 def _set_keys(effect: Any) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sassgis.gap.observations.campaign import Errors, errors_of
 from sassgis.gap.observations.case import Case
@@ -17,6 +18,8 @@ from sassgis.terrain.release import point_keys
 
 #: Length of the stretches on which a forest stands or not (m).
 STRETCH_M = 2.0
+#: Cells farther from all fall lines than this have no chainage (m).
+_BESIDE_M = 150.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,9 @@ class RockLines:
     keys : uint64, shape (n_rocks,)
     control_lines : ControlLineCrossings
     end : float64, shape (n_rocks,)
-        Where each profile ends (m).
+        Where what a rock can reach ends (m): its profile; followed paths go on.
+    cell_s : float64, shape (n_cells,)
+        Where paths are followed: chainage of the nearest fall line at each cell (m); NaN far away.
     errors : Errors
     """
 
@@ -47,6 +52,7 @@ class RockLines:
     keys: NDArray[np.uint64]
     control_lines: ControlLineCrossings
     end: FloatArray
+    cell_s: FloatArray
     errors: Errors
 
 
@@ -62,8 +68,11 @@ def rock_lines_of(case: Case) -> RockLines:
         first_m=first,
         n_stretches=n_stretches,
         keys=np.concatenate([point_keys(name, 1) for name in names]),
-        control_lines=_control_lines(case),
-        end=case.profiles.s[case.profiles.offset[1:] - 1][case.line],
+        control_lines=control_lines_of(case),
+        end=case.profiles.s[case.profiles.offset[1:] - 1][case.line]
+        if case.terrain is None
+        else np.full(case.n_rocks, np.inf),
+        cell_s=_chainage_of_cells(case),
         errors=errors_of(case),
     )
 
@@ -124,7 +133,29 @@ def _configured_wood(case: Case, first: float, n: int) -> Forest | None:
     return Forest(stems / seen, girth / seen)
 
 
-def _control_lines(case: Case) -> ControlLineCrossings:
+def _chainage_of_cells(case: Case) -> FloatArray:
+    """Chainage of the nearest vertex of a fall line, of each cell."""
+    if case.terrain is None:
+        return np.empty(0)
+    grid, traces = case.terrain.grid, case.traces
+    rows, cols = np.indices(grid.shape).reshape(2, -1)
+    x = grid.west + (cols + 0.5) * grid.cell_size
+    y = grid.north - (rows + 0.5) * grid.cell_size
+    far, nearest = cKDTree(np.column_stack([traces.x, traces.y])).query(
+        np.column_stack([x, y]), distance_upper_bound=_BESIDE_M
+    )
+    s: FloatArray = np.append(traces.s, np.nan)[np.where(np.isfinite(far), nearest, -1)]
+    return s
+
+
+def gathered(offset: IntArray, which: IntArray) -> tuple[IntArray, IntArray]:
+    """Offsets and entries of some items of a ragged array, each as often as it is named."""
+    sizes = np.diff(offset)[which]
+    new = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    return new, np.repeat(offset[which] - new[:-1], sizes) + np.arange(new[-1])
+
+
+def control_lines_of(case: Case) -> ControlLineCrossings:
     """Stations on the line of each rock."""
     s = case.station_s
     control_lines = tuple(ControlLine(name, "station") for name in case.station_names)

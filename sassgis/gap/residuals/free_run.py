@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
-from sassgis.engine.effects.trees import Trees
-from sassgis.engine.simulate import Simulated, simulate
 from sassgis.gap.observations.campaign import errors_of, main_blocks, observed_campaign
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import impacts_of, turns_of
+from sassgis.gap.replicas.motion import Moved, all_rocks, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, rock_lines_of
-from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
+from sassgis.gap.residuals.residuals import (
+    Residual,
+    beyond,
+    mean_of_draws,
+    only_above,
+    per_rock,
+    spread,
+)
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ProfileSet
 from sassgis.model.results import StopReason
 
 BoolArray = NDArray[np.bool_]
 
 
+#: Events of each block from which the turns of its path are taken.
+_MOST_EVENTS = 160
 #: Height above the resting position from which most rocks at a station count as flying (m).
 FLYING_M = 0.3
 
@@ -35,8 +43,8 @@ class AtStations:
 
     Attributes
     ----------
-    speed_mps, rotation_hz, height_m : float64, shape (n_rocks, ..., n_stations)
-        ``height_m`` is that of the centre above the ground.
+    speed_mps, rotation_hz, height_m, lateral_m : float64, shape (n_rocks, ..., n_stations)
+        ``height_m`` is that of the centre above the ground, ``lateral_m`` from the fall line.
     arrived : float64, shape (n_rocks, ..., n_stations)
         1 or 0; NaN where it is not known.
     """
@@ -44,7 +52,26 @@ class AtStations:
     speed_mps: FloatArray
     rotation_hz: FloatArray
     height_m: FloatArray
+    lateral_m: FloatArray
     arrived: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Ends:
+    """What is left of released rocks; float64, shape (n, count).
+
+    Attributes
+    ----------
+    runout_m, lateral_m
+        Chainage and lateral offset of the largest block.
+    stops, largest
+        Blocks left of each rock, mass of the largest over that of the rock.
+    """
+
+    runout_m: FloatArray
+    lateral_m: FloatArray
+    stops: FloatArray
+    largest: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +86,10 @@ class FreeRun:
         Whether they rolled or slid there.
     rise_rad : float64, shape (n_rocks, replicates, n_stations)
         Angle of the velocity above the ground (rad).
-    runout_m : float64, shape (n_rocks, replicates)
-        Of the largest block.
-    stops, largest : float64, shape (n_rocks, replicates)
-        Blocks left of each rock, mass of the largest over that of the rock.
+    ends : Ends
+        Arrays of shape (n_rocks, replicates).
+    turn_deg : float64, shape (n_rocks,)
+        Mean size of the turn of paths at impacts; 0 where rocks keep to their fall lines.
     axes_m : float64, shape (n_rocks, replicates, 3)
         Semi-axes, longest first.
     """
@@ -70,9 +97,8 @@ class FreeRun:
     at: AtStations
     ground: BoolArray
     rise_rad: FloatArray
-    runout_m: FloatArray
-    stops: FloatArray
-    largest: FloatArray
+    ends: Ends
+    turn_deg: FloatArray
     axes_m: FloatArray
 
     @property
@@ -84,32 +110,19 @@ class FreeRun:
 
 @dataclass(frozen=True, slots=True)
 class RunModel:
-    """What the rocks of a case are run with; see ``sassgis.engine.simulate.simulate``."""
+    """What the rocks of a case are run with."""
 
     table: GroundTable
     effects: EffectSettings
-    forest: Forest | None
     rock_lines: RockLines
     seed: int
 
     @classmethod
     def of(
-        cls,
-        case: Case,
-        table: GroundTable,
-        effects: EffectSettings | None,
-        forest: Forest | None,
-        seed: int,
+        cls, case: Case, table: GroundTable, effects: EffectSettings | None, seed: int
     ) -> RunModel:
-        """The model of a case; what is not given is as its configuration has it."""
-        rock_lines = rock_lines_of(case if forest is None else replace(case, forest=forest))
-        used = case.effects if effects is None else effects
-        return cls(table, used, rock_lines.wood if used.get(Trees) else None, rock_lines, seed)
-
-    @property
-    def profiles(self) -> ProfileSet:
-        """One for each rock."""
-        return self.rock_lines.unforested if self.forest is None else self.rock_lines.forested
+        """The model of a case; without effects those of its configuration."""
+        return cls(table, case.effects if effects is None else effects, rock_lines_of(case), seed)
 
 
 def observed_at_stations(case: Case) -> AtStations:
@@ -119,7 +132,7 @@ def observed_at_stations(case: Case) -> AtStations:
     the others' station but not there, it did not.
     """
     shape = (case.n_rocks, len(case.station_names))
-    speed, rotation, height = (np.full(shape, np.nan) for _ in range(3))
+    speed, rotation, height, lateral = (np.full(shape, np.nan) for _ in range(4))
     arrived = np.full(shape, np.nan)
     passages = case.observations.passages
     seen_at = np.zeros(shape[1], bool)
@@ -138,6 +151,7 @@ def observed_at_stations(case: Case) -> AtStations:
             (speed, passages.speed_mps),
             (rotation, passages.rotation_hz),
             (height, centre),
+            (lateral, case.projected["passages"].lateral_m),
         ):
             column[rock[whole], station[whole]] = values[whole]
         arrived[rock[own], station[own]] = 1.0
@@ -153,8 +167,10 @@ def observed_at_stations(case: Case) -> AtStations:
     arrived = np.where(missed, 0.0, arrived)
     off = ~np.isfinite(s) | (s <= case.start[:, 1:2])
     arrived[off] = np.nan
-    speed, rotation, height = (np.where(off, np.nan, v) for v in (speed, rotation, height))
-    return AtStations(speed, rotation, height, arrived)
+    speed, rotation, height, lateral = (
+        np.where(off, np.nan, v) for v in (speed, rotation, height, lateral)
+    )
+    return AtStations(speed, rotation, height, lateral, arrived)
 
 
 def observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -185,47 +201,57 @@ def observed_end(case: Case) -> tuple[FloatArray, FloatArray, FloatArray, FloatA
 def free_run(case: Case, model: RunModel, replicates: int) -> FreeRun:
     """Release every rock ``replicates`` times where it was released."""
     n, m = case.n_rocks, len(case.station_names)
-    done = simulate(
-        model.profiles,
+    turned = case.terrain is not None and np.isfinite(case.observations.impacts.turn_deg).any()
+    done = move(
+        case,
+        model.rock_lines,
+        all_rocks(case, model.rock_lines),
         model.table,
-        case.blocks,
-        case.engine,
+        model.effects,
         seed=model.seed,
-        rocks_per_line=replicates,
-        line_keys=model.rock_lines.keys,
-        starts=case.start,
-        control_lines=model.rock_lines.control_lines,
-        effects=model.effects,
-        forest=model.forest,
+        count=replicates,
+        log_events=_MOST_EVENTS if turned else 0,
     )
     axes = np.stack([done.rocks[f] for f in ("a_m", "b_m", "c_m")], axis=1)
     axes = axes.reshape(n, replicates, 3)
     rows = done.passages
     at, ground, rise_rad = passages_of(
-        model.rock_lines.unforested, rows, rows["line"], rows["rock"], axes, m
+        model.rock_lines.unforested, done, rows["line"], rows["rock"], axes, m
     )
     off = ~np.isfinite(case.station_s) | (case.station_s <= case.start[:, 1:2])
     at.arrived[np.broadcast_to(off[:, None, :], at.arrived.shape)] = np.nan
-    runout, stops, largest = ends_of(done, n, replicates, model.rock_lines.end)
-    return FreeRun(at, ground, rise_rad, runout, stops, largest, axes)
+    ends = ends_of(done, n, replicates, model.rock_lines.end)
+    return FreeRun(at, ground, rise_rad, ends, _mean_turn(done, n, replicates), axes)
+
+
+def _mean_turn(done: Moved, n: int, replicates: int) -> FloatArray:
+    """Mean size of the turn of paths at the impacts of each rock (deg)."""
+    events, index, hit = impacts_of(done.event_logs)
+    if not hit.size:
+        return np.zeros(n)
+    turn = np.degrees(np.abs(turns_of(events, index, hit)[0]))
+    return np.nan_to_num(per_rock(turn, index[hit] // replicates, n))
 
 
 def passages_of(
     profiles: ProfileSet,
-    rows: NDArray[np.void],
+    done: Moved,
     rock: IntArray,
     draw: IntArray,
     axes: FloatArray,
     n_stations: int,
 ) -> tuple[AtStations, BoolArray, FloatArray]:
-    """Passages as arrays by rock, replicate and station; of a rock and its pieces the rock's."""
+    """Passages as arrays by rock, replicate and station; of a rock and its pieces the rock's.
+
+    ``rock`` and ``draw`` are those of each passage.
+    """
     n, k, _ = axes.shape
-    speed, rotation, height = (np.full((n, k, n_stations), np.nan) for _ in range(3))
+    speed, rotation, height, lateral = (np.full((n, k, n_stations), np.nan) for _ in range(4))
     arrived = np.zeros((n, k, n_stations))
     ground = np.zeros((n, k, n_stations), bool)
     rise_rad = np.full((n, k, n_stations), np.nan)
     # The rock's own rows come before those of its pieces.
-    rows, rock, draw = rows[::-1], rock[::-1], np.asarray(draw, np.int64)[::-1]
+    rows, rock, draw = done.passages[::-1], rock[::-1], np.asarray(draw, np.int64)[::-1]
     control_line = rows["control_line"].astype(np.int64)
     dip = dips_at(profiles, rock, rows["chainage_m"])
     on_ground = rows["height_m"] <= 0.0
@@ -237,28 +263,34 @@ def passages_of(
     speed[place] = rows["speed_mps"]
     rotation[place] = rows["rotation_hz"]
     height[place] = rows["height_m"] + rest
+    lateral[place] = done.passed_lateral_m[::-1]
     arrived[place] = 1.0
     ground[place] = on_ground
     rise_rad[place] = np.arctan2(rows["vz_mps"], rows["vx_mps"]) - dip
-    return AtStations(speed, rotation, height, arrived), ground, rise_rad
+    return AtStations(speed, rotation, height, lateral, arrived), ground, rise_rad
 
 
-def ends_of(
-    done: Simulated, n: int, replicates: int, end: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Run-out of the largest block, number of blocks and share of the largest."""
+def ends_of(done: Moved, n: int, replicates: int, end: FloatArray) -> Ends:
+    """What is left of rocks; run-out at most to ``end``, shape (n,) (m)."""
     rocks, pieces = done.rocks, done.pieces
-    runout = rocks["runout_m"].copy()
+    runout, lateral = rocks["runout_m"].copy(), done.lateral_m[: rocks.size].copy()
     mass = np.where(rocks["reason"] == StopReason.BROKEN, 0.0, rocks["mass_kg"])
     stops = (mass > 0.0).astype(float)
-    for piece in pieces[pieces["reason"] != StopReason.BROKEN]:
+    for piece, beside in zip(pieces, done.lateral_m[rocks.size :].tolist(), strict=True):
+        if piece["reason"] == StopReason.BROKEN:
+            continue
         i = int(piece["line"]) * replicates + int(piece["rock"])
         stops[i] += 1.0
         if piece["mass_kg"] > mass[i]:
-            mass[i], runout[i] = piece["mass_kg"], piece["runout_m"]
+            mass[i], runout[i], lateral[i] = piece["mass_kg"], piece["runout_m"], beside
     shape = (n, replicates)
     capped = np.minimum(runout.reshape(shape), end[:, None])
-    return capped, stops.reshape(shape), (mass / rocks["mass_kg"]).reshape(shape)
+    return Ends(
+        capped,
+        lateral.reshape(shape),
+        stops.reshape(shape),
+        (mass / rocks["mass_kg"]).reshape(shape),
+    )
 
 
 def free_run_residuals(
@@ -270,20 +302,21 @@ def free_run_residuals(
     for k, name in enumerate(case.station_names):
         where = (mean_s[k], mean_s[k])
         found += residuals_at_station(case, seen, run, run.at, k, name, "free run", where)
-    sides = model.effects.get(LateralDeflection) is None
+    sides = case.terrain is not None or model.effects.get(LateralDeflection) is None
     error = errors_of(case)
-    passages = observed_campaign(case).passages
-    if sides and passages is not None:
-        lateral = np.full((case.n_rocks, len(case.station_names)), np.nan)
-        own = np.flatnonzero((passages.rock >= 0) & (passages.kind == 0))[::-1]
-        lateral[passages.rock[own], passages.station[own]] = passages.lateral_m[own]
+    if sides:
         for k, name in enumerate(case.station_names):
             phase = _phase(case, run, seen, k)
-            found += _sides(lateral[:, k], name, phase, (mean_s[k], mean_s[k]), side_error(case))
+            found += _sides(
+                case, seen.lateral_m[:, k], run.at.lateral_m[:, :, k], name, phase,
+                (mean_s[k], mean_s[k]), rng,
+            )  # fmt: skip
     runout, aside_end, stops, largest = observed_end(case)
     if np.isfinite(runout).any():
         span = (float(np.nanmin(runout)), float(np.nanmax(runout)))
-        predicted = run.runout_m + error.position_m * rng.standard_normal(run.runout_m.shape)
+        predicted = run.ends.runout_m + error.position_m * rng.standard_normal(
+            run.ends.runout_m.shape
+        )
         found.append(
             Residual(
                 "all", "stopping", "runout_m", "free run", runout, mean_of_draws(predicted), *span
@@ -294,12 +327,12 @@ def free_run_residuals(
             Residual("all", "stopping", "runout_m_spread", "free run", away, usual, *span, score)
         )
         if sides:
-            found += _sides(aside_end, "all", "stopping", span, side_error(case))
+            found += _sides(case, aside_end, run.ends.lateral_m, "all", "stopping", span, rng)
         found += [
             Residual("all", "impact", name, "free run", values, mean_of_draws(draws), *span)
             for name, values, draws in (
-                ("stops_per_rock", stops, run.stops),
-                ("largest_share", largest, run.largest),
+                ("stops_per_rock", stops, run.ends.stops),
+                ("largest_share", largest, run.ends.largest),
             )
         ]
     return found
@@ -314,25 +347,33 @@ def side_error(case: Case) -> float:
 
 
 def _sides(
+    case: Case,
     lateral: FloatArray,
+    draws: FloatArray,
     place: str,
     phase: str,
     span: tuple[float, float],
-    error: float,
+    rng: np.random.Generator,
 ) -> list[Residual]:
-    """Lateral offset from the fall line, which a plane model cannot leave; mean and scatter."""
-    none = np.where(np.isfinite(lateral), 0.0, np.nan)
-    size = np.abs(lateral)
-    usual = error * math.sqrt(2.0 / math.pi)
+    """Lateral offset from the fall line against that of the model; mean and scatter.
+
+    A model in the plane of the fall line cannot leave it: there only the error is expected.
+    """
+    error = side_error(case)
+    if case.terrain is not None:
+        mean = mean_of_draws(draws)
+        size, usual, score = spread(lateral, draws + error * rng.standard_normal(draws.shape))
+    else:
+        mean = np.where(np.isfinite(lateral), 0.0, np.nan)
+        size, usual = np.abs(lateral), mean + error * math.sqrt(2.0 / math.pi)
+        score = only_above(size - usual)
     return [
         # Rocks of one release share the error of their fall line, which is no error of theirs.
         Residual(
-            place, phase, "lateral_m", "free run", lateral, none, *span, beyond(lateral, error)
+            place, phase, "lateral_m", "free run", lateral, mean, *span,
+            beyond(lateral - mean, error),
         ),
-        Residual(
-            place, phase, "lateral_m_spread", "free run", size, none + usual, *span,
-            only_above(size - usual),
-        ),
+        Residual(place, phase, "lateral_m_spread", "free run", size, usual, *span, score),
     ]  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from sassgis.engine.impact import RULES
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Impacts
+from sassgis.gap.residuals.free_run import FreeRun
 from sassgis.gap.residuals.impact_step import impact_draws
 from sassgis.gap.residuals.residuals import (
     Residual,
@@ -55,7 +56,7 @@ IMPACT_EFFECTS = tuple(
 def impact_residuals(
     case: Case,
     table: GroundTable,
-    axes_m: FloatArray,
+    run: FreeRun,
     edges: FloatArray,
     effects: EffectSettings,
     *,
@@ -68,8 +69,8 @@ def impact_residuals(
     ----------
     case : Case
     table : GroundTable
-    axes_m : float64, shape (n_rocks, k, 3)
-        Semi-axes of each rock as the model draws them, longest first (m); NaN for rocks without.
+    run : FreeRun
+        The rocks in the model: their semi-axes, and the turns of their paths.
     edges : float64, shape (n_reaches, 2)
         Limits of the reaches (m).
     effects : EffectSettings
@@ -84,21 +85,20 @@ def impact_residuals(
     list of Residual
     """
     impacts = case.observations.impacts
-    n = case.n_rocks
     if not len(impacts):
         return []
     rock = case.observations.rock_of("impacts")
     s = case.projected["impacts"].s
     whole = (rock >= 0) & ~case.observations.is_piece("impacts") & np.isfinite(s)
-    use = usable_impacts(case, axes_m)
+    use = usable_impacts(case, run.axes_m)
     turned = whole & np.isfinite(impacts.turn_deg)
     turned[turned] &= case.line[rock[turned]] >= 0
     found: list[Residual] = []
     if use.any() and not any(name in effects.names for name in IMPACT_EFFECTS):
-        found += _rebounds(case, table, axes_m, edges, np.flatnonzero(use), draws, rng)
+        found += _rebounds(case, table, run.axes_m, edges, np.flatnonzero(use), draws, rng)
     if turned.any() and effects.get(LateralDeflection) is None:
         rows = np.flatnonzero(turned)
-        found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], n)
+        found += _turns(case, edges, rock[rows], s[rows], impacts.turn_deg[rows], run.turn_deg)
     return found
 
 
@@ -342,15 +342,17 @@ def _turns(
     rock: IntArray,
     s: FloatArray,
     turn_deg: FloatArray,
-    n_rocks: int,
+    made_deg: FloatArray,
 ) -> list[Residual]:
-    """Turns in plan beyond those of the fall lines, which the model has not.
+    """Turns in plan beyond those of the fall lines.
 
-    Their scatter is compared with what is usual in measured directions.
+    Their size is compared with what is usual in measured directions, and with those of followed
+    paths, ``made_deg``, shape (n_rocks,).
     """
+    n_rocks = made_deg.size
     line = turn_of_lines(case, rock, s)
     away = np.abs(turn_deg - line)
-    usual = math.sqrt(2.0 / math.pi) * turn_error(case, line)
+    usual = np.hypot(math.sqrt(2.0 / math.pi) * turn_error(case, line), made_deg[rock])
     found = []
     for place, inside, s0, s1 in _reach_places(case, edges, rock, s):
         of = np.where(inside, rock, -1)

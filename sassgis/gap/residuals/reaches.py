@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sassgis.engine.simulate import simulate
 from sassgis.gap.inference.rock_tests import t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.motion import Releases, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at
 from sassgis.gap.residuals.free_run import (
     AtStations,
@@ -32,8 +32,6 @@ from sassgis.gap.residuals.free_run import (
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.profiles import ControlLineCrossings, ProfileSet
-from sassgis.model.results import ControlLine
 
 #: Rocks of the model among which one is drawn that reached a station like the observed one, and
 #: how many there must be.
@@ -42,14 +40,6 @@ _LIKE, _LEAST_LIKE = 150, 24
 _LONGEST_S, _STEP_S = 1.5, 0.02
 #: Least height of a restart in flight above the resting position, and of a start above zero (m).
 _LEAST_DROP_M = 1e-3
-
-
-# ---------------------------------------------------------------------------------------------
-# Observed
-
-
-# ---------------------------------------------------------------------------------------------
-# Runs from the release
 
 
 # ---------------------------------------------------------------------------------------------
@@ -78,7 +68,7 @@ def reach_residuals(
     for k in range(n_stations + 1):
         span = (float(edges[k, 0]), float(edges[k, 1]))
         if k == 0:
-            at, stop = run.at, run.runout_m
+            at, stop = run.at, run.ends.runout_m
         else:
             again = _restarted(case, model, seen, run, k - 1, rng)
             if again is None:
@@ -134,7 +124,7 @@ def _restarted(
     runout_m : float64, shape (n_rocks, replicates)
         None if fewer than two rocks can be restarted.
     """
-    n, m = run.runout_m.shape
+    n, m = run.ends.runout_m.shape
     rocks = np.flatnonzero(np.isfinite(seen.speed_mps[:, k]) & (seen.speed_mps[:, k] > 0.0))
     if rocks.size < 2:
         return None
@@ -142,30 +132,31 @@ def _restarted(
     draw = np.tile(np.arange(m), rocks.size)
     states = _states(case, model.rock_lines, seen, run, k, rock, draw, rng)
     axes = run.axes_m[rock, draw]
-    done = simulate(
-        repeated(model.profiles, rock),
+    done = move(
+        case,
+        model.rock_lines,
+        Releases(
+            rock,
+            _blocks(case, rock, axes, states),
+            np.column_stack([states.s, states.s]),
+            np.nan_to_num(seen.lateral_m[rock, k]),
+            np.arange(rock.size, dtype=np.uint64),
+        ),
         model.table,
-        _blocks(case, rock, axes, states),
-        case.engine,
+        model.effects,
         seed=model.seed + 1 + k,
-        rocks_per_line=1,
-        line_keys=np.arange(rock.size, dtype=np.uint64),
-        starts=np.column_stack([states.s, states.s]),
-        control_lines=_control_lines_below(case, k, rock),
-        effects=model.effects,
-        forest=model.forest,
+        count=1,
     )
-    rows = done.passages
     at, _, _ = passages_of(
-        model.rock_lines.unforested, rows, rock[rows["line"]], draw[rows["line"]], run.axes_m,
-        len(case.station_names),
+        model.rock_lines.unforested, done, rock[done.passages["line"]],
+        draw[done.passages["line"]], run.axes_m, len(case.station_names),
     )  # fmt: skip
     started = np.zeros(n, bool)
     started[rocks] = True
     at.arrived[~started] = np.nan
+    ends = ends_of(done, rock.size, 1, model.rock_lines.end[rock])
     runout = np.full((n, m), np.nan)
-    ends, _, _ = ends_of(done, rock.size, 1, model.rock_lines.end[rock])
-    runout[rock, draw] = ends[:, 0]
+    runout[rock, draw] = ends.runout_m[:, 0]
     return at, runout
 
 
@@ -376,40 +367,3 @@ def _blocks(case: Case, rock: IntArray, axes: FloatArray, states: _States) -> li
             zip(rock.tolist(), *(c.tolist() for c in columns), strict=True)
         )
     ]
-
-
-def _control_lines_below(case: Case, k: int, rock: IntArray) -> ControlLineCrossings:
-    """The next station below ``k`` on the line of each rock that has one."""
-    has = k + 1 < len(case.station_names)
-    s = case.station_s[rock, k + 1] if has else np.full(rock.size, np.nan)
-    known = np.isfinite(s)
-    return ControlLineCrossings(
-        tuple(ControlLine(name, "station") for name in case.station_names),
-        np.concatenate([[0], np.cumsum(known)]).astype(np.int64),
-        s[known],
-        np.full(int(known.sum()), k + 1, np.int64),
-    )
-
-
-def repeated(profiles: ProfileSet, which: IntArray) -> ProfileSet:
-    """Profiles by number, each as often as it is named."""
-    offset, vertex = _gather(profiles.offset, which)
-    cell_offset, cell = _gather(profiles.cell_offset, which)
-    # Borders are one more than stretches on each profile.
-    _, border = _gather(profiles.cell_offset + np.arange(profiles.offset.size), which)
-    return ProfileSet(
-        offset,
-        profiles.s[vertex],
-        profiles.z[vertex],
-        profiles.ground[vertex],
-        cell_offset,
-        profiles.cell_s[border],
-        profiles.cell[cell],
-    )
-
-
-def _gather(offset: IntArray, which: IntArray) -> tuple[IntArray, IntArray]:
-    """Offsets and entries of some items of a ragged array."""
-    sizes = np.diff(offset)[which]
-    new = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    return new, np.repeat(offset[which] - new[:-1], sizes) + np.arange(new[-1])

@@ -106,8 +106,8 @@ def steps_of(case: Case, table: GroundTable, run: FreeRun, rng: np.random.Genera
         *_impacts(case, table, run.axes_m, rng),
         *_flights(case),
         *_aloft(case, run.axes_m),
-        *_runs(case),
-        *_stops(case),
+        *_runs(case, run),
+        *_stops(case, run),
     ]
     columns: dict[str, list[FloatArray]] = {f.name: [] for f in fields(StepTable)}
     for part in parts:
@@ -217,29 +217,39 @@ def _aloft(case: Case, axes_m: FloatArray) -> list[_Part]:
     ]  # fmt: skip
 
 
-def _runs(case: Case) -> list[_Part]:
+def _runs(case: Case, run: FreeRun) -> list[_Part]:
     rows = observed_campaign(case).passages
     if rows is None:
         return []
     own = np.flatnonzero(rows.rock >= 0)
+    predicted, sd = _offset(case, run.at.lateral_m[rows.rock[own], :, rows.station[own]])
     return [
         {
             "rock": rows.rock[own], "step": np.array("run"), "quantity": np.array("lateral_m"),
-            "observed": rows.lateral_m[own], "predicted": np.zeros(own.size),
-            "sd": np.array(side_error(case)), "station": rows.station[own],
+            "observed": rows.lateral_m[own], "predicted": predicted, "sd": sd,
+            "station": rows.station[own],
         }
     ]  # fmt: skip
 
 
-def _stops(case: Case) -> list[_Part]:
+def _offset(case: Case, draws: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean lateral offset in the model and its standard deviation, with the error of the line."""
+    error = np.full(len(draws), side_error(case))
+    if case.terrain is None:
+        return np.zeros(len(draws)), error
+    mean = mean_of_draws(draws)
+    return mean, np.hypot(error, np.sqrt(mean_of_draws((draws - mean[:, None]) ** 2)))
+
+
+def _stops(case: Case, run: FreeRun) -> list[_Part]:
     runout, lateral, _, _ = observed_end(case)
     rock = np.flatnonzero(np.isfinite(runout))
     if not rock.size:
         return []
+    predicted, sd = _offset(case, run.ends.lateral_m[rock])
     return [
         {
             "rock": rock, "step": np.array("stop"), "quantity": np.array("lateral_m"),
-            "observed": lateral[rock], "predicted": np.zeros(rock.size),
-            "sd": np.array(side_error(case)), "way_m": runout[rock],
+            "observed": lateral[rock], "predicted": predicted, "sd": sd, "way_m": runout[rock],
         }
     ]  # fmt: skip

@@ -23,7 +23,6 @@ from sassgis.gap.residuals.steps import StepTable, steps_of
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
-from sassgis.model.map_run import Forest
 
 #: Runs of each rock.
 REPLICATES = 20
@@ -59,7 +58,6 @@ def residuals_of(
     *,
     seed: int,
     effects: EffectSettings | None = None,
-    forest: Forest | None = None,
     replicates: int = REPLICATES,
 ) -> ResidualTable:
     """Compare a case with a model.
@@ -72,13 +70,11 @@ def residuals_of(
     seed : int
     effects : EffectSettings, optional
         Of the model; default: those of the configuration.
-    forest : Forest, optional
-        On the cells of the grid, in place of that of the configuration.
     replicates : int
         Runs of each rock.
     """
     rng = np.random.default_rng([seed, 31])
-    model = RunModel.of(case, table, effects, forest, seed)
+    model = RunModel.of(case, table, effects, seed)
     run = free_run(case, model, replicates)
     seen = observed_at_stations(case)
     edges = reach_edges(case, run)
@@ -86,9 +82,7 @@ def residuals_of(
         *free_run_residuals(case, model, seen, run, rng=rng),
         *reach_residuals(case, model, seen, run, edges, rng=rng),
         *path_residuals(case, model, edges, run.axes_m),
-        *impact_residuals(
-            case, table, run.axes_m, edges, model.effects, draws=IMPACT_DRAWS, rng=rng
-        ),
+        *impact_residuals(case, table, run, edges, model.effects, draws=IMPACT_DRAWS, rng=rng),
     ]
     return ResidualTable(run, seen, tuple(rows), steps_of(case, table, run, rng))
 
@@ -102,7 +96,7 @@ def reach_edges(case: Case, run: FreeRun) -> FloatArray:
     s = case.station_s
     known = np.isfinite(s)
     middle = np.where(known, s, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    ends = [np.quantile(run.runout_m, 0.99)]
+    ends = [np.quantile(run.ends.runout_m, 0.99)]
     deposits = case.projected.get("deposits")
     if deposits is not None and np.isfinite(deposits.s).any():
         ends.append(np.nanmax(deposits.s))

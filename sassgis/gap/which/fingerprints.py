@@ -20,6 +20,7 @@ from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.inference.rock_tests import holm_adjusted, t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.free_run import side_error
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws, per_rock
 from sassgis.gap.residuals.steps import StepTable
 from sassgis.gap.residuals.table import ResidualTable
@@ -251,9 +252,14 @@ def _offsets(case: Case, steps: StepTable) -> tuple[StepTable, FloatArray]:
     return rows, at
 
 
-def _usual_offset(rows: StepTable) -> float:
+def _usual_offset(case: Case) -> float:
     """Mean size of offsets (m) that errors make, were they larger than stated."""
-    return math.sqrt(2.0 / math.pi) * (1.0 + _MISSTATED) * float(rows.sd[0])
+    return math.sqrt(2.0 / math.pi) * (1.0 + _MISSTATED) * side_error(case)
+
+
+def _base_size(draws: FloatArray) -> FloatArray:
+    """Mean size of what the base makes, shape (n_rocks,); 0 in the plane of a fall line."""
+    return np.nan_to_num(mean_of_draws(np.abs(draws), least=1))
 
 
 def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
@@ -297,10 +303,11 @@ def _release(case: Case, residuals: ResidualTable) -> list[_Scores]:
     seen, at = _offsets(case, residuals.steps)
     if len(seen) and at.shape[1] >= 2:
         growth = np.abs(at[:, 1] - at[:, 0])
+        made = _usual_offset(case) + _base_size(residuals.run.at.lateral_m[:, :, 0])
         found.append(
             _score(
                 "offset at the first station, not growing to the second",
-                np.abs(at[:, 0]) - np.maximum(growth, _usual_offset(seen)),
+                np.abs(at[:, 0]) - np.maximum(growth, made),
                 _mean(np.abs(at[:, 0])),
             )
         )
@@ -379,6 +386,7 @@ def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:
     if len(rows) >= LEAST:
         size = np.abs(rows.observed - rows.predicted)
         usual = (1.0 + _MISSTATED) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
+        usual = usual + residuals.run.turn_deg[rows.rock]
         found.append(
             _score(
                 _TURN,
@@ -391,7 +399,10 @@ def _lateral(case: Case, residuals: ResidualTable) -> list[_Scores]:
         # Further down fall lines part, and offsets grow by themselves.
         growth = np.abs(at[:, 1] - at[:, 0])
         apart = case.station_s[:, 1] - case.station_s[:, 0]
-        usual = _usual_offset(rows) + _STRAIGHT * apart
+        made = residuals.run.at.lateral_m
+        usual = _usual_offset(case) + _base_size(made[:, :, 1] - made[:, :, 0])
+        if case.terrain is None:
+            usual = usual + _STRAIGHT * apart
         found.append(_score(_GROWTH, growth - usual, _mean(growth)))
     return found
 
@@ -406,8 +417,12 @@ def _aside(case: Case, residuals: ResidualTable) -> list[_Scores]:
     last = at.shape[1] - 1 - np.argmax(passed[:, ::-1], axis=1)
     beyond = rows.way_m - case.station_s[rows.rock, last]
     near = passed.any(axis=1) & (beyond < _SOON_M)
-    near &= np.abs(at[rows.rock, last]) < 0.5 * rows.sd[0]
-    usual = _usual_offset(rows) + _STRAIGHT * np.maximum(beyond, 0.0)
+    near &= np.abs(at[rows.rock, last]) < 0.5 * side_error(case)
+    run = residuals.run
+    made = run.ends.lateral_m[rows.rock] - run.at.lateral_m[rows.rock, :, last]
+    usual = _usual_offset(case) + _base_size(made)
+    if case.terrain is None:
+        usual = usual + _STRAIGHT * np.maximum(beyond, 0.0)
     size = np.where(near, np.abs(rows.observed) - usual, np.nan)
     return [_score(_ASIDE, per_rock(size, rows.rock, case.n_rocks), _mean(size + usual))]
 

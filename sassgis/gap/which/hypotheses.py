@@ -167,9 +167,9 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
         HypothesisModel(
             table,
             case.effects.without(LateralDeflection),
-            lateral_walk=_little_walk(parameter_draws)
-            if configured is None
-            else LateralWalk.of(configured),
+            lateral_walk=LateralWalk.of(configured)
+            if configured is not None or case.terrain is not None
+            else _little_walk(parameter_draws),
             turn_noise_deg=parameter_draws.log("turn_noise", 0.7, 5.0),
         ),
         parameters,
@@ -177,11 +177,15 @@ def draw(case: Case, families: tuple[str, ...], parameter_draws: ParameterDraws)
     for family in sorted(families):
         part = (_FAMILIES.get(family) or _from_row(family))(case, parameter_draws)
         first = made.effect == NONE
+        model = _wider_walk(made.model.lateral_walk, part.change(made.model))
+        if case.terrain is not None and family != LateralDeflection.name:
+            # Followed paths turn by themselves.
+            model = replace(model, lateral_walk=made.model.lateral_walk)
         made = replace(
             made,
             effect=family if first else f"{made.effect}+{family}",
             form=part.form if first else f"{made.form} + {part.form}",
-            model=_wider_walk(made.model.lateral_walk, part.change(made.model)),
+            model=model,
             parameters={**made.parameters, **part.parameters},
         )
     # A law of the contact shifts what was calibrated.

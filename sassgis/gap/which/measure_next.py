@@ -18,12 +18,11 @@ from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows, error
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.replicas.rock_lines import RockLines
+from sassgis.gap.replicas.motion import with_stations_at
+from sassgis.gap.replicas.rock_lines import RockLines, control_lines_of
 from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
 from sassgis.gap.words import effect_name
 from sassgis.model.grid import FloatArray
-from sassgis.model.profiles import ControlLineCrossings
-from sassgis.model.results import ControlLine
 
 #: Stations that are tried, as shares of the way to the middle of the stops; the nearest that an
 #: existing one may lie (the same share).
@@ -113,19 +112,17 @@ def _shown(
     seed: int,
 ) -> dict[str, FloatArray]:
     """What every rock shows in every campaign, by words, shape (DRAWS, _CAMPAIGNS, n_rocks)."""
-    names = [f"{s:.0f} m along the fall line" for s in places.tolist()]
-    stations = ControlLineCrossings.same_for_all(
-        [ControlLine(name, "station") for name in names], places.tolist(), case.n_rocks
-    )
+    there = with_stations_at(case, places)
+    names = there.station_names
     tables = frozenset({"passages", "deposits", "impacts"})
-    lines = replace(rock_lines, control_lines=stations)
+    lines = replace(rock_lines, control_lines=control_lines_of(there))
     turn = errors_of(case).turn_deg
     chosen = [models[k % len(models)] for k in range(DRAWS)]
     made = [
         sample
         for k, model in enumerate(chosen)
         for sample in campaigns(
-            case, lines, replace(model, turn_noise_deg=turn),
+            there, lines, replace(model, turn_noise_deg=turn),
             count=_CAMPAIGNS, seed=seed, number=_NUMBER + k, tables=tables,
         )
     ]  # fmt: skip

@@ -93,9 +93,9 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
             "stems_field": "stems_per_ha",
             "dbh_field": "dbh_cm",
         }
-    # What deflects laterally turns the heading of paths that are followed.
-    along = "followed" if LateralDeflection.name in effects else "fall_line"
-    document["terrain"]["path"] = along
+    document["terrain"]["path"] = "fall_line" if case.terrain is None else "followed"
+    # Blocks cannot leave their fall line.
+    left_out = case.terrain is None and effects.pop(LateralDeflection.name, None) is not None
     if not effects:
         del document["effects"]
     provenance = f"Calibrated to observations of {diagnosis.rocks} rocks (sassgis gap diagnose)"
@@ -105,7 +105,7 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
     )
     write_text(
         path,
-        _comments(diagnosis, sections, config_file, stand is not None, along)
+        _comments(diagnosis, sections, config_file, stand is not None, left_out)
         + tomli_w.dumps(document),
     )
     # What cannot be run again is reported now, not in the next run.
@@ -135,15 +135,14 @@ def _comments(
     sections: Collection[str],
     config_file: Path,
     stand: bool,
-    along: str,
+    left_out: bool,
 ) -> str:
     verdict = diagnosis.verdict
     named = verdict.effect not in ("none", "unknown")
     lines = [
         f"Made by sassgis {sassgis.__version__} (gap diagnose) from {config_file.name} and "
         f"observations of {diagnosis.rocks} rocks.",
-        f"Ground classes are calibrated to these observations ({CLASSES_NAME}), on fall lines"
-        + (' (terrain.path = "fall_line").' if along == "fall_line" else "."),
+        f"Ground classes are calibrated to these observations ({CLASSES_NAME}).",
     ]
     if not named:
         lines.append(
@@ -167,6 +166,10 @@ def _comments(
                 + ", ".join(effect_name(e) for e in verdict.confusion_set)
                 + "."
             )
+    if left_out:
+        lines.append(
+            "[effects.lateral_deflection] is left out: it turns followed paths, not fall lines."
+        )
     if stand:
         lines.append(
             f"The forest ({FOREST_NAME}) is where the observations ask for one, along the fall "

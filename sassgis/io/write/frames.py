@@ -51,6 +51,8 @@ def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
 def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """A row per block and station or barrier, units in the names."""
     frame = pd.DataFrame({name: rows.passages[name] for name in rows.passages.dtype.names or ()})
+    if not run.followed:
+        frame = frame.drop(columns=["x_m", "y_m"])
     names = np.array([g.name for g, _ in run.control_lines], dtype=object)
     frame["control_line"] = names[rows.passages["control_line"]] if names.size else []
     frame["outcome"] = [Outcome(int(o)).name.lower() for o in frame["outcome"]]
@@ -72,7 +74,8 @@ def profile_rock_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.Da
 def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
     """A row per block and station or barrier of a profile."""
     rows = result.passages
-    frame = pd.DataFrame({n: rows[n] for n in rows.dtype.names or () if n != "line"})
+    unknown = ("line", "x_m", "y_m")
+    frame = pd.DataFrame({n: rows[n] for n in rows.dtype.names or () if n not in unknown})
     names = np.array([line.name for line, _ in result.profile.control_lines], dtype=object)
     frame["control_line"] = names[rows["control_line"]] if names.size else []
     frame["outcome"] = [Outcome(int(o)).name.lower() for o in frame["outcome"]]

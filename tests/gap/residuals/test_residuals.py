@@ -141,11 +141,13 @@ def _taken(case: Any, which: Any) -> Any:
 
 def test_runs_from_the_release_are_those_of_the_engine():
     case = observed(8, 2, tables=("deposits",))
-    run = free_run(case, RunModel.of(case, TABLE, None, None, 4), 6)
-    assert run.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
-    assert (run.stops == 1.0).all() and (run.largest == 1.0).all()
+    run = free_run(case, RunModel.of(case, TABLE, None, 4), 6)
+    assert run.ends.runout_m.shape == (8, 6) and run.axes_m.shape == (8, 6, 3)
+    assert (run.ends.stops == 1.0).all() and (run.ends.largest == 1.0).all()
     arrived = run.at.arrived == 1.0
-    np.testing.assert_array_equal(arrived, run.runout_m[:, :, None] >= case.station_s[:, None, :])
+    np.testing.assert_array_equal(
+        arrived, run.ends.runout_m[:, :, None] >= case.station_s[:, None, :]
+    )
     np.testing.assert_array_equal(arrived, np.isfinite(run.at.speed_mps))
     edges = reach_edges(case, run)
     np.testing.assert_allclose(edges[1:, 0], STATIONS, atol=0.1)

@@ -42,7 +42,7 @@ def site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 def test_engine_and_sites_agree_at_every_station(site: Case) -> None:
-    run = free_run(site, RunModel.of(site, site.table, None, None, 5), REPLICATES)
+    run = free_run(site, RunModel.of(site, site.table, None, 5), REPLICATES)
     seen = observed_at_stations(site)
     for name in ("speed_mps", "rotation_hz", "height_m"):
         for k, station in enumerate(site.station_names):
