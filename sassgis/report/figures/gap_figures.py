@@ -32,6 +32,7 @@ from sassgis.report.figures.map_figure import (
     colour_bar,
     draw_maps,
     furniture_within,
+    one_map,
 )
 from sassgis.report.figures.map_marks import (
     MapMarks,
@@ -127,7 +128,8 @@ def gap_map_figure(
         "Diamonds: where observed blocks lie.": len(stops),
     }
     text = " ".join(part for part, there in keys.items() if there)
-    frame = MapFrame(left=0.62, right=0.95, top=0.52, bottom=0.5 + note_height(text), most=6.5)
+    place = one_map(view.aspect, 0.95, 6.5)
+    frame = MapFrame(*place, top=0.52, bottom=0.5 + note_height(text))
 
     def draw(ax: Axes) -> None:
         draw_lines(ax, [c for c in lines if len(c) > 1], 0.5, 0.5)
@@ -144,10 +146,10 @@ def gap_map_figure(
     panel = MapPanel(None, GAP_COLOURS, norm, alpha=1.0)
     maps = draw_maps(view, [panel], MapMarks(release=list(release[:, None])), frame, draw)
     maps.page.around("Where the gap lies", text)
-    furniture_within(maps, view.box, taken_by(points, view.box))
+    furniture_within(maps, frame, view.box, taken_by(points, view.box))
     if gaps:
-        x, top = maps.left[0] + maps.width + 0.14, frame.bottom + maps.height
-        tall = min(2.4, 0.8 * maps.height)
+        x, top = frame.left + frame.width + 0.14, frame.bottom + frame.height
+        tall = min(2.4, 0.8 * frame.height)
         colour_bar(maps.page.axes(x, top - tall - 0.18, 0.14, tall, "legend"), panel)
         maps.page.text(x, top, unit, size=SMALL, va="top")
     return maps.page.figure

@@ -50,13 +50,19 @@ def columns_of(panels: int, aspect: float, width_in: float, height_in: float) ->
     The aspect is height by width of a panel; width and height are the room for all.
     """
 
-    def panel_width(columns: int) -> float:
-        rows = -(-panels // columns)
-        wide = (width_in - (columns - 1) * _GAP_IN) / columns
-        tall = (height_in - rows * _HEAD_IN) / rows
-        return min(wide, tall / aspect)
+    def rank(columns: int) -> tuple[float, int]:
+        return _panel_width(panels, columns, aspect, width_in, height_in), -columns
 
-    return max(range(1, panels + 1), key=lambda columns: (panel_width(columns), -columns))
+    return max(range(1, panels + 1), key=rank)
+
+
+def _panel_width(
+    panels: int, columns: int, aspect: float, width_in: float, height_in: float
+) -> float:
+    rows = -(-panels // columns)
+    wide = (width_in - (columns - 1) * _GAP_IN) / columns
+    tall = (height_in - rows * _HEAD_IN) / rows
+    return min(wide, tall / aspect)
 
 
 def _class_maps(
@@ -77,16 +83,19 @@ def _class_maps(
     legend_w = _ROOM_IN - FURNITURE_IN[0] - 0.2
     legend_h = sum(-row.placed(0.0, 0.0, legend_w)[1] for row in legends)
     legend_h = max(legend_h, FURNITURE_IN[1])
+    columns = columns_of(len(panels), view.aspect, _ROOM_IN, _MAX_HEIGHT_IN)
+    width = _panel_width(len(panels), columns, view.aspect, _ROOM_IN, _MAX_HEIGHT_IN)
+    used = columns * width + (columns - 1) * _GAP_IN
     frame = MapFrame(
-        left=_LEFT_IN,
-        right=_RIGHT_IN,
+        left=_LEFT_IN + (_ROOM_IN - used) / 2.0,
+        width=width,
+        height=width * view.aspect,
         top=0.12 + 0.18 * lines_in(heading) + 0.04,
         bottom=0.46 + legend_h + 0.06 + 0.135 * lines_in(below) + 0.1,
-        most=_MAX_HEIGHT_IN,
-        columns=columns_of(len(panels), view.aspect, _ROOM_IN, _MAX_HEIGHT_IN),
+        columns=columns,
         gap=_GAP_IN,
         head=_HEAD_IN,
-        ticks=0,
+        ticks=5 if width > 4.0 else 3,
     )
     maps = draw_maps(view, panels, marks, frame)
     at = frame.bottom - 0.46
@@ -206,16 +215,10 @@ def map_change_figure(
     key = "Black outline: release area." if marks.release else ""
     text = " ".join(p for p in (note, key) if p)
     room = WIDTH_IN - FURNITURE_IN[0] - 0.4
-    frame = MapFrame(
-        left=0.6,
-        right=0.12,
-        top=0.55,
-        bottom=1.0 + max(note_height(text, room), FURNITURE_IN[1] + 0.1),
-        most=6.0,
-        columns=3,
-        gap=0.1,
-        ticks=2,
-    )
+    left, right, gap, tall = 0.6, 0.12, 0.1, 6.0
+    width = min((WIDTH_IN - left - right - 2 * gap) / 3.0, tall / view.aspect)
+    bottom = 1.0 + max(note_height(text, room), FURNITURE_IN[1] + 0.1)
+    frame = MapFrame(left, width, width * view.aspect, 0.55, bottom, columns=3, gap=gap, ticks=2)
     known = np.concatenate([scale * m[np.isfinite(m)] for m in (before, after)])
     # One cell must not take all the colour; the bar says that it is cut.
     high = float(np.quantile(known, 0.995)) if known.size else 1.0
@@ -234,15 +237,15 @@ def map_change_figure(
     ]
     maps = draw_maps(view, panels, marks, frame)
     maps.page.around(title, text, room)
-    for k, extend, width, words in (
-        (0, "max", 2.0 * maps.width + frame.gap, unit or "%"),
-        (2, "both", maps.width, f"change ({unit or 'percentage points'})"),
+    for k, extend, long, words in (
+        (0, "max", 2.0 * width + gap, unit or "%"),
+        (2, "both", width, f"change ({unit or 'percentage points'})"),
     ):
-        bar = maps.page.axes(maps.left[k] + 0.15, frame.bottom - 0.62, width - 0.3, 0.09, "legend")
+        bar = maps.page.axes(maps.left[k] + 0.15, frame.bottom - 0.62, long - 0.3, 0.09, "legend")
         colour_bar(bar, panels[k], orientation="horizontal", extend=extend)
         bar.set_xlabel(words, size=SMALL)
     # Below the maps, where it hides nothing.
     furniture_beside(
-        maps.page, WIDTH_IN - frame.right - FURNITURE_IN[0] - 0.1, 0.04, maps.metres_per_inch
+        maps.page, WIDTH_IN - right - FURNITURE_IN[0] - 0.1, 0.04, maps.metres_per_inch
     )
     return maps.page.figure

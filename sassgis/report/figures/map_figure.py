@@ -145,39 +145,44 @@ def class_panel(
 
 @dataclass(frozen=True, slots=True)
 class MapFrame:
-    """Room around the maps of a figure, and between them (in).
+    """Where the maps of a figure stand: left edge, size of each and room around all (in).
 
     Attributes
     ----------
-    most : float
-        Height of all maps together, with what stands over them.
-    columns : int
     gap, head : float
         Between two columns; over each map.
     ticks : int
-        About how many along the longer side; 0: by the size of the maps.
+        About how many along the longer side of a map.
     """
 
     left: float
-    right: float
+    width: float
+    height: float
     top: float
     bottom: float
-    most: float
     columns: int = 1
     gap: float = 0.0
     head: float = 0.0
     ticks: int = 5
 
 
+def one_map(aspect: float, right: float, most: float) -> tuple[float, float, float]:
+    """Left edge, width and height of a map by itself with so much room at its right (in)."""
+    left = 0.62
+    width = WIDTH_IN - left - right
+    if width * aspect <= most:
+        return left, width, width * aspect
+    width = most / aspect
+    return max(left, (WIDTH_IN - width - right + left) / 2.0), width, most
+
+
 @dataclass(frozen=True, slots=True)
 class DrawnMaps:
-    """Maps on their page: of each the axes and the left edge; the size of all (in)."""
+    """Maps on their page: of each the axes and the left edge (in)."""
 
     page: Page
     axes: tuple[Axes, ...]
     left: tuple[float, ...]
-    width: float
-    height: float
     metres_per_inch: float
 
 
@@ -189,29 +194,22 @@ def draw_maps(
     more: Callable[[Axes], None] | None = None,
 ) -> DrawnMaps:
     """Draw maps of one extent side by side; ``more`` draws what is neither value nor mark."""
-    columns, aspect = frame.columns, view.aspect
+    columns, tall = frame.columns, frame.height + frame.head
     rows = -(-len(panels) // columns)
-    room = WIDTH_IN - frame.left - frame.right
-    width = min(
-        (room - (columns - 1) * frame.gap) / columns,
-        (frame.most - rows * frame.head) / rows / aspect,
-    )
-    height = width * aspect
-    page = Page(frame.top + rows * (height + frame.head) + frame.bottom)
-    metres_per_inch = view.width_m / width
-    left = frame.left + (room - columns * width - (columns - 1) * frame.gap) / 2.0
+    page = Page(frame.top + rows * tall + frame.bottom)
+    metres_per_inch = view.width_m / frame.width
     drawn = []
     for number, panel in enumerate(panels):
         row, column = divmod(number, columns)
-        x = left + column * (width + frame.gap)
-        y = frame.bottom + (rows - 1 - row) * (height + frame.head)
-        ax = page.axes(x, y, width, height, "map")
+        x = frame.left + column * (frame.width + frame.gap)
+        y = page.height - frame.top - (row + 1) * tall if frame.head else frame.bottom
+        ax = page.axes(x, y, frame.width, frame.height, "map")
         draw_relief(ax, view)
         _draw_values(ax, panel, view, metres_per_inch)
         if more is not None:
             more(ax)
         marks.draw(ax, view.box, 72.0 / metres_per_inch)
-        map_axes(ax, view.box, frame.ticks or (5 if width > 4.0 else 3))
+        map_axes(ax, view.box, frame.ticks)
         # Coordinates only left of the first column and below the last map of each.
         if column:
             ax.set_ylabel("")
@@ -222,7 +220,7 @@ def draw_maps(
         ax.set_title(panel.title, size=TEXT, pad=3.0)
         drawn.append((ax, x))
     axes, lefts = zip(*drawn, strict=True)
-    return DrawnMaps(page, axes, lefts, width, height, metres_per_inch)
+    return DrawnMaps(page, axes, lefts, metres_per_inch)
 
 
 def _draw_values(ax: Axes, panel: MapPanel, view: MapView, metres_per_inch: float) -> None:
@@ -293,10 +291,12 @@ def draw_stripes(
     )
 
 
-def furniture_within(maps: DrawnMaps, box: Extent, taken: NDArray[np.bool_]) -> None:
+def furniture_within(
+    maps: DrawnMaps, frame: MapFrame, box: Extent, taken: NDArray[np.bool_]
+) -> None:
     """Draw scale bar and north arrow in the corner of the first map that hides least."""
-    corner = emptiest_corner(taken, FURNITURE_IN[0] / maps.width, FURNITURE_IN[1] / maps.height)
-    draw_furniture(maps.axes[0], box, maps.width, corner)
+    corner = emptiest_corner(taken, FURNITURE_IN[0] / frame.width, FURNITURE_IN[1] / frame.height)
+    draw_furniture(maps.axes[0], box, frame.width, corner)
 
 
 # --- legends ---------------------------------------------------------------------------------
@@ -446,27 +446,26 @@ def map_figure(
     names = [entry.label for entry in layer.classes]
     longest = max((text_width_pt(label) for label in names or labels), default=0.0) / 72.0
     legend_w = min(SIGN_IN[0] + 0.1 + longest, 1.7) if names else _BAR_IN + 0.12 + longest
+    right = max(0.85, _LEGEND_GAP_IN + legend_w)
     frame = MapFrame(
-        left=0.62,
-        right=max(0.85, _LEGEND_GAP_IN + legend_w),
+        *one_map(view.aspect, right, 7.2),
         top=0.12 + 0.18 * lines_in(heading) + 0.08,
         bottom=0.48 + _LINE_IN * lines_in(below) + 0.08,
-        most=7.2,
     )
     maps = draw_maps(view, [panel], marks, frame)
     known = np.isfinite(view.cut(values))
-    furniture_within(maps, view.box, known)
+    furniture_within(maps, frame, view.box, known)
     if not known.any():
         maps.axes[0].text(
             0.5, 0.5, "no values here", transform=maps.axes[0].transAxes, ha="center", va="center",
             size=TEXT, path_effects=halo(), zorder=23,
         )  # fmt: skip
-    x, top = maps.left[0] + maps.width + _LEGEND_GAP_IN, frame.bottom + maps.height
+    x, top = frame.left + frame.width + _LEGEND_GAP_IN, frame.bottom + frame.height
     if layer.classes:
         class_list(maps.page, layer.classes, x, top, legend_w)
     else:
         unit = "" if layer.bands[0].unit in _UNITLESS else layer.bands[0].unit
-        unit = wrap(unit, frame.right + 0.1)
+        unit = wrap(unit, right + 0.1)
         top -= 0.15 * lines_in(unit)
         tall = min(top - frame.bottom, 0.42 * len(labels) if labels else 3.0)
         bar = maps.page.axes(x, top - tall, _BAR_IN, tall, "legend")
@@ -477,6 +476,6 @@ def map_figure(
             colour_bar(bar, panel, format=FuncFormatter(_value_label))
         bar.yaxis.set_minor_locator(NullLocator())
         maps.page.text(x, top + 0.15 * lines_in(unit), unit, size=SMALL, va="top", gid="unit")
-    maps.page.title(maps.left[0], heading)
-    maps.page.note(maps.left[0], frame.bottom - 0.46, below)
+    maps.page.title(frame.left, heading)
+    maps.page.note(frame.left, frame.bottom - 0.46, below)
     return maps.page.figure
