@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import signal
+import socket
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 pytest.importorskip("distributed", reason='dask is not installed: pip install "sassgis[cluster]"')
 
+import dask
+from distributed import Client
 from helpers.local_cluster import local_cluster
 from helpers.map_sums_state import assert_same
+from helpers.worker_tasks import Task, work
 
 from sassgis.hazard.progress import Progress
 from sassgis.model.errors import InputError, OutputError
@@ -102,3 +111,61 @@ def test_a_lost_cluster_is_one_line() -> None:
         with pytest.raises(OutputError, match="the cluster was lost") as caught:
             list(made.in_order(product, 3, [1, 2]))
     assert "\n" not in str(caught.value)
+
+
+def started(*words: str) -> subprocess.Popen[bytes]:
+    """A scheduler or worker as a user starts it."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli.dask_" + words[0], *words[1:], "--no-dashboard"],
+        stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+@contextmanager
+def by_hand(port: int, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A scheduler and a worker of it; gives the scheduler."""
+    scheduler = started("scheduler", "--host", "127.0.0.1", "--port", str(port))
+    own = ("--nworkers", "1", "--nthreads", "1", "--local-directory", str(folder))
+    worker = started("worker", f"tcp://127.0.0.1:{port}", *own)
+    try:
+        with Client(f"tcp://127.0.0.1:{port}", timeout=120.0) as client:
+            client.wait_for_workers(1, timeout=120.0)
+        yield scheduler
+    finally:
+        for process in (worker, scheduler):
+            process.terminate()
+            process.wait()
+
+
+@pytest.mark.battery
+def test_a_scheduler_that_is_killed_and_comes_back(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """One line and nothing else; the same call goes on with the next one at the same address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    with by_hand(port, tmp_path) as scheduler, cluster(address) as made:
+        rows = made.in_order(operator.mul, 2, range(10_000))
+        assert next(rows) == 0
+        scheduler.kill()
+        scheduler.wait()
+        with (
+            by_hand(port, tmp_path) as _,
+            pytest.raises(OutputError, match="the cluster was lost") as caught,
+        ):
+            list(rows)
+    assert "\n" not in str(caught.value)
+    with by_hand(port, tmp_path), cluster(address) as made:
+        assert list(made.in_order(operator.mul, 2, range(3))) == [0, 2, 4]
+    assert "Traceback" not in capfd.readouterr().err
+
+
+@pytest.mark.battery
+def test_what_a_stopped_worker_has_at_work_is_done_by_another_one(tmp_path: Path) -> None:
+    task = Task("a", "working", tmp_path, number=signal.SIGSTOP)
+    # By default five minutes.
+    with dask.config.set({"distributed.scheduler.worker-ttl": "2s"}), local_cluster(2) as two:
+        (found,) = two.in_order(work, "common", [task])
+    assert found.startswith("common a ") and len(task.struck) == 1
