@@ -23,7 +23,7 @@ from sassgis.io.read.vectors import read_control_lines, read_release_feature, re
 from sassgis.io.staging import staged_output
 from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.program import program_digest
-from sassgis.model.errors import ConfigError, InputError, OutputError
+from sassgis.model.errors import InputError, OutputError
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
@@ -106,10 +106,6 @@ def read_setting(
     ------
     ConfigError, InputError
     """
-    if not config.blocks:
-        raise ConfigError(
-            "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
-        )
     names = tuple(dict.fromkeys(c.name for c in candidates))
     with collected_notices() as notices:
         terrain = open_terrain(config.dem_path, config.terrain.crs, config.terrain.vertical_datum)

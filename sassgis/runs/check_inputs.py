@@ -24,7 +24,7 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
-from sassgis.runs.estimate import Estimate, estimate_of
+from sassgis.runs.estimate import Estimate, estimate_of, require_profile
 from sassgis.runs.inputs import (
     compares_barriers,
     most_repetitions,
@@ -233,6 +233,7 @@ def check_inputs(config: Config) -> InputReport:
         if config.profile is not None and config.profile.file is not None:
             try:
                 profile = profile_from_csv(config)
+                require_profile(config, profile.s, profile.z, config.profile.rocks)
             except InputError as error:
                 # Stations have a place on the map or on a profile: some files are for one of both.
                 if config.terrain.dem is None:

@@ -235,6 +235,11 @@ def _resolution(dem: RawDem) -> DemFinding:
 
 def _steepness(slopes: FloatArray) -> DemFinding:
     known = slopes[np.isfinite(slopes)]
+    if not known.size:
+        return DemFinding(
+            "steepness", "bad", "no cell with known neighbours on all sides",
+            "fill the rows or columns that are missing", {},
+        )  # fmt: skip
     shares = {f"above_{a:.0f}_deg": float((known > a).mean()) for a in (30.0, 45.0, 60.0, 80.0)}
     numbers = {"median_deg": float(np.median(known)), "steepest_deg": float(known.max()), **shares}
     found = (

@@ -11,10 +11,12 @@ import numpy as np
 
 from sassgis.engine.simulate_paths import ROOM
 from sassgis.hazard.along_profile import STRETCH_M
-from sassgis.hazard.bins import bins_of
+from sassgis.hazard.bins import bins_for, bins_of
+from sassgis.model.grid import FloatArray
 from sassgis.model.map_run import MapRun
 from sassgis.model.memory import memory_bytes, require_memory
 from sassgis.model.results import ROCK_DTYPE
+from sassgis.model.run_config import Config
 from sassgis.model.statistics_table import STATISTICS, SUMS, Bins
 from sassgis.runs.map import CHUNK_POINTS
 from sassgis.terrain.release import points_expected
@@ -166,11 +168,19 @@ def reached_bytes(bins: Bins) -> int:
     return 10 * 8 * bins.threshold.size + 3 * sums
 
 
-def require_profile(length_m: float, rocks: int, bins: Bins) -> None:
-    """Raise InputError if a profile of this length, or its blocks, do not fit into the memory."""
-    require_memory(
-        {
-            "profile.file": round(min(length_m / STRETCH_M, 1e15)) * reached_bytes(bins),
-            "profile.rocks": rocks * ROCK_DTYPE.itemsize * _ROWS,
-        }
-    )
+def require_profile(config: Config, s: FloatArray, z: FloatArray, rocks: int) -> Bins:
+    """The bins of a run down a profile, if it fits into the memory with so many blocks.
+
+    Raises
+    ------
+    InputError
+    """
+    bins = bins_for(float(np.ptp(z)), config.blocks, config.engine)
+    stretches = round(min(float(np.ptp(s)) / STRETCH_M, 1e15))
+    blocks = rocks * len(config.blocks)
+    need = {
+        "profile.file": stretches * reached_bytes(bins),
+        "profile.rocks": blocks * ROCK_DTYPE.itemsize * _ROWS,
+    }
+    require_memory(need, config.file)
+    return bins

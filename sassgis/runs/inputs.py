@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.along_profile import ProfileInput, stretches_of
 from sassgis.hazard.assess import Rules
-from sassgis.hazard.bins import bins_for
 from sassgis.hazard.sources import OnsetTable, onset_frequencies
 from sassgis.hazard.zoning.generalise import ZoneSettings
 from sassgis.io.read.config import profile_control_lines
@@ -96,10 +95,6 @@ def read_map_run(config: Config, areas: Sequence[str] | None = None) -> MapRun:
     ConfigError, InputError
         With the file, the field, what was found and what is expected.
     """
-    if not config.blocks:
-        raise ConfigError(
-            "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
-        )
     terrain = config.terrain
     grid = read_terrain(config.dem_path, terrain.crs, terrain.vertical_datum)
     walls = wall_share(slopes_deg(grid.values, grid.cell_size, grid.cell_size))
@@ -201,8 +196,7 @@ def profile_from_csv(config: Config, path: Path | None = None) -> ProfileInput:
     flat = read_profile(file, table, default)
     check_on_profile(config, flat)
     s, z = flat.vertices(0)
-    bins = bins_for(float(np.ptp(z)), config.blocks, config.engine)
-    require_profile(float(s[-1] - s[0]), 0, bins)
+    require_profile(config, s, z, 0)
     start = settings.start_m if settings else (float(s[0]), float(s[0]))
     return ProfileInput(
         config.project.name, s, z, flat.ground, table, tuple(profile_control_lines(config)), start,

@@ -10,7 +10,6 @@ import numpy as np
 from sassgis.engine.event_log import trajectory
 from sassgis.engine.simulate import Simulated, simulate
 from sassgis.hazard.along_profile import ProfileInput, ProfileResult, stretches_of
-from sassgis.hazard.bins import bins_for
 from sassgis.hazard.control_lines import ControlLineSums
 from sassgis.hazard.map_sums import quantiles
 from sassgis.hazard.warnings import profile_warnings
@@ -18,7 +17,7 @@ from sassgis.io.read.config import load_config
 from sassgis.io.read.vectors import read_line
 from sassgis.io.staging import staged_output
 from sassgis.model import rng
-from sassgis.model.errors import ConfigError, InputError
+from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.languages import speaking
 from sassgis.model.map_run import Forest, MapRun
@@ -170,14 +169,8 @@ def simulate_profile(
     seed, rocks : int, optional
         In place of those of the configuration; blocks count per block scenario.
     """
-    if not config.blocks:
-        raise ConfigError(
-            "no block scenario", file=config.file, field="blocks", expected="one [[blocks]] or more"
-        )
     count = rocks or (config.profile.rocks if config.profile else 100)
-    relief = float(profile.z.max() - profile.z.min())
-    bins = bins_for(relief, config.blocks, config.engine)
-    require_profile(float(np.ptp(profile.s)), count * len(config.blocks), bins)
+    bins = require_profile(config, profile.s, profile.z, count)
     flat = _with_stretches(profile)
     chainages = [c for _, c in profile.control_lines]
     control_lines = ControlLineCrossings.same_for_all(

@@ -121,7 +121,8 @@ def wall_share(slopes: FloatArray) -> float:
     More than WALL_SHARE is no terrain: heights or cells are in another unit. The limits are expert
     judgement of ours.
     """
-    return float((slopes[np.isfinite(slopes)] > WALL_DEG).mean())
+    known = slopes[np.isfinite(slopes)]
+    return float((known > WALL_DEG).mean()) if known.size else 0.0
 
 
 def slope_units(slopes: FloatArray) -> SlopeUnits:

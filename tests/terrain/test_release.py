@@ -1,11 +1,19 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import shapely
 
 from sassgis.model.errors import ConfigError, InputError
-from sassgis.terrain.release import point_keys, release_points, take
+from sassgis.terrain.release import (
+    MAX_POINTS,
+    point_keys,
+    points_expected,
+    release_points,
+    take,
+)
 
 pytestmark = pytest.mark.kernels
 
@@ -76,6 +84,27 @@ def test_parts_of_a_multipolygon_all_get_points() -> None:
     parts = shapely.MultiPolygon([SQUARE, shapely.box(1101.0, 2001.0, 1102.0, 2002.0)])
     points = release_points([("a", parts)], 5.0)
     assert len(points) == 7
+
+
+@pytest.mark.parametrize(
+    ("shape", "placement", "found"),
+    [
+        (SQUARE, "grid", f"{SQUARE.area / 1e-18:.3g} points"),
+        (SQUARE, "random", f"{SQUARE.area / 1e-18:.3g} points"),
+        (SQUARE.exterior, "grid", f"{SQUARE.length / 1e-9:.3g} points"),
+        # Thin and aslant: few points in it, too many in the rectangle around it.
+        (shapely.LineString([(0, 0), (1e-4, 1e-4)]).buffer(1e-13), "grid", "1e+10 points"),
+    ],
+)
+def test_too_many_points_are_not_begun(shape: object, placement: str, found: str) -> None:
+    with pytest.raises(InputError, match="too fine") as refused:
+        release_points([("a", shape)], 1e-9, placement)  # type: ignore[arg-type, list-item]
+    assert refused.value.field == "release.spacing_m" and refused.value.found == found
+    # Areas count together.
+    half = 1.3 * math.sqrt(SQUARE.area / MAX_POINTS)
+    assert points_expected(SQUARE, half) < MAX_POINTS
+    with pytest.raises(InputError, match="too fine"):
+        release_points([("a", SQUARE), ("b", SQUARE)], half)
 
 
 def test_nothing_gives_nothing() -> None:
