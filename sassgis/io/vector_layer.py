@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from typing import Any
 
 import geopandas as gpd
+import pandas as pd
 
 from sassgis.model.styles import FieldInfo, VectorStyle
 
@@ -22,10 +27,8 @@ class VectorLayer:
         Of the table.
     title : str
         Name in the legend.
-    description : str
     frame : GeoDataFrame
         May be empty; its columns are written all the same.
-    fields : mapping of column to FieldInfo
     style : VectorStyle
         Its kind of symbol says which geometries the layer takes.
     """
@@ -50,3 +53,57 @@ class VectorLayer:
         """Columns of the table but the geometry; the key ``fid`` first."""
         own = [str(name) for name in self.frame.columns if name != self.frame.geometry.name]
         return [KEY_COLUMN, *own]
+
+
+@cache
+def descriptions() -> dict[str, dict[str, dict[str, str]]]:
+    """Rows of ``data/map_layers.csv`` by layer and column; that of the layer has the column ""."""
+    file = resources.files("sassgis") / "data" / "map_layers.csv"
+    layers: dict[str, dict[str, dict[str, str]]] = {}
+    for row in csv.DictReader(file.read_text(encoding="utf-8").splitlines()):
+        for key in row["layer"].split():
+            if layers.setdefault(key, {}).setdefault(row["column"], row) is not row:
+                raise ValueError(f"map_layers.csv: {key}.{row['column']} is described twice")
+    return layers
+
+
+def described_layer(
+    key: str,
+    columns: Mapping[str, Any] | pd.DataFrame,
+    geometry: Any,
+    crs: str,
+    style: VectorStyle,
+    *,
+    fields: Mapping[str, FieldInfo] | None = None,
+    **words: object,
+) -> VectorLayer:
+    """A layer whose title, description and columns are those of ``data/map_layers.csv``.
+
+    Parameters
+    ----------
+    key : str
+        Of the table: the name of the layer, with a suffix after a point where several kinds of
+        layers have it.
+    geometry : array-like of geometries
+    crs : str
+        Well-known text; empty for local coordinates.
+    fields : mapping of column to FieldInfo, optional
+        Of columns that only the result knows.
+    **words
+        What takes the places of ``{...}`` in the table.
+    """
+    frame = gpd.GeoDataFrame(columns, geometry=geometry, crs=crs or None)
+    own = descriptions()[key]
+
+    def text(column: str, part: str) -> str:
+        return own[column][part].format(**words)
+
+    known = {
+        name: FieldInfo(text(name, "alias"), text(name, "unit"), text(name, "description"))
+        for name in own
+        if name in frame
+    } | dict(fields or {})
+    if missing := set(frame.columns) - {*known, "geometry"}:
+        raise ValueError(f"map_layers.csv: {key}: no description of {', '.join(sorted(missing))}")
+    name = key.partition(".")[0]
+    return VectorLayer(name, text("", "alias"), text("", "description"), frame, known, style=style)

@@ -74,8 +74,7 @@ def write_besides(
         run_vectors.released_from(
             released, [a.record.points for a in areas], [a.record.rocks for a in areas], crs
         ),
-        run_vectors.stations(run, progress),
-        run_vectors.barriers(run, progress),
+        *run_vectors.control_line_layers(run, progress),
         *exposed_layers(rules.placed, crs),
     ]
     write_geopackage(work / "result.gpkg", vectors)

@@ -14,7 +14,8 @@ import numpy as np
 from sassgis.hazard.assess import Rules, assess
 from sassgis.io.read.tiles import Part, Terrain, hull
 from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.layers.zones import federal_layers, hazard_zones
+from sassgis.io.write.layers.federal import federal_layers
+from sassgis.io.write.layers.zones import hazard_zones
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config

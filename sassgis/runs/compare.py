@@ -9,7 +9,8 @@ import sassgis
 from sassgis.hazard.result_change import ResultChange, levels_differ, result_change
 from sassgis.hazard.stored_result import StoredResult, objects_within, on_common_cells
 from sassgis.io.own_files import MANIFEST_NAME
-from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
+from sassgis.io.qgis.project import write_project
 from sassgis.io.read.objects import object_cells
 from sassgis.io.read.result_folder import read_result
 from sassgis.io.staging import staged_output

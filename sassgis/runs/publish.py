@@ -15,8 +15,8 @@ from sassgis.hazard.bins import bins_of
 from sassgis.hazard.progress import line_ends, sample_of
 from sassgis.hazard.reach_angles import reach_angles
 from sassgis.hazard.warnings import rule_warnings, zone_warnings
+from sassgis.io.qgis.entries import LayerGroup
 from sassgis.io.qgis.layout import PrintLayout
-from sassgis.io.qgis.project import LayerGroup
 from sassgis.io.qgis.run_project import (
     SheetWords,
     reached_extent,
@@ -39,6 +39,7 @@ from sassgis.io.write.frames import (
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers import run_vectors
 from sassgis.io.write.layers.exposed_objects import exposed_layers
+from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
@@ -46,7 +47,6 @@ from sassgis.io.write.layers.terrain_layer import terrain_layer
 from sassgis.io.write.layers.zones import (
     change_table,
     changes,
-    federal_layers,
     hazard_zones,
     level_changes,
     uncertain_zones,

@@ -27,7 +27,8 @@ from sassgis.hazard.sensitivity import (
     sensitivity_maps,
 )
 from sassgis.hazard.warnings import rule_warnings
-from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
+from sassgis.io.qgis.project import write_project
 from sassgis.io.read.config import resolved, settings_hash
 from sassgis.io.read.range_table import read_ranges
 from sassgis.io.saved_arrays import read_saved, write_saved

@@ -16,8 +16,9 @@ from sassgis.hazard.zone_styles import (
     level_change_style,
     uncertain_style,
 )
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.layout import PrintLayout
-from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.qgis.project import write_project
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.raster import write_raster

@@ -5,18 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import shapely
+from helpers.made_up_result import preset
 from shapely.geometry import MultiPolygon, Polygon, box
 
 from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.layers.federal import (
-    IntensityZones,
-    SourceZones,
-    assessment_area,
-    hazard_area,
-    indicative_hazard_area,
-    intensity_by_source,
-    synoptic_intensity,
-)
+from sassgis.io.write.layers.federal import IntensityZones, federal_layer, intensity_rows
 
 E, N = 2_705_000.0, 1_150_000.0
 
@@ -36,6 +29,29 @@ STEPS = at((40, 40), (60, 40), (60, 50.0004), (50, 50.0004), (50, 60), (40, 60))
 PARTS = MultiPolygon([STEPS, at((80, 0), (90, 0), (90, 10))])
 
 
+def source_rows(
+    name: str, zones: list[IntensityZones], probability: Any = 1.0, description: str = ""
+) -> list[Any]:
+    """Rows of the intensities of one source."""
+    own = {
+        "process_source": name,
+        "subscenario_probability": probability,
+        "scenario_description": description,
+    }
+    return [(polygon, {**values, **own}) for polygon, values in intensity_rows(zones)]
+
+
+def level_rows(polygons: list[Any], codes: list[Any], **values: Any) -> list[Any]:
+    """Rows of the levels of places."""
+    return [(p, {"hazard_level": code, **values}) for p, code in zip(polygons, codes, strict=True)]
+
+
+def layer(name: str, rows: list[Any], **where: Any) -> VectorLayer:
+    """A federal layer with the legend of a preset."""
+    own = preset().levels if name == "hazard_area" else preset().intensities
+    return federal_layer(name, rows, **{"legend": own, **where})
+
+
 def some_layers(**changes: Any) -> list[VectorLayer]:
     where: dict[str, Any] = {
         "crs": "EPSG:2056", "federal": True, "canton": changes.get("canton", "TI")
@@ -45,22 +61,26 @@ def some_layers(**changes: Any) -> list[VectorLayer]:
         IntensityZones(300, False, [CORE, HOLLOW], ["high", "mean"]),
         IntensityZones(None, True, [shapely.union_all([CORE, HOLLOW]), STEPS], ["high", "low"]),
     ]
-    source = SourceZones(
-        "Parete nord <A> & C., " + "lunga " * 8, zones[:1], 0.3333, "blocks of 1–5 m³"
+    sources = source_rows(
+        ("Parete nord <A> & C., " + "lunga " * 8)[:50].strip(),
+        zones[:1],
+        0.3333,
+        "blocks of 1–5 m³",
     )
+    term = {"process_cantonal_term": "caduta sassi"}
+    indicated = {"hazard_area_existing": False, "method": "Cells that rocks reach at all."}
+    levels = level_rows([CORE, HOLLOW, PARTS], ["substantial", "mean", "residual_hazard"])
+    assessed = box(E - 100, N - 100, E + 200, N + 200)
     return [
-        assessment_area(
-            [box(E - 100, N - 100, E + 200, N + 200)],
-            comments='Only "rockfall" <here>',
-            **where,
+        layer("assessment_area", [(assessed, {"comments": 'Only "rockfall" <here>'})], **where),
+        layer(
+            "synoptic_intensity", [(p, {**v, **term}) for p, v in intensity_rows(zones)], **where
         ),
-        synoptic_intensity(zones, process_cantonal_term="caduta sassi", **where),
-        intensity_by_source([source], **where),
-        hazard_area([CORE, HOLLOW, PARTS], ["substantial", "mean", "residual_hazard"], **where),
-        indicative_hazard_area(
-            changes.get("indicative", [STEPS]),
-            hazard_area_existing=False,
-            method="Cells that rocks reach at all.",
+        layer("intensity_by_source", sources, **where),
+        layer("hazard_area", levels, **where),
+        layer(
+            "indicative_hazard_area",
+            [(p, indicated) for p in changes.get("indicative", [STEPS])],
             **where,
         ),
     ]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from pyogrio.errors import DataLayerError
 from sassgis.io.interlis.validation import (
     ValidationResult,
     check_validator,
-    check_xtf,
     validate_xtf,
 )
 from sassgis.io.interlis.xtf_document import XtfObject, document
@@ -44,40 +43,22 @@ from sassgis.io.write.layers.federal_values import (
     plain,
     surface_parts,
 )
-from sassgis.model.errors import ConfigError, InputError, OutputError
-
-__all__ = ["ExportResult", "XtfSummary", "export_xtf", "validate_xtf", "write_xtf"]
+from sassgis.model.errors import ConfigError, InputError
 
 PACKAGE_NAME = "hazard.gpkg"
 _NAMESPACE = uuid.UUID("0a5f4c7e-6f0b-5d0e-9b56-1b6d1c8c7d15")
 
 
 @dataclass(frozen=True, slots=True)
-class XtfSummary:
-    """What was written.
+class ExportResult:
+    """A transfer file that was written, its objects by class, and what the validator says of it.
 
-    Attributes
-    ----------
-    path : Path
-    objects : mapping of str to int
-        Objects by class.
+    The validation is None where it was not asked for.
     """
 
     path: Path
     objects: Mapping[str, int]
-
-    def lines(self) -> list[str]:
-        """The summary in words."""
-        counts = ", ".join(f"{name} {count}" for name, count in self.objects.items())
-        return [f"Wrote {self.path}, model {MODEL_NAME}: {counts}."]
-
-
-@dataclass(frozen=True, slots=True)
-class ExportResult:
-    """A transfer file that was written, and what the validator says of it if it was asked."""
-
-    summary: XtfSummary
-    validation: ValidationResult | None
+    validation: ValidationResult | None = None
 
     @property
     def accepted(self) -> bool:
@@ -86,7 +67,9 @@ class ExportResult:
 
     def lines(self) -> list[str]:
         """Summary and verdict in words."""
-        return [*self.summary.lines(), *(self.validation.lines() if self.validation else ())]
+        counts = ", ".join(f"{name} {count}" for name, count in self.objects.items())
+        verdict = self.validation.lines() if self.validation else ()
+        return [f"Wrote {self.path}, model {MODEL_NAME}: {counts}.", *verdict]
 
 
 def export_xtf(
@@ -102,24 +85,13 @@ def export_xtf(
 
     Parameters
     ----------
-    result_folder : Path
-        Result of a run with hazard zones.
-    xtf : Path
-        File to write.
     models : Path, optional
         Folder with the files of the federal model and of all models that it imports, against which
-        the validator checks the file.
+        the validator checks the file. A file that it refuses is written all the same.
     validate : bool
         Whether the file must be checked: an error without ``models``.
     canton : str, optional
         Who is responsible for the data ("TI"), where the layers do not say.
-    overwrite : bool
-        Whether a file that is there may be replaced.
-
-    Returns
-    -------
-    ExportResult
-        A file that the validator refuses is written all the same: see ``accepted``.
 
     Raises
     ------
@@ -145,50 +117,28 @@ def export_xtf(
         )
     if models is not None:
         check_validator(models, [MODEL_NAME])
-    summary = write_xtf(package, xtf, canton=canton, overwrite=overwrite)
-    return ExportResult(summary, None if models is None else validate_xtf(xtf, models))
+    written = write_xtf(package, xtf, canton=canton, overwrite=overwrite)
+    return written if models is None else replace(written, validation=validate_xtf(xtf, models))
 
 
 def write_xtf(
     geopackage_path: Path, xtf_path: Path, *, canton: str | None = None, overwrite: bool = False
-) -> XtfSummary:
-    """Write the layers of the federal model as INTERLIS 2.3 transfer file.
+) -> ExportResult:
+    """Write the layers of the federal model as INTERLIS 2.3 transfer file; see export_xtf.
 
-    Equal layers give equal files: the identifiers of objects are made from what they hold.
-
-    Parameters
-    ----------
-    geopackage_path : Path
-        With the layers of :data:`sassgis.io.write.layers.federal_model.FEDERAL_CLASSES`; those that
-        are not in the minimum model may be absent.
-    xtf_path : Path
-    canton, overwrite
-        As for :func:`export_xtf`.
-
-    Returns
-    -------
-    XtfSummary
-
-    Raises
-    ------
-    InputError
-        If the layers cannot be used.
-    OutputError
-        If the file exists or cannot be written.
+    Equal layers give equal files: the identifiers of objects are made from what they hold. Layers
+    that are not in the minimum model may be absent.
     """
     objects = {
         name: _objects(geopackage_path, kind, canton) for name, kind in FEDERAL_CLASSES.items()
     }
-    with staged_file(xtf_path, overwrite) as work, writing(xtf_path):
-        with work.open("w", encoding="utf-8", newline="\n") as stream:
-            stream.writelines(document(objects, _NAMESPACE))
-        problems = check_xtf(work)
-        if problems:  # pragma: no cover
-            raise OutputError(f"{xtf_path}: not written, a fault of sassgis: {problems[0]}")
-    return XtfSummary(xtf_path, {name: len(found) for name, found in objects.items()})
-
-
-# --- layers ----------------------------------------------------------------------------------
+    with (
+        staged_file(xtf_path, overwrite) as work,
+        writing(xtf_path),
+        work.open("w", encoding="utf-8", newline="\n") as stream,
+    ):
+        stream.writelines(document(objects, _NAMESPACE))
+    return ExportResult(xtf_path, {name: len(found) for name, found in objects.items()})
 
 
 def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObject]:

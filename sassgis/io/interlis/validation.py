@@ -1,7 +1,4 @@
-"""Checks INTERLIS transfer files: their structure, and with the real validator.
-
-The validator is ilivalidator as a native library (package ``ilivalidator``, extra ``interlis``).
-"""
+"""Checks INTERLIS transfer files with ilivalidator, a native library (extra ``interlis``)."""
 
 from __future__ import annotations
 
@@ -14,15 +11,11 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import numpy as np
-import shapely
-
-from sassgis.io.write.layers.federal_model import DECIMALS, FEDERAL_EXTENT
 from sassgis.model.errors import InputError, OutputError
 
 XTF_NAMESPACE = "http://www.interlis.ch/INTERLIS2.3"
@@ -33,22 +26,14 @@ _MODEL = re.compile(
     r"^\s*(?:CONTRACTED\s+)?(?:TYPE\s+|REFSYSTEM\s+|SYMBOLOGY\s+)?MODEL\s+(\w+)\s*(?:\(\w+\)\s*)?AT\b",
     re.M,
 )
-#: An identifier as XML has it, which INTERLIS asks for.
-_IDENTIFIER = re.compile(r"[A-Za-z_][\w.-]*", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
     """Something that the validator found.
 
-    Attributes
-    ----------
-    severity : {"error", "warning"}
-    text : str
-    tag, tid : str
-        Class and identifier of the object; empty where there is none.
-    line : int
-        Line of the file; 0 where it is not known.
+    Class (``tag``) and identifier of the object are empty, and the line of the file is 0, where the
+    validator does not say.
     """
 
     severity: str
@@ -67,17 +52,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class ValidationResult:
-    """Verdict of the validator.
-
-    Attributes
-    ----------
-    path : Path
-    valid : bool
-    validator : str
-        Its name and version.
-    findings : tuple of Finding
-        Errors and warnings in the order in which they came up.
-    """
+    """Verdict of the validator; its name and version, errors and warnings as they came up."""
 
     path: Path
     valid: bool
@@ -100,8 +75,6 @@ class ValidationResult:
         ]
 
 
-# --- the real validator ----------------------------------------------------------------------
-
 #: Runs in a process of its own: the library prints what it likes, and may take the process down.
 _RUNNER = """
 import json, sys
@@ -121,17 +94,8 @@ with open(task["verdict"], "w") as stream:
 def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) -> ValidationResult:
     """Let ilivalidator check a transfer file against the models of a folder; without any network.
 
-    Parameters
-    ----------
-    xtf : Path
-    model_folder : Path
-        With the .ili files of the model and of all models that it imports.
-    timeout_s : float
-        Longest time to wait (s).
-
-    Returns
-    -------
-    ValidationResult
+    The folder holds the .ili files of the model and of all models that it imports; the validator is
+    waited for no longer than ``timeout_s``.
 
     Raises
     ------
@@ -203,16 +167,11 @@ def _ili_files(folder: Path) -> list[Path]:
 def check_validator(model_folder: Path, models: Sequence[str]) -> None:
     """Refuse what would keep a file from being validated, before it is written.
 
-    Parameters
-    ----------
-    model_folder : Path
-    models : sequence of str
-        That the file names; those that they import are looked for by the validator.
-
     Raises
     ------
     InputError
-        If the validator is not installed, or a model is not in the folder.
+        If the validator is not installed, or a model that the file names is not in the folder;
+        those that it imports are looked for by the validator.
     """
     if importlib.util.find_spec("ilivalidator") is None:
         raise InputError(
@@ -279,115 +238,3 @@ def _findings(log: Path, copies: Mapping[str, Path]) -> tuple[str, list[Finding]
         elif text.startswith("ilivalidator-"):
             validator = " ".join(text.split("-")[:2])
     return validator, found
-
-
-# --- structure -------------------------------------------------------------------------------
-
-
-def check_xtf(xtf: Path) -> list[str]:
-    """What is wrong with the structure of a transfer file; no model is needed.
-
-    Looks at the sections, the names of baskets and objects, identifiers, and surfaces: closed,
-    straight, valid, on coordinates of 1 mm within the federal extent.
-
-    Parameters
-    ----------
-    xtf : Path
-
-    Returns
-    -------
-    list of str
-        A line each; empty if nothing is wrong.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or is no XML.
-    """
-    try:
-        return list(_problems(xtf))
-    except OSError as error:
-        raise InputError("cannot be read", file=xtf, found=error.strerror) from error
-    except ET.ParseError as error:
-        raise InputError("is no INTERLIS transfer file", file=xtf, found=str(error)) from error
-
-
-def _problems(xtf: Path) -> Iterator[str]:
-    path: list[str] = []
-    models: list[str] = []
-    tids: set[str] = set()
-    bids: set[str] = set()
-    sections: list[str] = []
-    for event, element in ET.iterparse(xtf, events=("start", "end")):
-        tag = element.tag.removeprefix(_NS)
-        if event == "start":
-            path.append(tag)
-            if len(path) == 1 and element.tag != f"{_NS}TRANSFER":
-                yield f"root is {element.tag}, not TRANSFER of {XTF_NAMESPACE}"
-            elif len(path) == 2:
-                sections.append(tag)
-            elif len(path) == 3 and path[1] == "DATASECTION":
-                yield from _basket_problems(tag, element.get("BID"), models, bids)
-            elif len(path) == 4 and path[1] == "DATASECTION":
-                yield from _object_problems(tag, element.get("TID"), path[2], tids)
-            continue
-        path.pop()
-        if tag == "MODEL":
-            models.append(element.get("NAME", ""))
-        elif tag == "SURFACE":
-            yield from _surface_problems(element)
-        elif len(path) == 3:
-            if path[1] == "DATASECTION" and not len(element):
-                yield f"{tag} {element.get('TID')}: has no attributes"
-            element.clear()  # large files must not be held as a whole
-    if sections != ["HEADERSECTION", "DATASECTION"]:
-        yield f"sections are {', '.join(sections)}"
-
-
-def _basket_problems(tag: str, bid: str | None, models: list[str], bids: set[str]) -> Iterator[str]:
-    if tag.count(".") != 1 or tag.split(".")[0] not in models:
-        yield f"basket {tag} is no topic of a model in the header"
-    if not _IDENTIFIER.fullmatch(bid or "") or bid in bids:
-        yield f"basket {tag} has no identifier of its own"
-    bids.add(bid or "")
-
-
-def _object_problems(tag: str, tid: str | None, basket: str, tids: set[str]) -> Iterator[str]:
-    if tag.count(".") != 2:
-        yield f"object {tag} in {basket} does not name model, topic and class"
-    if not _IDENTIFIER.fullmatch(tid or "") or tid in tids:
-        yield f"object {tag} has no identifier of its own"
-    tids.add(tid or "")
-
-
-def _surface_problems(surface: ET.Element) -> Iterator[str]:
-    rings = []
-    for boundary in surface.findall(f"{_NS}BOUNDARY"):
-        corners = []
-        for line in boundary.findall(f"{_NS}POLYLINE"):
-            for corner in line:
-                texts = [part.text or "" for part in corner]
-                if corner.tag != f"{_NS}COORD" or len(texts) != 2:
-                    yield f"surface: {corner.tag.removeprefix(_NS)} in place of a corner"
-                    return
-                if any(len(t.partition(".")[2]) > DECIMALS for t in texts):
-                    yield f"surface: coordinates {texts} are finer than 1 mm"
-                try:
-                    corners.append([float(t) for t in texts])
-                except ValueError:
-                    yield f"surface: coordinates {texts} are no numbers"
-                    return
-        if len(corners) < 4 or corners[0] != corners[-1]:
-            yield "surface: a boundary is not closed"
-            return
-        rings.append(np.array(corners))
-    if not rings:
-        yield "surface: has no boundary"
-        return
-    west, south, east, north = FEDERAL_EXTENT
-    x, y = np.concatenate(rings).T
-    if not ((west <= x) & (x <= east) & (south <= y) & (y <= north)).all():
-        yield "surface: lies outside the extent of the federal model"
-    polygon = shapely.Polygon(rings[0], rings[1:])
-    if not polygon.is_valid:
-        yield f"surface: {shapely.is_valid_reason(polygon)}"

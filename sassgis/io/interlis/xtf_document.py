@@ -1,4 +1,4 @@
-"""The XML of an INTERLIS 2.3 transfer file (XTF).
+"""The text of an INTERLIS 2.3 transfer file (XTF).
 
 Source: KOGIS, *INTERLIS 2 – Reference Manual*, edition of 2006 (INTERLIS 2.3), chapter 3.
 """
@@ -8,29 +8,20 @@ from __future__ import annotations
 import math
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import count, pairwise
-from typing import Any
-from xml.etree import ElementTree as ET
+from typing import Any, NamedTuple
+from xml.sax.saxutils import escape
 
+import jinja2
 import numpy as np
 import shapely
 
 from sassgis import __version__
 from sassgis.io.interlis.validation import XTF_NAMESPACE
-from sassgis.io.write.layers.federal_model import (
-    DECIMALS,
-    FEDERAL_CLASSES,
-    MODEL_NAME,
-    MODEL_URI,
-    MODEL_VERSION,
-    TOPIC,
-    FederalClass,
-)
+from sassgis.io.write.layers import federal_model
 
 
-@dataclass(frozen=True, slots=True)
-class XtfObject:
+class XtfObject(NamedTuple):
     """An object: its identifier, its texts by attribute, its zone."""
 
     tid: str
@@ -41,88 +32,30 @@ class XtfObject:
 def document(objects: Mapping[str, Sequence[XtfObject]], namespace: uuid.UUID) -> Iterator[str]:
     """The text of a transfer file in pieces, as it may be large.
 
-    Parameters
-    ----------
-    objects : mapping of str to sequence of XtfObject
-        By class.
-    namespace : UUID
-        From which the identifier of the basket is made.
+    ``objects`` are those of each class; the identifier of the basket is made from ``namespace``.
     """
-    yield f'<?xml version="1.0" encoding="UTF-8"?>\n<TRANSFER xmlns="{XTF_NAMESPACE}">\n'
-    yield _text(_header())
-    yield "<DATASECTION>\n"
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("sassgis", "data"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["xml"] = escape
     tids = [item.tid for inside in objects.values() for item in inside]
-    yield f'<{TOPIC} BID="_{uuid.uuid5(namespace, "|".join([TOPIC, *tids]))}">\n'
-    for name, inside in objects.items():
-        for item in inside:
-            yield _text(_object_element(FEDERAL_CLASSES[name], item))
-    yield f"</{TOPIC}>\n</DATASECTION>\n</TRANSFER>\n"
-
-
-def _text(element: ET.Element) -> str:
-    return ET.tostring(element, "unicode")
-
-
-def _element(tag: str, *, lines: bool = False, **attributes: str) -> ET.Element:
-    """An element that ends its line; with ``lines`` its content begins on the next."""
-    element = ET.Element(tag, attributes)
-    element.text, element.tail = ("\n" if lines else None), "\n"
-    return element
-
-
-def _header() -> ET.Element:
-    header = _element("HEADERSECTION", lines=True, SENDER=f"sassgis {__version__}", VERSION="2.3")
-    models = _element("MODELS", lines=True)
-    models.append(_element("MODEL", NAME=MODEL_NAME, VERSION=MODEL_VERSION, URI=MODEL_URI))
-    header.append(models)
-    return header
-
-
-def _object_element(kind: FederalClass, item: XtfObject) -> ET.Element:
-    """An object; its surface comes first, as in the model."""
-    element = _element(f"{TOPIC}.{kind.name}", lines=True, TID=item.tid)
-    zone = _element(kind.geometry)
-    zone.append(_surface(item.polygon))
-    element.append(zone)
-    for attribute in kind.attributes:
-        if attribute.name in item.texts:
-            child = _element(attribute.name)
-            child.text = item.texts[attribute.name]
-            element.append(child)
-    return element
-
-
-def _surface(polygon: Any) -> ET.Element:
-    """A surface: its outline and then its holes, each a closed line of straight pieces."""
-    surface = _element("SURFACE", lines=True)
-    surface.tail = None
-    for ring in touching_at_corners(polygon):
-        boundary = _element("BOUNDARY")
-        line = ET.SubElement(boundary, "POLYLINE")
-        line.text = "\n"
-        for x, y in ring:
-            corner = _element("COORD")
-            ET.SubElement(corner, "C1").text = f"{x:.{DECIMALS}f}"
-            ET.SubElement(corner, "C2").text = f"{y:.{DECIMALS}f}"
-            line.append(corner)
-        surface.append(boundary)
-    return surface
+    return environment.get_template("federal_model.xtf.j2").generate(
+        xmlns=XTF_NAMESPACE,
+        version=__version__,
+        model=federal_model,
+        basket=uuid.uuid5(namespace, "|".join([federal_model.TOPIC, *tids])),
+        objects=[(federal_model.FEDERAL_CLASSES[name], own) for name, own in objects.items()],
+        rings=touching_at_corners,
+    )
 
 
 def touching_at_corners(polygon: Any) -> list[list[tuple[float, float]]]:
-    """Corners of the outline and of each hole; where they touch, both have a corner.
+    """Closed rings of a valid polygon, the outline first; where they touch, both have a corner.
 
     INTERLIS takes a corner on the edge of another ring for an intersection.
-
-    Parameters
-    ----------
-    polygon : Polygon
-        Valid.
-
-    Returns
-    -------
-    list of list of (x, y)
-        Closed rings, the outline first.
     """
     rings = [list(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
     if len(rings) == 1:

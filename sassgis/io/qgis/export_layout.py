@@ -26,27 +26,7 @@ from qgis.core import (  # type: ignore[import-not-found]
 
 
 def export(project_file: str, folder: Path, wanted: str, suffix: str, dpi: float) -> list[Path]:
-    """Print layouts of a project; QGIS must be running.
-
-    Parameters
-    ----------
-    project_file : str
-    folder : Path
-        Must exist.
-    wanted : str
-        Name of the layout; empty for all.
-    suffix : {"pdf", "png"}
-    dpi : float
-
-    Returns
-    -------
-    list of Path
-
-    Raises
-    ------
-    SystemExit
-        With one line that says what is wrong.
-    """
+    """Print layouts of a project; QGIS must be running. Without ``wanted`` all of them."""
     project = QgsProject.instance()
     if not project.read(project_file):
         raise SystemExit(f"{project_file}: cannot be read ({project.error()})")

@@ -20,8 +20,9 @@ from importlib import resources
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
+from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.qgis.markup import without_expressions
-from sassgis.io.qgis.sheet_legend import ShownLayer, fill_legend
+from sassgis.io.qgis.sheet_legend import fill_legend
 from sassgis.io.qgis.text_size import breakable, text_height, text_width, wrapped
 from sassgis.model.languages import said
 
@@ -46,7 +47,6 @@ class PrintLayout:
     ----------
     name : str
         In QGIS's list of layouts; also the name of a map theme that shows the same layers.
-    title, subtitle : str
     layers : tuple of str
         Keys of the layers (``LayerEntry.key``) on the map, the top first. All but the relief are
         in the legend, in this order.
@@ -90,24 +90,8 @@ class Box(NamedTuple):
     height: float
 
 
-# --- sizes -----------------------------------------------------------------------------------
-
-
 def round_scale(extent: Extent, width_mm: float, height_mm: float) -> float:
-    """Denominator of the largest round scale at which an extent fits a frame.
-
-    Parameters
-    ----------
-    extent : (west, south, east, north)
-        m.
-    width_mm, height_mm : float
-        Of the frame.
-
-    Returns
-    -------
-    float
-        At least 100.
-    """
+    """Denominator of the largest round scale, at least 100, at which an extent (m) fits a frame."""
     west, south, east, north = extent
     needed = 1000.0 * max((east - west) / width_mm, (north - south) / height_mm)
     needed = max(needed, 100.0) * (1.0 - 1e-9)
@@ -121,9 +105,6 @@ def round_length(longest: float) -> float:
     """The largest of 1, 2, 5, 10, 20, ... that is not above a length."""
     power = 10.0 ** math.floor(math.log10(longest))
     return float(max(n * power for n in (1.0, 2.0, 5.0) if n * power <= longest * (1.0 + 1e-9)))
-
-
-# --- the template ----------------------------------------------------------------------------
 
 
 @functools.cache
@@ -204,25 +185,10 @@ def _font(element: ET.Element | None) -> tuple[float, bool]:
     return float(parts[1]), int(parts[4]) > 50
 
 
-# --- the sheet -------------------------------------------------------------------------------
-
-
 def layout_element(
-    layout: PrintLayout, layers: Mapping[str, ShownLayer], crs_name: str
+    layout: PrintLayout, layers: Mapping[str, LayerEntry], crs_name: str
 ) -> ET.Element:
-    """The ``Layout`` element of a project.
-
-    Parameters
-    ----------
-    layout : PrintLayout
-    layers : mapping of key to ShownLayer
-        All layers of the project.
-    crs_name : str
-        Of the coordinates, as the reader knows it; empty for local ones.
-
-    Returns
-    -------
-    Element
+    """The ``Layout`` element of a project; ``crs_name`` is empty for local coordinates.
 
     Raises
     ------
@@ -239,7 +205,11 @@ def layout_element(
         scale = _fill_map(sheet, layout.extent, shown)
         sheet.shrink(factor)
         end = _fill_head(sheet, layout.title, layout.subtitle)
-        end += _fill_legend(sheet, end, shown)
+        legend = sheet.items["Legend"]
+        points, _ = _font(legend.find("styles/style[@name='symbolLabel']/styleFont"))
+        height = fill_legend(legend, shown, sheet.box("Legend").width, points)
+        sheet.move("Legend", end, height)
+        end += height
         start = _fill_notes(sheet, layout.notes)
         start = _fill_facts(sheet, start, facts)
         start = _fill_scale(sheet, start, scale, local=not crs_name)
@@ -256,7 +226,7 @@ def _gap(sheet: _Sheet) -> float:
     return sheet.box("Title").x - frame.x - frame.width
 
 
-def _fill_map(sheet: _Sheet, extent: Extent, shown: Sequence[ShownLayer]) -> float:
+def _fill_map(sheet: _Sheet, extent: Extent, shown: Sequence[LayerEntry]) -> float:
     """Show an extent, in the middle of the map; returns the scale."""
     frame, item = sheet.box("Map"), sheet.items["Map"]
     scale = round_scale(extent, frame.width, frame.height)
@@ -379,12 +349,3 @@ def _fill_scale(sheet: _Sheet, bottom: float, scale: float, *, local: bool) -> f
     )
     sheet.put("Scale bar", sheet.box("Scale bar")._replace(width=room + 8.0))
     return top
-
-
-def _fill_legend(sheet: _Sheet, y: float, shown: Sequence[ShownLayer]) -> float:
-    """The layers of the map; returns the height of the legend (mm)."""
-    item = sheet.items["Legend"]
-    points, _ = _font(item.find("styles/style[@name='symbolLabel']/styleFont"))
-    height = fill_legend(item, shown, sheet.box("Legend").width, points)
-    sheet.move("Legend", y, height)
-    return height

@@ -12,8 +12,9 @@ import shapely
 from sassgis.hazard.assess import Assessment, Rules
 from sassgis.hazard.preset_labels import preset_unverified
 from sassgis.hazard.zoning.generalise import Coverage
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup, without_empty
 from sassgis.io.qgis.layout import Extent, PrintLayout
-from sassgis.io.qgis.project import LayerEntry, LayerGroup, without_empty, write_project
+from sassgis.io.qgis.project import write_project
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.grid import Grid
 from sassgis.model.map_run import MapRun
@@ -28,17 +29,7 @@ _ON_SHEETS = ("barriers", "release_areas", *_EXPOSED)
 
 @dataclass(frozen=True, slots=True)
 class SheetWords:
-    """What every sheet of a run says, and what it shows around its map.
-
-    Attributes
-    ----------
-    title : str
-    facts : tuple of (str, str)
-    notes : tuple of str
-    extent : (west, south, east, north)
-    around : tuple of str
-        Keys of the layers on top of the map.
-    """
+    """What every sheet of a run says; ``around`` are the keys of layers on top of its map."""
 
     title: str
     facts: tuple[tuple[str, str], ...]
@@ -62,20 +53,7 @@ def sheet_words(
     vectors: Sequence[VectorLayer],
     extent: Extent,
 ) -> SheetWords:
-    """What every sheet says.
-
-    Parameters
-    ----------
-    run : MapRun
-    rocks : int
-        Simulated blocks.
-    imprint : ProjectSettings
-        With a date.
-    terrain_file, program : str
-    vectors : sequence of VectorLayer
-        Layers in ``result.gpkg``.
-    extent : (west, south, east, north)
-    """
+    """What every sheet says; ``vectors`` are the layers of ``result.gpkg``."""
     grid = run.grid
     effects = ", ".join(run.effects.names).replace("_", " ")
     facts = (
@@ -117,22 +95,14 @@ def write_run_project(
 
     Parameters
     ----------
-    folder : Path
-    imprint : ProjectSettings
-        Title, author, contact, rights and date.
-    grid : Grid
-        Its heights are not looked at.
     extent : (west, south, east, north)
         What is shown at first (m).
-    layers : sequence of RasterLayer
-        Maps of what was simulated, in ``maps``.
-    terrain : RasterLayer
-        In ``maps`` too.
+    layers, terrain : RasterLayer
+        In ``maps``.
     vectors : sequence of VectorLayer
         In ``result.gpkg``.
     groups : sequence of LayerGroup
         Of a zoning: below what was drawn, above the maps of the blocks.
-    layouts : sequence of PrintLayout
     """
     by_name = {v.name: v for v in vectors}
 
@@ -212,12 +182,7 @@ def zone_groups(
 ) -> tuple[LayerGroup, ...]:
     """The groups of a zoning: zones, intensities, frequencies, federal layers, risk.
 
-    Parameters
-    ----------
-    maps : sequence of RasterLayer
-        In ``maps``.
-    own, risk, federal : sequence of VectorLayer
-        In ``hazard.gpkg``.
+    Rasters are in ``maps``, the others in ``hazard.gpkg``.
     """
 
     def vectors(layers: Sequence[VectorLayer], visible: tuple[str, ...] = ()) -> list[LayerEntry]:
@@ -255,17 +220,7 @@ def zone_groups(
 def zone_layouts(
     words: SheetWords, rules: Rules, found: Assessment, risk: Sequence[VectorLayer], grid: Grid
 ) -> tuple[PrintLayout, ...]:
-    """The sheets of a zoning: hazard level, intensity by return period, risk.
-
-    Parameters
-    ----------
-    words : SheetWords
-    rules : Rules
-    found : Assessment
-    risk : sequence of VectorLayer
-        Layers of the exposed objects with their risk.
-    grid : Grid
-    """
+    """The sheets of a zoning: hazard level, intensity by return period, risk."""
     preset = rules.preset
     words = replace(
         words,

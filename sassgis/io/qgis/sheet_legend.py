@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
+from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.qgis.markup import options, without_expressions
 from sassgis.io.qgis.text_size import text_height, wrapped
 from sassgis.io.vector_layer import VectorLayer
@@ -19,23 +20,10 @@ _SPACE_BEFORE, _SPACE_BETWEEN = 2.5, 1.2
 _RAMP_HEIGHT = 14.0
 
 
-class ShownLayer(NamedTuple):
-    """A layer as layouts need it."""
-
-    key: str
-    datasource: str
-    content: RasterLayer | VectorLayer
-
-    @property
-    def provider(self) -> str:
-        """QGIS's name of the program that reads it."""
-        return "gdal" if isinstance(self.content, RasterLayer) else "ogr"
-
-
 class _LegendEntry(NamedTuple):
     """A layer of the legend: its lines and those of its classes, already broken to the width."""
 
-    layer: ShownLayer
+    layer: LayerEntry
     title: list[str]
     classes: list[list[str]]
 
@@ -53,7 +41,7 @@ def _class_texts(content: RasterLayer | VectorLayer) -> list[str]:
     return []
 
 
-def _rank(layer: ShownLayer) -> int:
+def _rank(layer: LayerEntry) -> int:
     """Layers with classes come first, areas and cells before lines; then those of one sign."""
     content = layer.content
     if isinstance(content, RasterLayer):
@@ -63,12 +51,12 @@ def _rank(layer: ShownLayer) -> int:
     return 0 if content.style.symbol.kind == "fill" else 1
 
 
-def _has_one_sign(layer: ShownLayer) -> bool:
+def _has_one_sign(layer: LayerEntry) -> bool:
     return _rank(layer) == 2
 
 
 def _legend_entries(
-    layers: Sequence[ShownLayer], width: float, symbol_width: float, points: float
+    layers: Sequence[LayerEntry], width: float, symbol_width: float, points: float
 ) -> list[_LegendEntry]:
     beside = width - symbol_width - 3.0
     out = []
@@ -101,25 +89,11 @@ def _legend_height(
 
 
 def fill_legend(
-    item: ET.Element, shown: Sequence[ShownLayer], width: float, points: float
+    item: ET.Element, shown: Sequence[LayerEntry], width: float, points: float
 ) -> float:
-    """Put layers into the legend of a template.
+    """Put layers, the top first, into the legend of a template; returns the height it needs (mm).
 
-    Parameters
-    ----------
-    item : Element
-        The legend.
-    shown : sequence of ShownLayer
-        The layers of the map, the top first.
-    width : float
-        Of the legend (mm).
-    points : float
-        Type size of the classes.
-
-    Returns
-    -------
-    float
-        Height that the legend needs (mm).
+    The legend is ``width`` wide (mm); ``points`` is the type size of the classes.
     """
     symbol_width, symbol_height = (
         float(item.get(key, "")) for key in ("symbolWidth", "symbolHeight")

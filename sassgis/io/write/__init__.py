@@ -1,1 +1,1 @@
-"""Writers: rasters, GeoPackages, tables, manifest; results appear whole or not at all."""
+"""Files of results. What writes raises OutputError where the disk is full or not writable."""

@@ -19,13 +19,8 @@ _NOT_RUN, _SKIPPED = "not run", "skipped: "
 class BatchSummary:
     """The table of all areas, written anew whenever one is done.
 
-    Parameters
-    ----------
-    path : Path
-    areas : mapping of str to (name, file)
-        By the name of their folder, which stands below that of ``path``.
-    levels : sequence of str
-        Codes of the hazard levels.
+    ``areas`` are names and files by the name of the area's folder, which stands below that of the
+    table; ``levels`` are codes of the hazard levels.
     """
 
     def __init__(
@@ -59,14 +54,8 @@ class BatchSummary:
     ) -> None:
         """Note an area that was run, or that was there already (``seconds`` None).
 
-        Parameters
-        ----------
-        folder : str
-        facts : mapping
-            "points", "rocks" and "furthest_m".
-        zones_m2 : mapping of str to float
-            By the code of the hazard level.
-        seconds : float or None
+        The facts are "points", "rocks" and "furthest_m"; the areas of zones are by code of the
+        level.
         """
         self._rows[folder] |= {
             "status": "done",

@@ -52,13 +52,6 @@ class BlockMaps:
 
     Cells of blocks that are never written are nodata. The files are those of write_raster, but for
     a map of classes whose other bands hold no classes: it holds fractions whatever the values.
-
-    Parameters
-    ----------
-    grid : Grid
-        Of all blocks, without heights.
-    folder : Path
-        Made if missing.
     """
 
     def __init__(self, grid: Grid, folder: Path) -> None:
@@ -92,7 +85,9 @@ class BlockMaps:
         check_classes(layer)
         target = self._between(layer.stem)
         n_rows, n_cols = layer.bands[0].values.shape
-        number_type, nodata = _number_type(layer)
+        number_type, nodata = "float32", NODATA
+        if layer.classes and all(band.unit == "class" for band in layer.bands):
+            number_type, nodata = "uint8", CLASS_NODATA["uint8"]
         with writing(target):
             if layer.stem not in self._open:
                 dataset = rasterio.open(
@@ -135,10 +130,3 @@ class BlockMaps:
         layer = replace(layer, bands=(replace(layer.bands[0], values=limits), *layer.bands[1:]))
         write_style(layer, target)
         self._unfinished.append(Unfinished(layer, between, target))
-
-
-def _number_type(layer: RasterLayer) -> tuple[str, float]:
-    """Type of the numbers in the file, and its nodata."""
-    if layer.classes and all(band.unit == "class" for band in layer.bands):
-        return "uint8", CLASS_NODATA["uint8"]
-    return "float32", NODATA

@@ -54,19 +54,11 @@ def write_config_back(path: Path, config_file: Path, diagnosis: Diagnosis, case:
         The new TOML file; its folder is made.
     config_file : Path
         The configuration that was diagnosed.
-    diagnosis : Diagnosis
-    case : Case
-
-    Returns
-    -------
-    Path
 
     Raises
     ------
     ConfigError, InputError
         If the result could not be used in a run.
-    OutputError
-        If the disk is full or not writable.
     """
     calibrated = diagnosis.effect
     sections = calibrated.sections(case.effects)
@@ -127,6 +119,7 @@ def document_with_classes(config_file: Path, path: Path) -> dict[str, Any]:
 def write_text(path: Path, text: str) -> None:
     """Write a text file; OutputError where the disk refuses."""
     with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -213,12 +206,7 @@ def classes_csv(
 ) -> str:
     """A table of ground classes; those that were changed get their provenance and what was before.
 
-    Parameters
-    ----------
-    table, configured : GroundTable
-        After and before.
-    provenance : callable
-        Gives a sentence for a class that was changed.
+    ``provenance`` gives a sentence for a class that was changed.
     """
     before = {c.name: c for c in configured.classes}
     out = io.StringIO()

@@ -16,7 +16,6 @@ from sassgis.gap.calibration.fitting import SiteCalibration, SiteResult
 from sassgis.gap.inference.intervals import Interval
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.staging import writing
 from sassgis.io.write.calibrated_config import (
     CLASSES_NAME,
     classes_csv,
@@ -28,13 +27,7 @@ from sassgis.model.ground import GroundClass, GroundTable
 
 
 def write_calibration_json(path: Path, calibration: SiteCalibration) -> Path:
-    """Write ``calibration.json``: all numbers of a calibration.
-
-    Raises
-    ------
-    OutputError
-        If the disk is full or not writable.
-    """
+    """Write ``calibration.json``: all numbers of a calibration."""
     content = {
         "program": f"sassgis {sassgis.__version__}",
         "seed": calibration.seed,
@@ -110,13 +103,7 @@ def _finite(value: Any) -> Any:
 
 
 def write_classes(path: Path, calibration: SiteCalibration, configured: GroundTable) -> Path:
-    """Write the table of ground classes with the provenance of each calibrated one.
-
-    Raises
-    ------
-    OutputError
-        If the disk is full or not writable.
-    """
+    """Write the table of ground classes with the provenance of each calibrated one."""
 
     def provenance(own: GroundClass) -> str:
         return class_provenance(calibration, own.name)
@@ -162,8 +149,6 @@ def write_calibrated_config(path: Path, config_file: Path, calibration: SiteCali
     ------
     ConfigError, InputError
         If the result could not be used in a run.
-    OutputError
-        If the disk is full or not writable.
     """
     document = document_with_classes(config_file, path)
     lines = [
@@ -173,8 +158,6 @@ def write_calibrated_config(path: Path, config_file: Path, calibration: SiteCali
         "Calibrated for these sites and rocks of these sizes; elsewhere it is untested.",
         "Comments of the original file are not copied.",
     ]
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
     write_text(path, "".join(f"# {line}\n" for line in lines) + "\n" + tomli_w.dumps(document))
     # What cannot be run again is reported now, not in the next run.
     written = load_config(path)

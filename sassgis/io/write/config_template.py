@@ -53,11 +53,8 @@ Given = Iterable[tuple[str, Mapping[str, object]]]
 def short_template(given: Given = ()) -> str:
     """The few lines that every site must decide.
 
-    Parameters
-    ----------
-    given : iterable of (section, keys)
-        What is known already: these keys come with these values, and sections that are not among
-        the few are added.
+    Keys that are ``given`` come with these values, and sections that are not among the few are
+    added.
     """
     keys = declared_sections()
     sections: list[tuple[str, dict[str, str]]] = []
@@ -97,10 +94,7 @@ def _bracketed(section: str) -> str:
 def config_template(given: Given = ()) -> str:
     """A commented configuration with every key; it loads once its paths are filled in.
 
-    Parameters
-    ----------
-    given : iterable of (section, keys)
-        What is known already; it stands in place of defaults and examples.
+    What is ``given`` stands in place of defaults and examples.
     """
     known = {name: dict(values) for name, values in given}
     parts = [_HEAD]
@@ -127,13 +121,7 @@ def config_template(given: Given = ()) -> str:
 
 
 def write_new(file: Path, text: str, overwrite: bool) -> None:
-    """Write a text to a file of its own.
-
-    Raises
-    ------
-    OutputError
-        If there is one already and it must not be replaced, or if it cannot be written.
-    """
+    """Write a text to a file of its own; OutputError if it is there already and must stay."""
     with staged_file(file, overwrite) as work:
         work.write_text(text, encoding="utf-8")
 

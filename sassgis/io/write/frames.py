@@ -18,6 +18,9 @@ from sassgis.model.map_run import BlockRows, MapRun
 from sassgis.model.results import Outcome, StopReason
 from sassgis.terrain.plan import Plan
 
+#: Where a block passes a station on a followed path; on a fall line there is one place for all.
+_PLACE = ("x_m", "y_m")
+
 
 def require_parquet() -> None:
     """Raise OutputError if Parquet tables are asked for and cannot be written."""
@@ -32,12 +35,40 @@ def require_parquet() -> None:
 
 def rock_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
     """A row per block, units in the names."""
-    frame = pd.DataFrame({name: rows.rocks[name] for name in rows.rocks.dtype.names or ()})
+    frame = _columns(rows.rocks, np.array([b.name for b in run.blocks])[rows.rock_scenario])
     frame.insert(0, "area", _areas(rows.rocks["line"], run, planned))
-    frame.insert(1, "scenario", np.array([b.name for b in run.blocks])[rows.rock_scenario])
-    frame["reason"] = [StopReason(int(r)).name.lower() for r in frame["reason"]]
-    frame["x_m"] = rows.x
-    frame["y_m"] = rows.y
+    return frame.assign(x_m=rows.x, y_m=rows.y)
+
+
+def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
+    """A row per block and station or barrier, units in the names."""
+    frame = _columns(rows.passages, np.array([b.name for b in run.blocks])[rows.passage_scenario])
+    _name_control_lines(frame, [line.name for line, _ in run.control_lines])
+    frame.insert(0, "area", _areas(rows.passages["line"], run, planned))
+    return frame if run.followed else frame.drop(columns=list(_PLACE))
+
+
+def profile_rock_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
+    """A row per block of a profile, fragments and entrained blocks included."""
+    scenario = np.concatenate([result.scenario, result.piece_scenario])
+    ended = np.concatenate([result.rocks, result.pieces])
+    return _columns(ended, np.array(scenarios)[scenario]).drop(columns="line")
+
+
+def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
+    """A row per block and station or barrier of a profile."""
+    frame = _columns(result.passages).drop(columns=["line", *_PLACE])
+    _name_control_lines(frame, [line.name for line, _ in result.profile.control_lines])
+    return frame
+
+
+def _columns(rows: NDArray[np.void], scenario: NDArray[np.str_] | None = None) -> pd.DataFrame:
+    frame = pd.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
+    for column, kind in (("reason", StopReason), ("outcome", Outcome)):
+        if column in frame:
+            frame[column] = [kind(int(own)).name.lower() for own in frame[column]]
+    if scenario is not None:
+        frame.insert(0, "scenario", scenario)
     return frame
 
 
@@ -48,57 +79,18 @@ def _areas(line: IntArray, run: MapRun, planned: Plan) -> NDArray[np.object_]:
     return names[area] if names.size else np.empty(0, dtype=object)
 
 
-def passage_frame(rows: BlockRows, run: MapRun, planned: Plan) -> pd.DataFrame:
-    """A row per block and station or barrier, units in the names."""
-    frame = pd.DataFrame({name: rows.passages[name] for name in rows.passages.dtype.names or ()})
-    if not run.followed:
-        frame = frame.drop(columns=["x_m", "y_m"])
-    names = np.array([g.name for g, _ in run.control_lines], dtype=object)
-    frame["control_line"] = names[rows.passages["control_line"]] if names.size else []
-    frame["outcome"] = [Outcome(int(o)).name.lower() for o in frame["outcome"]]
-    frame.insert(0, "area", _areas(rows.passages["line"], run, planned))
-    frame.insert(1, "scenario", np.array([b.name for b in run.blocks])[rows.passage_scenario])
-    return frame
-
-
-def profile_rock_frame(result: ProfileResult, scenarios: Sequence[str]) -> pd.DataFrame:
-    """A row per block of a profile, fragments and entrained blocks included."""
-    ended = np.concatenate([result.rocks, result.pieces])
-    scenario = np.concatenate([result.scenario, result.piece_scenario])
-    frame = pd.DataFrame({n: ended[n] for n in ended.dtype.names or () if n != "line"})
-    frame["reason"] = [StopReason(int(r)).name.lower() for r in frame["reason"]]
-    frame.insert(0, "scenario", np.array(scenarios)[scenario])
-    return frame
-
-
-def profile_passage_frame(result: ProfileResult) -> pd.DataFrame:
-    """A row per block and station or barrier of a profile."""
-    rows = result.passages
-    unknown = ("line", "x_m", "y_m")
-    frame = pd.DataFrame({n: rows[n] for n in rows.dtype.names or () if n not in unknown})
-    names = np.array([line.name for line, _ in result.profile.control_lines], dtype=object)
-    frame["control_line"] = names[rows["control_line"]] if names.size else []
-    frame["outcome"] = [Outcome(int(o)).name.lower() for o in frame["outcome"]]
-    return frame
+def _name_control_lines(frame: pd.DataFrame, names: Sequence[str]) -> None:
+    known = np.array(names, dtype=object)
+    frame["control_line"] = known[frame["control_line"]] if known.size else []
 
 
 def area_control_line_table(
     rocks: pd.DataFrame, passages: pd.DataFrame, areas: Sequence[str], control_lines: Sequence[str]
 ) -> pd.DataFrame:
-    """Arrivals from each release area at each station and barrier.
+    """Arrivals from each release area at each station and barrier; each pair has a row.
 
-    Parameters
-    ----------
-    rocks, passages : DataFrame
-        As of rock_frame and passage_frame.
-    areas, control_lines : sequence of str
-        Names; each pair has a row, also if nothing arrives.
-
-    Returns
-    -------
-    DataFrame
-        ``rocks`` simulated from the area, ``arrive`` at the control line, ``share``, and exact
-        95 % quantiles (linear between ranks) and maxima of energy, speed and passing height.
+    ``rocks`` simulated from the area, ``arrive`` at the control line, ``share``, and exact 95 %
+    quantiles (linear between ranks) and maxima of energy, speed and passing height.
     """
     released = rocks.groupby("area").size()
     energy = passages["energy_trans_kj"] + passages["energy_rot_kj"]
@@ -126,22 +118,10 @@ def area_control_line_table(
 def class_table(
     values: NDArray[np.floating], limits: Sequence[float], unit: str, cell_size: float
 ) -> pd.DataFrame:
-    """How much of the map lies in each class of a quantity.
+    """Cells, area (m2) and share of the reached cells in each class of a quantity.
 
-    Parameters
-    ----------
-    values : float, any shape
-        NaN where nothing arrives.
-    limits : sequence of float
-        Ascending; a value equal to a limit belongs to the class above it.
-    unit : str
-    cell_size : float
-        Side of a cell (m).
-
-    Returns
-    -------
-    DataFrame
-        Class, cells, area (m2) and the share of the cells that are reached.
+    The values are NaN where nothing arrives; one that is equal to a limit belongs to the class
+    above.
     """
     known = np.asarray(values)[np.isfinite(values)]
     counts = np.bincount(np.digitize(known, limits), minlength=len(limits) + 1)

@@ -20,8 +20,6 @@ from sassgis.io.staging import staged_output, writing
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.noted_files import noted
 
-__all__ = ["CONFIG_NAME", "OBSERVATIONS_NAME", "folder_digest", "write_case", "write_observations"]
-
 CONFIG_NAME = "config.toml"
 OBSERVATIONS_NAME = "observations"
 
@@ -66,30 +64,21 @@ def write_case(
 ) -> Path:
     """Write a case; its folder appears whole or not at all.
 
+    Returns the configuration; observations are in the folder ``observations`` beside it.
+
     Parameters
     ----------
-    folder : Path
-    title : str
-    dem : Grid
-    class_names : tuple of str
     class_codes : int, shape of the grid
         Position in ``class_names``.
     releases : float64, shape (n, 3)
         Release points x, y, z (m).
     blocks : mapping
         Keys of ``[[blocks]]`` to limits.
-    tables, metadata
-        Observations, as for ``write_observations``.
-
-    Returns
-    -------
-    Path
-        The configuration; observations are in the folder ``observations`` beside it.
 
     Raises
     ------
     OutputError
-        If there is such a folder, or the disk is full or not writable.
+        If there is such a folder.
     """
     with staged_output(folder, overwrite=False) as work, writing(folder):
         _raster(work / "dem.tif", dem, dem.values)
@@ -117,25 +106,7 @@ def write_observations(
     tables: Mapping[str, Mapping[str, NDArray[Any]]],
     metadata: Mapping[str, float],
 ) -> Path:
-    """Write tables of observations as a folder of CSV files.
-
-    Parameters
-    ----------
-    folder : Path
-        Made if missing.
-    tables : mapping of table to mapping of column to values
-    metadata : mapping
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    OutputError
-        If the disk is full or not writable.
-    """
+    """Write tables of observations (columns by name) as a folder of CSV files; returns it."""
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, columns in tables.items():
@@ -159,16 +130,9 @@ def folder_digest(folder: Path) -> str:
 
 def _raster(file: Path, grid: Grid, values: NDArray[Any]) -> None:
     n_rows, n_cols = grid.shape
+    place = from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size)
     with rasterio.open(
-        noted(file),
-        "w",
-        driver="GTiff",
-        width=n_cols,
-        height=n_rows,
-        count=1,
-        dtype=values.dtype,
-        crs=grid.crs,
-        transform=from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size),
-        compress="deflate",
-    ) as dataset:
+        noted(file), "w", driver="GTiff", width=n_cols, height=n_rows, count=1, dtype=values.dtype,
+        crs=grid.crs, transform=place, compress="deflate",
+    ) as dataset:  # fmt: skip
         dataset.write(values, 1)

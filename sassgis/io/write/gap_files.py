@@ -8,7 +8,7 @@ from pathlib import Path
 import sassgis
 from sassgis.gap.diagnosis import Diagnosis, as_json
 from sassgis.gap.observations.case import Case
-from sassgis.io.staging import writing
+from sassgis.io.write.calibrated_config import write_text
 from sassgis.io.write.geopackage import write_geopackage
 from sassgis.io.write.layers.gap_map import (
     fall_line_layer,
@@ -23,31 +23,11 @@ from sassgis.io.write.manifest import plain
 
 
 def write_diagnosis_json(path: Path, diagnosis: Diagnosis) -> Path:
-    """Write ``diagnosis.json``.
-
-    Parameters
-    ----------
-    path : Path
-    diagnosis : Diagnosis
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputError
-        If the disk is full or not writable.
-    """
+    """Write ``diagnosis.json``."""
     # as_json makes missing numbers null; what else JSON does not know (infinity) becomes text.
     text = json.dumps(plain(as_json(diagnosis)), indent=2, ensure_ascii=False, allow_nan=False)
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text + "\n", encoding="utf-8", newline="\n")
+    write_text(path, text + "\n")
     return path
-
-
-# --- the map ---------------------------------------------------------------------------------
 
 
 def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> Path:
@@ -56,23 +36,7 @@ def write_gap_gpkg(path: Path, case: Case, diagnosis: Diagnosis) -> Path:
     Layers ``gap_stretches`` (findings that belong to a stretch: that stretch of every fall line),
     ``gap_points`` (findings at a station), ``stations``, ``fall_lines``, ``stops``, ``impacts``
     and, if the named effect brings one, ``stand``. Findings without a place on the map ("all",
-    kinds of ground) are points at the coordinates that they state.
-
-    Parameters
-    ----------
-    path : Path
-        Must not exist.
-    case : Case
-    diagnosis : Diagnosis
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputError
-        If the file exists or the disk is full or not writable.
+    kinds of ground) are points at the coordinates that they state. The file must not exist.
     """
     verdict = diagnosis.verdict
     metadata = {

@@ -6,6 +6,7 @@ import sqlite3
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,6 @@ import pyogrio
 import shapely
 
 from sassgis.io.qgis.markup import qml
-from sassgis.io.qgis.vector_style import vector_style_elements
 from sassgis.io.said_layers import said_vector
 from sassgis.io.staging import writing
 from sassgis.io.vector_layer import KEY_COLUMN, VectorLayer
@@ -30,35 +30,14 @@ FIXED_TIME = "2000-01-01T00:00:00.000Z"
 _SCHEMA_EXTENSION = "http://www.geopackage.org/spec121/#extension_schema"
 
 
-def layer_qml(layer: VectorLayer) -> str:
-    """The style as text, as the table ``layer_styles`` keeps it."""
-    return qml(
-        vector_style_elements(layer.style, layer.columns, layer.fields),
-        labels=bool(layer.style.label_column),
-    )
-
-
 def write_geopackage(
     path: Path, layers: Sequence[VectorLayer], metadata: Mapping[str, object] | None = None
 ) -> Path:
     """Write layers, their styles and a table of metadata into a new GeoPackage (version 1.3).
 
     Each layer has its title as IDENTIFIER, a description, a QGIS style in ``layer_styles`` and its
-    columns' aliases, units and descriptions in ``gpkg_data_columns``. Equal input gives equal
-    bytes with the same versions of GDAL and SQLite.
-
-    Parameters
-    ----------
-    path : Path
-        Must not exist.
-    layers : sequence of VectorLayer
-        At least one.
-    metadata : mapping, optional
-        Rows of the table ``run_metadata`` (key, value).
-
-    Returns
-    -------
-    Path
+    columns' aliases, units and descriptions in ``gpkg_data_columns``; the metadata (key, value) are
+    in ``run_metadata``. Equal input gives equal bytes with the same versions of GDAL and SQLite.
 
     Raises
     ------
@@ -78,7 +57,15 @@ def write_geopackage(
         path.parent.mkdir(parents=True, exist_ok=True)
         with _gdal_time(FIXED_TIME):
             for layer, (frame, geometry_type) in zip(layers, prepared, strict=True):
-                _write_layer(path, layer, frame, geometry_type)
+                add_layer(
+                    path,
+                    layer.name,
+                    frame,
+                    geometry_type,
+                    promote_to_multi=geometry_type.startswith("Multi"),
+                    dataset_options={"VERSION": "1.3"},
+                    options={"IDENTIFIER": layer.title, "DESCRIPTION": layer.description},
+                )
         with closing(sqlite3.connect(path)) as database:
             with database:
                 _write_styles(database, layers)
@@ -88,8 +75,6 @@ def write_geopackage(
             _check(database, layers, path)
     return path
 
-
-# --- geometry --------------------------------------------------------------------------------
 
 _ALLOWED = {
     "marker": {"Point", "MultiPoint"},
@@ -116,16 +101,11 @@ def _prepare(layer: VectorLayer) -> tuple[gpd.GeoDataFrame, str]:
     return frame, kind + (" Z" if bool(geometry.has_z.any()) else "")
 
 
-def _write_layer(
-    path: Path, layer: VectorLayer, frame: gpd.GeoDataFrame, geometry_type: str
+def add_layer(
+    path: Path, name: str, frame: gpd.GeoDataFrame, geometry_type: str, **more: Any
 ) -> None:
-    options: dict[str, Any] = {
-        "IDENTIFIER": layer.title,
-        "DESCRIPTION": layer.description,
-        "GEOMETRY_NAME": GEOMETRY_COLUMN,
-        "FID": KEY_COLUMN,
-        "SPATIAL_INDEX": "YES",
-    }
+    """Write a layer into a GeoPackage, which is made if missing; ``more`` goes to pyogrio."""
+    options = {"GEOMETRY_NAME": GEOMETRY_COLUMN, "FID": KEY_COLUMN, **more.pop("options", {})}
     if frame.crs is None:
         options["SRID"] = "-1"  # Undefined Cartesian; GDAL would take undefined geographic.
     with warnings.catch_warnings():
@@ -134,12 +114,11 @@ def _write_layer(
         pyogrio.write_dataframe(
             frame,
             path,
-            layer=layer.name,
+            layer=name,
             driver="GPKG",
             geometry_type=geometry_type,
-            promote_to_multi=geometry_type.startswith("Multi"),
-            dataset_options={"VERSION": "1.3"},
             layer_options=options,
+            **more,
         )
 
 
@@ -153,7 +132,12 @@ def _gdal_time(stamp: str) -> Iterator[None]:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
-# --- tables ----------------------------------------------------------------------------------
+def _create(database: sqlite3.Connection, *tables: str) -> None:
+    file = resources.files("sassgis") / "data" / "geopackage_tables.sql"
+    statements = file.read_text(encoding="utf-8").split(";\n")
+    for table in tables:
+        (statement,) = (own for own in statements if f" {table} (" in own.replace('"', ""))
+        database.execute(statement)
 
 
 def register_table(database: sqlite3.Connection, table: str, title: str, description: str) -> None:
@@ -166,45 +150,25 @@ def register_table(database: sqlite3.Connection, table: str, title: str, descrip
 
 
 def _write_styles(database: sqlite3.Connection, layers: Sequence[VectorLayer]) -> None:
-    database.execute(
-        'CREATE TABLE "layer_styles" ("id" INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
-        '"f_table_catalog" TEXT(256), "f_table_schema" TEXT(256), "f_table_name" TEXT(256), '
-        '"f_geometry_column" TEXT(256), "styleName" TEXT(30), "styleQML" TEXT, "styleSLD" TEXT, '
-        '"useAsDefault" BOOLEAN, "description" TEXT, "owner" TEXT(30), "ui" TEXT(30), '
-        "\"update_time\" DATETIME DEFAULT (strftime('%Y-%m-%dT%H:%M:%fZ','now')))"
-    )
+    _create(database, "layer_styles")
     register_table(database, "layer_styles", "layer_styles", "QGIS styles of the layers")
     # QGIS asks for the empty string as schema: a NULL there would silently lose the style.
     database.executemany(
-        'INSERT INTO "layer_styles" ("f_table_catalog", "f_table_schema", "f_table_name", '
-        '"f_geometry_column", "styleName", "styleQML", "styleSLD", "useAsDefault", "description", '
-        "\"owner\", \"ui\", \"update_time\") VALUES ('', '', ?, ?, ?, ?, '', 1, ?, '', NULL, ?)",
+        "INSERT INTO layer_styles VALUES (NULL, '', '', ?, ?, ?, ?, '', 1, ?, '', NULL, ?)",
         [
-            (
-                layer.name,
-                GEOMETRY_COLUMN,
-                layer.name[:30],
-                layer_qml(layer),
-                layer.title,
-                FIXED_TIME,
-            )
-            for layer in layers
+            (own.name, GEOMETRY_COLUMN, own.name[:30], qml(own), own.title, FIXED_TIME)
+            for own in layers
         ],
     )
 
 
 def _write_columns(database: sqlite3.Connection, layers: Sequence[VectorLayer]) -> None:
+    own = [(layer.name, name, info) for layer in layers for name, info in layer.fields.items()]
     register_columns(
-        database,
-        [
-            (layer.name, column, info.label, info.description)
-            for layer in layers
-            for column, info in layer.fields.items()
-        ],
+        database, [(table, name, info.label, info.description) for table, name, info in own]
     )
-    for layer in layers:
-        for column, info in layer.fields.items():
-            _write_domain(database, layer.name, column, info)
+    for table, name, info in own:
+        _write_domain(database, table, name, info)
 
 
 def _write_domain(database: sqlite3.Connection, table: str, column: str, info: FieldInfo) -> None:
@@ -230,56 +194,28 @@ def _write_domain(database: sqlite3.Connection, table: str, column: str, info: F
 def register_columns(
     database: sqlite3.Connection, columns: Sequence[tuple[str, str, str, str]]
 ) -> None:
-    """Aliases with units, by the GeoPackage schema extension (GDAL's alternative names).
+    """Table, column, title and description of columns, by the GeoPackage schema extension.
 
-    Parameters
-    ----------
-    database
-    columns
-        Table, column, title and description of each.
+    GDAL calls the titles alternative names.
     """
-    database.execute(
-        "CREATE TABLE IF NOT EXISTS gpkg_data_columns (table_name TEXT NOT NULL, column_name TEXT "
-        "NOT NULL, name TEXT, title TEXT, description TEXT, mime_type TEXT, constraint_name TEXT, "
-        "CONSTRAINT pk_gdc PRIMARY KEY (table_name, column_name), "
-        "CONSTRAINT gdc_tn UNIQUE (table_name, name))"
-    )
-    database.execute(
-        "CREATE TABLE IF NOT EXISTS gpkg_data_column_constraints (constraint_name TEXT NOT NULL, "
-        "constraint_type TEXT NOT NULL, value TEXT, min NUMERIC, min_is_inclusive BOOLEAN, "
-        "max NUMERIC, max_is_inclusive BOOLEAN, description TEXT, "
-        "CONSTRAINT gdcc_ntv UNIQUE (constraint_name, constraint_type, value))"
-    )
-    database.execute(
-        "CREATE TABLE IF NOT EXISTS gpkg_extensions (table_name TEXT, column_name TEXT, "
-        "extension_name TEXT NOT NULL, definition TEXT NOT NULL, scope TEXT NOT NULL, "
-        "CONSTRAINT ge_tce UNIQUE (table_name, column_name, extension_name))"
-    )
+    tables = ("gpkg_data_columns", "gpkg_data_column_constraints")
+    _create(database, *tables, "gpkg_extensions")
     database.executemany(
         "INSERT INTO gpkg_extensions VALUES (?, NULL, 'gpkg_schema', ?, 'read-write')",
-        [
-            ("gpkg_data_columns", _SCHEMA_EXTENSION),
-            ("gpkg_data_column_constraints", _SCHEMA_EXTENSION),
-        ],
+        [(table, _SCHEMA_EXTENSION) for table in tables],
     )
     database.executemany(
         "INSERT INTO gpkg_data_columns (table_name, column_name, name, title, description) "
-        "VALUES (?, ?, ?, ?, ?)",
-        [
-            (table, column, column, title, description)
-            for table, column, title, description in columns
-        ],
+        "VALUES (?1, ?2, ?2, ?3, ?4)",
+        columns,
     )
 
 
 def _write_metadata(database: sqlite3.Connection, metadata: Mapping[str, object]) -> None:
-    database.execute(
-        f'CREATE TABLE "{METADATA_TABLE}" ("id" INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, '
-        '"key" TEXT NOT NULL UNIQUE, "value" TEXT)'
-    )
+    _create(database, METADATA_TABLE)
     register_table(database, METADATA_TABLE, "Run metadata", "How this result was computed")
     database.executemany(
-        f'INSERT INTO "{METADATA_TABLE}" ("key", "value") VALUES (?, ?)',
+        f"INSERT INTO {METADATA_TABLE} (key, value) VALUES (?, ?)",
         [(key, None if value is None else str(value)) for key, value in metadata.items()],
     )
 

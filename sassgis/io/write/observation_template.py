@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import sqlite3
-import warnings
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
 import geopandas as gpd
 import pandas as pd
-import pyogrio
 
 from sassgis.gap.observations.observed import METADATA_KEYS
 from sassgis.gap.observations.tables import TABLES
 from sassgis.io.staging import writing
-from sassgis.io.write.geopackage import register_columns, register_table
+from sassgis.io.write.geopackage import add_layer, register_columns, register_table
 from sassgis.model.crs import parse_crs
 from sassgis.model.errors import OutputError
 
@@ -26,18 +24,9 @@ _README = "README.txt"
 def observations_template(path: Path | str, *, crs: str | None = None) -> Path:
     """Write empty tables with all columns, to be filled in.
 
-    Parameters
-    ----------
-    path
-        New file with the suffix ``.gpkg``, or a folder for CSV files (new or empty).
-    crs
-        Coordinate system of the GeoPackage, such as "EPSG:2056"; best that of the DEM.
-
-    Returns
-    -------
-    Path
-        The file, or the folder, which also holds a README.txt with the units. In a GeoPackage they
-        stand in the descriptions of the columns.
+    The path is a new file with the suffix ``.gpkg``, where units stand in the descriptions of the
+    columns, or a folder for CSV files (new or empty), which also gets a README.txt with them.
+    ``crs`` is the system of the GeoPackage, such as "EPSG:2056"; best that of the DEM.
 
     Raises
     ------
@@ -90,20 +79,7 @@ def _gpkg_template(path: Path, crs: str | None) -> Path:
             own = [c for c in columns if c.name not in places - {"z"}]
             data = {c.name: pd.Series(dtype="str" if c.text else "float64") for c in own}
             frame = gpd.GeoDataFrame(data, geometry=gpd.GeoSeries([], crs=system), crs=system)
-            options = {"GEOMETRY_NAME": "geom", "FID": "fid"}
-            if system is None:
-                options["SRID"] = "-1"
-            with warnings.catch_warnings():
-                # Local coordinates are a choice of the user.
-                warnings.filterwarnings("ignore", message="'crs' was not provided")
-                pyogrio.write_dataframe(
-                    frame,
-                    path,
-                    layer=table,
-                    driver="GPKG",
-                    geometry_type="LineString" if line else "Point Z",
-                    layer_options=options,
-                )
+            add_layer(path, table, frame, "LineString" if line else "Point Z")
         _describe(path)
     return path
 

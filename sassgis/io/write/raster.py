@@ -11,7 +11,6 @@ from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
 from sassgis.io.qgis.markup import qml
-from sassgis.io.qgis.raster_style import raster_style_elements
 from sassgis.io.said_layers import said_raster
 from sassgis.io.staging import writing
 from sassgis.model.grid import Grid
@@ -28,7 +27,7 @@ _BLOCK = 256
 
 
 def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
-    """Write a map as ``<stem>.tif`` and its style as ``<stem>.qml``.
+    """Write a map as ``<stem>.tif`` and its style as ``<stem>.qml``; returns the first.
 
     The file is a Cloud-Optimised GeoTIFF: float32, nodata -9999, deflate, tiled. A map of classes
     is written as whole numbers, in the smallest type that holds its classes: uint8 with nodata 255
@@ -38,23 +37,8 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
     the map; only heights for shaded relief are averaged. The descriptions and units of the bands
     and the title and note of the layer are in its tags.
 
-    Parameters
-    ----------
-    layer : RasterLayer
-    grid : Grid
-        Gives the place, cell size and CRS; its values are not used.
-    folder : Path
-        Made if missing.
-
-    Returns
-    -------
-    Path
-        The GeoTIFF.
-
     Raises
     ------
-    OutputError
-        If the disk is full or not writable.
     ValueError
         If a band does not have the shape of the grid, or there is none; or if a map of classes
         holds a number above 0 that is no class.
@@ -83,7 +67,7 @@ def write_style(layer: RasterLayer, target: Path) -> None:
     layer = said_raster(layer)
     style = target.with_suffix(".qml")
     with writing(style):
-        style.write_text(qml(raster_style_elements(layer)), encoding="utf-8")
+        style.write_text(qml(layer), encoding="utf-8")
 
 
 def check_classes(layer: RasterLayer) -> None:
@@ -115,14 +99,6 @@ def _number_type(layer: RasterLayer) -> tuple[str, float]:
     return "float32", NODATA
 
 
-def _palette(layer: RasterLayer) -> dict[int, tuple[int, int, int, int]]:
-    """Colours of all values of a byte, for programs that do not read the style."""
-    colours = dict.fromkeys(range(256), (255, 255, 255, 0))
-    for entry in layer.classes:
-        colours[entry.value] = (*rgb(class_tint(entry)), 255)
-    return colours
-
-
 def _encode(layer: RasterLayer, grid: Grid) -> bytes:
     number_type, nodata = _number_type(layer)
     with MemoryFile(ext=".tif") as memory:
@@ -137,16 +113,11 @@ def _encode(layer: RasterLayer, grid: Grid) -> bytes:
 
 def frame_of(layer: RasterLayer, grid: Grid, number_type: str, nodata: float) -> dict[str, Any]:
     """Size, type and place of the file of a map."""
-    n_rows, n_cols = grid.shape
     return {
-        "width": n_cols,
-        "height": n_rows,
-        "count": len(layer.bands),
-        "dtype": number_type,
-        "nodata": nodata,
-        "crs": grid.crs or None,
+        "width": grid.shape[1], "height": grid.shape[0], "count": len(layer.bands),
+        "dtype": number_type, "nodata": nodata, "crs": grid.crs or None,
         "transform": from_origin(grid.west, grid.north, grid.cell_size, grid.cell_size),
-    }
+    }  # fmt: skip
 
 
 def cog_options(layer: RasterLayer) -> dict[str, Any]:
@@ -176,19 +147,19 @@ def describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) -> 
     if grid.vertical_datum:
         dataset.update_tags(VERTICAL_DATUM=grid.vertical_datum)
     for number, band in enumerate(layer.bands, start=1):
-        dataset.set_band_description(number, _band_title(band))
+        # What QGIS lists as the band: its description with the unit.
+        text = band.description or band.name
+        united = f"{text} ({band.unit})" if band.unit and band.unit not in ("1", text) else text
+        dataset.set_band_description(number, united)
         dataset.set_band_unit(number, band.unit)
         dataset.update_tags(number, NAME=band.name, DESCRIPTION=band.description)
     if number_type == "uint8" and len(layer.bands) == 1:
-        dataset.write_colormap(1, _palette(layer))
+        # For programs that do not read the style.
+        colours = dict.fromkeys(range(256), (255, 255, 255, 0))
+        colours |= {entry.value: (*rgb(class_tint(entry)), 255) for entry in layer.classes}
+        dataset.write_colormap(1, colours)
 
 
 def stored(band: Band, number_type: str, nodata: float) -> NDArray[Any]:
     """Values of a band as they are in the file."""
     return np.where(np.isfinite(band.values), band.values, nodata).astype(number_type)
-
-
-def _band_title(band: Band) -> str:
-    """What QGIS lists as the band: its description with the unit."""
-    text = band.description or band.name
-    return f"{text} ({band.unit})" if band.unit and band.unit not in ("1", text) else text

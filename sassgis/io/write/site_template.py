@@ -10,7 +10,8 @@ import geopandas as gpd
 import pandas as pd
 import pyproj
 
-from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
+from sassgis.io.qgis.project import write_project
 from sassgis.io.read.site_layers import SiteLayer, site_layers
 from sassgis.io.read.tiles import open_terrain
 from sassgis.io.staging import staged_file
@@ -32,7 +33,7 @@ _GROUPS = (
 def site_template(
     path: Path, *, crs: str | None = None, dem: Path | None = None, overwrite: bool = False
 ) -> Path:
-    """Write an empty GeoPackage of a site and, beside it, a QGIS project to draw in.
+    """Write an empty GeoPackage of a site and, beside it, a QGIS project to draw in; returns that.
 
     Parameters
     ----------
@@ -43,13 +44,6 @@ def site_template(
     dem : Path, optional
         Terrain model that lies under the drawing. A folder of tiles gives system and extent only,
         as QGIS opens single files.
-    overwrite : bool
-        Whether files that are there, with what was drawn in them, may be replaced.
-
-    Returns
-    -------
-    Path
-        The project.
 
     Raises
     ------
@@ -103,15 +97,11 @@ def site_template(
 def _empty(own: SiteLayer, wkt: str) -> VectorLayer:
     """A layer without features."""
     columns = {
-        name: pd.Series(dtype="float64" if _is_number(own, name) else "str") for name in own.fields
+        name: pd.Series(dtype="str" if info.low is None else "float64")
+        for name, info in own.fields.items()
     }
-    geometry = gpd.GeoSeries([], crs=wkt or None)
-    frame = gpd.GeoDataFrame(columns, geometry=geometry, crs=wkt or None)
+    frame = gpd.GeoDataFrame(columns, geometry=gpd.GeoSeries([], crs=wkt or None))
     return VectorLayer(own.name, own.title, own.description, frame, own.fields, style=own.style)
-
-
-def _is_number(own: SiteLayer, column: str) -> bool:
-    return own.fields[column].low is not None
 
 
 def _plane(text: str) -> pyproj.CRS:

@@ -20,30 +20,18 @@ _CHUNK = 1 << 18
 
 
 def fetch_tile(offer: TileOffer, folder: Path, *, timeout_s: float = 30.0, tries: int = 3) -> bool:
-    """Fetch a tile, unless it is there already.
+    """Fetch a tile; returns False if a whole one was there already.
 
-    Parameters
-    ----------
-    offer : TileOffer
-    folder : Path
-        Must exist. Until the tile is whole and checked its name ends in ``.part``; the next call
-        goes on from there.
-    timeout_s : float
-        Longest wait for the next bytes (s).
-    tries : int
-        How often a download that stops is continued, and one that is damaged begun anew.
-
-    Returns
-    -------
-    bool
-        Whether it was fetched; False if a whole one was there.
+    Until the tile is whole and checked its name ends in ``.part``; the next call goes on from
+    there. A download that stops is continued, and one that is damaged begun anew, ``tries`` times;
+    the next bytes are waited for no longer than ``timeout_s``.
 
     Raises
     ------
     InputError
         If the server refuses or goes silent, or what it sends is damaged.
     OutputError
-        If another file has the name of the tile, or the disk is full or not writable.
+        If another file has the name of the tile.
     """
     target, part = folder / offer.name, folder / f"{offer.name}.part"
     if target.exists():

@@ -7,7 +7,6 @@ Sources: H. Butler et al. (2016), *The GeoJSON Format*, RFC 7946; OGC 12-007r2, 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import geopandas as gpd
 import numpy as np
@@ -38,23 +37,11 @@ _REPEATED = (f'<SimpleField name="{_STYLE}"', f'<SimpleData name="{_STYLE}"')
 def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: bool = False) -> str:
     """Write the hazard zones, or paths of blocks in space, as GeoJSON or KML.
 
+    Says what was written.
+
     Heights of paths are those of the terrain model; nothing is converted to heights above the
-    ellipsoid. Equal results give equal files with the same version of GDAL.
-
-    Parameters
-    ----------
-    result_folder : Path
-        Result of ``run`` or ``zone``.
-    target : Path
-        Its suffix names the format: one of :data:`FORMATS`.
-    layer : {"zones", "paths"}
-    overwrite : bool
-        Whether a file that is there may be replaced.
-
-    Returns
-    -------
-    str
-        What was written, in words.
+    ellipsoid. Equal results give equal files with the same version of GDAL. The suffix names the
+    format: one of :data:`FORMATS`.
 
     Raises
     ------
@@ -113,10 +100,9 @@ def _fills(folder: Path, frame: gpd.GeoDataFrame, layer: str) -> list[str]:
 
 
 def _as_json(frame: gpd.GeoDataFrame, layer: str, fill: list[str]) -> gpd.GeoDataFrame:
-    line = layer == "paths"
-    style: dict[str, Any] = {"stroke": fill if line else _OUTLINE}
-    if not line:
-        style |= {"fill": fill, "fill-opacity": _OPACITY}
+    if layer == "paths":
+        return frame.assign(stroke=fill)
+    style = {"stroke": _OUTLINE, "fill": fill, "fill-opacity": _OPACITY}
     return frame.assign(**style)
 
 
@@ -132,7 +118,10 @@ def _as_kml(frame: gpd.GeoDataFrame, layer: str, fill: list[str]) -> gpd.GeoData
         name = frame["label"]
         own = {_STYLE: [f"BRUSH(fc:{c}{alpha});PEN(c:{_OUTLINE}ff,w:1px)" for c in fill]}
     # Whole numbers of 64 bits would be texts in KML.
-    numbers = {c: _short(shown[c]) for c in shown.select_dtypes("number").columns}
+    numbers = {
+        c: [float(f"{v:.6g}") for v in np.asarray(shown[c], float)]
+        for c in shown.select_dtypes("number").columns
+    }
     return shown.assign(Name=name, **own, **numbers)
 
 
@@ -144,7 +133,3 @@ def _readable(column: str) -> str:
     words = column.split("_")
     unit = _UNITS.get(words[-1]) if len(words) > 1 else None
     return " ".join(words) if unit is None else f"{' '.join(words[:-1])} ({unit})"
-
-
-def _short(values: Any) -> list[float]:
-    return [float(f"{v:.6g}") for v in np.asarray(values, float)]

@@ -16,20 +16,10 @@ _NODATA = -9999.0
 
 
 def write_vrt(file: Path, terrain: Terrain, overwrite: bool = False) -> Path:
-    """Write a virtual raster over the tiles of a terrain model.
+    """Write a virtual raster, which ends in ``.vrt``, over the tiles of a terrain model.
 
-    Parameters
-    ----------
-    file : Path
-        Ends in ``.vrt``. Paths in it are relative to it.
-    terrain : Terrain
-        Of tiles with square cells, as ``open_tiles`` gives it.
-    overwrite : bool
-
-    Raises
-    ------
-    OutputError
-        If the file is there already or cannot be written.
+    Paths in it are relative to it. The tiles have square cells, as ``open_tiles`` gives them.
+    OutputError if the file is there already.
     """
     whole, cell = terrain.whole, terrain.cell_size
     root = ET.Element("VRTDataset", rasterXSize=str(whole.n_cols), rasterYSize=str(whole.n_rows))

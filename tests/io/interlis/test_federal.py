@@ -11,25 +11,16 @@ import pyproj
 import pytest
 import shapely
 from helpers import made_zones as made
+from helpers.made_up_result import preset
 from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, MultiPolygon, Polygon, box
 
 from sassgis.io.write.geopackage import write_geopackage
-from sassgis.io.write.layers.federal import (
-    IntensityZones,
-    SourceZones,
-    assessment_area,
-    hazard_area,
-    indicative_hazard_area,
-    intensity_by_source,
-    synoptic_intensity,
-)
+from sassgis.io.write.layers.federal import IntensityZones, intensity_rows
 from sassgis.io.write.layers.federal_model import (
-    CANTONS,
+    CODES,
     FEDERAL_CLASSES,
-    HAZARD_LEVELS,
-    INTENSITY_CLASSES,
     federal_note,
     in_federal_extent,
     is_lv95,
@@ -104,13 +95,7 @@ def test_values_and_types_survive_the_geopackage(tmp_path: Path) -> None:
 
 
 def test_empty_layers_keep_their_columns_and_types(tmp_path: Path) -> None:
-    layers = [
-        assessment_area([], **LV95),
-        synoptic_intensity([], **LV95),
-        intensity_by_source([], **LV95),
-        hazard_area([], [], **LV95),
-        indicative_hazard_area([], hazard_area_existing=True, **LV95),
-    ]
+    layers = [made.layer(name, [], **LV95) for name in FEDERAL_CLASSES]
     path = write_geopackage(tmp_path / "hazard.gpkg", layers)
     for layer in layers:
         info = pyogrio.read_info(path, layer=layer.name)
@@ -123,7 +108,7 @@ def test_empty_layers_keep_their_columns_and_types(tmp_path: Path) -> None:
 
 
 def test_parts_become_features_of_their_own_on_whole_millimetres() -> None:
-    frame = hazard_area([made.PARTS], ["slight"], **LV95).frame
+    frame = levels([made.PARTS], ["slight"]).frame
     assert len(frame) == 2 and set(frame.geom_type) == {"Polygon"}
     corners = shapely.get_coordinates(frame.geometry.to_numpy())
     assert np.array_equal(corners, np.round(corners, 3))
@@ -145,7 +130,7 @@ def test_neighbours_stay_without_gaps_and_overlaps_on_the_millimetre_grid() -> N
         for c in range(5)
     ]
     assert shapely.coverage_is_valid(cells)
-    frame = hazard_area(cells, ["mean"] * 25, **LV95).frame
+    frame = levels(cells, ["mean"] * 25).frame
     assert len(frame) == 25
     assert shapely.coverage_is_valid(frame.geometry.to_numpy())
 
@@ -180,11 +165,21 @@ def test_heights_are_dropped() -> None:
 )
 def test_unusable_geometry_is_refused(geometry: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        hazard_area([geometry], ["mean"], **LV95)
+        levels([geometry], ["mean"])
 
 
 def intensity(years: float | None, extreme: Any = False, code: str = "low", **more: Any) -> Any:
-    return synoptic_intensity([IntensityZones(years, extreme, [ZONE], [code])], **LV95, **more)
+    rows = intensity_rows([IntensityZones(years, extreme, [ZONE], [code])])
+    return made.layer("synoptic_intensity", [(p, {**v, **more}) for p, v in rows], **LV95)
+
+
+def levels(polygons: list[Any], codes: list[Any], **values: Any) -> Any:
+    return made.layer("hazard_area", made.level_rows(polygons, codes, **values), **LV95)
+
+
+def of_source(*given: Any) -> Any:
+    zones = [IntensityZones(30, False, [ZONE], ["low"])]
+    return made.layer("intensity_by_source", made.source_rows("a", zones, *given), **LV95)
 
 
 @pytest.mark.parametrize("years", [1, 30, 30.0, 10_000])
@@ -216,15 +211,15 @@ def test_unknown_codes(code: Any) -> None:
     with pytest.raises(InputError, match=r"intensity_class.*existing_impact"):
         intensity(30, code=code)
     with pytest.raises(InputError, match=r"hazard_area\.hazard_level.*residual_hazard"):
-        hazard_area([ZONE], [code], **LV95)
+        levels([ZONE], [code])
 
 
-@pytest.mark.parametrize("code", HAZARD_LEVELS)
+@pytest.mark.parametrize("code", CODES["hazard_level"])
 def test_known_levels(code: str) -> None:
-    assert hazard_area([ZONE], [code], **LV95).frame["hazard_level"].tolist() == [code]
+    assert levels([ZONE], [code]).frame["hazard_level"].tolist() == [code]
 
 
-@pytest.mark.parametrize("code", INTENSITY_CLASSES)
+@pytest.mark.parametrize("code", CODES["intensity_class"])
 def test_known_intensities(code: str) -> None:
     assert intensity(301, code=code).frame["intensity_class"].tolist() == [code]
 
@@ -236,11 +231,10 @@ def test_an_intensity_is_stated_in_detail_up_to_300_years(years: Any, extreme: b
 
 
 def test_a_sub_scenario_is_described() -> None:
-    zones = [IntensityZones(30, False, [ZONE], ["low"])]
-    whole = intensity_by_source([SourceZones("a", zones)], **LV95).frame
+    whole = of_source().frame
     assert whole["subscenario_probability"].tolist() == [1.0]
     with pytest.raises(InputError, match=r"scenario_description.*missing"):
-        intensity_by_source([SourceZones("a", zones, 0.5)], **LV95)
+        of_source(0.5)
 
 
 def test_text_limits() -> None:
@@ -251,49 +245,45 @@ def test_text_limits() -> None:
     with pytest.raises(InputError, match=r"51 characters.*at most 50"):
         intensity(30, process_cantonal_term="x" * 51)
     with pytest.raises(InputError, match=r"401 characters.*at most 400"):
-        indicative_hazard_area([ZONE], hazard_area_existing=True, method="x" * 401, **LV95)
-    zones = [IntensityZones(30, False, [ZONE], ["low"])]
+        made.layer("indicative_hazard_area", [(ZONE, {"method": "x" * 401})], **LV95)
     with pytest.raises(InputError, match=r"401 characters.*at most 400"):
-        intensity_by_source([SourceZones("a", zones, 0.5, "x" * 401)], **LV95)
-    assert hazard_area([], [], **LV95).frame.empty
+        of_source(0.5, "x" * 401)
 
 
 @pytest.mark.parametrize("probability", [-0.01, 1.01, "0.5"])
 def test_probability_limits(probability: Any) -> None:
-    zones = [IntensityZones(30, False, [ZONE], ["low"])]
     with pytest.raises(InputError, match=r"subscenario_probability.*0 to 1"):
-        intensity_by_source([SourceZones("a", zones, probability)], **LV95)
+        of_source(probability)
 
 
 def test_codes_of_the_rest() -> None:
     with pytest.raises(InputError, match="data_responsibility"):
-        assessment_area([ZONE], **{**LV95, "canton": "XX"})
+        made.layer("assessment_area", [(ZONE, {})], **{**LV95, "canton": "XX"})
     with pytest.raises(InputError, match="rf_state_rock_fall"):
-        assessment_area([ZONE], rock_fall_state="done", **LV95)
+        made.layer("assessment_area", [(ZONE, {"rf_state_rock_fall": "done"})], **LV95)
     with pytest.raises(InputError, match="sources_complete"):
-        hazard_area([ZONE], ["mean"], sources_complete="yes", **LV95)
-    with pytest.raises(InputError, match="1 codes; expected 2"):
-        hazard_area([ZONE, ZONE], ["mean"], **LV95)
-    assert len(CANTONS) == len(set(CANTONS)) == 27
+        levels([ZONE], ["mean"], sources_complete="yes")
+    assert len(CODES["canton"]) == len(set(CODES["canton"])) == 27
 
 
 def test_federal_layers_need_federal_coordinates() -> None:
     for crs in ("EPSG:32632", None, ""):
         with pytest.raises(InputError, match="EPSG:2056"):
-            hazard_area([], [], crs=crs, federal=True, canton=None)
+            made.layer("hazard_area", [], crs=crs, federal=True, canton=None)
 
 
 def test_abroad_the_layers_are_the_same_but_claim_nothing() -> None:
     zone = box(680_000, 5_150_000, 680_100, 5_150_100)
     abroad: dict[str, Any] = {"crs": "EPSG:32632", "federal": False, "canton": None}
-    layer = hazard_area([zone], ["H4"], **abroad)
+    layer = made.layer("hazard_area", made.level_rows([zone], ["H4"]), **abroad)
     assert layer.columns == ["fid", *COLUMNS["hazard_area"]]
     assert "166.1" not in layer.description and layer.frame.crs.to_epsg() == 32632
     assert all("166.1" not in info.description for info in layer.fields.values())
     assert "166.1" not in federal_note(False) and "166.1" in federal_note(True)
     # What holds everywhere still holds.
     with pytest.raises(InputError, match="unless the scenario is extreme"):
-        synoptic_intensity([IntensityZones(None, False, [zone], ["low"])], **abroad)
+        rows = intensity_rows([IntensityZones(None, False, [zone], ["low"])])
+        made.layer("synoptic_intensity", list(rows), **abroad)
 
 
 def test_where_the_model_holds() -> None:
@@ -324,12 +314,10 @@ def test_short_names_differ(names: list[str]) -> None:
 
 
 def test_names_of_sources_are_cut_so_that_they_differ() -> None:
-    zones = [IntensityZones(30, False, [ZONE], ["low"])]
-    stem = "x" * 60
-    layer = intensity_by_source([SourceZones(stem + e, zones) for e in "ab"], **LV95)
-    assert layer.frame["process_source"].tolist() == ["x" * 50, "x" * 48 + "~2"]
+    short = unique_short_names(["x" * 60 + e for e in "ab"])
+    assert list(short.values()) == ["x" * 50, "x" * 48 + "~2"]
     with pytest.raises(InputError, match="no name"):
-        intensity_by_source([SourceZones(" ", zones)], **LV95)
+        unique_short_names([" "])
 
 
 def test_shortened() -> None:
@@ -339,8 +327,8 @@ def test_shortened() -> None:
 
 
 def test_legend_has_the_colours_of_the_levels_and_a_hatch_for_residual() -> None:
-    style = hazard_area([], [], **LV95).style
-    assert {c.value for c in style.classes} == set(HAZARD_LEVELS)
+    style = levels([], []).style
+    assert {c.value for c in style.classes} == {level.code for level in preset().levels}
     hatched = {c.value: c.symbol.hatch for c in style.classes}
     assert hatched["residual_hazard"] == "diagonal" and hatched["mean"] == ""
     level_colours = {c.symbol.colour for c in style.classes} - {"#ffffff"}
@@ -350,7 +338,7 @@ def test_legend_has_the_colours_of_the_levels_and_a_hatch_for_residual() -> None
 
 def test_legend_of_a_preset() -> None:
     own = HazardLevel("residual_hazard", "pericolo residuo", "#abcdef", True, Provenance("x", True))
-    (entry,) = hazard_area([], [], legend=[own], **LV95).style.classes
+    (entry,) = made.layer("hazard_area", [], legend=[own], **LV95).style.classes
     assert (entry.label, entry.symbol.colour, entry.symbol.hatch) == (
         "pericolo residuo",
         "#abcdef",
@@ -360,5 +348,5 @@ def test_legend_of_a_preset() -> None:
 
 def test_multipolygons_of_a_code_keep_it() -> None:
     two = MultiPolygon([made.CORE, made.STEPS])
-    frame = hazard_area([two, ZONE], ["slight", "mean"], **LV95).frame
+    frame = levels([two, ZONE], ["slight", "mean"]).frame
     assert frame["hazard_level"].tolist() == ["slight", "slight", "mean"]

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 import sassgis.io.qgis
 from sassgis.hazard.zone_styles import ZONE_OPACITY
+from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.qgis.layout import (
     PAGES,
     SCALE_NUMBERS,
@@ -27,7 +28,6 @@ from sassgis.io.qgis.layout import (
     round_length,
     round_scale,
 )
-from sassgis.io.qgis.sheet_legend import ShownLayer
 from sassgis.io.qgis.text_size import text_width, wrapped
 
 SYSTEM_PYTHON = "/usr/bin/python3"
@@ -91,12 +91,12 @@ def test_a_number_stays_with_its_per_cent() -> None:
     assert wrapped(line, text_width("a" * 10 + " 95", 8.0) + 0.1, 8.0) == ["a" * 10, "95\u00a0% of"]
 
 
-def shown() -> dict[str, ShownLayer]:
+def shown() -> dict[str, LayerEntry]:
     layers = made_up.vector_layers() | made_up.zone_layers()
     maps = made_up.raster_layers(made_up.grid())
     return {
-        **{f"vector_{k}": ShownLayer(f"vector_{k}", "", v) for k, v in layers.items()},
-        **{f"raster_{k}": ShownLayer(f"raster_{k}", "", v) for k, v in maps.items()},
+        **{f"vector_{k}": LayerEntry(v, "") for k, v in layers.items()},
+        **{f"raster_{k}": LayerEntry(v, "") for k, v in maps.items()},
     }
 
 
@@ -334,7 +334,7 @@ def test_equal_names_are_refused(tmp_path: Path) -> None:
 
 
 def test_groups_within_groups_keep_their_order() -> None:
-    from sassgis.io.qgis.project import LayerEntry, LayerGroup
+    from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 
     a, b, c = (LayerEntry(v, "x.gpkg") for v in list(made_up.zone_layers().values())[:3])
     group = LayerGroup("outer", (a, LayerGroup("inner", (b,)), c))

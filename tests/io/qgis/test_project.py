@@ -15,7 +15,8 @@ import pytest
 from helpers import made_up_result as made_up
 
 from sassgis.hazard.zone_styles import ZONE_OPACITY
-from sassgis.io.qgis.project import LayerEntry, LayerGroup, write_project
+from sassgis.io.qgis.entries import LayerEntry, LayerGroup
+from sassgis.io.qgis.project import write_project
 from sassgis.model.styles import RASTER_OPACITY
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")

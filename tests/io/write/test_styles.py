@@ -6,14 +6,14 @@ import math
 from itertools import pairwise
 from xml.etree import ElementTree as ET
 
+import geopandas as gpd
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sassgis.io.qgis.markup import qml
-from sassgis.io.qgis.raster_style import raster_style_elements
-from sassgis.io.qgis.vector_style import vector_renderer
+from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.results import Band, RasterLayer
 from sassgis.model.styles import (
     STOP_STYLE,
@@ -36,7 +36,12 @@ breaks_lists = st.lists(
 def shader_items(values: list[float], breaks: tuple[float, ...], unit: str) -> list[ET.Element]:
     band = Band("a", "A", unit, np.asarray([values], np.float32))
     layer = RasterLayer("a", "A", "", (band,), breaks, "viridis")
-    return list(raster_style_elements(layer)[0].iter("item"))
+    return list(ET.fromstring(qml(layer)).iter("item"))
+
+
+def drawn(style: VectorStyle) -> ET.Element:
+    frame = gpd.GeoDataFrame({style.column: []}, geometry=[])
+    return ET.fromstring(qml(VectorLayer("a", "A", "", frame, style=style)))
 
 
 @given(breaks_lists)
@@ -89,14 +94,14 @@ def test_a_ramp_over_the_range_of_the_data() -> None:
 @pytest.mark.parametrize(("unit", "transparent"), [("kJ", True), ("1", True), ("m", False)])
 def test_zero_is_transparent_where_it_means_nothing(unit: str, transparent: bool) -> None:
     band = Band("a", "A", unit, np.ones((2, 2), np.float32))
-    pipe = raster_style_elements(RasterLayer("a", "A", "", (band,), (), "viridis"))[0]
+    pipe = ET.fromstring(qml(RasterLayer("a", "A", "", (band,), (), "viridis")))
     assert (pipe.find(".//pixelListEntry") is not None) is transparent
 
 
 def test_ranges_are_listed_from_the_highest() -> None:
     symbol = Symbol("line", "#000000")
     classes = (StyleClass("low", symbol, upper=30), StyleClass("high", symbol, lower=30))
-    renderer = vector_renderer(VectorStyle(symbol, "ranges", "e", classes))
+    renderer = drawn(VectorStyle(symbol, "ranges", "e", classes))
     assert [entry.get("label") for entry in renderer.iter("range")] == ["high", "low"]
     assert [entry.get("symbol") for entry in renderer.iter("range")] == ["1", "0"]
 
@@ -113,9 +118,10 @@ def test_a_style_must_hang_together() -> None:
 
 def test_text_is_escaped() -> None:
     symbol = Symbol("fill", "#ff0000", outline="#00ff00", hatch="diagonal")
-    style = VectorStyle(symbol, "categories", "a<b", (StyleClass("<&>\"'", symbol, value="ü"),))
-    root = ET.fromstring(qml([vector_renderer(style)]))
-    entry = root.find(".//category")
+    style = VectorStyle(
+        symbol, "categories", "a<b", (StyleClass("<&>\"'\x07\n.", symbol, value="ü"),)
+    )
+    entry = drawn(style).find(".//category")
     assert entry is not None
-    assert (entry.get("label"), entry.get("value")) == ("<&>\"'", "ü")
+    assert (entry.get("label"), entry.get("value")) == ("<&>\"'\n.", "ü")
     assert FieldInfo("Height", "m").label == "Height (m)"

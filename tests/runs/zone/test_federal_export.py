@@ -50,7 +50,7 @@ def test_the_zoning_of_the_demo_is_accepted(
 ) -> None:
     found = exported(make_valley(), tmp_path, official_models, "TI")
     assert found.accepted, refused(found)
-    assert all(count > 0 for count in found.summary.objects.values()), found.summary.objects
+    assert all(count > 0 for count in found.objects.values()), found.objects
     indicated, levels = (
         gpd.read_file(tmp_path / "out" / "hazard.gpkg", layer=name)
         for name in ("indicative_hazard_area", "hazard_area")
@@ -81,5 +81,5 @@ def test_a_zoning_of_the_size_of_a_valley_in_tyrol_is_accepted(
     (tmp_path / "config.toml").write_text(TIROL)
     found = exported(tmp_path / "config.toml", tmp_path, official_models, None)
     assert found.accepted, refused(found)
-    assert min(found.summary.objects.values()) > 0
-    assert found.summary.objects["intensity_by_source"] > 100
+    assert min(found.objects.values()) > 0
+    assert found.objects["intensity_by_source"] > 100

@@ -22,70 +22,48 @@ from sassgis.hazard.stored_result import StoredResult
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.write.layers.maps import described_band, described_raster
 from sassgis.io.write.layers.zones import change_table, changes, level_changes
-from sassgis.model.grid import FloatArray
 from sassgis.model.labels import rounded
-from sassgis.model.results import Band, RasterClass, RasterLayer
+from sassgis.model.results import RasterClass, RasterLayer
 
-_RAMP = "RdBu_r"
 #: Limits of the legend: as much below as above zero.
 _BREAKS = {
     "reach_probability": (-0.3, -0.1, -0.03, -0.01, 0.01, 0.03, 0.1, 0.3),
     "energy": (-300.0, -100.0, -30.0, -10.0, 10.0, 30.0, 100.0, 300.0),
     "passing_height": (-3.0, -1.0, -0.3, -0.1, 0.1, 0.3, 1.0, 3.0),
 }
-NOTHING = "Cells that no block reaches count as zero."
 
 
 def change_layers(before: StoredResult, after: StoredResult) -> tuple[RasterLayer, ...]:
-    """Maps of the change, each with bands of the value before and after.
-
-    Parameters
-    ----------
-    before, after : StoredResult
-        On the same cells.
-    """
+    """Maps of the change on the same cells, each with bands of the value before and after."""
     return tuple(_change_layer(m, before, after) for m in compared_maps(before, after))
 
 
 def _change_layer(compared: ComparedMap, before: StoredResult, after: StoredResult) -> RasterLayer:
     old, new = (r.band(compared.stem, compared.band) for r in (before, after))
-    unit = compared.unit
-    words = f"Change of the {compared.title[0].lower()}{compared.title[1:]}, after less before"
-    width = f" Width {before.grid.cell_size:.4g} m (one cell)." if compared is REACH else ""
-    return RasterLayer(
-        f"{compared.stem}_change",
-        words + (f" ({unit})" if unit != "1" else ""),
-        NOTHING + width,
-        (
-            Band("change", words, unit, difference(old, new).astype(np.float32)),
-            Band("before", f"{compared.title}, before", unit, old.astype(np.float32)),
-            Band("after", f"{compared.title}, after", unit, new.astype(np.float32)),
-        ),
-        _BREAKS[compared.stem],
-        _RAMP,
-    )
+    values = {"change": difference(old, new), "before": old, "after": new}
+    words: dict[str, Any] = {
+        "title": compared.title,
+        "what": f"{compared.title[0].lower()}{compared.title[1:]}",
+        "unit": compared.unit,
+        "in_unit": f" ({compared.unit})" if compared.unit != "1" else "",
+        "width": f" Width {before.grid.cell_size:.4g} m (one cell)." if compared is REACH else "",
+    }
+    bands = [described_band("change", name, own, **words) for name, own in values.items()]
+    stem = f"{compared.stem}_change"
+    return described_raster("change", bands, _BREAKS[compared.stem], "RdBu_r", stem=stem, **words)
 
 
 def level_change_layer(before: StoredResult, after: StoredResult) -> RasterLayer:
     """Where the hazard level is higher or lower, with bands of the level before and after."""
+    key = "hazard_level_change"
     old, new = (r.band(LEVEL, "level") for r in (before, after))
+    values = {"change": 2.0 + np.sign(difference(old, new)), "before": old, "after": new}
+    bands = [described_band(key, name, own) for name, own in values.items()]
     kinds = [RasterClass(i, *LEVEL_CHANGES[c]) for i, c in enumerate(LEVEL_CHANGES, start=1)]
-    change: FloatArray = 2.0 + np.sign(difference(old, new))
-    legend = "; ".join(f"{c.value} {c.label}" for c in after.maps[LEVEL].classes)
-    return RasterLayer(
-        "hazard_level_change",
-        "Change of the hazard level",
-        f"Cells, after compared with before. Levels: {legend}.",
-        (
-            Band("change", "Change of the hazard level", "class", change.astype(np.float32)),
-            Band("before", "Hazard level, before", "class", old.astype(np.float32)),
-            Band("after", "Hazard level, after", "class", new.astype(np.float32)),
-        ),
-        (),
-        "",
-        tuple(kinds),
-    )
+    levels = "; ".join(f"{c.value} {c.label}" for c in after.maps[LEVEL].classes)
+    return described_raster(key, bands, classes=kinds, levels=levels)
 
 
 def zone_changes(
@@ -96,14 +74,7 @@ def zone_changes(
         return None
     both = changes(*(_one_class_each(r.zones) for r in (before, after) if r.zones is not None))
     labels = [c.label for c in sorted(after.maps[LEVEL].classes, key=lambda c: c.value)]
-    layer = level_changes(
-        both,
-        _codes(before, after),
-        after.grid.crs,
-        "Change of the hazard zones",
-        "Hazard level of the zones before and after.",
-        ("level before", "level after"),
-    )
+    layer = level_changes(both, _codes(before, after), after.grid.crs, "level_changes.compared")
     return layer, change_table(both, labels, "level_before")
 
 
@@ -124,17 +95,15 @@ def _codes(before: StoredResult, after: StoredResult) -> list[str]:
 
 def change_rows_table(rows: Sequence[ChangeRow]) -> pd.DataFrame:
     """Every number before and after, a row each."""
-    columns: dict[str, list[Any]] = {
-        "part": [r.part for r in rows],
-        "name": [r.name for r in rows],
-        "quantity": [r.quantity for r in rows],
-        "unit": [r.unit for r in rows],
-        **{
-            name: [rounded(getattr(r, name), 6) for r in rows]
-            for name in ("before", "after", "change")
-        },
-    }
-    return pd.DataFrame(columns)
+    columns = ["part", "name", "quantity", "unit", "before", "after", "change"]
+    return pd.DataFrame(
+        [
+            [r.part, r.name, r.quantity, r.unit]
+            + [rounded(v, 6) for v in (r.before, r.after, r.change)]
+            for r in rows
+        ],
+        columns=columns,
+    )
 
 
 def difference_table(differences: Sequence[SettingChange]) -> pd.DataFrame:

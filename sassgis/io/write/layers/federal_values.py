@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import pandas as pd
 import shapely
 
+from sassgis.io.qgis.markup import NO_XML
 from sassgis.io.write.layers.federal_model import (
     DECIMALS,
     FEDERAL_EXTENT,
@@ -19,9 +19,6 @@ from sassgis.io.write.layers.federal_model import (
     FederalClass,
 )
 from sassgis.model.errors import InputError
-
-#: Characters that XML cannot hold.
-_NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def checked_values(
@@ -32,26 +29,16 @@ def checked_values(
     optional: tuple[str, ...] = (),
     file: Path | None = None,
 ) -> dict[str, Any]:
-    """Values of one feature as the model has them.
+    """Values of one feature as the model has them: plain str, int, float, bool or None.
 
     Parameters
     ----------
-    kind : FederalClass
-    values : mapping of str to object
-        By attribute.
     where : str
-        How messages speak of the feature.
+        How messages speak of the feature; they name ``file``.
     federal : bool
         Whether codes must be those of the model.
     optional : tuple of str
         Attributes that may be empty nevertheless.
-    file : Path, optional
-        Named by messages.
-
-    Returns
-    -------
-    dict of str to object
-        Plain str, int, float, bool or None.
 
     Raises
     ------
@@ -74,14 +61,14 @@ def checked_values(
         value = plain(values.get(attribute.name))
         if value is None:
             if attribute.required and attribute.name not in optional:
-                raise refused(attribute.name, "value is missing", None, _expected(attribute))
+                raise refused(attribute.name, "value is missing", None, attribute.expected)
         else:
             value = _of_kind(attribute, value, federal)
             if value is None:
                 found = plain(values.get(attribute.name))
-                if isinstance(found, str) and attribute.longest is not None:
+                if isinstance(found, str) and attribute.longest:
                     found = f"{len(found)} characters"
-                raise refused(attribute.name, "value cannot be used", found, _expected(attribute))
+                raise refused(attribute.name, "value cannot be used", found, attribute.expected)
         checked[attribute.name] = value
     if broken := _broken_rule(checked):
         raise refused(*broken)
@@ -117,7 +104,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, str):
-        return " ".join(_NO_XML.sub("", value).split()) or None
+        return " ".join(NO_XML.sub("", value).split()) or None
     return value
 
 
@@ -138,36 +125,11 @@ def _of_kind(attribute: Attribute, value: Any, federal: bool) -> Any:
         return None
     if attribute.kind == "code":
         return value if not federal or value in attribute.codes else None
-    return value if attribute.longest is None or len(value) <= attribute.longest else None
-
-
-def _expected(attribute: Attribute) -> str:
-    if attribute.kind == "boolean":
-        return "true or false"
-    if attribute.kind == "code":
-        return f"one of {', '.join(attribute.codes)}"
-    if attribute.kind == "text":
-        return "a text" + (
-            f" of at most {attribute.longest} characters" if attribute.longest else ""
-        )
-    words = "a whole number" if attribute.kind == "whole" else "a number"
-    return f"{words}, {attribute.low:g} to {attribute.high:g}"
+    return value if len(value) <= attribute.longest else None
 
 
 def unique_short_names(names: Sequence[str], longest: int = 50) -> dict[str, str]:
-    """Cut names so that they are short enough and still differ.
-
-    Parameters
-    ----------
-    names : sequence of str
-        May repeat.
-    longest : int
-        Most characters.
-
-    Returns
-    -------
-    dict of str to str
-        Short name of each. Names that are short enough stay as they are.
+    """Cut names so that they are short enough and still differ; those that are short stay.
 
     Raises
     ------
@@ -205,20 +167,8 @@ def shortened(text: str, longest: int = 400) -> str:
 def surface_parts(geometry: Any, *, where: str, file: Path | None = None) -> list[Any]:
     """Single polygons with straight edges, without heights, on coordinates of 1 mm.
 
-    Corners that polygons share stay shared. What vanishes on the grid of 1 mm is left out.
-
-    Parameters
-    ----------
-    geometry : Polygon or MultiPolygon
-    where : str
-        How messages speak of it.
-    file : Path, optional
-        Named by messages.
-
-    Returns
-    -------
-    list of Polygon
-        Valid, not empty.
+    Corners that polygons share stay shared. What vanishes on the grid of 1 mm is left out. Messages
+    name ``where`` and ``file``.
 
     Raises
     ------
@@ -261,12 +211,7 @@ def _on_millimetres(polygon: Any) -> list[Any]:
 
 
 def check_extent(geometries: Sequence[Any], *, field: str, file: Path | None = None) -> None:
-    """Refuse coordinates outside the extent of the federal model.
-
-    Raises
-    ------
-    InputError
-    """
+    """Raise InputError for coordinates outside the extent of the federal model."""
     if not len(geometries) or shapely.is_empty(geometries).all():
         return
     west, south, east, north = shapely.total_bounds(geometries).tolist()

@@ -1,10 +1,10 @@
-"""Outlines of the cells that blocks reach."""
+"""Outlines of cells."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
-import geopandas as gpd
 import numpy as np
 import rasterio.features
 import shapely
@@ -14,44 +14,29 @@ from rasterio.transform import Affine
 from sassgis.model.grid import Grid
 
 
-def footprints(
-    probability: NDArray[np.float32], grid: Grid, levels: Sequence[float]
-) -> gpd.GeoDataFrame:
-    """Areas where the reach probability is at least each of some levels.
+def cell_outlines(numbers: NDArray[Any], grid: Grid) -> Iterator[tuple[Any, int]]:
+    """Patches of cells with the same number above 0: outline with the corners of cells, number.
 
-    Parameters
-    ----------
-    probability : float32, shape of the grid
-        NaN where no block arrives.
-    grid : Grid
-    levels : sequence of float
-        0 means every cell that a block reaches.
-
-    Returns
-    -------
-    GeoDataFrame
-        A row per level that is reached: columns ``level``, ``area_m2`` and the outline, with the
-        corners of the cells. Cells that touch at a corner only are parts of their own.
+    Cells that touch at a corner only are patches of their own.
     """
     transform = Affine(grid.cell_size, 0.0, grid.west, 0.0, -grid.cell_size, grid.north)
-    rows = []
+    for outline, value in rasterio.features.shapes(
+        numbers, mask=numbers > 0, transform=transform, connectivity=4
+    ):
+        yield shapely.geometry.shape(outline), int(value)
+
+
+def footprints(
+    probability: NDArray[np.float32], grid: Grid, levels: Sequence[float]
+) -> dict[float, Any]:
+    """Areas where the reach probability is at least each of some levels, ascending.
+
+    The probability has the shape of the grid and is NaN where no block arrives. Level 0 means every
+    cell that a block reaches. Levels that no cell has are left out.
+    """
+    outlines = {}
     for level in sorted(levels):
-        mask = np.nan_to_num(probability, nan=-1.0) >= max(level, 1e-300)
-        if not mask.any():
-            continue
-        parts = [
-            shapely.geometry.shape(geometry)
-            for geometry, _ in rasterio.features.shapes(
-                mask.astype(np.uint8), mask=mask, transform=transform, connectivity=4
-            )
-        ]
-        outline = shapely.MultiPolygon(list(shapely.get_parts(parts)))
-        rows.append({"level": float(level), "area_m2": outline.area, "geometry": outline})
-    return gpd.GeoDataFrame(
-        {
-            "level": np.array([r["level"] for r in rows], float),
-            "area_m2": np.array([r["area_m2"] for r in rows], float),
-        },
-        geometry=[r["geometry"] for r in rows],
-        crs=grid.crs or None,
-    )
+        reached = (np.nan_to_num(probability, nan=-1.0) >= max(level, 1e-300)).astype(np.uint8)
+        if parts := [part for part, _ in cell_outlines(reached, grid)]:
+            outlines[float(level)] = shapely.MultiPolygon(list(shapely.get_parts(parts)))
+    return outlines

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import geopandas as gpd
 import numpy as np
 import shapely
 
@@ -21,11 +20,10 @@ from sassgis.gap.words import (
     significance,
     tested_by,
 )
-from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.styles import (
     FALL_LINE_STYLE,
     STATION_STYLE,
-    FieldInfo,
     StyleClass,
     Symbol,
     VectorStyle,
@@ -40,15 +38,9 @@ _GAP_CLASSES = (
     ("less", "less observed, significant", "#0072b2"),
     ("more", "more observed, significant", "#d55e00"),
 )
-
-
 _REACH_WIDTH_MM = 1.4
-
-
 #: How far drawn stretches may lie from the fall lines, in cells.
 _DRAWN_CELLS = 0.1
-
-
 #: A forest along fall lines reaches this far to their sides, and further to join (m).
 _STAND_SIDE_M, _STAND_SIDE_MAX_M = 15.0, 60.0
 
@@ -61,63 +53,37 @@ def _shown_as(finding: GapFinding) -> str:
     return side if sure == "sure" else f"{side}_likely"
 
 
-_FINDING_FIELDS = {
-    "place": FieldInfo("place"),
-    "phase": FieldInfo("phase of motion"),
-    "quantity": FieldInfo("quantity"),
-    "unit": FieldInfo("unit"),
-    "gap": FieldInfo("observed less predicted", "", "in the unit of the quantity"),
-    "ci95_low": FieldInfo("lower limit of the gap", "", "95 % interval, rocks resampled"),
-    "ci95_high": FieldInfo("upper limit of the gap", "", "95 % interval, rocks resampled"),
-    "observed": FieldInfo("observed, mean"),
-    "predicted": FieldInfo("predicted, mean"),
-    "rocks": FieldInfo("rocks"),
-    "p_adjusted": FieldInfo("p, adjusted", "", "largest gap over all findings"),
-    "q_value": FieldInfo("q", "", "share of false findings among those up to this one"),
-    "test": FieldInfo("how it was tested"),
-    "shown_as": FieldInfo("shown as"),
-    "label": FieldInfo("label", "", "of the most certain finding of a place"),
-}
-
-
-def _finding_columns(findings: Sequence[GapFinding], labelled: set[int]) -> dict[str, Any]:
-    columns: dict[str, Any] = {
+def _finding_columns(findings: Sequence[GapFinding]) -> dict[str, Any]:
+    labelled = {id(f) for f in {f.place: f for f in findings}.values()}
+    numbers = {
+        "gap": [f.gap for f in findings],
+        "ci95_low": [f.ci95[0] for f in findings],
+        "ci95_high": [f.ci95[1] for f in findings],
+        "observed": [f.observed for f in findings],
+        "predicted": [f.predicted for f in findings],
+    }
+    return {
         "place": [f.place for f in findings],
         "phase": [f.phase for f in findings],
         "quantity": [quantity_name(f.quantity) for f in findings],
         "unit": [f.unit for f in findings],
+        **{k: np.array([float(f"{v:.5g}") for v in own], float) for k, own in numbers.items()},
+        "rocks": np.array([f.rocks for f in findings], np.int64),
+        "p_adjusted": np.array([f.p_adjusted for f in findings], float),
+        "q_value": np.array([f.q_value for f in findings], float),
+        "test": [tested_by(f.test) for f in findings],
+        "shown_as": [_shown_as(f) for f in findings],
+        # The most certain of a place comes last.
+        "label": [
+            finding_label(f) if id(f) in labelled and significance(f) != "open" else None
+            for f in findings
+        ],
     }
-    for name, values in (
-        ("gap", [f.gap for f in findings]),
-        ("ci95_low", [f.ci95[0] for f in findings]),
-        ("ci95_high", [f.ci95[1] for f in findings]),
-        ("observed", [f.observed for f in findings]),
-        ("predicted", [f.predicted for f in findings]),
-    ):
-        columns[name] = np.array([float(f"{v:.5g}") for v in values], float)
-    columns["rocks"] = np.array([f.rocks for f in findings], np.int64)
-    columns["p_adjusted"] = np.array([f.p_adjusted for f in findings], float)
-    columns["q_value"] = np.array([f.q_value for f in findings], float)
-    columns["test"] = [tested_by(f.test) for f in findings]
-    columns["shown_as"] = [_shown_as(f) for f in findings]
-    columns["label"] = [
-        finding_label(f) if id(f) in labelled and significance(f) != "open" else None
-        for f in findings
-    ]
-    return columns
 
 
 def _drawing_order(findings: Sequence[GapFinding]) -> list[GapFinding]:
     """Least certain first, so that the others lie on top."""
     return sorted(findings, key=lambda f: (-f.p_adjusted, -f.q_value))
-
-
-def _most_certain(findings: Sequence[GapFinding]) -> set[int]:
-    """Identities of the most certain finding of each place."""
-    best: dict[str, GapFinding] = {}
-    for finding in _drawing_order(findings):
-        best[finding.place] = finding
-    return {id(f) for f in best.values()}
 
 
 def _gap_style(symbol: Symbol) -> VectorStyle:
@@ -130,25 +96,13 @@ def _gap_style(symbol: Symbol) -> VectorStyle:
 def gap_points(case: Case, diagnosis: Diagnosis) -> VectorLayer:
     """Gaps at stations, ground classes or the whole slope, as points."""
     chosen = _drawing_order([f for f in diagnosis.where if not _on_lines(f)])
-    known = [math.isfinite(f.x) and math.isfinite(f.y) for f in chosen]
-    frame = gpd.GeoDataFrame(
-        _finding_columns(chosen, _most_certain(chosen)),
-        geometry=[
-            shapely.Point(f.x, f.y) if ok else None for f, ok in zip(chosen, known, strict=True)
-        ],
-        crs=case.grid.crs or None,
-    )
-    return VectorLayer(
-        "gap_points",
-        "Gap at stations",
-        "Observed less predicted, at stations and for places without a stretch of their own. The "
-        "most certain of a place lies on top and has the label.",
-        frame,
-        _FINDING_FIELDS,
-        style=_gap_style(
-            Symbol("marker", "#9a9a9a", size_mm=3.2, outline="#1a1a1a", outline_mm=0.2)
-        ),
-    )
+    places = [
+        shapely.Point(f.x, f.y) if math.isfinite(f.x) and math.isfinite(f.y) else None
+        for f in chosen
+    ]
+    symbol = Symbol("marker", "#9a9a9a", size_mm=3.2, outline="#1a1a1a", outline_mm=0.2)
+    columns = _finding_columns(chosen)
+    return described_layer("gap_points", columns, places, case.grid.crs, _gap_style(symbol))
 
 
 def _on_lines(finding: GapFinding) -> bool:
@@ -170,23 +124,13 @@ def gap_stretches(case: Case, diagnosis: Diagnosis) -> VectorLayer:
             # Drawn alike, and many findings share a stretch.
             lines = shapely.MultiLineString(parts)
             shapes.append(shapely.simplify(lines, _DRAWN_CELLS * case.grid.cell_size))
-    columns = _finding_columns(rows, _most_certain(rows))
-    columns["s0_m"] = np.array([round(f.s0_m, 2) for f in rows], float)
-    columns["s1_m"] = np.array([round(f.s1_m, 2) for f in rows], float)
-    frame = gpd.GeoDataFrame(columns, geometry=shapes, crs=case.grid.crs or None)
-    return VectorLayer(
-        "gap_stretches",
-        "Gap along the fall lines",
-        "Observed less predicted, on the stretch of every fall line to which it belongs. The most "
-        "certain of a stretch lies on top and has the label.",
-        frame,
-        {
-            **_FINDING_FIELDS,
-            "s0_m": FieldInfo("from chainage", "m", "mean over the fall lines"),
-            "s1_m": FieldInfo("to chainage", "m", "mean over the fall lines"),
-        },
-        style=_gap_style(Symbol("line", "#9a9a9a", opacity=0.85, size_mm=_REACH_WIDTH_MM)),
-    )
+    columns = {
+        **_finding_columns(rows),
+        "s0_m": np.array([round(f.s0_m, 2) for f in rows], float),
+        "s1_m": np.array([round(f.s1_m, 2) for f in rows], float),
+    }
+    style = _gap_style(Symbol("line", "#9a9a9a", opacity=0.85, size_mm=_REACH_WIDTH_MM))
+    return described_layer("gap_stretches", columns, shapes, case.grid.crs, style)
 
 
 def station_layer(case: Case) -> VectorLayer:
@@ -201,29 +145,15 @@ def station_layer(case: Case) -> VectorLayer:
         s = case.stations.s[used_lines(case), i]
         known = s[np.isfinite(s)]
         chainage.append(float(np.median(known)) if known.size else math.nan)
-    frame = gpd.GeoDataFrame(
-        {
-            "name": names,
-            "chainage_m": np.round(np.array(chainage, float), 2),
-            "rocks": np.array(
-                [np.unique(own[(passed.station == n) & (own >= 0)]).size for n in names], np.int64
-            ),
-        },
-        geometry=[shapely.LineString(table.vertices[i]) for i in rows],
-        crs=case.grid.crs or None,
-    )
-    return VectorLayer(
-        "stations",
-        "Stations",
-        "Lines at which passing rocks were observed.",
-        frame,
-        {
-            "name": FieldInfo("name"),
-            "chainage_m": FieldInfo("chainage", "m", "median over the fall lines"),
-            "rocks": FieldInfo("observed rocks"),
-        },
-        style=STATION_STYLE,
-    )
+    columns = {
+        "name": names,
+        "chainage_m": np.round(np.array(chainage, float), 2),
+        "rocks": np.array(
+            [np.unique(own[(passed.station == n) & (own >= 0)]).size for n in names], np.int64
+        ),
+    }
+    shapes = [shapely.LineString(table.vertices[i]) for i in rows]
+    return described_layer("stations.observed", columns, shapes, case.grid.crs, STATION_STYLE)
 
 
 def fall_line_layer(case: Case) -> VectorLayer:
@@ -236,33 +166,12 @@ def fall_line_layer(case: Case) -> VectorLayer:
     for i in lines:
         own = slice(int(traces.offset[i]), int(traces.offset[i + 1]))
         shapes.append(shapely.LineString(np.column_stack([traces.x[own], traces.y[own]])))
-    frame = gpd.GeoDataFrame(
-        {
-            "rocks": np.array([len(r) for r in rocks], np.int64),
-            "rock_ids": [", ".join(str(n) for n in r) for r in rocks],
-            "length_m": np.array([round(shape.length, 2) for shape in shapes], float),
-        },
-        geometry=shapes,
-        crs=case.grid.crs or None,
-    )
-    return VectorLayer(
-        "fall_lines",
-        "Fall lines",
-        "Fall lines of the observed rocks, in whose planes they are simulated.",
-        frame,
-        {
-            "rocks": FieldInfo("observed rocks"),
-            "rock_ids": FieldInfo("names of the rocks"),
-            "length_m": FieldInfo("length in plan", "m"),
-        },
-        style=FALL_LINE_STYLE,
-    )
-
-
-def _rock_names(case: Case, table: str) -> list[str]:
-    """The rock that each row belongs to; empty for unattributed blocks."""
-    names = case.observations.rock_names
-    return [names[i] if i >= 0 else "" for i in case.observations.rock_of(table).tolist()]
+    columns = {
+        "rocks": np.array([len(r) for r in rocks], np.int64),
+        "rock_ids": [", ".join(str(n) for n in r) for r in rocks],
+        "length_m": np.array([round(shape.length, 2) for shape in shapes], float),
+    }
+    return described_layer("fall_lines.observed", columns, shapes, case.grid.crs, FALL_LINE_STYLE)
 
 
 def _predicted_runout(diagnosis: Diagnosis) -> float:
@@ -276,132 +185,68 @@ def _predicted_runout(diagnosis: Diagnosis) -> float:
 
 def stop_layer(case: Case, diagnosis: Diagnosis) -> VectorLayer:
     """Observed stops, with the predicted run-out."""
-    table = case.observations.deposits
-    at = case.projected["deposits"]
+    table, at = case.observations.deposits, case.projected["deposits"]
     rows = np.flatnonzero(np.isfinite(table.x) & np.isfinite(table.y))
-    kinds = np.where(
-        case.observations.rock_of("deposits") < 0,
-        "unattributed",
-        np.where(case.observations.is_piece("deposits"), "piece", "rock"),
+    # Unattributed blocks belong to no rock.
+    rock = case.observations.rock_of("deposits")
+    names = [*case.observations.rock_names, ""]
+    pieces = case.observations.is_piece("deposits")
+    kinds = np.where(rock < 0, "unattributed", np.where(pieces, "piece", "rock"))
+    beyond = {1: "past the end of its fall line", -1: "behind its start", 0: None}
+    columns = {
+        "rock_id": table.rock_id[rows].tolist(),
+        "rock": [names[i] for i in rock[rows]],
+        "kind": kinds[rows].tolist(),
+        "mass_kg": table.mass_kg[rows],
+        "volume_m3": table.volume_m3[rows],
+        "runout_m": np.round(at.s[rows], 2),
+        "residual_m": np.round(at.s[rows] - _predicted_runout(diagnosis), 2),
+        "lateral_m": np.round(at.lateral_m[rows], 2),
+        "note": [beyond[int(b)] for b in at.beyond[rows]],
+    }
+    symbol = Symbol(
+        "marker", "#ffffff", size_mm=2.2, outline="#1a1a1a", outline_mm=0.3, shape="diamond"
     )
-    beyond = {1: "past the end of its fall line", -1: "behind its start", 0: ""}
-    frame = gpd.GeoDataFrame(
-        {
-            "rock_id": table.rock_id[rows].tolist(),
-            "rock": [_rock_names(case, "deposits")[i] for i in rows],
-            "kind": kinds[rows].tolist(),
-            "mass_kg": table.mass_kg[rows],
-            "volume_m3": table.volume_m3[rows],
-            "runout_m": np.round(at.s[rows], 2),
-            "residual_m": np.round(at.s[rows] - _predicted_runout(diagnosis), 2),
-            "lateral_m": np.round(at.lateral_m[rows], 2),
-            "note": [beyond[int(b)] or None for b in at.beyond[rows]],
-        },
-        geometry=shapely.points(table.x[rows], table.y[rows]),
-        crs=case.grid.crs or None,
+    grey = dataclasses.replace(symbol, colour="#9a9a9a")
+    classes = (
+        StyleClass("rock", symbol, value="rock"),
+        StyleClass("piece", dataclasses.replace(symbol, size_mm=1.4), value="piece"),
+        StyleClass("unattributed block", grey, value="unattributed"),
     )
-    return VectorLayer(
-        "stops",
-        "Where observed blocks lie",
-        "Observed stops, with their place in the plane of the fall line.",
-        frame,
-        {
-            "rock_id": FieldInfo("name"),
-            "rock": FieldInfo("rock it belongs to"),
-            "kind": FieldInfo("kind", "", "rock, piece of one, or unattributed block"),
-            "mass_kg": FieldInfo("mass", "kg"),
-            "volume_m3": FieldInfo("volume", "m³"),
-            "runout_m": FieldInfo("run-out chainage", "m"),
-            "residual_m": FieldInfo(
-                "run-out less mean prediction",
-                "m",
-                "less the mean run-out of all rocks in the calibrated base model",
-            ),
-            "lateral_m": FieldInfo(
-                "lateral offset from the fall line", "m", "to the right is positive"
-            ),
-            "note": FieldInfo("note"),
-        },
-        style=VectorStyle(
-            _STOP,
-            "categories",
-            "kind",
-            (
-                StyleClass("rock", _STOP, value="rock"),
-                StyleClass("piece", dataclasses.replace(_STOP, size_mm=1.4), value="piece"),
-                StyleClass(
-                    "unattributed block",
-                    dataclasses.replace(_STOP, colour="#9a9a9a"),
-                    value="unattributed",
-                ),
-            ),
-        ),
-    )
-
-
-_STOP = Symbol("marker", "#ffffff", size_mm=2.2, outline="#1a1a1a", outline_mm=0.3, shape="diamond")
+    places = shapely.points(table.x[rows], table.y[rows])
+    style = VectorStyle(symbol, "categories", "kind", classes)
+    return described_layer("stops.observed", columns, places, case.grid.crs, style)
 
 
 def impact_layer(case: Case) -> VectorLayer:
     """Observed impacts."""
-    table = case.observations.impacts
-    at = case.projected["impacts"]
+    table, at = case.observations.impacts, case.projected["impacts"]
     rows = np.flatnonzero(np.isfinite(table.x) & np.isfinite(table.y))
     before = np.hypot(table.vt_in_mps, table.vn_in_mps)
     after = np.hypot(table.vt_out_mps, table.vn_out_mps)
     with np.errstate(divide="ignore", invalid="ignore"):
         kept = np.where(before > 0.0, (after / before) ** 2, np.nan)
-    frame = gpd.GeoDataFrame(
-        {
-            "rock_id": table.rock_id[rows].tolist(),
-            "impact": table.impact[rows].tolist(),
-            "chainage_m": np.round(at.s[rows], 2),
-            "lateral_m": np.round(at.lateral_m[rows], 2),
-            "speed_in_mps": np.round(before[rows], 3),
-            "speed_out_mps": np.round(after[rows], 3),
-            "energy_kept": np.round(kept[rows], 4),
-            "turn_deg": table.turn_deg[rows],
-        },
-        geometry=shapely.points(table.x[rows], table.y[rows]),
-        crs=case.grid.crs or None,
+    columns = {
+        "rock_id": table.rock_id[rows].tolist(),
+        "impact": table.impact[rows].tolist(),
+        "chainage_m": np.round(at.s[rows], 2),
+        "lateral_m": np.round(at.lateral_m[rows], 2),
+        "speed_in_mps": np.round(before[rows], 3),
+        "speed_out_mps": np.round(after[rows], 3),
+        "energy_kept": np.round(kept[rows], 4),
+        "turn_deg": table.turn_deg[rows],
+    }
+    symbol = Symbol(
+        "marker", "#e69f00", size_mm=1.8, outline="#1a1a1a", outline_mm=0.15, shape="triangle"
     )
-    return VectorLayer(
-        "impacts",
-        "Observed impacts",
-        "Impacts with the speeds before and after.",
-        frame,
-        {
-            "rock_id": FieldInfo("name"),
-            "impact": FieldInfo("impact"),
-            "chainage_m": FieldInfo("chainage", "m"),
-            "lateral_m": FieldInfo("lateral offset", "m", "from the fall line; right positive"),
-            "speed_in_mps": FieldInfo("speed before", "m/s"),
-            "speed_out_mps": FieldInfo("speed after", "m/s"),
-            "energy_kept": FieldInfo("share of translational energy kept"),
-            "turn_deg": FieldInfo("turn in plan", "°", "clockwise is positive"),
-        },
-        style=VectorStyle(
-            Symbol("marker", "#e69f00", size_mm=1.8, outline="#1a1a1a", outline_mm=0.15,
-                   shape="triangle")
-        ),
-    )  # fmt: skip
+    places = shapely.points(table.x[rows], table.y[rows])
+    return described_layer("impacts", columns, places, case.grid.crs, VectorStyle(symbol))
 
 
 def stand_polygon(case: Case, stand: tuple[float, float]) -> shapely.MultiPolygon:
-    """Area of a stand that lies between two chainages of the fall lines.
+    """Area of a stand between two chainages of the fall lines (m); empty where none reaches it.
 
     The stretches of the fall lines widened to both sides, as far as it takes to join neighbours.
-
-    Parameters
-    ----------
-    case : Case
-    stand : (low, high)
-        Chainages (m).
-
-    Returns
-    -------
-    MultiPolygon
-        Empty where no fall line reaches the stand.
     """
     parts = [line_stretch(case.traces, i, *stand) for i in used_lines(case)]
     lines = [shapely.LineString(p) for p in parts if len(p) > 1]
@@ -424,32 +269,13 @@ def stand_layer(case: Case, model: HypothesisModel) -> VectorLayer | None:
     stand = model.stand
     if stand is None:
         return None
+    columns = {
+        "name": ["fitted stand"],
+        "stems_per_ha": np.array([float(f"{stand.stems_per_ha:.6g}")], float),
+        "dbh_cm": np.array([float(f"{stand.dbh_cm:.6g}")], float),
+        "from_m": np.array([round(stand.s0, 2)], float),
+        "to_m": np.array([round(stand.s1, 2)], float),
+    }
     area = stand_polygon(case, (stand.s0, stand.s1))
-    frame = gpd.GeoDataFrame(
-        {
-            "name": ["fitted stand"],
-            "stems_per_ha": np.array([float(f"{stand.stems_per_ha:.6g}")], float),
-            "dbh_cm": np.array([float(f"{stand.dbh_cm:.6g}")], float),
-            "from_m": np.array([round(stand.s0, 2)], float),
-            "to_m": np.array([round(stand.s1, 2)], float),
-        },
-        geometry=[area],
-        crs=case.grid.crs or None,
-    )
-    return VectorLayer(
-        "stand",
-        "Fitted stand",
-        "Where a forest would have to stand, and how dense, to explain the observations: fitted to "
-        "them, not surveyed. Its sides are those of the fall lines of the observed rocks.",
-        frame,
-        {
-            "name": FieldInfo("name"),
-            "stems_per_ha": FieldInfo("stems", "1/ha"),
-            "dbh_cm": FieldInfo("diameter at breast height", "cm"),
-            "from_m": FieldInfo("from chainage", "m"),
-            "to_m": FieldInfo("to chainage", "m"),
-        },
-        style=VectorStyle(
-            Symbol("fill", "#238b45", opacity=0.35, outline="#00441b", outline_mm=0.3)
-        ),
-    )
+    symbol = Symbol("fill", "#238b45", opacity=0.35, outline="#00441b", outline_mm=0.3)
+    return described_layer("stand", columns, [area], case.grid.crs, VectorStyle(symbol))

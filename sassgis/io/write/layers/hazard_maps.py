@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,8 @@ from sassgis.hazard.levels import (
     rocks_factor,
 )
 from sassgis.hazard.preset_labels import energy_labels, preset_unverified
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.io.write.layers.maps import Place, described_band, described_raster, level_classes
+from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
 from sassgis.model.results import Band, RasterClass, RasterLayer
 
@@ -34,24 +36,10 @@ def hazard_layers(
 ) -> tuple[RasterLayer, ...]:
     """Maps of level, intensity, energy, return period and frequency, and how sure the level is.
 
-    Parameters
-    ----------
-    curves : HazardCurves
-        Of the cells, with the thresholds of the preset among the energies.
-    preset : HazardPreset
-    shape : (n_rows, n_cols)
-    ref_width_m : float
-        Reference width of all frequencies (m).
-    return_periods : sequence of float
-        Years for which intensity and energy are mapped, ascending.
-    confidence : float
-        Of the intervals.
-
-    Returns
-    -------
-    tuple of RasterLayer
-        Cells to which a statement does not apply are NaN: those that no block reaches, or not as
-        often.
+    Cells to which a statement does not apply are NaN: those that no block reaches, or not as often.
+    The thresholds of the preset are among the energies of the curves. Intensity and energy are
+    mapped for the return periods (years, ascending), all frequencies for the reference width (m);
+    ``confidence`` is that of the intervals.
     """
     maker = _Maker(curves, preset, shape, ref_width_m, confidence)
     return (
@@ -81,190 +69,131 @@ class _Maker:
         self._reached = self._few.rate[:, 0] > 0.0
         self._interval = rate_interval(self._few, confidence)
         self._preset = preset
-        self._shape = shape
-        self._percent = f"{100.0 * confidence:g} %"
+        self._place = Place(curves.places, shape)
         self._confidence = confidence
-        self._frequencies = (
-            "Annual frequency: onset frequency times the share of the simulated blocks that reach "
-            "the cell, summed over release areas and block scenarios. Reference width "
-            f"{ref_width_m:.4g} m."
-        )
-        self._rules = " ".join(
-            [f"Preset {preset.name} ({preset.title}).", *map(_sentence, preset_unverified(preset))]
-        )
-        self._sampled = (
-            f"{self._percent} intervals say what another sample of blocks would change, not the "
-            "error of the model, its parameters or the onset frequency."
-        )
+        percent = f"{100.0 * confidence:g} %"
+        rules = [f"{t[:1].upper()}{t[1:].rstrip('.')}." for t in preset_unverified(preset)]
+        self._words: dict[str, Any] = {
+            "percent": percent,
+            "frequencies": "Annual frequency: onset frequency times the share of the simulated "
+            "blocks that reach the cell, summed over release areas and block scenarios. Reference "
+            f"width {ref_width_m:.4g} m.",
+            "rules": " ".join([f"Preset {preset.name} ({preset.title}).", *rules]),
+            "sampled": f"{percent} intervals say what another sample of blocks would change, not "
+            "the error of the model, its parameters or the onset frequency.",
+        }
 
     def level(self) -> RasterLayer:
-        codes = hazard_level(self._few, self._preset)
-        return RasterLayer(
-            "hazard_level",
-            "Hazard level",
-            "Highest level of the matrix that the hazard curve of the cell crosses. "
-            f"{self._frequencies} {self._rules}",
-            (self._classes("level", "Hazard level", codes),),
-            (),
-            "",
-            self._level_classes(),
-        )
+        key = "hazard_level"
+        bands = [self._classes(key, "level", hazard_level(self._few, self._preset))]
+        return described_raster(key, bands, (), "", level_classes(self._preset), **self._words)
 
     def intensity(self, years: float | None) -> RasterLayer:
-        codes = intensity_class(self._few, self._preset, years)
         if years is None:
-            name, when = "intensity_extreme", "extreme event"
+            stem, when = "intensity_extreme", "extreme event"
             what = "Strongest class of intensity of any simulated block, however rare."
         else:
-            name, when = f"intensity_{years:g}", f"return period {years:g} years"
+            stem, when = f"intensity_{years:g}", f"return period {years:g} years"
             what = (
                 "Strongest class of intensity whose lower limit of energy is reached or exceeded "
                 f"at least once in {years:g} years."
             )
-        return RasterLayer(
-            name,
-            f"Intensity, {when}",
-            f"{what} {self._frequencies} {self._rules}",
-            (self._classes("intensity", f"Class of intensity, {when}", codes),),
-            (),
-            "",
-            tuple(
+        key, codes = "intensity", intensity_class(self._few, self._preset, years)
+        labels = zip(self._preset.intensities, energy_labels(self._preset), strict=True)
+        return described_raster(
+            key,
+            [self._classes(key, key, codes, when=when)],
+            classes=[
                 RasterClass(i, f"{c.label} ({span})", c.colour)
-                for i, (c, span) in enumerate(
-                    zip(self._preset.intensities, energy_labels(self._preset), strict=True), start=1
-                )
-            ),
+                for i, (c, span) in enumerate(labels, start=1)
+            ],
+            stem=stem,
+            what=what,
+            when=when,
+            **self._words,
         )
 
     def energy(self, return_periods: Sequence[float]) -> RasterLayer:
         # The longest return period is the first band, the one shown: it reaches farthest.
         periods = (*return_periods[-1:], *return_periods[:-1])
-        energies = self._curves.energies_kj
-        return RasterLayer(
-            "energy_at_return_period",
-            f"Energy once in {periods[0]:g} years (kJ)" if periods else "Energy (kJ)",
-            "Kinetic energy (translation and rotation) reached or exceeded once in the return "
-            f"period; nothing where blocks arrive less often. {self._frequencies} Interpolated "
-            f"between {energies.size} energies from {energies[0]:g} to {energies[-1]:g} kJ; where "
-            "even the last is exceeded more often, the last.",
-            tuple(
-                self._band(
-                    f"e{years:g}",
-                    f"Energy reached or exceeded once in {years:g} years",
-                    "kJ",
-                    energy_at(self._curves, years),
-                )
+        key, energies = "energy_at_return_period", self._curves.energies_kj
+        return described_raster(
+            key,
+            [
+                self._band(key, "e", energy_at(self._curves, years), f"e{years:g}", years=years)
                 for years in periods
-            ),
+            ],
             (0.0, *self._preset.thresholds_kj[1:]),
             "YlOrRd",
+            once=f" once in {periods[0]:g} years" if periods else "",
+            count=energies.size,
+            first=energies[0],
+            last=energies[-1],
+            **self._words,
         )
 
     def return_period(self) -> RasterLayer:
-        years = return_period(self._few.rate)
-        return RasterLayer(
-            "return_period",
-            "Return period of arriving blocks (years)",
-            "Mean time between blocks that reach the cell with at least the energy of the band: "
-            f"1 / frequency; nothing where none does. {self._frequencies}",
-            tuple(
-                self._band(f"t{e:g}", f"Return period of blocks {_with_energy(e)}", "years", t)
-                for e, t in zip(self._few.energies_kj, years.T, strict=True)
-            ),
-            (0.0, *self._preset.return_periods),
-            "plasma",
-        )
+        key, years = "return_period", return_period(self._few.rate)
+        bands = [
+            self._band(key, "t", t, f"t{e:g}", of_energy=_of_energy(e))
+            for e, t in zip(self._few.energies_kj, years.T, strict=True)
+        ]
+        breaks = (0.0, *self._preset.return_periods)
+        return described_raster(key, bands, breaks, "plasma", **self._words)
 
     def frequency(self) -> RasterLayer:
-        bands = []
-        error = np.sqrt(self._few.variance)
-        for i, energy in enumerate(self._few.energies_kj):
-            blocks = f"blocks {_with_energy(float(energy))}"
-            for name, what, values in (
-                ("rate", f"Frequency of {blocks}", self._few.rate),
-                ("standard_error", f"Standard error of the frequency of {blocks}", error),
-                ("lower", f"Lower limit of the frequency of {blocks}", self._interval[0]),
-                ("upper", f"Upper limit of the frequency of {blocks}", self._interval[1]),
-            ):
-                bands.append(
-                    self._band(
-                        f"{name}_{energy:g}",
-                        what,
-                        "1/year",
-                        np.where(self._reached, values[:, i], np.nan),
-                    )
-                )
+        values = {
+            "rate": self._few.rate,
+            "standard_error": np.sqrt(self._few.variance),
+            "lower": self._interval[0],
+            "upper": self._interval[1],
+        }
+        bands = [
+            self._band(
+                "frequency",
+                column,
+                np.where(self._reached, of_all[:, i], np.nan),
+                f"{column}_{energy:g}",
+                of_energy=_of_energy(energy),
+            )
+            for i, energy in enumerate(self._few.energies_kj)
+            for column, of_all in values.items()
+        ]
         limits = sorted(1.0 / t for t in self._preset.return_periods)
-        return RasterLayer(
-            "frequency",
-            "Frequency of arriving blocks (1/year)",
-            f"{self._frequencies} {self._sampled} Gamma interval of weighted counts. Errors and "
-            "limits are missing where the sample does not give them (one block per fall line).",
-            tuple(bands),
-            (0.0, 0.1 * limits[0], *limits, 10.0 * limits[-1]),
-            "plasma_r",
-        )
+        breaks = (0.0, 0.1 * limits[0], *limits, 10.0 * limits[-1])
+        return described_raster("frequency", bands, breaks, "plasma_r", **self._words)
 
     def confidence(self) -> RasterLayer:
         lowest, highest = levels_of_interval(self._few.rate, *self._interval, self._preset)
         open_ = (lowest != highest).astype(np.int16)
         factor = rocks_factor(self._few, self._preset, self._confidence)
-        codes = "; ".join(f"{k} = {c.label}" for k, c in enumerate(self._preset.levels, start=1))
-        return RasterLayer(
-            "confidence",
-            "Is the level statistically uncertain?",
-            f"Statistically uncertain: the {self._percent} intervals of the frequencies leave more "
-            f"than one level open. Levels: {codes}. {self._sampled} Cells that no block reached "
-            "are left out. Factor of blocks: how many times the blocks would make the level "
-            "certain; missing where the frequency lies on a limit of the matrix, so that no "
-            "sample does, or where the sample does not give its error. "
-            f"{self._frequencies} {self._rules}",
-            (
-                self._band(
-                    "uncertain",
-                    "Whether another sample of blocks might give another level",
-                    "class",
-                    np.where(self._reached, open_, np.nan),
-                ),
-                self._classes("lowest_level", "Level at the lower limits of the rates", lowest),
-                self._classes("highest_level", "Level at the upper limits of the rates", highest),
-                self._band(
-                    "rocks_factor",
-                    "Factor by which the blocks would have to be more for the level to be certain",
-                    "1",
-                    np.where(self._reached & np.isfinite(factor), factor, np.nan),
-                ),
-            ),
-            (),
-            "",
-            (
+        known = self._reached & np.isfinite(factor)
+        key = "confidence"
+        return described_raster(
+            key,
+            [
+                self._band(key, "uncertain", np.where(self._reached, open_, np.nan)),
+                self._classes(key, "lowest_level", lowest),
+                self._classes(key, "highest_level", highest),
+                self._band(key, "rocks_factor", np.where(known, factor, np.nan)),
+            ],
+            classes=(
                 RasterClass(0, "statistically certain", _CERTAIN),
                 RasterClass(1, "statistically uncertain", _UNCERTAIN),
             ),
+            codes="; ".join(f"{k} = {c.label}" for k, c in enumerate(self._preset.levels, start=1)),
+            **self._words,
         )
 
-    def _level_classes(self) -> tuple[RasterClass, ...]:
-        return tuple(
-            RasterClass(k, c.label, c.colour, c.hatched)
-            for k, c in enumerate(self._preset.levels, start=1)
-        )
+    def _classes(self, key: str, column: str, codes: NDArray[np.int16], **words: Any) -> Band:
+        return self._band(key, column, np.where(codes > 0, codes, np.nan), **words)
 
-    def _classes(self, name: str, description: str, codes: NDArray[np.int16]) -> Band:
-        return self._band(name, description, "class", np.where(codes > 0, codes, np.nan))
-
-    def _band(self, name: str, description: str, unit: str, values: FloatArray) -> Band:
-        return Band(name, description, unit, _on_map(values, self._curves.places, self._shape))
+    def _band(
+        self, key: str, column: str, values: FloatArray, name: str = "", **words: Any
+    ) -> Band:
+        on_map = self._place.map_of(np.where(np.isfinite(values), values, np.nan))
+        return described_band(key, column, on_map, name, **words)
 
 
-def _on_map(values: FloatArray, places: IntArray, shape: tuple[int, int]) -> NDArray[np.float32]:
-    out = np.full(shape[0] * shape[1], np.nan, np.float32)
-    out[places] = np.where(np.isfinite(values), values, np.nan)
-    return out.reshape(shape)
-
-
-def _with_energy(energy_kj: float) -> str:
+def _of_energy(energy_kj: float) -> str:
     return f"of {energy_kj:g} kJ and more" if energy_kj > 0.0 else "of any energy"
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

@@ -1,22 +1,67 @@
-"""The maps of the blocks: the table of statistics, filled with the sums per cell."""
+"""Rasters as layers: described in ``data/map_layers.csv``, or in the table of statistics."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.map_sums import MapSums, Sample, band_values
+from sassgis.io.vector_layer import descriptions
 from sassgis.model.grid import FloatArray, IntArray
-from sassgis.model.results import Band, RasterLayer
+from sassgis.model.hazard import HazardPreset
+from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.statistics_table import STATISTICS
 
 
-def _on_map(values: FloatArray, cells: IntArray, shape: tuple[int, int]) -> NDArray[np.float32]:
-    out = np.full(shape[0] * shape[1], np.nan, np.float32)
-    out[cells] = values.astype(np.float32)
-    return out.reshape(shape)
+class Place(NamedTuple):
+    """Where values of single cells belong: their places in a map of ``shape`` (rows, columns)."""
+
+    cells: IntArray
+    shape: tuple[int, int]
+
+    def map_of(self, values: NDArray[Any]) -> NDArray[np.float32]:
+        """A map of the values, NaN elsewhere."""
+        out = np.full(self.shape[0] * self.shape[1], np.nan, np.float32)
+        out[self.cells] = values.astype(np.float32)
+        return out.reshape(self.shape)
+
+
+def described_band(
+    key: str, column: str, values: NDArray[Any], name: str = "", **words: object
+) -> Band:
+    """A band as its row in ``data/map_layers.csv`` describes it.
+
+    Its name is that of the row unless another is given; ``words`` take the places of ``{...}``.
+    """
+    row = descriptions()[key][column]
+    description, unit = (row[part].format(**words) for part in ("alias", "unit"))
+    return Band(name or column, description, unit, values.astype(np.float32))
+
+
+def described_raster(
+    key: str,
+    bands: Sequence[Band],
+    breaks: Sequence[float] = (),
+    ramp: str = "",
+    classes: Sequence[RasterClass] = (),
+    *,
+    stem: str = "",
+    **words: object,
+) -> RasterLayer:
+    """A map with the title and note of its row in ``data/map_layers.csv``; see RasterLayer."""
+    row = descriptions()[key][""]
+    title, note = (row[part].format(**words) for part in ("alias", "description"))
+    return RasterLayer(stem or key, title, note, tuple(bands), tuple(breaks), ramp, tuple(classes))
+
+
+def level_classes(preset: HazardPreset) -> list[RasterClass]:
+    """Hazard levels as classes of a map, from 1."""
+    return [
+        RasterClass(k, c.label, c.colour, c.hatched) for k, c in enumerate(preset.levels, start=1)
+    ]
 
 
 def map_layers(
@@ -27,24 +72,10 @@ def map_layers(
     cell_size: float,
     energy_classes_kj: tuple[float, ...] = (30.0, 300.0),
 ) -> tuple[RasterLayer, ...]:
-    """Layers of all that is known per cell.
+    """Layers of all that is known per cell of the blocks; NaN in cells that none reaches.
 
-    Parameters
-    ----------
-    sums : MapSums
-    shape : (n_rows, n_cols)
-    sample : Sample
-    edges : mapping
-        Edges of the histograms by quantity.
-    cell_size : float
-        Side of a cell: the reference width of the reach probability (m).
-    energy_classes_kj : tuple of float
-        Limits of the energy classes in the legend.
-
-    Returns
-    -------
-    tuple of RasterLayer
-        Cells that no block reaches are NaN.
+    ``edges`` are those of the histograms by quantity. The side of a cell (m) is the reference width
+    of the reach probability. The energy classes (kJ) are those of the legend.
     """
     words = {
         "rocks": sample.started,
@@ -55,13 +86,14 @@ def map_layers(
         else "Standard error with the release points fixed: blocks are the sample.",
     }
     breaks = {"energy": (0.0, *energy_classes_kj)}
+    place = Place(sums.cells, shape)
     return tuple(
         RasterLayer(
             row.stem,
             row.title,
             row.note.format(**words),
             tuple(
-                Band(name, row.description(name), row.unit, _on_map(values, sums.cells, shape))
+                Band(name, row.description(name), row.unit, place.map_of(values))
                 for name, values in band_values(row, sums, sample, edges).items()
             ),
             breaks.get(row.quantity, row.breaks),

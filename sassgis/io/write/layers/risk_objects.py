@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-import geopandas as gpd
 import pandas as pd
 import shapely
 
@@ -18,7 +17,7 @@ from sassgis.hazard.risk import (
     source_rows,
     total_rows,
 )
-from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.styles import FieldInfo, StyleClass, Symbol, VectorStyle, class_colours
 
@@ -35,11 +34,7 @@ _SYMBOLS = {
     "line": Symbol("line", "#808080", size_mm=1.6),
     "marker": Symbol("marker", "#808080", size_mm=3.0, outline="#333333", shape="diamond"),
 }
-_LAYERS = (
-    ("risk_objects", "Risk of buildings and people", "fill", 2),
-    ("risk_lines", "Risk along roads and lines", "line", 1),
-    ("risk_points", "Risk of people at points", "marker", 0),
-)
+_LAYERS = {"risk_objects": ("fill", 2), "risk_lines": ("line", 1), "risk_points": ("marker", 0)}
 _WORDS = {
     "hits": ("hits", "1/year", "blocks that reach the object, at any height above the ground"),
     "property_loss": ("loss of the object itself", "{}/year", ""),
@@ -56,25 +51,12 @@ _WORDS = {
 _SE = "upper bound of the sampling error; none of the model or of the onset frequency"
 
 
-# ---------------------------------------------------------------------------------------------
-# Tables
-
-
 def risk_frames(table: RiskTable, currency: str) -> dict[str, pd.DataFrame]:
-    """The tables of a run by the stem of their files.
+    """The tables of a run by the stem of their files; the currency is a column of its own.
 
-    Parameters
-    ----------
-    table : RiskTable
-    currency : str
-        Of all values; a column of its own, so that the names of the others stay.
-
-    Returns
-    -------
-    dict of str to DataFrame
-        ``risk_objects``: a row per object. ``risk_sources``: a row per object and source that hits
-        it. ``risk_total``: sums by road, kind, source, and over all; each is the correctly
-        rounded sum of its rows in the other tables.
+    ``risk_objects``: a row per object. ``risk_sources``: a row per object and source that hits it.
+    ``risk_total``: sums by road, kind, source, and over all; each is the correctly rounded sum of
+    its rows in the other tables.
     """
     hits = [f"hits_{code}" for code in table.intensities]
     who = ["name", "kind", "part_of"]
@@ -123,57 +105,39 @@ def _with_errors(quantities: Sequence[str]) -> list[str]:
     return [name for q in quantities for name in (f"{q}_per_year", f"{q}_per_year_se")]
 
 
-# ---------------------------------------------------------------------------------------------
-# Layers
-
-
 def risk_vectors(
     table: RiskTable, placed: PlacedObjects, crs: str, currency: str
 ) -> list[VectorLayer]:
-    """Layers of the objects with their attributes and results.
+    """Layers of the objects of a table (in its order) with their attributes and results.
 
-    Parameters
-    ----------
-    table : RiskTable
-    placed : PlacedObjects
-        The objects of the table, in the same order.
-    crs : str
-        Well-known text; empty for local coordinates.
-    currency : str
-
-    Returns
-    -------
-    list of VectorLayer
-        ``risk_objects`` (polygons), ``risk_lines`` (stretches) and ``risk_points``, those that
-        have objects. Colours show the individual risk where people are at stake (on roads: the
-        deaths on each stretch), else the loss.
+    ``risk_objects`` (polygons), ``risk_lines`` (stretches) and ``risk_points``, those that have
+    objects. Colours show the individual risk where people are at stake (on roads: the deaths on
+    each stretch), else the loss.
     """
     if placed.objects != table.objects:
         raise ValueError("the places are not those of the objects of the table")
     frame = risk_frames(table, currency)["risk_objects"].drop(columns="currency")
     fields = _fields(table, currency)
     layers = []
-    for name, title, symbol, dimension in _LAYERS:
+    for name, (symbol, dimension) in _LAYERS.items():
         own = [i for i, g in enumerate(placed.geometries) if shapely.get_dimensions(g) == dimension]
         if not own:
             continue
-        rows = gpd.GeoDataFrame(
-            frame.iloc[own].reset_index(drop=True),
-            geometry=[placed.geometries[i] for i in own],
-            crs=crs or None,
-        )
+        rows = frame.iloc[own].reset_index(drop=True)
         shown = "individual_risk" if dimension != 1 else "deaths"
         if not (rows["deaths_per_year"] > 0.0).any():
             shown = "loss"
         layers.append(
-            VectorLayer(
+            described_layer(
                 name,
-                f"{title}: {_words(shown, currency).label}",
-                f"Mean per year, of blocks of {len(table.sources)} sources. Hits count blocks over "
-                "the cells that the object touches.",
                 rows,
-                fields,
-                style=_style(_SYMBOLS[symbol], shown, currency),
+                [placed.geometries[i] for i in own],
+                crs,
+                _style(_SYMBOLS[symbol], shown, currency),
+                fields=fields,
+                shown=_words(shown, currency).label,
+                sources=len(table.sources),
+                currency=currency,
             )
         )
     return layers
@@ -185,23 +149,8 @@ def _words(quantity: str, currency: str) -> FieldInfo:
 
 
 def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
-    fields = {
-        "name": FieldInfo("name"),
-        "kind": FieldInfo("kind"),
-        "part_of": FieldInfo("part of"),
-        "from_m": FieldInfo("chainage of its beginning", "m"),
-        "length_m": FieldInfo("length", "m"),
-        "value": FieldInfo("value", currency),
-        "value_per_m": FieldInfo("value of a metre", f"{currency}/m"),
-        "persons": FieldInfo("people"),
-        "presence": FieldInfo("presence", "", "share of the time that each of them is there"),
-        "traffic_per_day": FieldInfo("vehicles", "1/day"),
-        "hits_of_one_rock_per_year": FieldInfo(
-            "annual frequency per simulated block",
-            "1/year",
-            "the largest of the sources that reach it",
-        ),
-    }
+    """What the columns of numbers per year mean."""
+    fields = {}
     described = {
         f"hits_{c}": FieldInfo(f"hits of intensity {c}", "1/year") for c in table.intensities
     }

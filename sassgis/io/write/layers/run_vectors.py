@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import geopandas as gpd
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike
 from sassgis.hazard.block_paths import BlockPath
 from sassgis.hazard.control_lines import control_line_rows
 from sassgis.hazard.progress import Progress, joined_lines, kept_stops
-from sassgis.io.vector_layer import VectorLayer
+from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.io.write.layers.footprint import footprints
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT
 from sassgis.model.map_run import MapRun
@@ -27,12 +26,14 @@ from sassgis.model.styles import (
     RELEASE_POINT_STYLE,
     STATION_STYLE,
     STOP_STYLE,
-    FieldInfo,
     Symbol,
     VectorStyle,
     categorised_style,
 )
 from sassgis.terrain.plan import Plan
+
+#: Legend text and colour by value.
+Colours = dict[str | int, tuple[str, str]]
 
 _STOP_COLOUR = {
     StopReason.REST: "#1f4e79",
@@ -42,6 +43,11 @@ _STOP_COLOUR = {
     StopReason.NEVER_STARTED: "#8d99ae",
     StopReason.BROKEN: "#5f0f40",
 }
+#: Decimals of what single blocks reach.
+_DIGITS = {
+    "runout_m": 2, "time_s": 2, "mass_kg": 1, "max_energy_kj": 2, "max_speed_mps": 2,
+    "max_height_m": 2,
+}  # fmt: skip
 #: Levels of the footprint: every cell reached, and shares of all blocks.
 FOOTPRINT_LEVELS = (0.0, 0.001, 0.01)
 _FOOTPRINT_COLOUR = ("#fed976", "#fd8d3c", "#bd0026")
@@ -65,50 +71,25 @@ def released_from(
     areas: Sequence[ReleaseArea], points: ArrayLike, rocks: ArrayLike, crs: str
 ) -> VectorLayer:
     """Release areas with the numbers of their release points and blocks."""
-    frame = gpd.GeoDataFrame(
-        {
-            "name": [a.name for a in areas],
-            "scenarios": [";".join(a.scenarios) for a in areas],
-            "points": np.asarray(points, np.int64),
-            "rocks": np.asarray(rocks, np.int64),
-        },
-        geometry=[a.geometry if a.geometry.area > 0 else a.geometry.buffer(1.0) for a in areas],
-        crs=crs or None,
-    )
-    return VectorLayer(
-        "release_areas",
-        "Release areas",
-        "Where blocks start; lines and points are drawn with a width of 2 m.",
-        frame,
-        {
-            "name": FieldInfo("name"),
-            "scenarios": FieldInfo("block scenarios"),
-            "points": FieldInfo("release points"),
-            "rocks": FieldInfo("blocks released"),
-        },
-        style=RELEASE_AREA_STYLE,
-    )
+    columns = {
+        "name": [a.name for a in areas],
+        "scenarios": [";".join(a.scenarios) for a in areas],
+        "points": np.asarray(points, np.int64),
+        "rocks": np.asarray(rocks, np.int64),
+    }
+    shapes = [a.geometry if a.geometry.area > 0 else a.geometry.buffer(1.0) for a in areas]
+    return described_layer("release_areas", columns, shapes, crs, RELEASE_AREA_STYLE)
 
 
 def release_points(run: MapRun, planned: Plan) -> VectorLayer:
     """Release points."""
     points = planned.points
-    frame = gpd.GeoDataFrame(
-        {
-            "area": [points.area_names[a] for a in points.area],
-            "rocks": planned.rocks_of_point(run),
-        },
-        geometry=shapely.points(points.x, points.y),
-        crs=run.grid.crs or None,
-    )
-    return VectorLayer(
-        "release_points",
-        "Release points",
-        "Each represents the blocks released around it.",
-        frame,
-        {"area": FieldInfo("release area"), "rocks": FieldInfo("blocks released")},
-        style=RELEASE_POINT_STYLE,
-    )
+    columns = {
+        "area": [points.area_names[a] for a in points.area],
+        "rocks": planned.rocks_of_point(run),
+    }
+    at = shapely.points(points.x, points.y)
+    return described_layer("release_points", columns, at, run.grid.crs, RELEASE_POINT_STYLE)
 
 
 def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
@@ -116,46 +97,28 @@ def fall_lines(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
     lines = joined_lines(progress.lines)
     sizes = np.diff(lines.offset)
     # A line of one point has no length; it is drawn as a dot of zero length.
-    index = np.repeat(np.arange(sizes.size), sizes)
-    x, y = lines.x, lines.y
-    single = np.flatnonzero(sizes == 1)
-    if single.size:
-        at = lines.offset[single]
-        x = np.concatenate([x, x[at]])
-        y = np.concatenate([y, y[at]])
-        index = np.concatenate([index, single])
-        order = np.argsort(index, kind="stable")
-        x, y, index = x[order], y[order], index[order]
-    frame = gpd.GeoDataFrame(
-        {
-            "area": [planned.points.area_names[planned.points.area[p]] for p in lines.point],
-            "length_m": np.round(lines.length_m, 3),
-            "drop_m": np.round(lines.drop_m, 3),
-            "ends_at": [LINE_END_TEXT[LineEnd(int(e))] for e in lines.end],
-        },
-        geometry=shapely.linestrings(x, y, indices=index) if x.size else [],
-        crs=run.grid.crs or None,
-    )
-    return VectorLayer(
+    copies = np.repeat(np.where(sizes == 1, 2, 1), sizes)
+    x, y = np.repeat(lines.x, copies), np.repeat(lines.y, copies)
+    index = np.repeat(np.repeat(np.arange(sizes.size), sizes), copies)
+    columns = {
+        "area": [planned.points.area_names[planned.points.area[p]] for p in lines.point],
+        "length_m": np.round(lines.length_m, 3),
+        "drop_m": np.round(lines.drop_m, 3),
+        "ends_at": [LINE_END_TEXT[LineEnd(int(e))] for e in lines.end],
+    }
+    colours: Colours = {
+        text: (text, "#c1121f" if end in _LINE_CUT else FALL_LINE_STYLE.symbol.colour)
+        for end, text in LINE_END_TEXT.items()
+    }
+    return described_layer(
         "fall_lines",
-        "Fall lines",
-        f"Steepest descent on the terrain smoothed over {run.fall_lines.smoothing_m:g} m.",
-        frame,
-        {
-            "area": FieldInfo("release area"),
-            "length_m": FieldInfo("length in plan", "m"),
-            "drop_m": FieldInfo("drop", "m"),
-            "ends_at": FieldInfo("ends at"),
-        },
-        style=categorised_style(
-            FALL_LINE_STYLE.symbol,
-            "ends_at",
-            {
-                text: (text, "#c1121f" if end in _LINE_CUT else FALL_LINE_STYLE.symbol.colour)
-                for end, text in LINE_END_TEXT.items()
-            },
-            FALL_LINE_STYLE.smallest_scale,
+        columns,
+        shapely.linestrings(x, y, indices=index) if x.size else [],
+        run.grid.crs,
+        categorised_style(
+            FALL_LINE_STYLE.symbol, "ends_at", colours, FALL_LINE_STYLE.smallest_scale
         ),
+        smoothing_m=run.fall_lines.smoothing_m,
     )
 
 
@@ -165,172 +128,76 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
     rows = kept_stops(run, progress)
     on_map = np.isfinite(rows.x) & np.isfinite(rows.y)
     rocks = rows.rocks[on_map]
-    frame = gpd.GeoDataFrame(
-        {
-            "area": [planned.points.area_names[planned.points.area[i]] for i in rocks["line"]],
-            "scenario": [run.blocks[k].name for k in rows.rock_scenario[on_map]],
-            "end": [STOP_TEXT[StopReason(int(r))] for r in rocks["reason"]],
-            "runout_m": np.round(rocks["runout_m"], 2),
-            "mass_kg": np.round(rocks["mass_kg"], 1),
-            "max_energy_kj": np.round(rocks["max_energy_kj"], 2),
-            "max_speed_mps": np.round(rocks["max_speed_mps"], 2),
-            "max_height_m": np.round(rocks["max_height_m"], 2),
-            "impacts": rocks["impacts"].astype(np.int64),
-            "piece": rocks["piece"].astype(np.int64),
-        },
-        geometry=shapely.points(rows.x[on_map], rows.y[on_map]),
-        crs=run.grid.crs or None,
-    )
-    which = (
-        f"All {total} blocks."
-        if rows.rocks.size == total
-        else f"{rows.rocks.size} of {total} blocks, chosen at random."
-    )
-    return VectorLayer(
+    areas, area = planned.points.area_names, planned.points.area
+    columns = {
+        "area": [areas[area[i]] for i in rocks["line"]],
+        "scenario": [run.blocks[k].name for k in rows.rock_scenario[on_map]],
+        "end": [STOP_TEXT[StopReason(int(r))] for r in rocks["reason"]],
+        **{k: np.round(rocks[k], n) for k, n in _DIGITS.items() if k != "time_s"},
+        "impacts": rocks["impacts"].astype(np.int64),
+        "piece": rocks["piece"].astype(np.int64),
+    }
+    all_of_them = rows.rocks.size == total
+    colours: Colours = {text: (text, _STOP_COLOUR[reason]) for reason, text in STOP_TEXT.items()}
+    return described_layer(
         "stops",
-        "Stopping points",
-        which,
-        frame,
-        {
-            "area": FieldInfo("release area"),
-            "scenario": FieldInfo("block scenario"),
-            "end": FieldInfo("stopping reason"),
-            "runout_m": FieldInfo("run-out chainage", "m"),
-            "mass_kg": FieldInfo("mass", "kg"),
-            "max_energy_kj": FieldInfo("largest energy", "kJ"),
-            "max_speed_mps": FieldInfo("largest speed", "m/s"),
-            "max_height_m": FieldInfo("largest passing height", "m"),
-            "impacts": FieldInfo("impacts"),
-            "piece": FieldInfo(
-                "piece",
-                "",
-                "0: the released block; else a fragment of it, or an entrained block",
-            ),
-        },
-        style=categorised_style(
-            STOP_STYLE.symbol,
-            "end",
-            {text: (text, _STOP_COLOUR[reason]) for reason, text in STOP_TEXT.items()},
-            STOP_STYLE.smallest_scale,
-        ),
+        columns,
+        shapely.points(rows.x[on_map], rows.y[on_map]),
+        run.grid.crs,
+        categorised_style(STOP_STYLE.symbol, "end", colours, STOP_STYLE.smallest_scale),
+        which=f"All {total} blocks."
+        if all_of_them
+        else f"{rows.rocks.size} of {total} blocks, chosen at random.",
     )
 
 
 def block_paths(paths: Sequence[BlockPath], crs: str) -> VectorLayer:
     """Paths of single blocks, with heights; ``crs`` is empty for local coordinates."""
-    frame = gpd.GeoDataFrame(
-        {
-            "area": [p.area for p in paths],
-            "scenario": [p.scenario for p in paths],
-            "end": [STOP_TEXT[p.reason] for p in paths],
-            "runout_m": np.array([round(p.runout_m, 2) for p in paths], float),
-            "time_s": np.array([round(p.time_s, 2) for p in paths], float),
-            "mass_kg": np.array([round(p.mass_kg, 1) for p in paths], float),
-            "max_energy_kj": np.array([round(p.max_energy_kj, 2) for p in paths], float),
-            "max_speed_mps": np.array([round(p.max_speed_mps, 2) for p in paths], float),
-            "max_height_m": np.array([round(p.max_height_m, 2) for p in paths], float),
+    columns = {
+        "area": [p.area for p in paths],
+        "scenario": [p.scenario for p in paths],
+        "end": [STOP_TEXT[p.reason] for p in paths],
+        **{
+            k: np.array([round(getattr(p, k), n) for p in paths], float) for k, n in _DIGITS.items()
         },
-        geometry=[shapely.LineString(np.column_stack([p.x, p.y, p.z])) for p in paths],
-        crs=crs or None,
-    )
-    return VectorLayer(
-        "paths",
-        "Paths of blocks",
-        "Centres of some blocks, the first of release points evenly over the areas; with heights.",
-        frame,
-        {
-            "area": FieldInfo("release area"),
-            "scenario": FieldInfo("block scenario"),
-            "end": FieldInfo("stopping reason"),
-            "runout_m": FieldInfo("run-out chainage", "m"),
-            "time_s": FieldInfo("duration", "s"),
-            "mass_kg": FieldInfo("mass", "kg"),
-            "max_energy_kj": FieldInfo("largest energy", "kJ"),
-            "max_speed_mps": FieldInfo("largest speed", "m/s"),
-            "max_height_m": FieldInfo("largest passing height", "m"),
-        },
-        style=VectorStyle(Symbol("line", "#d9480f", opacity=0.8, size_mm=0.3)),
-    )
+    }
+    shapes = [shapely.LineString(np.column_stack([p.x, p.y, p.z])) for p in paths]
+    style = VectorStyle(Symbol("line", "#d9480f", opacity=0.8, size_mm=0.3))
+    return described_layer("paths", columns, shapes, crs, style)
 
 
-_STATISTICS = {
-    "speed_mps": ("speed", "m/s"),
-    "rotation_hz": ("rotation", "Hz"),
-    "height_m": ("passing height", "m"),
-    "energy_kj": ("kinetic energy", "kJ"),
-    "mass_kg": ("mass", "kg"),
-}
-_OUTCOME_TEXT = {
-    Outcome.STOPPED: "blocks stopped",
-    Outcome.HELD_BY_NET: "blocks taken that then move on",
-    Outcome.OVERTOPPED: "blocks over the top",
-    Outcome.BROKE_THROUGH: "blocks that break through",
-}
+_QUANTITIES = ("speed_mps", "rotation_hz", "height_m", "energy_kj", "mass_kg")
+_OUTCOMES = [
+    o.name.lower()
+    for o in (Outcome.STOPPED, Outcome.HELD_BY_NET, Outcome.OVERTOPPED, Outcome.BROKE_THROUGH)
+]
 
 
 def _control_line_layer(run: MapRun, progress: Progress, barriers: bool) -> VectorLayer:
     rows = control_line_rows(progress.control_lines)
     chosen = [i for i, (g, _) in enumerate(run.control_lines) if (g.kind != "station") == barriers]
-    template = ["name", "kind", "rocks"]
+    names = ["name", "kind", "rocks"]
     if barriers:
-        template += ["height_m", "capacity_kj", "hits", *(o.name.lower() for o in _OUTCOME_TEXT)]
-    template += [f"{q}_{n}" for q in _STATISTICS for n in ("q50", "q95", "q99", "mean", "max")]
-    floats = [c for c in template if c not in ("name", "kind", "rocks", "hits")]
-    data: dict[str, object] = {}
-    for column in template:
+        names += ["height_m", "capacity_kj", "hits", *_OUTCOMES]
+    names += [f"{q}_{n}" for q in _QUANTITIES for n in ("q50", "q95", "q99", "mean", "max")]
+    columns: dict[str, object] = {}
+    for column in names:
         values = [rows[i].get(column) for i in chosen]
-        if column in ("rocks", "hits", *(o.name.lower() for o in _OUTCOME_TEXT)):
-            data[column] = np.array(values, np.int64)
-        elif column in floats:
-            data[column] = np.array([np.nan if v is None else v for v in values], float)
+        if column in ("name", "kind"):
+            columns[column] = values
+        elif column in ("rocks", "hits", *_OUTCOMES):
+            columns[column] = np.array(values, np.int64)
         else:
-            data[column] = values
-    frame = gpd.GeoDataFrame(
-        data,
-        geometry=[shapely.LineString(run.control_lines[i][1]) for i in chosen],
-        crs=run.grid.crs or None,
-    )
-    fields = {
-        "name": FieldInfo("name"),
-        "kind": FieldInfo("kind"),
-        "rocks": FieldInfo("arriving blocks"),
-    }
-    if barriers:
-        fields["height_m"] = FieldInfo("height above the ground", "m")
-        fields["capacity_kj"] = FieldInfo("energy capacity", "kJ", "empty: unlimited")
-        fields["hits"] = FieldInfo("blocks that hit it")
-        fields |= {o.name.lower(): FieldInfo(text) for o, text in _OUTCOME_TEXT.items()}
-    words = {"q50": "median", "q95": "95 %", "q99": "99 %", "mean": "mean", "max": "largest"}
-    for quantity, (word, unit) in _STATISTICS.items():
-        for name, text in words.items():
-            fields[f"{quantity}_{name}"] = FieldInfo(f"{word}, {text}", unit)
-    if barriers:
-        return VectorLayer(
-            "barriers",
-            "Walls and nets",
-            "Statistics at the first downhill arrival of each block, whether it hits or overtops.",
-            frame,
-            fields,
-            style=BARRIER_STYLE,
-        )
-    return VectorLayer(
-        "stations",
-        "Stations",
-        "Statistics of the first downhill passage of each block.",
-        frame,
-        fields,
-        style=STATION_STYLE,
-    )
+            columns[column] = np.array([np.nan if v is None else v for v in values], float)
+    shapes = [shapely.LineString(run.control_lines[i][1]) for i in chosen]
+    style = BARRIER_STYLE if barriers else STATION_STYLE
+    key = "barriers" if barriers else "stations"
+    return described_layer(key, columns, shapes, run.grid.crs, style)
 
 
-def stations(run: MapRun, progress: Progress) -> VectorLayer:
-    """Stations with the statistics of what passes."""
-    return _control_line_layer(run, progress, barriers=False)
-
-
-def barriers(run: MapRun, progress: Progress) -> VectorLayer:
-    """Walls and nets with hits, what becomes of them, and the statistics for their design."""
-    return _control_line_layer(run, progress, barriers=True)
+def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
+    """Stations, and walls and nets, with the statistics of the blocks that reach them."""
+    return [_control_line_layer(run, progress, barriers) for barriers in (False, True)]
 
 
 def _footprint_label(level: float) -> str:
@@ -340,32 +207,22 @@ def _footprint_label(level: float) -> str:
 def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
     """Outline of the cells that blocks reach, and of higher reach probabilities."""
     reach = next(layer for layer in layers if layer.stem == "reach_probability")
-    frame = footprints(reach.bands[0].values, run.grid, FOOTPRINT_LEVELS)
-    frame.insert(
-        0,
-        "label",
-        [_footprint_label(v) for v in frame["level"]],
-    )
-    frame["ref_width_m"] = run.grid.cell_size
-    return VectorLayer(
+    outlines = footprints(reach.bands[0].values, run.grid, FOOTPRINT_LEVELS)
+    columns = {
+        "label": [_footprint_label(level) for level in outlines],
+        "level": np.array(list(outlines), float),
+        "area_m2": np.array([outline.area for outline in outlines.values()], float),
+        "ref_width_m": np.full(len(outlines), run.grid.cell_size),
+    }
+    labels = [_footprint_label(level) for level in FOOTPRINT_LEVELS]
+    colours: Colours = {x: (x, colour) for x, colour in zip(labels, _FOOTPRINT_COLOUR, strict=True)}
+    return described_layer(
         "footprint",
-        "Footprint",
-        f"Cells that blocks reach. Reference width {run.grid.cell_size:.4g} m (one cell).",
-        frame,
-        {
-            "label": FieldInfo("what"),
-            "level": FieldInfo("reach probability, at least", "1"),
-            "area_m2": FieldInfo("area", "m²"),
-            "ref_width_m": FieldInfo("reference width", "m"),
-        },
-        style=categorised_style(
-            FOOTPRINT_STYLE.symbol,
-            "label",
-            {
-                _footprint_label(level): (_footprint_label(level), colour)
-                for level, colour in zip(FOOTPRINT_LEVELS, _FOOTPRINT_COLOUR, strict=True)
-            },
-        ),
+        columns,
+        list(outlines.values()),
+        run.grid.crs,
+        categorised_style(FOOTPRINT_STYLE.symbol, "label", colours),
+        ref_width_m=run.grid.cell_size,
     )
 
 
@@ -378,7 +235,6 @@ def all_layers(
         release_points(run, planned),
         fall_lines(run, planned, progress),
         stops(run, planned, progress),
-        stations(run, progress),
-        barriers(run, progress),
+        *control_line_layers(run, progress),
         footprint(run, layers),
     ]

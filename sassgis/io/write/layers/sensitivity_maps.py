@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sassgis.hazard.sensitivity import SensitivityMaps
+from sassgis.io.write.layers.maps import (
+    Place,
+    described_band,
+    described_raster,
+    level_classes,
+)
 from sassgis.model.ground_ranges import ParameterRange
 from sassgis.model.hazard import HazardPreset
-from sassgis.model.results import Band, RasterClass, RasterLayer
+from sassgis.model.results import RasterClass, RasterLayer
 
 #: Colours for the parameters, told apart as well as so many can be (P. Tol, 2021, "muted").
 _COLOURS = (
@@ -31,82 +38,43 @@ def sensitivity_layers(
         f"{samples} simulations with values that fill the ranges of all ground classes; the same "
         "blocks in each."
     )
+    place = Place(maps.cells, shape)
 
-    def band(name: str, what: str, unit: str, values: NDArray[np.generic]) -> Band:
-        out = np.full(shape[0] * shape[1], np.nan, np.float32)
-        out[maps.cells] = values
-        return Band(name, what, unit, out.reshape(shape))
+    def layer(
+        key: str,
+        values: Mapping[str, NDArray[Any]],
+        breaks: tuple[float, ...] = (),
+        ramp: str = "",
+        classes: Sequence[RasterClass] = (),
+    ) -> RasterLayer:
+        bands = [
+            # No level and no parameter are 0.
+            described_band(key, n, place.map_of(np.where(v > 0, v, np.nan) if classes else v))
+            for n, v in values.items()
+        ]
+        return described_raster(key, bands, breaks, ramp, classes, base=base)
 
-    def level(name: str, what: str, codes: NDArray[np.int64]) -> Band:
-        return band(name, what, "class", np.where(codes > 0, codes, np.nan))
-
+    shares = (0.0, 0.05, 0.1, 0.25, 0.5, 0.75)
+    low, middle, high = maps.energy_ratio
+    levels = {"highest": maps.level_highest, "base": maps.level, "lowest": maps.level_lowest}
     layers = []
     if preset is not None:
-        layers += [
-            RasterLayer(
-                "level_could_be",
-                "Level could be",
-                f"Highest level in any of {base} The ends of each range alone count as well.",
-                (
-                    level("highest", "Highest level within the ranges", maps.level_highest),
-                    level("base", "Level with the values of the classes", maps.level),
-                    level("lowest", "Lowest level within the ranges", maps.level_lowest),
-                ),
-                (),
-                "",
-                tuple(
-                    RasterClass(k, c.label, c.colour, c.hatched)
-                    for k, c in enumerate(preset.levels, start=1)
-                ),
-            ),
-            RasterLayer(
-                "level_higher",
-                "Level could be higher: share of the simulations",
-                f"Share with a higher level than with the values of the classes. {base}",
-                (
-                    band("higher", "Share with a higher level", "1", maps.higher),
-                    band("lower", "Share with a lower level", "1", maps.lower),
-                ),
-                (0.0, 0.05, 0.1, 0.25, 0.5, 0.75),
-                "YlOrRd",
-            ),
-        ]
-    low, middle, high = maps.energy_ratio
+        higher = {"higher": maps.higher, "lower": maps.lower}
+        layers.append(layer("level_could_be", levels, classes=level_classes(preset)))
+        layers.append(layer("level_higher", higher, shares, "YlOrRd"))
     return (
         *layers,
-        RasterLayer(
-            "reach_share",
-            "Reached: share of the simulations",
-            f"Share in which any block reaches the cell. {base}",
-            (
-                band("share", "Share in which blocks reach the cell", "1", maps.reached),
-                band("base", "Reached with the values of the classes", "1", maps.reached_base),
-            ),
-            (0.0, 0.05, 0.1, 0.25, 0.5, 0.75),
-            "YlGnBu",
-        ),
-        RasterLayer(
+        layer("reach_share", {"share": maps.reached, "base": maps.reached_base}, shares, "YlGnBu"),
+        layer(
             "energy_ratio",
-            "Energy (95 %), ratio to that of the classes",
-            "Quantiles 90, 50 and 10 % of the ratio; nothing where 20 blocks arrive in less than "
-            f"half of them. {base}",
-            (
-                band("q90", "Ratio, 90 % quantile", "1", high),
-                band("q50", "Ratio, median", "1", middle),
-                band("q10", "Ratio, 10 % quantile", "1", low),
-            ),
+            {"q90": high, "q50": middle, "q10": low},
             (0.5, 0.8, 1.25, 2.0, 4.0),
             "RdBu_r",
         ),
-        RasterLayer(
+        layer(
             "strongest_parameter",
-            "Parameter with the strongest effect on the energy",
-            "Whose range alone changes the 95 % quantile of the energy most. Nothing where none "
-            "does more than another seed, or where fewer than 20 blocks arrive.",
-            (level("strongest", "Position in tables/ranges.csv", maps.strongest),),
-            (),
-            "",
-            _parameter_classes(maps.strongest, ranges),
+            {"strongest": maps.strongest},
+            classes=_parameter_classes(maps.strongest, ranges),
         ),
     )
 

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from sassgis.io.write.layers.maps import described_band, described_raster
 from sassgis.model.grid import Grid
-from sassgis.model.results import Band, RasterLayer
+from sassgis.model.results import RasterLayer
 from sassgis.model.styles import HILLSHADE
 
 
 def terrain_layer(grid: Grid) -> RasterLayer:
     """The heights, to be shown as relief."""
-    return RasterLayer(
-        "terrain",
-        "Relief",
-        f"Terrain model of the run. Heights: {grid.vertical_datum or 'datum not stated'}.",
-        (Band("height", "Height of the terrain", "m", grid.values.astype(np.float32)),),
-        (),
-        HILLSHADE,
-    )
+    heights = grid.vertical_datum or "datum not stated"
+    bands = [described_band("terrain", "height", grid.values)]
+    return described_raster("terrain", bands, (), HILLSHADE, heights=heights)

@@ -2,104 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import geopandas as gpd
 import numpy as np
 import pandas as pd
-import shapely
 
-from sassgis.hazard.assess import Hazard, IntensityMap, raster
+from sassgis.hazard.assess import Hazard, raster
 from sassgis.hazard.attribution import shares_by_area, shares_by_scenario
 from sassgis.hazard.zone_styles import hazard_level_style, level_change_style, uncertain_style
-from sassgis.hazard.zoning.generalise import Coverage, ZoneSettings, coverage
-from sassgis.io.vector_layer import VectorLayer
-from sassgis.io.write.layers import federal
-from sassgis.io.write.layers.federal_model import has_federal_codes, in_federal_extent
-from sassgis.io.write.layers.federal_values import shortened
+from sassgis.hazard.zoning.generalise import Coverage, coverage
+from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.grid import Grid
 from sassgis.model.hazard import HazardPreset
-from sassgis.model.run_config import Config
-from sassgis.model.styles import FieldInfo
 
 #: Sources that are named in the table of a zone.
 _NAMED_SOURCES = 5
 _NO_LEVEL = "not_in_danger"
-
-
-def federal_layers(
-    config: Config,
-    grid: Grid,
-    preset: HazardPreset,
-    ref_width_m: float,
-    hazard: Hazard,
-    by_area: Mapping[str, tuple[IntensityMap, ...]],
-) -> list[VectorLayer]:
-    """The layers of the federal model 166.1, or the same layers without claiming it."""
-    crs = grid.crs or None
-    claims = in_federal_extent(crs, grid.bounds) and has_federal_codes(preset)
-    level_codes = [level.code for level in preset.levels]
-    assessed = coverage(
-        np.isfinite(grid.values).astype(np.int64),
-        grid,
-        ZoneSettings(min_area_m2=0.0, tolerance_m=0.0),
-    )
-    along = "paths that are followed" if config.terrain.path == "followed" else "fall lines"
-    method = (
-        f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {along}; "
-        f"reference width {ref_width_m:.4g} m. Onset frequencies as stated by the user."
-    )
-    sources = [
-        federal.SourceZones(area, _intensity_zones(maps, preset), 1.0, _scenarios(hazard, area))
-        for area, maps in by_area.items()
-    ]
-    where: dict[str, Any] = {"crs": crs, "federal": claims, "canton": config.hazard.canton}
-    # Each cell that a block reaches has a level: what is indicated is what the levels cover.
-    reached = list(shapely.get_parts(shapely.coverage_union_all(hazard.levels.polygons)))
-    layers = [
-        federal.hazard_area(
-            list(hazard.levels.polygons),
-            [level_codes[k - 1] for k in hazard.levels.classes],
-            legend=preset.levels, **where,
-        ),
-        federal.synoptic_intensity(
-            _intensity_zones(hazard.intensities, preset), legend=preset.intensities, **where
-        ),
-        federal.indicative_hazard_area(
-            reached, hazard_area_existing=True, method=method, **where
-        ),
-        federal.assessment_area(list(assessed.polygons), **where),
-    ]  # fmt: skip
-    if by_area:
-        layers.insert(2, federal.intensity_by_source(sources, legend=preset.intensities, **where))
-    return layers
-
-
-def _intensity_zones(
-    maps: Sequence[IntensityMap], preset: HazardPreset
-) -> list[federal.IntensityZones]:
-    codes = [c.code for c in preset.intensities]
-    return [
-        federal.IntensityZones(
-            m.years,
-            m.years is None,
-            list(m.zones.polygons),
-            [codes[k - 1] for k in m.zones.classes],
-        )
-        for m in maps
-    ]
-
-
-def _scenarios(hazard: Hazard, area: str) -> str:
-    """Onset frequencies of an area in words."""
-    parts = [
-        f"{s.source.scenario}: {s.source.frequency:.3g} blocks a year"
-        for s in hazard.sampled
-        if s.source.area == area
-    ]
-    return shortened("; ".join(parts))
 
 
 def joined_layers(parts: Sequence[Sequence[VectorLayer]]) -> list[VectorLayer]:
@@ -146,64 +66,39 @@ def hazard_zones(
     """Zones of hazard level with what governs them and how sure they are."""
     facts = hazard.facts
     sources = [s.source for s in hazard.sampled]
-    frame = gpd.GeoDataFrame(
-        {
-            "zone": np.arange(1, hazard.levels.polygons.size + 1),
-            "hazard_level": [preset.levels[k - 1].code for k in hazard.levels.classes],
-            "label": [preset.levels[k - 1].label for k in hazard.levels.classes],
-            "area_m2": np.round(facts.area_m2, 1),
-            "governing_area": [sources[k].area if k >= 0 else "" for k in facts.governing],
-            "governing_scenario": [sources[k].scenario if k >= 0 else "" for k in facts.governing],
-            "share_by_area": _largest(*shares_by_area(facts.shares, sources)),
-            "share_by_scenario": _largest(*shares_by_scenario(facts.shares, sources)),
-            "cells": facts.cells,
-            "uncertain_share": np.round(facts.uncertain, 4),
-            "ref_width_m": ref_width_m,
-        },
-        geometry=list(hazard.levels.polygons),
-        crs=grid.crs or None,
-    )
-    return VectorLayer(
+    levels = [preset.levels[k - 1] for k in hazard.levels.classes]
+    columns = {
+        "zone": np.arange(1, hazard.levels.polygons.size + 1),
+        "hazard_level": [level.code for level in levels],
+        "label": [level.label for level in levels],
+        "area_m2": np.round(facts.area_m2, 1),
+        "governing_area": [sources[k].area if k >= 0 else "" for k in facts.governing],
+        "governing_scenario": [sources[k].scenario if k >= 0 else "" for k in facts.governing],
+        "share_by_area": _largest(*shares_by_area(facts.shares, sources)),
+        "share_by_scenario": _largest(*shares_by_scenario(facts.shares, sources)),
+        "cells": facts.cells,
+        "uncertain_share": np.round(facts.uncertain, 4),
+        "ref_width_m": np.full(len(levels), ref_width_m),
+    }
+    return described_layer(
         "hazard_zones",
-        "Hazard zones",
-        f"Hazard levels of preset {preset.name}. Reference width {ref_width_m:.4g} m.",
-        frame,
-        {
-            "zone": FieldInfo("zone"),
-            "hazard_level": FieldInfo("hazard level, code"),
-            "label": FieldInfo("hazard level"),
-            "area_m2": FieldInfo("area", "m²"),
-            "governing_area": FieldInfo("governing release area"),
-            "governing_scenario": FieldInfo("governing block scenario"),
-            "share_by_area": FieldInfo("shares of release areas"),
-            "share_by_scenario": FieldInfo("shares of block scenarios"),
-            "cells": FieldInfo("cells that blocks reach"),
-            "uncertain_share": FieldInfo(
-                "statistically uncertain cells",
-                "1",
-                f"share of cells whose level changes within the {100 * confidence:g} % interval",
-            ),
-            "ref_width_m": FieldInfo("reference width", "m"),
-        },
-        style=hazard_level_style("hazard_level", preset.levels),
+        columns,
+        list(hazard.levels.polygons),
+        grid.crs,
+        hazard_level_style("hazard_level", preset.levels),
+        preset=preset.name,
+        ref_width_m=ref_width_m,
+        percent=f"{100 * confidence:g} %",
     )
 
 
 def uncertain_zones(uncertain_cells: np.ndarray, grid: Grid, confidence: float) -> VectorLayer:
     """Cells whose level another sample of blocks might change."""
-    shown = coverage(raster(grid, uncertain_cells, np.ones(uncertain_cells.size)), grid)
-    frame = gpd.GeoDataFrame(
-        {"area_m2": [round(p.area, 1) for p in shown.polygons]},
-        geometry=list(shown.polygons),
-        crs=grid.crs or None,
-    )
-    return VectorLayer(
-        "uncertain",
-        "Level statistically uncertain",
-        f"The level changes within the {100 * confidence:g} % sampling interval of its frequency.",
-        frame,
-        {"area_m2": FieldInfo("area", "m²")},
-        style=uncertain_style(),
+    shown = coverage(raster(grid, uncertain_cells, np.ones(uncertain_cells.size)), grid).polygons
+    columns = {"area_m2": [round(p.area, 1) for p in shown]}
+    percent = f"{100 * confidence:g} %"
+    return described_layer(
+        "uncertain", columns, list(shown), grid.crs, uncertain_style(), percent=percent
     )
 
 
@@ -222,56 +117,22 @@ def changes(before: Coverage, after: Coverage) -> gpd.GeoDataFrame:
 
 
 def level_changes(
-    both: gpd.GeoDataFrame,
-    codes: Sequence[str],
-    crs: str,
-    title: str = "What walls and nets change",
-    description: str = "Hazard level without and with walls and nets, from the same blocks.",
-    names: tuple[str, str] = ("level without them", "level with them"),
+    both: gpd.GeoDataFrame, codes: Sequence[str], crs: str, key: str = "level_changes"
 ) -> VectorLayer:
-    """Pieces of zones by what becomes of their level.
+    """Pieces of zones from :func:`changes` by what becomes of their level.
 
-    Parameters
-    ----------
-    both : GeoDataFrame
-        From :func:`changes`.
-    codes : sequence of str
-        Of the levels, from low to high.
-    crs : str
-        Well-known text; empty for local coordinates.
-    title, description : str
-        Of the layer.
-    names : (str, str)
-        What the levels before and after are called.
+    ``codes`` are those of the levels, from low to high; ``key`` is the layer of
+    ``data/map_layers.csv`` that says what is compared.
     """
     codes = [_NO_LEVEL, *codes]
-    frame = gpd.GeoDataFrame(
-        {
-            "level_before": [codes[k] for k in both["before"]],
-            "level_after": [codes[k] for k in both["after"]],
-            "change": np.select(
-                [both["after"] < both["before"], both["after"] > both["before"]],
-                ["lower", "higher"],
-                "same",
-            ),
-            "area_m2": both.geometry.area.round(1),
-        },
-        geometry=list(both.geometry),
-        crs=crs or None,
-    )
-    return VectorLayer(
-        "level_changes",
-        title,
-        description,
-        frame,
-        {
-            "level_before": FieldInfo(names[0]),
-            "level_after": FieldInfo(names[1]),
-            "change": FieldInfo("change"),
-            "area_m2": FieldInfo("area", "m²"),
-        },
-        style=level_change_style("change"),
-    )
+    before, after = both["before"], both["after"]
+    columns = {
+        "level_before": [codes[k] for k in before],
+        "level_after": [codes[k] for k in after],
+        "change": np.select([after < before, after > before], ["lower", "higher"], "same"),
+        "area_m2": both.geometry.area.round(1),
+    }
+    return described_layer(key, columns, list(both.geometry), crs, level_change_style("change"))
 
 
 def change_table(
