@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -217,9 +217,10 @@ def _report(
 ) -> ReportContext:
     scores, plan = record.scores, record.plan
     overlap = scores.figures.numbers["location_overlap"]
-    reliability = {
-        row.right.measure.removeprefix("confidence "): row.right for row in scores.reliability
-    }
+    reliability = [
+        replace(row.right, measure=row.right.measure.removeprefix("confidence "))
+        for row in scores.reliability
+    ]
     return ReportContext(
         title="Blind check of the diagnosis",
         subtitle=f"{scores.worlds} synthetic sites, blinded labels, battery of seed {plan['seed']}",
@@ -238,14 +239,12 @@ def _report(
             _share_table(
                 "All measures",
                 "measure",
-                {s.measure: s for s in scores.measures.values()},
+                list(scores.measures.values()),
                 "Intervals are those of Clopper and Pearson (95 %). Weak, medium and strong go by "
                 "the strength that the effect came out with.",
             ),
             *(
-                _share_table(
-                    f"Single effect named, by {title}", title, {s.measure: s for s in rows}
-                )
+                _share_table(f"Single effect named, by {title}", title, rows)
                 for title, rows in scores.groups.items()
             ),
             _share_table("Reliability", "stated confidence", reliability),
@@ -312,18 +311,18 @@ def _value(row: Mapping[str, Any], key: str) -> str:
     return _percent(value) if row["is_share"] else f"{value:.2f}"
 
 
-def _share_table(title: str, head: str, rows: Mapping[str, Share], note: str = "") -> ReportTable:
+def _share_table(title: str, head: str, rows: Sequence[Share], note: str = "") -> ReportTable:
     return ReportTable(
         title,
         ((head, ""), *heads("share; 95 % interval; sites")),
         tuple(
             (
-                name.replace("_", " "),
+                s.measure.replace("_", " "),
                 _percent(s.value) if s.trials else None,
                 _interval([s.low, s.high]) if s.trials else None,
                 f"{s.hits} of {s.trials}",
             )
-            for name, s in rows.items()
+            for s in rows
         ),
         note,
     )

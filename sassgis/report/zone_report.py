@@ -271,7 +271,7 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
         + ("" if without is None else "; loss without walls and nets | money; "
            "deaths without walls and nets | 1/year")
     )  # fmt: skip
-    before = {} if without is None else {(b.scope, b.name): b for b in risk_totals(without)}
+    before = [] if without is None else risk_totals(without)
     rows = []
     for total in risk_totals(risk):
         row = [
@@ -280,7 +280,7 @@ def _risk_table(risk: RiskTable, without: RiskTable | None, money: str) -> Repor
             rounded(total.standard_error["deaths"], 2), rounded(total.individual_risk),
         ]  # fmt: skip
         if without is not None:
-            same = before.get((total.scope, total.name))
+            same = next((b for b in before if (b.scope, b.name) == (total.scope, total.name)), None)
             row += [None if same is None else rounded(same.values[v]) for v in ("loss", "deaths")]
         rows.append(tuple(row))
     return ReportTable(
