@@ -1,7 +1,7 @@
 """Make the observations of the sample valley: ``python sample_dem/observed/make.py [FOLDER]``.
 
-Nobody released these rocks. They are blocks of the model of ``valley/config.toml`` on fall lines of
-its terrain, on ground of which one class differs from what that file says. Errors of measurement
+Nobody released these rocks. They are blocks of the model of ``valley/config.toml`` on its
+terrain, on ground of which one class differs from what that file says. Errors of measurement
 are added, and the tables are rounded as one writes in the field.
 """
 
@@ -15,18 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.engine.ellipse import mean_radius
-from sassgis.engine.simulate import Simulated, simulate
+from sassgis.engine.simulate import Simulated
+from sassgis.engine.simulate_paths import follow
 from sassgis.io.read.config import load_config
-from sassgis.model.grid import FloatArray, Grid, IntArray
+from sassgis.model.grid import FloatArray, Grid
 from sassgis.model.ground import GroundTable
 from sassgis.model.map_run import MapRun
+from sassgis.model.profiles import ReleasePoints
 from sassgis.model.results import ControlLine
 from sassgis.runs.inputs import read_map_run
-from sassgis.terrain.fall_lines import trace
-from sassgis.terrain.flatten import chainage_to_xy
+from sassgis.runs.map import path_terrain
 from sassgis.terrain.heights import heights_at
 from sassgis.terrain.plan import plan
-from sassgis.terrain.prepare import PreparedLines, prepare_lines
 from sassgis.terrain.release import take
 
 AREA, SCENARIO, ROCKS = "Sued", "rare", 40
@@ -52,26 +52,22 @@ def true_ground(table: GroundTable) -> GroundTable:
     )
 
 
-def released(run: MapRun) -> tuple[Simulated, PreparedLines]:
-    """The rocks, from places all over the north of the release area, and their fall lines."""
-    planned = plan(run)
-    points = planned.points
+def released(run: MapRun) -> tuple[ReleasePoints, Simulated]:
+    """Places all over the north of the release area, and a rock from each."""
+    points = plan(run).points
     own = np.flatnonzero((points.area == points.area_names.index(AREA)) & (points.y > NORTH_OF_M))
-    chosen = own[np.linspace(0, own.size - 1, ROCKS).round().astype(int)]
-    starts = take(planned.starts, chosen)
-    prepared = prepare_lines(run, trace(run.grid, planned.surface, starts, run.fall_lines))
-    done = simulate(
-        prepared.profiles,
+    chosen = take(points, own[np.linspace(0, own.size - 1, ROCKS).round().astype(int)])
+    done = follow(
+        path_terrain(run),
+        chosen,
         true_ground(run.table),
         next(b for b in run.blocks if b.name == SCENARIO),
         run.engine,
         seed=SEED,
-        rocks_per_line=1,
-        line_keys=starts.key,
-        starts=prepared.starts(planned.moved[chosen]),
-        control_lines=prepared.crossings,
+        rocks_per_point=1,
+        point_keys=chosen.key,
     )
-    return done, prepared
+    return chosen, done
 
 
 def dips(grid: Grid, places: FloatArray) -> FloatArray:
@@ -93,15 +89,12 @@ def make(folder: Path, config: Path) -> None:
     """Write the tables."""
     stations = [(ControlLine(name, "station"), np.array(ends)) for name, ends in STATIONS.items()]
     run = replace(read_map_run(load_config(config), [AREA]), control_lines=stations)
-    done, prepared = released(run)
+    points, done = released(run)
     rng = np.random.default_rng(SEED)
 
     def off(values: FloatArray, relative: float) -> FloatArray:
         wrong: FloatArray = values * (1.0 + relative * rng.standard_normal(values.shape))
         return wrong
-
-    def at(line: IntArray, chainage_m: FloatArray) -> FloatArray:
-        return np.column_stack(chainage_to_xy(prepared.lines, line, chainage_m))
 
     def placed(places: FloatArray) -> list[list[float]]:
         error = ERRORS["position_error_m"] * rng.standard_normal(places.shape)
@@ -120,7 +113,7 @@ def make(folder: Path, config: Path) -> None:
             (name, *xy, 10 * round(kg / 10), *own)
             for name, xy, kg, own in zip(
                 names,
-                placed(at(rocks["line"], rocks["start_m"])),
+                placed(np.column_stack([points.x, points.y])),
                 mass.tolist(),
                 axes.tolist(),
                 strict=True,
@@ -133,7 +126,7 @@ def make(folder: Path, config: Path) -> None:
         [(name, *first, *last) for name, (first, last) in STATIONS.items()],
     )
     own = passages["line"]
-    places = at(own, passages["chainage_m"])
+    places = np.column_stack([passages["x_m"], passages["y_m"]])
     # The engine counts heights from that of a lying block; a rock that rolls lies on no axis.
     a, b = rocks["a_m"][own], rocks["b_m"][own]
     rolling = np.array([mean_radius(*pair) for pair in zip(a, b, strict=True)])
@@ -163,7 +156,7 @@ def make(folder: Path, config: Path) -> None:
             (names[k], *xy, 10 * round(kg / 10))
             for k, xy, kg in zip(
                 rocks["line"].tolist(),
-                placed(at(rocks["line"], rocks["runout_m"])),
+                placed(np.column_stack([done.x, done.y])),
                 off(rocks["mass_kg"], MASS_ERROR_REL).tolist(),
                 strict=True,
             )
