@@ -16,7 +16,6 @@ from rasterio.transform import from_origin
 
 Call = Callable[..., tuple[int, str, str]]
 FALL_LINES = {"terrain__path": '"fall_line"'}
-KICKS = {"effects.lateral_deflection__form": '"kicks"'}
 ZONES = {"blocks__onset_frequency": "0.1", "hazard__ref_width_m": "10"}
 
 
@@ -66,13 +65,6 @@ REFUSED: dict[str, tuple[str, Callable[[Slope], None], tuple[str, ...]]] = {
     "blocks at a point": (
         "run", lambda s: s.write_config(release__rocks_per_point="1000000"),
         ("release.rocks_per_point", "more memory", "2 GB"),
-    ),
-    "a path for each block": (
-        "run",
-        lambda s: s.write_config(
-            **FALL_LINES, **KICKS, release__rocks_per_point="100000"
-        ),
-        ("release.rocks_per_point", "more memory"),
     ),
     "points for the memory": (
         "run", lambda s: s.write_config(release__spacing_m="0.003"),
