@@ -52,6 +52,10 @@ REFUSED: dict[str, tuple[str, Callable[[Slope], None], tuple[str, ...]]] = {
         lambda s: s.write_config(release__spacing_m="1e-9", release__placement='"random"'),
         ("release.spacing_m", "more memory"),
     ),
+    "spacing, whose square is none": (
+        "run", lambda s: s.write_config(release__spacing_m="1e-300"),
+        ("release.spacing_m", "more memory"),
+    ),
     "spacing along lines": ("run", lines, ("release.spacing_m", "more memory")),
     "rows without heights": (
         "run", every_second_row_unknown, ("release.file", "no block", "none on known terrain"),
