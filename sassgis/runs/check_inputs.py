@@ -151,7 +151,7 @@ class InputReport:
             "warnings": self.warnings,
             "estimate": None if self.estimate is None else self.estimate.as_dict(),
             "zoning": self.zoning,
-            "missing": {own.task: own.missing for own in self.ready},
+            "missing": {o.task: [*o.missing, *filter(None, [o.problem])] for o in self.ready},
         }
 
     def lines(self) -> list[str]:

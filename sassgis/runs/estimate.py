@@ -116,7 +116,8 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
     more : int
         As in Estimate.
     """
-    expected = [points_expected(area.geometry, run.spacing_m) for area in run.areas]
+    # Far more than there can be, and still a whole number.
+    expected = [min(points_expected(a.geometry, run.spacing_m), 1e30) for a in run.areas]
     scenarios = [len(area.scenarios) for area in run.areas]
     each = run.rocks_per_point
     share = sum(n * k for n, k in zip(expected, scenarios, strict=True)) / max(sum(expected), 1.0)

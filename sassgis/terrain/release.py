@@ -103,7 +103,7 @@ def release_points(
 def points_expected(geometry: BaseGeometry, spacing_m: float) -> float:
     """About how many release points a geometry gets, before any is placed."""
     return sum(
-        max(1.0, part.area / spacing_m**2, part.length / spacing_m if not part.area else 0.0)
+        max(1.0, part.area / spacing_m / spacing_m, 0.0 if part.area else part.length / spacing_m)
         for part in _simple_parts(geometry)
     )
 

@@ -16,7 +16,6 @@ from rasterio.transform import from_origin
 
 Call = Callable[..., tuple[int, str, str]]
 FALL_LINES = {"terrain__path": '"fall_line"'}
-KICKS = {"effects.lateral_deflection__form": '"kicks"'}
 ZONES = {"blocks__onset_frequency": "0.1", "hazard__ref_width_m": "10"}
 
 
@@ -53,6 +52,10 @@ REFUSED: dict[str, tuple[str, Callable[[Slope], None], tuple[str, ...]]] = {
         lambda s: s.write_config(release__spacing_m="1e-9", release__placement='"random"'),
         ("release.spacing_m", "more memory"),
     ),
+    "spacing, whose square is none": (
+        "run", lambda s: s.write_config(release__spacing_m="1e-300"),
+        ("release.spacing_m", "more memory"),
+    ),
     "spacing along lines": ("run", lines, ("release.spacing_m", "more memory")),
     "rows without heights": (
         "run", every_second_row_unknown, ("release.file", "no block", "none on known terrain"),
@@ -66,13 +69,6 @@ REFUSED: dict[str, tuple[str, Callable[[Slope], None], tuple[str, ...]]] = {
     "blocks at a point": (
         "run", lambda s: s.write_config(release__rocks_per_point="1000000"),
         ("release.rocks_per_point", "more memory", "2 GB"),
-    ),
-    "a path for each block": (
-        "run",
-        lambda s: s.write_config(
-            **FALL_LINES, **KICKS, release__rocks_per_point="100000"
-        ),
-        ("release.rocks_per_point", "more memory"),
     ),
     "points for the memory": (
         "run", lambda s: s.write_config(release__spacing_m="0.003"),

@@ -114,6 +114,14 @@ def test_each_defect_has_its_verdict_and_nothing_else_has_one(name: str, tmp_pat
     assert found == wrong
 
 
+def test_rows_that_are_missing_leave_no_slope(tmp_path: Path) -> None:
+    values = hills()
+    values[::2] = np.nan
+    report = check_dem(write(tmp_path / "dem.tif", values))
+    steepness = next(f for f in report.findings if f.item == "steepness")
+    assert steepness.verdict == "bad" and "no cell with known neighbours" in steepness.found
+
+
 def test_numbers_and_places_are_right(tmp_path: Path) -> None:
     values = put(lambda v: spikes(v, 5.0))
     dam(values)
