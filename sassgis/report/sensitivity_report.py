@@ -10,8 +10,8 @@ import numpy as np
 from sassgis.hazard.sensitivity import Names, RangeEffect, SensitivityMaps
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
-from sassgis.report.figures import map_figure
-from sassgis.report.map_report import map_marks
+from sassgis.report.figures import MapMarks, map_figure
+from sassgis.report.map_report import release_outlines
 from sassgis.report.page import ReportContext, ReportTable, heads
 from sassgis.report.pictures import picture
 
@@ -32,7 +32,7 @@ def sensitivity_report(
     folder: Path,
 ) -> ReportContext:
     """Draw the figures into ``folder`` and put the report together."""
-    marks = map_marks(run, ())
+    marks = MapMarks(release_outlines(run))
     pictures = tuple(
         picture(
             folder, f"map_{layer.stem}", layer.title, layer.note, map_figure(run.grid, layer, marks)

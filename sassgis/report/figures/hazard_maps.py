@@ -221,7 +221,7 @@ def map_change_figure(
     frame = MapFrame(left, width, width * view.aspect, 0.55, bottom, columns=3, gap=gap, ticks=2)
     known = np.concatenate([scale * m[np.isfinite(m)] for m in (before, after)])
     # One cell must not take all the colour; the bar says that it is cut.
-    high = float(np.quantile(known, 0.995)) if known.size else 1.0
+    high = (float(np.quantile(known, 0.995)) if known.size else 0.0) or 1.0
     moved = np.abs(scale * change[np.isfinite(change)])
     moved = moved[moved > 0.0]
     most = float(np.quantile(moved, 0.98)) if moved.size else 1.0
