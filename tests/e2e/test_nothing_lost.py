@@ -196,6 +196,8 @@ def test_what_other_commands_write_is_replaced_as_long_as_nobody_changed_it(
         code, _, err = call(*given, "--overwrite")
         assert code == 3 and f"{changed}: has changed" in error_of(err), words
         assert everything(site) == before
+
+
 def contents(folder: Path) -> dict[str, bytes]:
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["files"]
