@@ -1,6 +1,6 @@
 """Commands that are killed at random moments and given again: do they end with the same bytes?
 
-    python benchmarks/kills.py [--kills 50] [--only run,zone] [--json FILE]
+    python benchmarks/kills.py [--kills 50] [--only run,zone] [--workers] [--json FILE]
 
 ``run``, ``zone``, ``batch``, ``calibrate`` and ``gap diagnose`` are run on the sample valley, with
 fewer blocks, once without and then with kills (SIGKILL) at moments drawn from the time of the first
@@ -8,11 +8,16 @@ run; where a command ends before, it begins anew. The killed process is the pare
 after each kill none of them may be left, and no result may be there but a whole one. After the last
 kill the same command goes on to its end. All files of the result are then compared with those of
 the first run, byte by byte, except the column ``seconds`` of ``summary.csv`` of a batch.
+
+With ``--workers`` it is the worker processes that are killed, half of them within a moment after
+another one, as they start. The command must go on to the same bytes, or end with one line and exit
+code 3, and is then given again.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import hashlib
 import json
 import os
@@ -34,6 +39,8 @@ SEED = 12
 ROCKS = 12
 #: A process that shows itself in none of these seconds after its parent's end is taken for ended.
 GONE_S = 15.0
+#: A process that is younger may still be starting.
+STARTING_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,32 @@ class Outcome:
     kept: int
     orphans: int
     half: int
+    different: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class WorkerOutcome:
+    """What became of one command whose workers were killed.
+
+    Attributes
+    ----------
+    command : str
+    kills : int
+    starting : int
+        Of processes that were at most so old as STARTING_S.
+    lines : int
+        Times that the command ended with one line.
+    orphans : int
+        Ends of the command after which a worker went on.
+    different : tuple of str
+        Files that differ in the end.
+    """
+
+    command: str
+    kills: int
+    starting: int
+    lines: int
+    orphans: int
     different: tuple[str, ...]
 
 
@@ -101,10 +134,10 @@ def commands(config: Path) -> Mapping[str, Sequence[str]]:
     }  # fmt: skip
 
 
-def start(arguments: Sequence[str], out: Path) -> subprocess.Popen[bytes]:
+def start(arguments: Sequence[str], out: Path, jobs: str = "--jobs") -> subprocess.Popen[bytes]:
     """Start a command with two processes or threads."""
     return subprocess.Popen(
-        [sys.executable, "-m", "sassgis", *arguments, "-o", str(out), "--jobs", "2"],
+        [sys.executable, "-m", "sassgis", *arguments, "-o", str(out), jobs, "2"],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True,
     )  # fmt: skip
 
@@ -130,16 +163,17 @@ def digests(folder: Path) -> dict[str, str]:
     return found
 
 
-def members(session: int) -> list[int]:
-    """Processes of a session that run."""
-    found = []
+def members(session: int, parent: int | None = None) -> dict[int, float]:
+    """Processes of a session, or the children of one of them, that run: since when (s)."""
+    found = {}
     for entry in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = entry.read_text().rpartition(")")[2].split()
         except OSError:
             continue
-        if int(fields[3]) == session and fields[0] != "Z":
-            found.append(int(entry.parent.name))
+        if int(fields[3]) == session and fields[0] != "Z" and parent in (None, int(fields[1])):
+            since = int(fields[19]) / os.sysconf("SC_CLK_TCK")
+            found[int(entry.parent.name)] = time.clock_gettime(time.CLOCK_BOOTTIME) - since
     return found
 
 
@@ -207,6 +241,45 @@ def killed(
     return Outcome(name, kills, round(seconds, 1), kept, orphans, half, _different(out, whole))
 
 
+def workers_killed(
+    name: str, arguments: Sequence[str], folder: Path, kills: int, say: Callable[[str], None]
+) -> WorkerOutcome:
+    """One command whose workers are killed."""
+    rng = random.Random(f"{SEED} {name} workers")
+    jobs = "--jobs" if name == "gap diagnose" else "--workers"
+    plain, out = folder / "plain", folder / "killed"
+    seconds = finished(arguments, plain)
+    whole = digests(plain)
+    done = starting = lines = orphans = 0
+    ended = False
+    while done < kills or not ended:
+        if ended:
+            _compare(out, whole)
+            shutil.rmtree(out)
+        process = start(arguments, out, jobs)
+        while process.poll() is None:
+            wait = rng.uniform(0.0, rng.choice((STARTING_S, 0.25 * seconds)))
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(wait)
+            own = members(process.pid, process.pid)
+            if done < kills and own:
+                victim = rng.choice(sorted(own))
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(victim, signal.SIGKILL)
+                done += 1
+                starting += own[victim] <= STARTING_S
+        _, said = process.communicate()
+        ended = process.returncode == 0
+        orphans += not all_gone(process.pid)
+        errors = [line for line in said.decode().splitlines() if line.startswith("Error: ")]
+        if process.returncode == 3 and len(errors) == 1 and b"Traceback" not in said:
+            lines += 1
+        elif not ended:
+            raise SystemExit(f"{name}: exit code {process.returncode}: {said.decode()}")
+        say(f"{name}: {done} of {kills} kills of workers, {lines} times one line")
+    return WorkerOutcome(name, kills, starting, lines, orphans, _different(out, whole))
+
+
 def _different(out: Path, whole: Mapping[str, str]) -> tuple[str, ...]:
     found = digests(out)
     return tuple(sorted(k for k in {*found, *whole} if found.get(k) != whole.get(k)))
@@ -218,7 +291,7 @@ def _compare(out: Path, whole: Mapping[str, str]) -> None:
         raise SystemExit(f"{out}: differs in {', '.join(different[:5])}")
 
 
-def note(file: Path, outcome: Outcome) -> None:
+def note(file: Path, outcome: Outcome | WorkerOutcome) -> None:
     """Write an outcome into the file, in place of an earlier one of the same command."""
     known = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
     rows = [row for row in known if row["command"] != outcome.command] + [asdict(outcome)]
@@ -229,6 +302,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=50, help="of all commands together")
     parser.add_argument("--only", default="", help="commands, with commas between them")
+    parser.add_argument("--workers", action="store_true", help="kill these in place of the parent")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     if not Path("/proc/self/stat").exists():
@@ -242,12 +316,13 @@ def main() -> None:
             share = options.kills // len(chosen) + (i < options.kills % len(chosen))
             folder = Path(made) / name.replace(" ", "_")
             folder.mkdir()
-            outcomes.append(killed(name, all_[name], folder, share, lambda t: print(t, flush=True)))
+            kill = workers_killed if options.workers else killed
+            outcomes.append(kill(name, all_[name], folder, share, lambda t: print(t, flush=True)))
             shutil.rmtree(folder)
             print(asdict(outcomes[-1]), flush=True)
             if options.json:
                 note(options.json, outcomes[-1])
-    if any(own.orphans or own.half or own.different for own in outcomes):
+    if any(own.orphans or getattr(own, "half", 0) or own.different for own in outcomes):
         sys.exit(1)
 
 

@@ -32,7 +32,9 @@ def make_case(spec: WorldSpec, seed: int, case: str, folder: str) -> dict[str, A
         ``label`` (see ``label_of``) and ``digest`` of the files.
     """
     world = make_world(spec, seed)
-    write_world(world, Path(folder), case, spec.kind, spec.n_rocks)
+    # It appears whole: a process that was lost may have written it.
+    if not Path(folder).exists():
+        write_world(world, Path(folder), case, spec.kind, spec.n_rocks)
     return {"label": label_of(world, case), "digest": folder_digest(Path(folder))}
 
 
