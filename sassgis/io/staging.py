@@ -295,6 +295,10 @@ def staged_file(target: Path, overwrite: bool = False) -> Iterator[Path]:
             _check_file(target, overwrite)
             remember(target, work / target.name)
             os.replace(work / target.name, target)
+    except Exception as error:
+        if _speaks_of_output(error, work):
+            raise output_error(error, target) from error
+        raise
     finally:
         shutil.rmtree(work, ignore_errors=True)
 

@@ -167,7 +167,7 @@ def test_what_other_commands_write_is_replaced_as_long_as_nobody_changed_it(
         ("zone", site / "config.toml", "--jobs", "1"),
         ("compare", site / "run", site / "run"),
         ("profile", site / "config.toml", "--point", x, y),
-        ("sensitivity", site / "config.toml", "--samples", "2", "--rocks", "2", "--jobs", "1"),
+        ("sensitivity", site / "config.toml", "--samples", "4", "--rocks", "2", "--jobs", "1"),
         ("export", site / "zone", ".xtf"),
         ("export", site / "zone", ".kml"),
         ("init", ".toml"),

@@ -22,6 +22,7 @@ from sassgis.gap.which.ensemble import model_rows, problem_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
+from sassgis.io.staging import check_output
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
@@ -69,6 +70,7 @@ def run(case: Path, out: Path, **options: object) -> gap_diagnose.Diagnosis:
 def test_all_that_is_promised_is_there(answered: Path) -> None:
     for name in ("report.html", "gap.gpkg", "diagnosis.json", "model/config.toml"):
         assert (answered / name).is_file(), name
+    check_output(answered, overwrite=True)
     found = json.loads((answered / "diagnosis.json").read_text())
     assert found["verdict"]["effect"] == "fragmentation"
     assert "fragmentation" in found["verdict"]["confusion_set"]

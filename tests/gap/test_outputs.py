@@ -57,6 +57,7 @@ from sassgis.gap.words import (
 from sassgis.hazard.result_change import ENERGY_MEAN, difference
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
+from sassgis.io.staging import check_output
 from sassgis.io.write.calibrated_config import FILE_KEYS, write_config_back
 from sassgis.io.write.gap_files import write_diagnosis_json, write_gap_gpkg
 from sassgis.io.write.layers.gap_map import stand_polygon
@@ -809,6 +810,7 @@ def test_change_of_the_map(made: Made, written: Path, tmp_path: Path) -> None:
     assert (folder / "figures" / "energy_change.png").is_file()
     assert (folder / "figures" / "reach_probability_change.png").is_file()
     assert json.loads((folder / "manifest.json").read_text())["counts"]["rocks_before"] == 12
+    check_output(folder, overwrite=True)
 
 
 def test_no_release_areas_no_map(slope: Grid, tmp_path: Path) -> None:

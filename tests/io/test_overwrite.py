@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -427,3 +428,14 @@ def test_a_command_that_is_killed_before_it_replaces_a_file(
     assert file.read_text() == "one"
     write(file, "four", overwrite=True)
     assert file.read_text() == "four"
+
+
+def test_a_full_disk_while_a_single_file_is_written_is_one_line(tmp_path: Path) -> None:
+    write(tmp_path / "a.txt", "one")
+    with (
+        pytest.raises(OutputError, match=r"a\.txt: cannot be written: the disk is full") as caught,
+        staged_file(tmp_path / "a.txt", overwrite=True),
+    ):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert "\n" not in str(caught.value)
+    assert set(everything(tmp_path)) == {"a.txt", WRITTEN_NAME}

@@ -26,7 +26,7 @@ from sassgis.io.interlis.validation import (
 from sassgis.io.interlis.xtf_document import XtfObject, document
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.result_folder import check_is_result
-from sassgis.io.staging import staged_file, writing
+from sassgis.io.staging import staged_file
 from sassgis.io.write.layers.federal_model import (
     FEDERAL_CLASSES,
     FEDERAL_EPSG,
@@ -134,7 +134,6 @@ def write_xtf(
     }
     with (
         staged_file(xtf_path, overwrite) as work,
-        writing(xtf_path),
         work.open("w", encoding="utf-8", newline="\n") as stream,
     ):
         stream.writelines(document(objects, _NAMESPACE))

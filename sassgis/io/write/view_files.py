@@ -19,7 +19,7 @@ from sassgis.io.read.result_folder import (
     level_classes,
     read_layer,
 )
-from sassgis.io.staging import staged_file, writing
+from sassgis.io.staging import staged_file
 from sassgis.model.errors import InputError
 
 #: Formats by suffix: driver of GDAL.
@@ -79,7 +79,7 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
     fill = _fills(result_folder, frame, layer)
     shown = _as_kml(frame, layer, fill) if driver == "LIBKML" else _as_json(frame, layer, fill)
     options = {"RFC7946": "YES"} if driver == "GeoJSON" else {}
-    with staged_file(target, overwrite) as work, writing(target):
+    with staged_file(target, overwrite) as work:
         pyogrio.write_dataframe(
             shown, work, layer=words, driver=driver, layer_options=options,
             geometry_type=None if len(shown) else "Unknown",

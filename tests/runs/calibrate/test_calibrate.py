@@ -16,7 +16,7 @@ from sassgis.cli.entry import cli
 from sassgis.gap.check.worlds import WorldSpec, make_world, observe, setup
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table
-from sassgis.io.staging import partial_folder
+from sassgis.io.staging import check_output, partial_folder
 from sassgis.io.write.gap_case_files import CONFIG_NAME, OBSERVATIONS_NAME, write_case
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.runs import calibrate as calibrate_module
@@ -64,6 +64,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 def test_what_is_written_can_be_run_and_says_where_it_comes_from(case: Path, done: Path) -> None:
     for name in ("report.html", "figures/parameters.png", "figures/rocks_1.png", "manifest.json"):
         assert (done / name).is_file(), name
+    check_output(done, overwrite=True)
     config = load_config(done / "config.toml")
     table = read_ground_table(config.ground.classes)
     own = table.classes[table.index("talus")]
