@@ -426,19 +426,6 @@ def speed_routed() -> str:
     )
 
 
-def speed_memory() -> str:
-    """What runs took of memory, and what was expected."""
-    return markdown(
-        ["run", "command", "blocks", "points", "cells", "peak (GB)", "expected (GB)"],
-        [
-            [r["case"], f"`{r['command']}`"]
-            + [f"{r[k]:,}" for k in ("blocks", "release_points", "cells")]
-            + [f"{1e-9 * r[k]:.2f}" for k in ("peak_bytes", "memory_bytes")]
-            for r in speed("memory")
-        ],
-    )
-
-
 def speed_canton() -> str:
     """A synthetic canton and parts of it."""
     names = ("areas", "points", "rocks", "km2", "jobs")
@@ -476,7 +463,6 @@ TABLES = {
     "speed effects": speed_effects,
     "speed limits": speed_limits,
     "speed peers": speed_peers,
-    "speed memory": speed_memory,
     "speed canton": speed_canton,
     "speed routed": speed_routed,
 }

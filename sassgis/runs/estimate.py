@@ -21,7 +21,7 @@ from sassgis.model.statistics_table import STATISTICS, SUMS, Bins
 from sassgis.runs.map import CHUNK_POINTS
 from sassgis.terrain.release import points_expected
 
-# Measured by benchmarks/memory.py and benchmarks/run.py: docs/studies/speed.md.
+# Rough numbers of ours, to be compared with benchmarks/memory.py; the rates: docs/studies/speed.md.
 #: Bytes of the program itself, of a cell with all that is made of it, and of a release point.
 BASE, _PER_CELL, _PER_POINT = 900 << 20, 100, 1500
 #: Copies of the row of a block, and bytes of a stop that is kept with what is written of it.

@@ -275,7 +275,7 @@ def test_no_map_is_made_where_no_rock_can_be_followed(slope: Slope, call) -> Non
     assert code == 2
     line = err.splitlines()[-1]
     assert line.startswith("Error: ") and "release.gpkg" in line
-    assert "no block could be simulated" in line and "blocks, on fall lines" in line
+    assert "no block could be simulated" in line and "lines that end where they begin" in line
     assert not list(slope.folder.glob("result*"))
 
 
