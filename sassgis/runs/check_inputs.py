@@ -285,7 +285,7 @@ def _checked(config: Config, run: MapRun, zones: bool) -> tuple[tuple[AreaSummar
     """The release areas with their points, and what a run on them takes, which must be there."""
     check_means(config, run)
     points = placed_points(run)
-    check_starts(run, points, lambda: plan(run))
+    check_starts(run, points, lambda: plan(run), config.release.file)
     counts = np.bincount(points.area, minlength=len(run.areas))
     areas = tuple(_area_summary(a, int(n)) for a, n in zip(run.areas, counts, strict=True))
     more = most_repetitions(config) * (1 + compares_barriers(config, run)) if zones else 1

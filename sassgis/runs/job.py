@@ -142,7 +142,7 @@ def simulate_config(
     """
     run, planned = job.run, job.planned
     check_means(config, run, jobs)
-    check_starts(run, planned.points, lambda: planned)
+    check_starts(run, planned.points, lambda: planned, config.release.file)
     fingerprint = state_fingerprint(config, run, schedule)
     checkpoint = Checkpoint(work, fingerprint, part)
     began = time.perf_counter()

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,9 @@ def on_known_ground(run: MapRun, points: ReleasePoints) -> NDArray[np.bool_]:
     return (cells >= 0) & np.isfinite(run.heights.values.ravel()[np.maximum(cells, 0)])
 
 
-def check_starts(run: MapRun, points: ReleasePoints, planned: Callable[[], Plan]) -> None:
+def check_starts(
+    run: MapRun, points: ReleasePoints, planned: Callable[[], Plan], file: Path | None
+) -> None:
     """Raise InputError where no block can start: an empty map would read as "no hazard".
 
     Parameters
@@ -109,6 +112,8 @@ def check_starts(run: MapRun, points: ReleasePoints, planned: Callable[[], Plan]
     points : ReleasePoints
     planned : callable
         Gives the plan; asked only where blocks keep to lines, which are traced to find one.
+    file : Path or None
+        Of the release areas, for the message.
     """
     if run.followed:
         can = bool(on_known_ground(run, points).any())
@@ -126,6 +131,7 @@ def check_starts(run: MapRun, points: ReleasePoints, planned: Callable[[], Plan]
     if not can:
         raise InputError(
             "no block could be simulated",
+            file=file,
             field="release.file",
             found=f"{len(points)} release points, "
             + ("none on known terrain" if run.followed else "with lines that end where they begin"),

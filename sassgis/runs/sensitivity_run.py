@@ -138,7 +138,7 @@ def sensitivity(
         given = config.release.rocks_per_point
         few = max(_FEWEST_ROCKS, round(_ROCKS_SHARE * given)) if rocks is None else rocks
         run = replace(job.run, rocks_per_point=few, stop_points_max=0)
-        check_starts(run, job.planned.points, lambda: job.planned)
+        check_starts(run, job.planned.points, lambda: job.planned, config.release.file)
         ready = replace(job, run=run)
         lab = _Lab(config, ready, rules, work, workers_asked(config, jobs), on_progress, tell)
         done = _simulated(lab, known, samples, tell)
