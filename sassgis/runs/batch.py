@@ -80,7 +80,7 @@ def batch(
     dem : path, optional
         In place of that of the configuration: a raster, a VRT or a folder of tiles.
     overwrite : bool
-        Whether results that were made from other settings or inputs, or changed, may be replaced.
+        Whether results that were made from other settings or inputs may be replaced.
     mosaic_only : bool
         Whether areas keep only their sums, without maps, zones and a report of their own.
     memory_gb : float, optional

@@ -238,7 +238,7 @@ def kept_areas(
             kept[candidate.stem] = record
         elif not overwrite:
             raise OutputError(
-                f"{own}: exists and was made from other settings, inputs or versions, or was "
+                f"{own}: exists and was made from other settings, inputs or versions, or has "
                 "changed; choose another folder, or --overwrite"
             )
     if kept:

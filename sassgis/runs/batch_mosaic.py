@@ -92,8 +92,8 @@ def write_mosaic(
             staged_output(target, overwrite=True) as work,
             speaking(setting.config.project.language),
         ):
-            said = _write_blocks(work, setting, candidates, blocks, said, cores, tell)
             _keep(work, fingerprint)
+            said = _write_blocks(work, setting, candidates, blocks, said, cores, tell)
         return None, said
     config = replace(
         setting.config,

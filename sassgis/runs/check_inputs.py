@@ -24,7 +24,7 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.run_config import Config
-from sassgis.runs.estimate import Estimate, estimate_of, require_profile
+from sassgis.runs.estimate import RunEstimate, estimate_of, require_profile
 from sassgis.runs.inputs import (
     compares_barriers,
     most_repetitions,
@@ -108,7 +108,7 @@ class InputReport:
         What was done to the inputs, such as reprojection.
     warnings : tuple of str
         What deserves a look before results are trusted.
-    estimate : Estimate or None
+    estimate : RunEstimate or None
         None where nothing is complete for a run on the map.
     zoning : tuple of str
         What there is for a zoning.
@@ -124,7 +124,7 @@ class InputReport:
     blocks: tuple[str, ...]
     notices: tuple[str, ...]
     warnings: tuple[str, ...]
-    estimate: Estimate | None
+    estimate: RunEstimate | None
     zoning: tuple[str, ...]
     ready: tuple[Readiness, ...]
 
@@ -228,7 +228,7 @@ def check_inputs(config: Config) -> InputReport:
     run: MapRun | None = None
     areas: tuple[AreaSummary, ...] = ()
     zoning: tuple[str, ...] = ()
-    estimate: Estimate | None = None
+    estimate: RunEstimate | None = None
     with _heard() as records:
         if config.profile is not None and config.profile.file is not None:
             try:
@@ -281,7 +281,9 @@ def check_inputs(config: Config) -> InputReport:
     )
 
 
-def _checked(config: Config, run: MapRun, zones: bool) -> tuple[tuple[AreaSummary, ...], Estimate]:
+def _checked(
+    config: Config, run: MapRun, zones: bool
+) -> tuple[tuple[AreaSummary, ...], RunEstimate]:
     """The release areas with their points, and what a run on them takes, which must be there."""
     check_means(config, run)
     points = placed_points(run)

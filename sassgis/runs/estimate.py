@@ -33,7 +33,7 @@ _IN_MAP = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class RunEstimate:
     """What a run will take.
 
     Attributes
@@ -103,7 +103,7 @@ def _spoken(seconds: float) -> str:
     return f"{math.ceil(seconds)} s"
 
 
-def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1) -> Estimate:
+def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1) -> RunEstimate:
     """What a run will take.
 
     Parameters
@@ -114,7 +114,7 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
     points : int, optional
         Release points; default: about as many as there will be.
     more : int
-        As in Estimate.
+        As in RunEstimate.
     """
     # Far more than there can be, and still a whole number.
     expected = [min(points_expected(a.geometry, run.spacing_m), 1e30) for a in run.areas]
@@ -140,7 +140,7 @@ def estimate_of(run: MapRun, jobs: int, points: int | None = None, more: int = 1
     if windows:
         need["hazard.ref_width_m"] = windows
     bands = 1 + sum(len(row.bands) for row in STATISTICS)
-    return Estimate(
+    return RunEstimate(
         blocks, n, cells, need, reached_bytes(bins_of(run)), jobs,
         blocks / (RATES[run.followed] * jobs), bands * cells * _IN_MAP, more,
     )  # fmt: skip

@@ -18,7 +18,7 @@ from sassgis.gap.observations.projection import (
     project_observations,
     station_chainages,
 )
-from sassgis.gap.replicas.motion import station_traces
+from sassgis.gap.replicas.released_rocks import station_traces
 from sassgis.io.read.config import settings_hash
 from sassgis.io.read.observation_files import read_observations
 from sassgis.model.blocks import BlockPopulation

@@ -303,7 +303,7 @@ def test_init_does_not_replace_a_file(tmp_path: Path, call) -> None:
     code, _, err = call("init", file)
     assert code == 3 and err.startswith(f"Error: {file}: exists")
     assert file.read_text() == "mine"
-    code, _, err = call("init", tmp_path / "no" / "folder.toml")
+    code, _, err = call("init", file / "folder.toml")
     assert code == 3 and err.startswith("Error: ") and err.count("\n") == 1
 
 
@@ -318,7 +318,9 @@ def test_usage_errors_are_one_line_too(slope: Slope, call) -> None:
         ("init", slope.folder / "new.toml", "--set", "release.spacing=5"),
     ):  # fmt: skip
         code, _, err = call(*arguments)
-        assert code == 2 and err.startswith("Error: ") and err.count("\n") == 1
+        # What init names is not read but written.
+    assert code == (3 if option == "init" else 2)
+    assert err.startswith("Error: ") and err.count("\n") == 1
     code, _, err = call("run", slope.config, "-o", slope.folder / "x", "--area", "area b")
     assert code == 2 and "area b" in err and "area a" in err
 

@@ -10,6 +10,7 @@ from helpers.pages import shown
 
 from sassgis.io.read.site_layers import site_layers
 from sassgis.runs import dem_check
+from sassgis.terrain import slope_units
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def test_the_limits_of_the_check_are_on_the_page(page: str) -> None:
     }
     for row, numbers in {
         "resolution": dem_check._CELL_M,
-        "steepness": (dem_check._STEEP_DEG, 100 * dem_check._WALL_SHARE, dem_check._WALL_DEG),
+        "steepness": (dem_check._STEEP_DEG, 100 * slope_units.WALL_SHARE, slope_units.WALL_DEG),
         "terraces": (*dem_check._STEP_ERROR_DEG, *(100 * v for v in dem_check._EQUAL)),
         "spikes, pits": (
             dem_check._BUMP_M, dem_check._BUMP_COUNT, 100 * dem_check._BUMP_SHARE,

@@ -168,7 +168,7 @@ def test_what_other_commands_write_is_replaced_as_long_as_nobody_changed_it(
         ("compare", site / "run", site / "run"),
         ("profile", site / "config.toml", "--point", x, y),
         ("sensitivity", site / "config.toml", "--samples", "4", "--rocks", "2", "--jobs", "1"),
-        ("export", site / "zone", ".xtf"),
+        ("export", site / "zone", "--canton", "TI", ".xtf"),
         ("export", site / "zone", ".kml"),
         ("init", ".toml"),
         ("schema", ".json"),

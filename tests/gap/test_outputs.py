@@ -37,7 +37,7 @@ from sassgis.gap.diagnosis import Hypothesis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk, configured_model
-from sassgis.gap.replicas.motion import in_plane
+from sassgis.gap.replicas.released_rocks import in_plane
 from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where

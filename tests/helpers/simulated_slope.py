@@ -20,7 +20,7 @@ from sassgis.gap.observations.tables import (
     Stations,
     Trajectories,
 )
-from sassgis.gap.replicas.motion import repeated
+from sassgis.gap.replicas.released_rocks import repeated
 from sassgis.gap.replicas.rock_lines import dips_at
 from sassgis.gap.which.families import FAMILIES
 from sassgis.model.blocks import BlockPopulation

@@ -23,7 +23,7 @@ from sassgis.gap.observations.campaign import (
 )
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
-from sassgis.gap.replicas.motion import Moved, all_rocks, in_plane, move
+from sassgis.gap.replicas.released_rocks import Moved, all_rocks, in_plane, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at, heights_at_chainage
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.results import StopReason

@@ -18,7 +18,7 @@ from sassgis.engine.effects.trees import Trees
 from sassgis.engine.simulate import simulate
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.motion import repeated
+from sassgis.gap.replicas.released_rocks import repeated
 from sassgis.gap.residuals.free_run import RunModel
 from sassgis.gap.residuals.residuals import Residual, mean_of_draws
 from sassgis.model.grid import FloatArray, IntArray

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from sassgis.gap.inference.rock_tests import t_statistics
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
-from sassgis.gap.replicas.motion import Releases, move
+from sassgis.gap.replicas.released_rocks import Releases, move
 from sassgis.gap.replicas.rock_lines import RockLines, dips_at
 from sassgis.gap.residuals.free_run import (
     AtStations,

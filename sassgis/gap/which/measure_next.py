@@ -18,7 +18,7 @@ from sassgis.gap.observations.campaign import WHOLE, Campaign, ImpactRows, error
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.replicas.motion import with_stations_at
+from sassgis.gap.replicas.released_rocks import with_stations_at
 from sassgis.gap.replicas.rock_lines import RockLines, control_lines_of
 from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
 from sassgis.gap.words import effect_name

@@ -11,10 +11,10 @@ from sassgis.report.figures.gap_figures import gap_map_figure as gap_map_figure
 from sassgis.report.figures.gap_figures import gap_where_figure as gap_where_figure
 from sassgis.report.figures.hazard_figures import hazard_curve_figure as hazard_curve_figure
 from sassgis.report.figures.hazard_figures import risk_figure as risk_figure
-from sassgis.report.figures.hazard_maps import change_figure as change_figure
-from sassgis.report.figures.hazard_maps import confidence_figure as confidence_figure
-from sassgis.report.figures.hazard_maps import intensity_figure as intensity_figure
-from sassgis.report.figures.hazard_maps import map_change_figure as map_change_figure
+from sassgis.report.figures.hazard_map_figures import change_figure as change_figure
+from sassgis.report.figures.hazard_map_figures import confidence_figure as confidence_figure
+from sassgis.report.figures.hazard_map_figures import intensity_figure as intensity_figure
+from sassgis.report.figures.hazard_map_figures import map_change_figure as map_change_figure
 from sassgis.report.figures.map_figure import map_figure as map_figure
 from sassgis.report.figures.map_marks import MapMarks as MapMarks
 from sassgis.report.figures.profile_figure import ProfilePanel as ProfilePanel

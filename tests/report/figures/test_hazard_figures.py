@@ -23,7 +23,7 @@ from sassgis.report.figures import (
     risk_figure,
 )
 from sassgis.report.figures.hazard_figures import MAX_SOURCES, amount, leading_sources
-from sassgis.report.figures.hazard_maps import columns_of, level_changes
+from sassgis.report.figures.hazard_map_figures import columns_of, level_changes
 from sassgis.report.figures.map_figure import class_positions, draw_stripes
 from sassgis.report.figures.style import new_figure
 

@@ -243,7 +243,7 @@ def planted(folder: Path) -> None:
     ("change", "file"),
     [(scaled, "simulation.npz"), (fewer, "area.json"), (planted, "without_barriers.npz")],
 )
-def test_an_area_that_was_changed_is_refused_and_replaced_if_asked(
+def test_an_area_that_was_changed_is_refused_until_it_is_moved_away(
     done: Stopped, valley: Valley, tmp_path: Path, change: Callable[[Path], None], file: str
 ) -> None:
     out = tmp_path / "out"
@@ -251,12 +251,17 @@ def test_an_area_that_was_changed_is_refused_and_replaced_if_asked(
     own = out / "areas" / "mitte"
     change(own)
     said: list[str] = []
-    with pytest.raises(OutputError, match=rf"{own}: exists and .* or was changed; .*--overwrite"):
+    with pytest.raises(OutputError, match=rf"{own}: exists and .* or has changed; .*--overwrite"):
         batch(valley.releases, out, dem=valley.tiles, jobs=1, say=said.append)
     line = f"Saved state {own / file} is taken for none: damaged, or changed since it was saved"
     assert said == [line]
+    # It is nobody's to delete but the user's.
+    with pytest.raises(OutputError, match=rf"{own / file}: .*--overwrite deletes only"):
+        batch(valley.releases, out, dem=valley.tiles, jobs=1, overwrite=True, say=said.append)
+    own.rename(tmp_path / "mine")
+    said.clear()
     batch(valley.releases, out, dem=valley.tiles, jobs=1, overwrite=True, say=said.append)
-    assert said.count(line) == 2 and "2 of 4 areas are there already" in said
+    assert "2 of 4 areas are there already" in said
     assert {f.name: f.read_bytes() for f in own.glob("*.npz")} == {
         f.name: f.read_bytes() for f in (done.folder / "areas" / "mitte").glob("*.npz")
     }

@@ -13,7 +13,7 @@ from sassgis.gap.observations.campaign import Campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
-from sassgis.gap.replicas.motion import all_rocks, move, station_traces, with_stations_at
+from sassgis.gap.replicas.released_rocks import all_rocks, move, station_traces, with_stations_at
 from sassgis.gap.replicas.rock_lines import control_lines_of, rock_lines_of
 from sassgis.model.effects import EffectSettings
 from sassgis.model.profiles import ReleasePoints
