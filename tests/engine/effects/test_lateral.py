@@ -19,7 +19,6 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 from sassgis.model.settings import EngineSettings
 
-
 TABLE = built_in_table()
 MIXED = BlockPopulation("b", (0.3, 0.6), (0.25, 0.5), (0.2, 0.4), (2600.0, 2750.0), drop_m=(1, 2))
 #: Without these the heading on a plane turns by the effect alone.
