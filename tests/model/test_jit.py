@@ -13,13 +13,11 @@ import pytest
 
 
 def in_a_process(code: str, **environment: str) -> str:
+    """Runs from the root folder: nothing but the installed package is imported."""
     return subprocess.run(
         [sys.executable, "-c", code],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, **environment},
-    ).stdout
+        capture_output=True, text=True, check=True, cwd="/", env={**os.environ, **environment},
+    ).stdout  # fmt: skip
 
 
 def test_importing_changes_no_environment_variable():
