@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import sassgis
-from sassgis.gap.calibration.fitting import SiteCalibration, SiteResult
+from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.identifiability import Fitted
 from sassgis.gap.inference.intervals import Interval
 from sassgis.report.figures.calibration_figures import parameters_figure, quantity_curves_figure

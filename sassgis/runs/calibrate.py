@@ -4,41 +4,37 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from sassgis.gap.calibration.fitting import (
-    REPETITIONS,
+from sassgis.gap.calibration.class_calibration import (
+    COUNT,
     CalibrationTask,
-    NumberedDraw,
     SiteCalibration,
+    budget_of,
     calibration_task,
-    draws_of,
     final_replicas,
     result_of,
-    rocks_simulated,
     score_draw,
     search,
 )
-from sassgis.gap.calibration.parameters import fitted_names
-from sassgis.gap.calibration.site import CalibrationSite, site_of
+from sassgis.gap.calibration.parameters import classes_met, fitted_names
+from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.io.read.config import load_config
 from sassgis.io.staging import CHECKPOINT_STEM, staged_output
 from sassgis.model.errors import InputError, Interrupted
-from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS
 from sassgis.model.run_config import Config
 from sassgis.runs.calibration_outputs import write_calibration
-from sassgis.runs.draw_store import DrawStore
+from sassgis.runs.draw_store import DrawStore, OnProgress, Progress
 from sassgis.runs.gap_case import fingerprint_of, read_case
 from sassgis.runs.job import workers_asked
-from sassgis.runs.workers import Jobs, TaskMap, task_map
+from sassgis.runs.workers import Jobs, task_map
 
 #: With fewer rocks nothing can be said of their scatter.
 _FEWEST = 3
-
-OnProgress = Callable[[int, int, int], None]
 
 
 def calibrate(
@@ -94,7 +90,7 @@ def calibrate(
         configs = [load_config(config) for config, _ in sites]
         files = [Path(observations) for _, observations in sites]
         names = fitted_names(parameters, [config.engine for config in configs])
-        ready = _sites(configs, files)
+        ready = _sites(configs, files, seed)
         chosen = _chosen(ready, classes)
         task = calibration_task(ready, chosen, names, seed)
         if task.measured < _FEWEST:
@@ -113,9 +109,9 @@ def calibrate(
                     f"Calibrating {len(task.parameters)} parameters of {', '.join(chosen)} on "
                     f"{task.n_rocks} rocks"
                 )
-                first, more = draws_of(task, draws)
-                counted = _Counted(task, store, run, first + REPETITIONS * more, on_progress)
-                found = search(task, counted, draws)
+                progress = Progress(on_progress, budget_of(task, draws).draws, COUNT * task.n_rocks)
+                scored = partial(store.scored, run=partial(run, score_draw), step=progress.step)
+                found = search(task, scored, draws)
                 tell("Predicting rocks left out")
                 calibration = result_of(task, found, lambda tasks: list(run(final_replicas, tasks)))
         except KeyboardInterrupt:
@@ -128,49 +124,14 @@ def calibrate(
     return calibration
 
 
-class _Counted:
-    """Scores of draws, those of an interrupted run first, with the progress reported."""
-
-    def __init__(
-        self,
-        task: CalibrationTask,
-        store: DrawStore,
-        run: TaskMap,
-        total: int,
-        on_progress: OnProgress | None,
-    ) -> None:
-        self._task, self._store, self._run = task, store, run
-        self._total, self._on_progress, self._done = total, on_progress, 0
-
-    def __call__(self, draws: Sequence[NumberedDraw]) -> list[FloatArray]:
-        scores = [self._store.known(*one) for one in draws]
-        due = [one for one, known in zip(draws, scores, strict=True) if known is None]
-        self._step(len(draws) - len(due))
-        made = iter(self._new(due))
-        return [next(made) if known is None else known for known in scores]
-
-    def _new(self, due: list[NumberedDraw]) -> list[FloatArray]:
-        found = []
-        for scores in self._store.keep(due, self._run(score_draw, due)):
-            found.append(scores)
-            self._step(1)
-        return found
-
-    def _step(self, number: int) -> None:
-        self._done += number
-        if self._on_progress is not None and number:
-            rocks = rocks_simulated(self._task, self._done)
-            self._on_progress(self._done, self._total, rocks)
-
-
-def _sites(configs: Sequence[Config], files: Sequence[Path]) -> list[CalibrationSite]:
+def _sites(configs: Sequence[Config], files: Sequence[Path], seed: int) -> list[CalibrationProblem]:
     """The sites with names that differ; a class must be the same at all of them."""
-    ready: list[CalibrationSite] = []
+    ready: list[CalibrationProblem] = []
     for config, file in zip(configs, files, strict=True):
         name, number = config.project.name, 2
         while name in [s.name for s in ready]:
             name, number = f"{config.project.name} ({number})", number + 1
-        ready.append(site_of(name, read_case(config, file), str(file)))
+        ready.append(_comparable(problem_of(read_case(config, file), seed, name=name), file))
     known = {c.name: c for c in ready[0].case.table.classes}
     for site, config in zip(ready, configs, strict=True):
         for own in site.case.table.classes:
@@ -188,9 +149,24 @@ def _sites(configs: Sequence[Config], files: Sequence[Path]) -> list[Calibration
     return ready
 
 
-def _chosen(sites: Sequence[CalibrationSite], asked: Sequence[str] | None) -> list[str]:
+def _comparable(site: CalibrationProblem, file: Path) -> CalibrationProblem:
+    """The site, if anything was measured that a simulation can be compared with."""
+    if not site.scored:
+        tables = site.case.observations.tables
+        raise InputError(
+            "nothing to calibrate on",
+            file=file,
+            field="deposits, passages, impacts",
+            found=", ".join(f"{len(t)} {name}" for name, t in tables.items() if len(t))
+            or "no rows",
+            expected="stops, passages at stations, of 5 rocks or more, or impacts",
+        )
+    return site
+
+
+def _chosen(sites: Sequence[CalibrationProblem], asked: Sequence[str] | None) -> list[str]:
     """Classes to calibrate: those that the rocks meet, or those asked for."""
-    met = list(dict.fromkeys(name for site in sites for name in site.classes))
+    met = list(dict.fromkeys(name for site in sites for name in classes_met(site.case)))
     if asked is None:
         return met
     for name in asked:

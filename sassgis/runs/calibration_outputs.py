@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sassgis.gap.calibration.fitting import SiteCalibration
+from sassgis.gap.calibration.class_calibration import SiteCalibration
 from sassgis.gap.observations.case import Case
 from sassgis.io.read.config import resolved
 from sassgis.io.write.calibrated_config import CLASSES_NAME

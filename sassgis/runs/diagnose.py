@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
 from sassgis.gap.diagnosis import (
     Advice,
     Comparison,
@@ -21,11 +22,7 @@ from sassgis.gap.diagnosis import (
     Range,
     Verdict,
 )
-from sassgis.gap.ladder.calibration import (
-    FRESH,
-    best_draws,
-    gain_of,
-)
+from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder.handover import (
     CONFIGURED_NUMBER,
     configured_gap,
@@ -34,8 +31,8 @@ from sassgis.gap.ladder.handover import (
     settings_of,
     values_of,
 )
+from sassgis.gap.ladder.hypothesis_fit import CHOSEN, FRESH, gain_of
 from sassgis.gap.ladder.rungs import (
-    RockDistances,
     ground_is_enough,
     ladder_of,
     needs_contact_law,
@@ -48,11 +45,6 @@ from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.residuals.table import ResidualTable, residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import CauseWeights
-from sassgis.gap.which.ensemble import (
-    CalibrationProblem,
-    model_rows,
-    problem_of,
-)
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import NONE, families_to_try
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
@@ -71,14 +63,14 @@ from sassgis.io.staging import staged_output, writing
 from sassgis.io.write.gap_files import write_diagnosis_json
 from sassgis.model.errors import InputError, Interrupted
 from sassgis.model.grid import FloatArray
+from sassgis.runs.draw_store import OnProgress
 from sassgis.runs.fresh_shrinkage import ENSEMBLE
 from sassgis.runs.gap_case import fingerprint_of, read_case
 from sassgis.runs.gap_outputs import write_outputs
 from sassgis.runs.hypothesis_fits import (
     DRAWS,
     HypothesisFits,
-    KeptDraws,
-    OnProgress,
+    Keeping,
     best_base,
     calibrated_base,
 )
@@ -176,7 +168,7 @@ def diagnose(
             with task_map(problem, workers_asked(settings, jobs)) as run:
                 tell(f"Calibrating the base model with {case.n_rocks} rocks")
                 made, wrong_ground, usual = best_base(
-                    problem, run, draws, on_progress, KeptDraws(work, fingerprint, tell)
+                    problem, run, draws, on_progress, Keeping(work, fingerprint, tell)
                 )
                 tell("Calibrating the most probable hypotheses")
                 diagnosis = _diagnosis(made, wrong_ground, usual, frozen, weights, fingerprint)
@@ -232,7 +224,7 @@ def fingerprints_of(
 
     # No rock is left out: what is asked for are no scores.
     whole = replace(problem, part=np.full(problem.case.n_rocks, -1))
-    made = calibrated_base(whole, run, DRAWS, None, KeptDraws(None, "", lambda _text: None))
+    made = calibrated_base(whole, run, DRAWS, None, Keeping(None, "", lambda _text: None))
     residuals = _residuals(made)
     case = problem.case
     return fingerprints(case, residuals, group=case.group), where(case, residuals, seed=seed)
@@ -272,7 +264,7 @@ def _diagnosis(
     made.add(CONTACT_LAW)
     configured = model_rows(problem, configured_model(case), CONFIGURED_NUMBER, FRESH)
     bases = [
-        ("configured", configured.astype(np.float64)),
+        ("configured", configured),
         ("ground", made.rows(NONE)),
         (CONTACT_LAW, made.rows(CONTACT_LAW)),
     ]
@@ -292,7 +284,7 @@ def _diagnosis(
     shrinkage = shrinkage_of(problem, made.rows(base), best, made.rows(with_base(best)))
     findings = where(case, residuals, seed=seed)
     most = None if shrinkage.ci95 is None else shrinkage.ci95[1]
-    draws = [t.draw for t in made.fits[with_base(best)].models]
+    draws = [own.draw for own in made.fits[with_base(best)].models]
     enough = ground_is_enough(first_rungs)
     verdict = verdict_of(prints, shares, most, frozen, law, enough, case, draws, findings)
     named = verdict.effect if verdict.effect not in (NONE, UNKNOWN, CONTACT_LAW) else ""
@@ -311,18 +303,15 @@ def _diagnosis(
     steps = list(dict.fromkeys([*parts[:1], *([named] if named else [])]))
     made.add(final, *map(with_base, steps))
     ladder = ladder_of(problem, [*bases, *((step, made.rows(with_base(step))) for step in steps)])
-    left = {e: made.posterior(e) for e in dict.fromkeys([NONE, final])}
-    intervals = {
-        e: own.intervals(problem, made.model(e)) for e, own in left.items() if own is not None
-    }
-    ground = left[final]
+    intervals = {e: made.fits[e].intervals(case) for e in dict.fromkeys([NONE, final])}
+    ground = made.fits[final]
     model = made.model(final).model
     advice = Advice(
-        configured_gap(problem, configured.astype(np.float64)),
+        configured_gap(problem, configured),
         wrong_ground,
         case.ground_range,
-        () if ground is None else settings_of(case, ground, intervals[final], made.model(final)),
-        () if ground is None else tuple((t.one, t.other, t.correlation) for t in ground.trade_offs),
+        settings_of(case, ground, intervals[final]),
+        tuple((t.one, t.other, t.correlation) for t in ground.trade_offs),
         consequences_of(problem, configured_model(case), model),
     )
     known = what_is_identifiable(case.observations)
@@ -366,7 +355,9 @@ def _measure_next(
         own = base if cause == NONE else with_base(cause)
         if own in made.fits:
             name = base if cause == NONE else cause
-            models[name] = [draw.model for draw in made.draws(own, DRAWS_COMPARED)]
+            fit = made.fits[own]
+            others = fit.samples(made.problem.case, DRAWS_COMPARED - 1)
+            models[name] = [fit.handed_over.draw.model, *(draw.model for draw in others)]
     case, lines = made.problem.case, made.problem.rock_lines
     found = separations(case, lines, models, made.problem.seed)
     return tuple(one.sentence for one in found)
@@ -380,7 +371,7 @@ def _hypotheses(
     intervals: Mapping[str, Mapping[str, Range]],
 ) -> tuple[Hypothesis, ...]:
     """Everything that was tried, most probable first."""
-    problem, ensemble = made.problem, made.ensemble
+    problem = made.problem
     base = made.scores(NONE)
     rng = np.random.default_rng([problem.seed, 81])
     found = []
@@ -388,9 +379,7 @@ def _hypotheses(
         tried = with_base(name) if name != NONE and with_base(name) in made.fits else name
         own = made.scores(tried)
         gain = gain_of(base, own, problem.case.group, rng)
-        last = problem.n_parts
-        best = best_draws(ensemble, tried, problem.rocks_of(last), last)[0]
-        top = made.model(tried) if tried in made.fits else ensemble.tried[int(best)].draw
+        top = made.model(tried)
         found.append(
             Hypothesis(
                 name,
@@ -455,9 +444,9 @@ def _write_models(file: Path, made: HypothesisFits, diagnosis: Diagnosis) -> Non
         },
         **{
             name: {
-                "number": made.fits[own].handed_over.number,
+                "number": CHOSEN,
                 "distance": RockDistances.of(
-                    made.problem.rows, made.fits[own].handed_over.rows.astype(np.float64)
+                    made.problem.rows, made.fits[own].handed_over.rows
                 ).value()
                 if made.problem.rows.shape[1]
                 else None,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sassgis.gap.calibration.calibrator import NumberedDraw
 from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.model.grid import FloatArray
 
@@ -16,45 +17,69 @@ from sassgis.model.grid import FloatArray
 _SAVE_EVERY_S = 5.0
 
 
+OnProgress = Callable[[int, int, int], None]
+RunNew = Callable[[Sequence[NumberedDraw]], Iterable[FloatArray]]
+
+
+class Progress:
+    """Reports how many draws are done, of how many, and the rocks simulated for them."""
+
+    def __init__(self, on_progress: OnProgress | None, total: int, rocks: int) -> None:
+        self._on_progress, self._total, self._rocks, self._done = on_progress, total, rocks, 0
+
+    def step(self) -> None:
+        """One draw more."""
+        self._done += 1
+        if self._on_progress is not None:
+            self._on_progress(self._done, self._total, self._rocks * self._done)
+
+
 class DrawStore:
     """Scores by number of the draw; a draw counts as made if its parameters are the same.
 
     Parameters
     ----------
-    file : Path
-        In the working folder of the result. One that does not fit is not used, which is told.
+    file : Path or None
+        In the working folder of the result; None: nothing is kept. One that does not fit is not
+        used, which is told.
     fingerprint : str
     tell : callable
     """
 
-    def __init__(self, file: Path, fingerprint: str, tell: Callable[[str], None]) -> None:
+    def __init__(self, file: Path | None, fingerprint: str, tell: Callable[[str], None]) -> None:
         self._file, self._fingerprint = file, fingerprint
         self._saved = time.monotonic()
-        known = read_saved(file, fingerprint, tell) or {}
+        known = (file and read_saved(file, fingerprint, tell)) or {}
         rows = zip(*(known.get(k, ()) for k in ("numbers", "shares", "scores")), strict=True)
         self._made: dict[int, tuple[FloatArray, FloatArray]] = {int(n): (u, s) for n, u, s in rows}
 
-    def known(self, number: int, shares: FloatArray) -> FloatArray | None:
-        """Scores of a draw, if it was made."""
-        made = self._made.get(number)
-        return made[1] if made is not None and np.array_equal(made[0], shares) else None
+    def scored(
+        self, draws: Sequence[NumberedDraw], *, run: RunNew, step: Callable[[], None]
+    ) -> list[FloatArray]:
+        """Scores of draws: those that are known, and those that ``run`` makes now.
 
-    def keep(
-        self, draws: Sequence[tuple[int, FloatArray]], results: Iterable[FloatArray]
-    ) -> Iterator[FloatArray]:
-        """Pass results on and keep them; saved now and then, and whatever happens."""
+        What is made is saved now and then, and whatever happens.
+        """
+        due = [one for one in draws if not self._known(*one)]
+        for _ in range(len(draws) - len(due)):
+            step()
         try:
-            for (number, shares), scores in zip(draws, results, strict=True):
+            for (number, shares), scores in zip(due, run(due), strict=True):
                 self._made[number] = (shares, scores)
                 if time.monotonic() - self._saved > _SAVE_EVERY_S:
                     self.save()
-                yield scores
+                step()
         finally:
             self.save()
+        return [self._made[number][1] for number, _ in draws]
+
+    def _known(self, number: int, shares: FloatArray) -> bool:
+        made = self._made.get(number)
+        return made is not None and np.array_equal(made[0], shares)
 
     def save(self) -> None:
         """Write what was made; the file is whole at any time."""
-        if not self._made:
+        if not self._made or self._file is None:
             return
         numbers = sorted(self._made)
         arrays: dict[str, Any] = {

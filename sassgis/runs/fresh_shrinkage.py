@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from sassgis.gap.calibration.problem import Scale, model_rows, problem_of
+from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder.handover import CONFIGURED_NUMBER
-from sassgis.gap.ladder.rungs import RockDistances
 from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.replicas.model_json import model_from_json
-from sassgis.gap.which.ensemble import Scale, model_rows, problem_of
 from sassgis.model.errors import InputError
 from sassgis.runs.gap_case import read_case
 
@@ -65,9 +65,7 @@ def measured_shrinkage(
     models["configured"] = configured_model(problem.case)
     numbers["configured"] = CONFIGURED_NUMBER
     base, effect, configured = (
-        RockDistances.of(
-            problem.rows, model_rows(problem, model, numbers[name], count).astype(np.float64)
-        )
+        RockDistances.of(problem.rows, model_rows(problem, model, numbers[name], count))
         for name, model in models.items()
     )
     gap = configured.value() - effect.floor

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.observed_slope import LV95, NORTH, TABLES, TAN, TOP, WEST
-from helpers.simulated_slope import ORDER, observed
+from helpers.simulated_slope import observed
 
-from sassgis.gap.which.ensemble import CalibrationProblem, Tried, problem_of, tasks_of, try_task
-from sassgis.gap.which.hypotheses import NONE
+from sassgis.gap.calibration.problem import CalibrationProblem, problem_of
 from sassgis.model.crs import parse_crs
 from sassgis.model.grid import Grid
 
@@ -52,9 +51,3 @@ def folder(tmp_path: Path) -> Callable[..., Path]:
 def problem() -> CalibrationProblem:
     """Of rocks that the engine released without any effect."""
     return problem_of(observed(24, 3), 5)
-
-
-@pytest.fixture(scope="session")
-def made(problem: CalibrationProblem) -> list[Tried]:
-    """Campaigns of the base model for this problem."""
-    return [try_task(problem, task, ORDER) for task in tasks_of([NONE], 20)]

@@ -15,10 +15,10 @@ import pytest
 from helpers.changed_arrays import change_arrays
 
 from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.gap.calibration.problem import model_rows, problem_of
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec, make_world, observe, setup
-from sassgis.gap.ladder.rungs import RockDistances
+from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.replicas.hypothesis_model import LateralWalk, configured_model
-from sassgis.gap.which.ensemble import model_rows, problem_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.gap_thresholds import read_thresholds, thresholds_of
 from sassgis.io.saved_arrays import unfit
@@ -28,6 +28,7 @@ from sassgis.model.errors import InputError, Interrupted, SassgisError
 from sassgis.runs import diagnose as gap_diagnose
 from sassgis.runs import hypothesis_fits
 from sassgis.runs.diagnose import diagnose
+from sassgis.runs.draw_store import DrawStore
 from sassgis.runs.fresh_shrinkage import ENSEMBLE, measured_shrinkage
 from sassgis.runs.gap_case import read_case
 from sassgis.runs.gap_check import SEED
@@ -107,7 +108,7 @@ def test_the_model_that_is_handed_over_is_the_one_scored(everything: Path, answe
     walk = LateralWalk(**kept["effect"]["model"]["lateral_walk"])
     model = replace(configured_model(read), lateral_walk=walk)
     own = model_rows(problem, model, kept["effect"]["number"], kept["count"])
-    again = RockDistances.of(problem.rows, own.astype(float)).value()
+    again = RockDistances.of(problem.rows, own).value()
     assert again == pytest.approx(kept["effect"]["distance"], rel=1e-5)
 
 
@@ -143,40 +144,41 @@ def test_processes_and_an_interruption_change_nothing(
         run(everything, tmp_path / "out", report=False, on_progress=stop)
     assert not (tmp_path / "out").exists()
     made = []
-    whole = hypothesis_fits.try_task
+    whole = hypothesis_fits.score_hypothesis
     monkeypatch.setattr(
-        hypothesis_fits, "try_task", lambda *a, **k: made.append(k) or whole(*a, **k)
+        hypothesis_fits, "score_hypothesis", lambda *a: made.append(a[1].effect) or whole(*a)
     )
     run(everything, tmp_path / "out", report=False)
-    # What was drawn first, of the base and of the effects, is not drawn again.
-    assert not made
+    # What was drawn of the base is not drawn again.
+    assert made and "none" not in made
     monkeypatch.undo()
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text()) == expected
     run(everything, tmp_path / "two", report=False, jobs=2)
     assert json.loads((tmp_path / "two" / "diagnosis.json").read_text()) == expected
 
 
-def test_first_draws_that_were_changed_are_made_again(everything: Path, tmp_path: Path) -> None:
-    problem = problem_of(read_case(everything / CONFIG_NAME, everything / OBSERVATIONS_NAME), 1)
-    made: list[object] = []
+def test_draws_that_were_changed_are_made_again(tmp_path: Path) -> None:
+    made: list[int] = []
     said: list[str] = []
-    kept = hypothesis_fits.KeptDraws(tmp_path, "own", said.append)
+    draws = [(k, np.array([0.1 * k, 0.5])) for k in range(3)]
 
-    def rows(effect: str) -> list[np.ndarray]:
+    def scores(name: str) -> list[np.ndarray]:
         made.clear()
-        found = kept.first_draws(
-            problem, effect, 2, lambda f, tasks: (made.append(t) or f(problem, t) for t in tasks)
-        )
-        return [one.rows for one in found]
+        store = DrawStore(tmp_path / name, "own", said.append)
 
-    drag, bare = rows("air_drag"), rows("none")
-    assert len(made) == 2 and np.array_equal(rows("air_drag"), drag) and not made and not said
-    file, other = (tmp_path / f"checkpoint.{effect}.1.npz" for effect in ("air_drag", "none"))
-    change_arrays(file, lambda arrays: arrays["rows"].__imul__(0.5))
-    assert np.array_equal(rows("air_drag"), drag) and len(made) == 2
-    shutil.copy(file, other)
-    assert np.array_equal(rows("none"), bare) and len(made) == 2
-    assert said == [unfit(file), unfit(other)]
+        def run(due: list[tuple[int, np.ndarray]]) -> list[np.ndarray]:
+            made.extend(n for n, _ in due)
+            return [np.array([share.sum() + n]) for n, share in due]
+
+        return store.scored(draws, run=run, step=lambda: None)
+
+    first = scores("one.npz")
+    assert made == [0, 1, 2] and np.array_equal(scores("one.npz"), first) and not made and not said
+    change_arrays(tmp_path / "one.npz", lambda arrays: arrays["scores"].__imul__(0.5))
+    assert np.array_equal(scores("one.npz"), first) and made == [0, 1, 2]
+    shutil.copy(tmp_path / "one.npz", tmp_path / "two.npz")
+    assert np.array_equal(scores("two.npz"), first) and len(made) == 3
+    assert said == [unfit(tmp_path / "one.npz"), unfit(tmp_path / "two.npz")]
 
 
 @pytest.mark.parametrize(

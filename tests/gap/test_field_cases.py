@@ -184,8 +184,12 @@ def test_a_plane_keeps_its_normal(tmp_path: Path) -> None:
 def test_the_base_law_is_that_of_the_engine_and_soft_ground_takes_energy() -> None:
     from field_cases.impact_law import State, defaults, ground_class, predict
 
-    from sassgis.engine.impact import SCALE
+    from sassgis.engine.effects import hooks
+    from sassgis.engine.simulate import physics_of
     from sassgis.gap.residuals.impact_step import impact_draws
+    from sassgis.model.effects import EffectSettings
+    from sassgis.model.ground import GroundTable
+    from sassgis.model.settings import EngineSettings
 
     state = State(0.5, 9.0, -5.0, 12.0, (0.5, 0.4, 0.3), 500.0)
     ground = ground_class()
@@ -194,13 +198,18 @@ def test_the_base_law_is_that_of_the_engine_and_soft_ground_takes_energy() -> No
         for name, law in defaults(ground).items()
     }
     rng = np.random.default_rng(5)
-    drawn = np.ones((1, 3000, 5))
+    drawn = np.zeros((1, 3000, 3))
     drawn[..., 0] = rng.uniform(0.0, np.pi, 3000)
     drawn[..., 1] = rng.uniform(ground.dp_min, ground.dp_max, 3000)
-    known = (state.dip, state.vt, state.vn, state.omega, ground.eta_max, ground.mu_f, 1.0)
-    row = np.array([[*known, 0.0, 9.0, 0.1, ground.mu_0, ground.k, ground.d_star_m]])
     out = np.empty((1, 3000, 3))
-    impact_draws(row, np.tile(state.axes, (1, 3000, 1)), drawn, 9.81, SCALE, out)
+    impact_draws(
+        np.array([[state.dip, state.vt, state.vn, state.omega]]), np.zeros(1, np.int64),
+        np.tile(state.axes, (1, 3000, 1)), drawn,
+        np.zeros((1, 3000), np.uint64), np.array([2700.0]),
+        hooks.ground_of(EffectSettings(), GroundTable((ground,)).with_rolling_threshold(0.1)),
+        np.zeros(1, hooks.BLOCK_DTYPE), physics_of(EngineSettings(readings="1986").resolved()),
+        None, out,
+    )  # fmt: skip
     base = made["base"]
     # The same law under other draws: means agree within their standard errors.
     for q in range(3):

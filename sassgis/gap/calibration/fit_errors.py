@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sassgis.gap.calibration.site import CalibrationSite
+from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.inference.intervals import Interval, bootstrap_interval
 from sassgis.model.grid import FloatArray, IntArray
@@ -65,13 +65,13 @@ _NAMES = {
 
 
 def quantity_errors(
-    site: CalibrationSite, models: Mapping[str, Mapping[str, FloatArray]], seed: int
+    site: CalibrationProblem, models: Mapping[str, Mapping[str, FloatArray]], seed: int
 ) -> tuple[QuantityErrors, ...]:
     """Errors in every scored quantity.
 
     Parameters
     ----------
-    site : CalibrationSite
+    site : CalibrationProblem
     models : mapping of str to mapping of quantity to float64, shape (count, n_rocks)
         Replicas "before", "after", "left out".
     seed : int
@@ -144,4 +144,4 @@ def _quantiles(values: FloatArray) -> tuple[float, ...]:
 
 def _crps(seen: FloatArray, made: FloatArray) -> FloatArray:
     """Score of each rock; NaN where fewer than two of its replicas have the quantity."""
-    return energy_scores(made.T[:, :, None], seen[:, None], scale=np.ones(1))
+    return energy_scores(seen[:, None], made[:, :, None])

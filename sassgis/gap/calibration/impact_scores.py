@@ -15,6 +15,7 @@ from sassgis.gap.residuals.one_step import (
     rebound_draws,
     usable_impacts,
 )
+from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 
@@ -43,11 +44,17 @@ def observed_outcomes(impacts: ImpactsInFlight) -> FloatArray:
 
 
 def simulated_outcomes(
-    case: Case, table: GroundTable, impacts: ImpactsInFlight, *, seed: int, number: int
+    case: Case,
+    table: GroundTable,
+    effects: EffectSettings,
+    impacts: ImpactsInFlight,
+    *,
+    seed: int,
+    number: int,
 ) -> FloatArray:
-    """The same in the model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed."""
+    """The same in a model, shape (n, DRAWS, 3); a rock that would roll on keeps its speed."""
     rng = np.random.default_rng([seed, number, 87])
-    after = rebound_draws(case, table, impacts, rng)
+    after = rebound_draws(case, table, impacts, rng, effects)
     along = np.maximum(impacts.impacts.vt_in_mps, 0.0)
     rolls = np.column_stack([along, np.zeros(along.size), along / impacts.radius])
     return _relative(impacts, np.where(np.isfinite(after), after, rolls[:, None]))
@@ -67,7 +74,10 @@ def impact_scores(
 
     The unit of each quantity is its scatter among the observed impacts.
     """
-    return _per_rock(energy_scores(simulated, observed)[:, None], impacts, n_rocks)[:, 0]
+    spread = np.nanstd(observed, axis=0, ddof=1) if len(observed) > 1 else np.zeros(3)
+    unit = np.where(spread > 1e-9, spread, 1.0)
+    scores = energy_scores(observed / unit, np.swapaxes(simulated / unit, 0, 1))
+    return _per_rock(scores[:, None], impacts, n_rocks)[:, 0]
 
 
 def impact_quantities(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import truncnorm
 
+from sassgis.gap.observations.case import Case
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
 from sassgis.model.ground import PARAMETERS, GroundClass, GroundTable
@@ -34,6 +35,10 @@ class CalibrationRange:
     seen_in: str
 
 
+#: Ground further down than this many times the furthest observed run-out is not calibrated.
+_BEYOND = 1.5
+#: Share of the length of the fall lines below which a class is not calibrated.
+_LEAST_SHARE = 0.02
 #: Ranges wide enough for any ground that rocks have been observed on. They are limits of the
 #: search, not values of any ground: a result at a limit is reported.
 RANGES: Mapping[str, CalibrationRange] = {
@@ -64,8 +69,8 @@ class ClassParameter:
 
     @property
     def label(self) -> str:
-        """Class and parameter in one word."""
-        return f"{self.class_name}.{self.name}"
+        """Class and parameter in one word; the parameter alone if it is of no class."""
+        return f"{self.class_name}.{self.name}" if self.class_name else self.name
 
     def value(self, share: FloatArray | float) -> FloatArray:
         """Values at shares of the range."""
@@ -106,6 +111,30 @@ def fitted_names(names: Iterable[str] | None, engines: Iterable[EngineSettings])
                 expected="some of " + ", ".join(known),
             )
     return asked
+
+
+def classes_met(case: Case) -> tuple[str, ...]:
+    """Classes on the fall lines of the rocks, as far down as rocks can have come."""
+    stops = case.projected["deposits"].s if "deposits" in case.projected else np.empty(0)
+    known = np.concatenate([case.station_s.ravel(), stops])
+    known = known[np.isfinite(known)]
+    length = np.zeros(len(case.table.classes))
+    if "impacts" in case.projected:
+        rock, s = case.observations.rock_of("impacts"), case.projected["impacts"].s
+        own = (rock >= 0) & np.isfinite(s)
+        kind, _ = case.ground_at(rock[own], s[own])
+        np.add.at(length, kind[kind >= 0], 1.0)
+    # Impacts alone say nothing of ground without any.
+    limit = _BEYOND * float(known.max()) if known.size else 0.0
+    for line in np.unique(case.line).tolist():
+        first, last = (int(v) for v in case.profiles.offset[line : line + 2])
+        ends_s = np.clip(case.profiles.s[first:last], 0.0, limit)
+        np.add.at(length, case.profiles.ground[first : last - 1], np.diff(ends_s))
+    return tuple(
+        c.name
+        for c, own in zip(case.table.classes, length.tolist(), strict=True)
+        if own > _LEAST_SHARE * length.sum()
+    )
 
 
 def _read_by(engine: EngineSettings) -> Iterator[str]:

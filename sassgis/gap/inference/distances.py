@@ -1,4 +1,4 @@
-"""Distances of distributions, and scores of an ensemble against one observation.
+"""The score of an ensemble against one observation, and the distance of rocks from a model.
 
 Rocks are the unit of resampling everywhere: what one rock did at five stations is one draw from
 nature, not five.
@@ -8,17 +8,19 @@ Missing entries
 Which quantities were observed differs from rock to rock. Two kinds of gaps are kept apart.
 
 *Not measured* is NaN. Whatever is compared is compared in the quantities that are there, and a
-distance over ``k`` of ``p`` quantities is stretched by sqrt(p / k), so that a rock with few of
-them weighs as much as one with many (the partial distance of J. K. Dixon, 1979, Pattern recognition
+score over ``k`` of ``p`` quantities is stretched by sqrt(p / k), so that a rock with few of them
+weighs as much as one with many (the partial distance of J. K. Dixon, 1979, Pattern recognition
 with partly missing data, IEEE Trans. Syst. Man Cybern. 9, 617-621). It is assumed that why
 something was not measured has nothing to do with its value.
 
 *Did not happen* (a rock that never reached a station has no speed there) is information and must
 not be left out: a model in which no rock arrives would escape its punishment. A coordinate of its
-own stands for it before any distance is taken (``sassgis.gap.which.ensemble.Scale``).
+own stands for it before any distance is taken (``sassgis.gap.calibration.problem.Scale``).
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,205 +28,104 @@ from scipy.spatial.distance import cdist
 
 from sassgis.model.grid import FloatArray
 
-BoolArray = NDArray[np.bool_]
 
-#: Distances are taken in blocks of at most this many pairs, to bound the memory.
-PAIRS = 4_000_000
-
-
-def observed_scale(observed: FloatArray) -> FloatArray:
-    """Unit of each quantity: its sample standard deviation among the observed rows.
-
-    Parameters
-    ----------
-    observed : float64, shape (n, p)
-        NaN where not measured.
-
-    Returns
-    -------
-    float64, shape (p,)
-        1 where fewer than two values, or no scatter, leave no scale: the quantity then counts in
-        its own unit.
-    """
-    values = as_matrix(observed)
-    scale = np.ones(values.shape[1])
-    for k, column in enumerate(values.T):
-        known = column[np.isfinite(column)]
-        if known.size > 1:
-            spread = float(np.std(known, ddof=1))
-            # Equal numbers can differ from their mean by rounding.
-            if spread > 1e-12 * float(np.abs(known).max()):
-                scale[k] = spread
-    return scale
-
-
-def energy_distance(
-    x: FloatArray,
-    y: FloatArray,
-    *,
-    scale: FloatArray | None = None,
-    unbiased: bool = False,
-) -> float:
-    """Energy distance between two samples: 2 E|X − Y| − E|X − X'| − E|Y − Y'|.
-
-    Zero if and only if the distributions are equal (G. J. Székely and M. L. Rizzo, 2013, Energy
-    statistics, J. Stat. Plan. Inference 143, 1249-1272). It is the squared form, in units of the
-    standardised quantities; some libraries return its root.
-
-    With missing entries it is the mean, over the rows of ``x``, of the energy distance in the
-    quantities that this row has, between all rows of ``x`` and all rows of ``y`` that have them
-    too, with distances stretched as the module says. Each part is an energy distance by itself, so
-    the mean is never negative (unless unbiased), and zero where the distributions agree. Quantities
-    that no row of ``y`` has are left out.
-
-    Parameters
-    ----------
-    x : float64, shape (n, p) or (n,)
-        The observed sample; NaN where not measured.
-    y : float64, shape (m, p) or (m,)
-        The simulated sample.
-    scale : float64, shape (p,), optional
-        Divides the quantities; default: ``observed_scale(x)``.
-    unbiased : bool
-        Leave the pairs of a row with itself out. Without, a finite sample is at a distance above
-        zero from its own distribution, about E|X − X'| (1/n + 1/m).
-
-    Returns
-    -------
-    float
-        NaN if the samples have no quantity in common.
-    """
-    a, b = as_matrix(x), as_matrix(y)
-    if a.shape[1] != b.shape[1]:
-        raise ValueError(f"samples of {a.shape[1]} and {b.shape[1]} quantities")
-    unit = observed_scale(a) if scale is None else np.asarray(scale, np.float64)
-    a, b = a / unit, b / unit
-    p = a.shape[1]
-    has_a, has_b = np.isfinite(a), np.isfinite(b)
-    # A quantity without a counterpart says nothing about the distance.
-    common = has_a & has_b.any(axis=0)
-    patterns, count = np.unique(common, axis=0, return_counts=True)
-    total, weight = 0.0, 0.0
-    least = 2 if unbiased else 1
-    for pattern, n_rows in zip(patterns, count.tolist(), strict=True):
-        own = a[has_a[:, pattern].all(axis=1)][:, pattern]
-        other = b[has_b[:, pattern].all(axis=1)][:, pattern]
-        if not pattern.any() or len(own) < least or len(other) < least:
-            continue
-        stretch = np.sqrt(p / pattern.sum())
-        part = (
-            2.0 * _sum_of_distances(own, other) / (len(own) * len(other))
-            - _mean_within(own, unbiased)
-            - _mean_within(other, unbiased)
-        )
-        total += n_rows * stretch * (part if unbiased else max(part, 0.0))
-        weight += n_rows
-    return total / weight if weight else float("nan")
-
-
-def _mean_within(x: FloatArray, unbiased: bool) -> float:
-    n = len(x)
-    return _sum_of_distances(x, x) / (n * (n - 1) if unbiased else n * n)
-
-
-def _sum_of_distances(x: FloatArray, y: FloatArray) -> float:
-    """Sum of the Euclidean distances of all pairs of rows."""
-    if x.shape[1] == 1:
-        return _sum_in_line(x[:, 0], y[:, 0])
-    step = max(1, PAIRS // max(1, len(y)))
-    return float(sum(cdist(x[i : i + step], y).sum() for i in range(0, len(x), step)))
-
-
-def _sum_in_line(x: FloatArray, y: FloatArray) -> float:
-    """In one dimension sorting replaces the pairs: O((n + m) log m)."""
-    ordered = np.sort(y)
-    below = np.searchsorted(ordered, x)
-    sums = np.concatenate([[0.0], np.cumsum(ordered)])
-    m = ordered.size
-    return float((x * (2 * below - m) + sums[m] - 2.0 * sums[below]).sum())
-
-
-def energy_score(
-    ensemble: FloatArray,
-    observation: FloatArray,
-    *,
-    scale: FloatArray | None = None,
-    fair: bool = True,
-) -> float:
-    """Energy score of an ensemble against one observation: E|Y − y| − ½ E|Y − Y'|.
+def energy_scores(observed: FloatArray, replicas: NDArray[np.floating]) -> FloatArray:
+    """Energy score of each observation against its own replicas: E|Y − y| − ½ E|Y − Y'|.
 
     Strictly proper: it is smallest, in the mean, for the distribution that nature draws from
     (T. Gneiting and A. E. Raftery, 2007, Strictly proper scoring rules, prediction, and estimation,
-    J. Am. Stat. Assoc. 102, 359-378). In one dimension it is the CRPS.
+    J. Am. Stat. Assoc. 102, 359-378, equation 22). In one dimension it is the CRPS. Pairs of a
+    replica with itself are left out, so that the expected score does not depend on their number
+    (C. A. T. Ferro, 2014, Fair scores for ensemble forecasts, Q. J. R. Meteorol. Soc. 140,
+    1917-1923).
 
     Parameters
     ----------
-    ensemble : float64, shape (m, p)
-        Simulated rocks. Those that lack a quantity of the observation are left out: encode what did
-        not happen as a coordinate of its own first.
-    observation : float64, shape (p,)
-        NaN where not measured; these quantities are left out, and distances stretched as the module
-        says.
-    scale : float64, shape (p,), optional
-        Divides the quantities; default 1. It must not depend on this observation alone.
-    fair : bool
-        Whether pairs of a simulated rock with itself are left out, so that the expected score does
-        not depend on the size of the ensemble (C. A. T. Ferro, 2014, Fair scores for ensemble
-        forecasts, Q. J. R. Meteorol. Soc. 140, 1917-1923).
-
-    Returns
-    -------
-    float
-        NaN if nothing was measured or fewer than two (fair) or one simulated rocks are left.
-    """
-    members, seen = as_matrix(ensemble), np.asarray(observation, np.float64).ravel()
-    if members.shape[1] != seen.size:
-        raise ValueError(f"ensemble of {members.shape[1]} quantities, {seen.size} observed")
-    if scale is not None:
-        members, seen = members / scale, seen / scale
-    known = np.isfinite(seen)
-    members = members[:, known]
-    members = members[np.isfinite(members).all(axis=1)]
-    if not known.any() or len(members) < (2 if fair else 1):
-        return float("nan")
-    near = _sum_of_distances(members, seen[None, known]) / len(members)
-    stretch = np.sqrt(seen.size / known.sum())
-    return float(stretch * (near - 0.5 * _mean_within(members, fair)))
-
-
-def energy_scores(
-    ensembles: FloatArray,
-    observed: FloatArray,
-    *,
-    scale: FloatArray | None = None,
-    fair: bool = True,
-) -> FloatArray:
-    """Energy score of each observation against its own ensemble.
-
-    Parameters
-    ----------
-    ensembles : float64, shape (n, m, p)
     observed : float64, shape (n, p)
-    scale : float64, shape (p,), optional
-        Default: ``observed_scale(observed)``.
-    fair : bool
+        In units that count alike; NaN where not measured: left out, distances are stretched.
+    replicas : float, shape (m, n, p)
+        One that lacks a quantity of the observation is left out: encode what did not happen as a
+        coordinate of its own first.
 
     Returns
     -------
     float64, shape (n,)
+        NaN where nothing was measured or fewer than two replicas are left.
     """
-    seen = as_matrix(observed)
-    unit = observed_scale(seen) if scale is None else scale
-    return np.array(
-        [
-            energy_score(own, row, scale=unit, fair=fair)
-            for own, row in zip(ensembles, seen, strict=True)
-        ],
-        np.float64,
-    )
+    known = np.isfinite(observed)
+    seen = np.where(known, observed, 0.0)
+    members = np.asarray(replicas, np.float64)
+    has = np.isfinite(members) | ~known
+    members = np.where(known & has, members, 0.0)
+    whole = np.asarray(has.all(axis=2), np.bool_)
+    count = whole.sum(axis=0)
+    near = (np.sqrt(((members - seen) ** 2).sum(axis=2)) * whole).sum(axis=0)
+    apart = np.zeros(len(seen))
+    for i in range(len(members) - 1):
+        between = np.sqrt(((members[i] - members[i + 1 :]) ** 2).sum(axis=2))
+        apart += (between * (whole[i] & whole[i + 1 :])).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        stretch = np.sqrt(observed.shape[1] / known.sum(axis=1))
+        scores = stretch * (near / count - apart / (count * (count - 1)))
+    return np.where((count > 1) & known.any(axis=1), scores, np.nan)
 
 
-def as_matrix(values: FloatArray) -> FloatArray:
-    """Rows by quantities; a single quantity may come as a vector."""
-    array = np.asarray(values, np.float64)
-    return array[:, None] if array.ndim == 1 else array
+@dataclass(frozen=True, slots=True)
+class RockDistances:
+    """Energy distance between the observed rocks and those of a model, from pairs of rocks.
+
+    2 E|X − Y| − E|X − X'| − E|Y − Y'| (G. J. Székely and M. L. Rizzo, 2013, Energy statistics,
+    J. Stat. Plan. Inference 143, 1249-1272). Only pairs of different rocks count, so that the
+    distance is zero in the mean if each observed rock is one more draw of its replicas, whatever
+    the rocks differ in.
+
+    Attributes
+    ----------
+    pairs : float64, shape (n_rocks, n_rocks)
+        2 |x_i − y_j| − |x_i − x_j| − |y_i − y_j|, means over replicas; zero on the diagonal.
+    floors : float64, shape (m,)
+        The same distance where each of the replicas stands in for what was observed.
+    """
+
+    pairs: FloatArray
+    floors: FloatArray
+
+    @classmethod
+    def of(cls, observed: FloatArray, replicas: FloatArray) -> RockDistances:
+        """Distances of rows of rocks, shapes (n_rocks, p) and (m, n_rocks, p), m of two or more."""
+        m, n = replicas.shape[:2]
+        across = np.mean([cdist(observed, one) for one in replicas], axis=0)
+        among = np.zeros((n, n))
+        between = np.zeros((m, m))
+        for i in range(m):
+            for j in range(i + 1):
+                own = cdist(replicas[i], replicas[j])
+                np.fill_diagonal(own, 0.0)
+                among += own if i == j else own + own.T
+                between[i, j] = between[j, i] = own.sum() / (n * (n - 1))
+        pairs = across + across.T - cdist(observed, observed) - among / m**2
+        np.fill_diagonal(pairs, 0.0)
+        return cls(pairs, np.array([_of_one(between, k) for k in range(m)]))
+
+    def value(self, weights: FloatArray | None = None) -> float:
+        """The distance, unbiased; with weights of the rocks."""
+        n = len(self.pairs)
+        own = np.full(n, 1.0 / n) if weights is None else weights / weights.sum()
+        return float(own @ self.pairs @ own / (1.0 - own @ own))
+
+    @property
+    def floor(self) -> float:
+        """What chance leaves: the mean distance of a replica from the others, near zero."""
+        return float(self.floors.mean())
+
+    @property
+    def above_chance(self) -> bool:
+        """Whether the gap exceeds the 95 % quantile of that of replicas."""
+        return bool(self.value() > self.floor + 1.645 * self.floors.std(ddof=1))
+
+
+def _of_one(between: FloatArray, k: int) -> float:
+    """Energy distance of one replica from all the others, from mean distances of replicas."""
+    rest = np.delete(np.arange(len(between)), k)
+    within = between[np.ix_(rest, rest)].mean()
+    return float(2.0 * between[k, rest].mean() - between[k, k] - within)

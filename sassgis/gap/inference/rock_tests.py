@@ -7,8 +7,16 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from sassgis.gap.inference.distances import PAIRS, as_matrix
 from sassgis.model.grid import FloatArray, IntArray
+
+#: Draws are made in blocks of at most this many numbers, to bound the memory.
+_MOST = 4_000_000
+
+
+def _as_matrix(values: FloatArray) -> FloatArray:
+    """Rows by quantities; a single quantity may come as a vector."""
+    array = np.asarray(values, np.float64)
+    return array[:, None] if array.ndim == 1 else array
 
 
 def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray]:
@@ -26,7 +34,7 @@ def rock_means(values: FloatArray, rock: IntArray) -> tuple[FloatArray, IntArray
     rocks : int64, shape (n_rocks,)
         Their numbers, rising.
     """
-    data = as_matrix(values)
+    data = _as_matrix(values)
     rocks, index = np.unique(np.asarray(rock, np.int64), return_inverse=True)
     known = np.isfinite(data)
     sums, counts = np.zeros((2, rocks.size, data.shape[1]))
@@ -49,7 +57,7 @@ def t_statistics(values: FloatArray) -> FloatArray:
     float64, shape (k,)
         NaN with fewer than three rocks; infinite for equal values other than zero.
     """
-    data = as_matrix(values)
+    data = _as_matrix(values)
     known = np.isfinite(data)
     count = known.sum(axis=0)
     filled = np.where(known, data, 0.0)
@@ -152,13 +160,13 @@ def mean_gap_tests(
     t, p, p_adjusted : float64, shape (k,)
         Two-sided. NaN with fewer than three rocks.
     """
-    data = as_matrix(values)
+    data = _as_matrix(values)
     n = len(data)
     known = np.isfinite(data)
     filled = np.where(known, data, 0.0)
     t = t_statistics(data)
     null = np.empty((draws, data.shape[1]))
-    step = max(1, PAIRS // max(1, n))
+    step = max(1, _MOST // max(1, n))
     count = known.sum(axis=0)
     squares = (filled**2).sum(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sassgis.gap.calibration.problem import CalibrationProblem, Scale
 from sassgis.gap.diagnosis import (
     Advice,
     ConfiguredGap,
@@ -15,18 +16,17 @@ from sassgis.gap.diagnosis import (
     Rung,
 )
 from sassgis.gap.inference.intervals import bootstrap_interval
-from sassgis.gap.ladder.calibration import FRESH
-from sassgis.gap.ladder.parameter_posterior import ParameterPosterior
+from sassgis.gap.ladder.hypothesis_fit import FRESH, FittedHypothesis
 from sassgis.gap.observations.campaign import main_blocks
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.features import rock_quantities
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel, MeasurementError
-from sassgis.gap.which.ensemble import CalibrationProblem, Scale
-from sassgis.gap.which.features import rock_quantities
-from sassgis.gap.which.hypotheses import Draw, at_physical_limit
+from sassgis.gap.which.hypotheses import at_physical_limit
 from sassgis.gap.words import effect_name
 from sassgis.model.grid import FloatArray, IntArray
 
+_COMPARED = frozenset({"passages", "deposits"})
 #: Number of the campaigns of the configured model.
 CONFIGURED_NUMBER = 3990
 
@@ -83,11 +83,13 @@ def configured_gap(problem: CalibrationProblem, configured: FloatArray) -> Confi
 
 
 def settings_of(
-    case: Case, posterior: ParameterPosterior, intervals: Mapping[str, Range], chosen: Draw
+    case: Case, fit: FittedHypothesis, intervals: Mapping[str, Range]
 ) -> tuple[GroundSetting, ...]:
     """Ground of a model that is handed over, with intervals."""
+    if fit.found is None:
+        return ()
     before = {c.name: c for c in case.table.classes}
-    identified = {f.parameter.label for f in posterior.fitted if f.identified}
+    identified = {f.parameter.label for f in fit.found.fitted if f.identified}
     return tuple(
         GroundSetting(
             ground,
@@ -97,18 +99,19 @@ def settings_of(
             intervals[label],
             label in identified,
         )
-        for label, value in chosen.parameters.items()
+        for label, value in fit.handed_over.draw.parameters.items()
         for ground, _, name in (label.rpartition("."),)
         if ground in before
     )
 
 
-def classes_at_limit(case: Case, posterior: ParameterPosterior | None) -> list[str]:
+def classes_at_limit(case: Case, fit: FittedHypothesis) -> list[str]:
     """Ground classes whose calibration runs into the limits of its range."""
     found = [
         f.parameter.class_name
-        for f in (() if posterior is None else posterior.fitted)
+        for f in (() if fit.found is None else fit.found.fitted)
         if f.limit
+        and f.parameter.class_name in case.table.names
         and not at_physical_limit(case, f.parameter.class_name, f.parameter.name, f.limit)
     ]
     return list(dict.fromkeys(found))
@@ -141,7 +144,7 @@ def _reached(
         count=FRESH,
         seed=problem.seed,
         number=CONFIGURED_NUMBER,
-        impacts=False,
+        tables=_COMPARED,
     )  # fmt: skip
     found: dict[tuple[str, str, str], FloatArray] = {}
     stops = [s.deposits for s in samples if s.deposits is not None]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.distance import cdist
 
+from sassgis.gap.calibration.problem import CalibrationProblem
 from sassgis.gap.diagnosis import Range, Rung, Shrinkage
-from sassgis.gap.which.ensemble import CalibrationProblem
+from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.which.hypotheses import NONE
 from sassgis.model.grid import FloatArray, IntArray
 
@@ -17,72 +16,6 @@ from sassgis.model.grid import FloatArray, IntArray
 CONFIGURED, FLOOR = "configured", "floor"
 #: Bootstrap samples of groups of rocks.
 _SAMPLES = 999
-
-
-@dataclass(frozen=True, slots=True)
-class RockDistances:
-    """Energy distance between the observed rocks and those of a model, from pairs of rocks.
-
-    Only pairs of different rocks count, so that the distance is zero in the mean if each observed
-    rock is one more draw of its replicas, whatever the rocks differ in.
-
-    Attributes
-    ----------
-    pairs : float64, shape (n_rocks, n_rocks)
-        2 |x_i − y_j| − |x_i − x_j| − |y_i − y_j|, means over replicas; zero on the diagonal.
-    floors : float64, shape (m,)
-        The same distance where each of the replicas stands in for what was observed.
-    """
-
-    pairs: FloatArray
-    floors: FloatArray
-
-    @classmethod
-    def of(cls, observed: FloatArray, replicas: FloatArray) -> RockDistances:
-        """Distances of rows of rocks.
-
-        Parameters
-        ----------
-        observed : float64, shape (n_rocks, p)
-        replicas : float64, shape (m, n_rocks, p)
-            m of two or more.
-        """
-        m, n = replicas.shape[:2]
-        across = np.mean([cdist(observed, one) for one in replicas], axis=0)
-        among = np.zeros((n, n))
-        between = np.zeros((m, m))
-        for i in range(m):
-            for j in range(i + 1):
-                own = cdist(replicas[i], replicas[j])
-                np.fill_diagonal(own, 0.0)
-                among += own if i == j else own + own.T
-                between[i, j] = between[j, i] = own.sum() / (n * (n - 1))
-        pairs = across + across.T - cdist(observed, observed) - among / m**2
-        np.fill_diagonal(pairs, 0.0)
-        return cls(pairs, np.array([_of_one(between, k) for k in range(m)]))
-
-    def value(self, weights: FloatArray | None = None) -> float:
-        """Energy distance (Székely and Rizzo 2013), unbiased; with weights of the rocks."""
-        n = len(self.pairs)
-        own = np.full(n, 1.0 / n) if weights is None else weights / weights.sum()
-        return float(own @ self.pairs @ own / (1.0 - own @ own))
-
-    @property
-    def floor(self) -> float:
-        """What chance leaves: the mean distance of a replica from the others, near zero."""
-        return float(self.floors.mean())
-
-    @property
-    def above_chance(self) -> bool:
-        """Whether the gap exceeds the 95 % quantile of that of replicas."""
-        return bool(self.value() > self.floor + 1.645 * self.floors.std(ddof=1))
-
-
-def _of_one(between: FloatArray, k: int) -> float:
-    """Energy distance of one replica from all the others, from mean distances of replicas."""
-    rest = np.delete(np.arange(len(between)), k)
-    within = between[np.ix_(rest, rest)].mean()
-    return float(2.0 * between[k, rest].mean() - between[k, k] - within)
 
 
 def group_weights(group: IntArray, rng: np.random.Generator, samples: int) -> FloatArray:

@@ -33,6 +33,12 @@ METADATA_KEYS: Mapping[str, tuple[str, str]] = {
     "rotation_error_rel": ("", "standard error of a rotation, as a share of it"),
     "height_error_m": ("m", "standard error of a height of flight"),
     "position_error_m": ("m", "standard error of a position"),
+    "contact_min_normal_speed_mps": (
+        "m/s",
+        "speed into the ground below which a contact is not recorded",
+    ),
+    "contact_min_interval_s": ("s", "time after a contact within which no other is told from it"),
+    "passages_missed_share": ("", "share of the passages at stations that were missed"),
 }
 
 
@@ -48,6 +54,9 @@ class Metadata:
     rotation_error_rel: float = math.nan
     height_error_m: float = math.nan
     position_error_m: float = math.nan
+    contact_min_normal_speed_mps: float = math.nan
+    contact_min_interval_s: float = math.nan
+    passages_missed_share: float = math.nan
     others: Mapping[str, str] = field(default_factory=dict)
 
 

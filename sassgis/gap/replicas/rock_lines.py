@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sassgis.gap.observations.campaign import Errors, errors_of
 from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observer import Observer, observer_of
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.map_run import Forest
 from sassgis.model.profiles import ControlLineCrossings, ProfileSet
@@ -41,7 +41,8 @@ class RockLines:
         Where what a rock can reach ends (m): its profile; followed paths go on.
     cell_s : float64, shape (n_cells,)
         Where paths are followed: chainage of the nearest fall line at each cell (m); NaN far away.
-    errors : Errors
+    observer : Observer
+        Of the field.
     """
 
     unforested: ProfileSet
@@ -53,7 +54,7 @@ class RockLines:
     control_lines: ControlLineCrossings
     end: FloatArray
     cell_s: FloatArray
-    errors: Errors
+    observer: Observer
 
 
 def rock_lines_of(case: Case) -> RockLines:
@@ -73,7 +74,7 @@ def rock_lines_of(case: Case) -> RockLines:
         if case.terrain is None
         else np.full(case.n_rocks, np.inf),
         cell_s=_chainage_of_cells(case),
-        errors=errors_of(case),
+        observer=observer_of(case),
     )
 
 

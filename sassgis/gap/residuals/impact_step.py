@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sassgis.engine.ellipse import frame_of, inertia, mean_radius
+from sassgis.engine.draws import block_of
+from sassgis.engine.effects import hooks
+from sassgis.engine.ellipse import frame_of
 from sassgis.engine.impact import impact
 from sassgis.engine.rolling import rolling_friction
-from sassgis.model.grid import FloatArray
+from sassgis.engine.rows import Records
+from sassgis.engine.state import Physics
+from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.jit import kernel
 
 #: Parts into which the last bit of the fall, from the longer semi-axis to the shorter one, is cut.
@@ -59,58 +64,78 @@ def orientation_at_contact(a: float, b: float, phase: float, vn: float, omega: f
 
 @kernel
 def impact_draws(
-    rows: FloatArray,
+    states: FloatArray,
+    kinds: IntArray,
     axes: FloatArray,
     draws: FloatArray,
-    gravity: float,
-    rule: int,
+    keys: NDArray[np.uint64],
+    density: FloatArray,
+    grounds: Records,
+    scratch: Records,
+    physics: Physics,
+    effects: hooks.Effects | None,
     out: FloatArray,
 ) -> None:
-    """What the model makes of observed states before impacts.
+    """What the engine makes of observed states before impacts.
 
     Parameters
     ----------
-    rows : float64, shape (n, 13)
-        Dip of the ground along the travel (rad), v_t, v_n, ω before (m/s, rad/s) and η_max, μ_f of
-        the ground; 1 where the ground met varies (0: it does not); restitution, the speed at which
-        it has halved (m/s), rolling threshold and μ_0, k, d* of the ground.
+    states : float64, shape (n, 4)
+        Dip of the ground along the travel (rad), v_t, v_n, ω before (m/s, rad/s).
+    kinds : int64, shape (n,)
+        Ground class.
     axes : float64, shape (n, m, 3)
         Semi-axes of the rock, longest first (m).
     draws : float64, shape (n, m, 3)
         Phase (rad) and relative variation of the slope; the orientation at contact (rad) is written
         into the last.
-    gravity, rule
-        As in the engine's settings.
+    keys : uint64, shape (n, m)
+        For what effects draw.
+    density : float64, shape (n,)
+        (kg/m³)
+    grounds : GROUND_DTYPE
+    scratch : BLOCK_DTYPE, shape (1,)
     out : float64, shape (n, m, 3)
         v_t, v_n, ω after, along the ground as it was surveyed. NaN where the model would not have
         the rock rebound but roll.
     """
-    for i in range(rows.shape[0]):
-        dip, vt, vn, omega, eta_max, mu, varies, e, halved_at, threshold = rows[i, :10]
-        mu_0, k_d, d_star = rows[i, 10:]
+    state = scratch[0]
+    for i in range(states.shape[0]):
+        dip, vt, vn, omega = states[i]
+        ux, uz, nx, nz = math.cos(dip), -math.sin(dip), math.sin(dip), math.cos(dip)
+        ground = grounds[kinds[i]]
         for k in range(axes.shape[1]):
             a, b, c = axes[i, k]
-            inert = inertia(a, b)
-            radius = (a * b * c) ** (1.0 / 3.0)
+            mass = 4.0 / 3.0 * math.pi * a * b * c * density[i]
+            block = hooks.on_block(effects, block_of(a, b, c, density[i], mass, keys[i, k]))
             out[i, k, :] = np.nan
-            if vn >= 0.0 or vn * vn < 2.0 * gravity * math.cos(dip) * threshold * radius:
+            low = 2.0 * physics.gravity * nz * ground.rolling_threshold * block.radius
+            if vn >= 0.0 or vn * vn < low:
                 continue
-            # Angles are counter-clockwise in the plane: the ground that is met is turned by this.
-            turn = 0.0
-            if varies > 0.0 and dip > 0.0 and vt > 0.0:
-                turn = dip - math.atan(math.tan(dip) * (1.0 - draws[i, k, 1]))
             theta = orientation_at_contact(a, b, draws[i, k, 0], vn, omega)
             draws[i, k, 2] = theta
-            cosine = math.cos(turn)
-            sine = math.sin(turn)
-            met_t = vt * cosine + vn * sine
-            met_n = vn * cosine - vt * sine
-            x, y, _ = frame_of(a, b, math.sin(theta - turn), math.cos(theta - turn))
-            share = 1.0 + inert / mean_radius(a, b) ** 2
-            resistance = share * rolling_friction(mu_0, k_d, d_star, radius)
+            state.impacts = 1
+            state.vx, state.vz = vt * ux + vn * nx, vt * uz + vn * nz
+            mx, mz = nx, nz
+            if physics.slope_variation and dip > 0.0 and vt > 0.0:
+                # tan β' = tan β (1 − u), Bozzolo and Pamini (1986), Table 1.
+                met = math.atan(math.tan(dip) * (1.0 - draws[i, k, 1]))
+                mx, mz = math.sin(met), math.cos(met)
+            mx, mz, rule, friction = hooks.on_contact(
+                effects, state, block, ground, mx, mz, physics.eta_rule, ground.mu_f
+            )
+            turn = theta - dip + math.atan2(mx, mz)
+            x, y, _ = frame_of(a, b, math.sin(turn), math.cos(turn))
+            resistance = block.roll_share * rolling_friction(
+                ground.mu_0, ground.k, ground.d_star_m, block.radius
+            )
+            into = state.vx * mx + state.vz * mz
             wt, wn, spin = impact(
-                x, y, inert, met_t, met_n, omega, eta_max, rule, mu, e, halved_at, resistance
+                x, y, block.inertia, state.vx * mz - state.vz * mx, into, omega, ground.eta_max,
+                rule, friction, ground.restitution, ground.restitution_speed_mps, resistance,
             )  # fmt: skip
-            out[i, k, 0] = wt * cosine - wn * sine
-            out[i, k, 1] = wn * cosine + wt * sine
+            wt, wn, spin = hooks.after_impact(effects, state, block, ground, -into, wt, wn, spin)
+            vx, vz = wt * mz + wn * mx, wn * mz - wt * mx
+            out[i, k, 0] = vx * ux + vz * uz
+            out[i, k, 1] = vx * nx + vz * nz
             out[i, k, 2] = spin

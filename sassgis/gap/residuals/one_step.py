@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.engine.effects import hooks
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.registry import EFFECTS
-from sassgis.engine.impact import RULES
+from sassgis.engine.simulate import physics_of
 from sassgis.gap.observations.campaign import errors_of
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Impacts
@@ -173,37 +174,41 @@ def impacts_in_flight(
 
 
 def rebound_draws(
-    case: Case, table: GroundTable, observed: ImpactsInFlight, rng: np.random.Generator
+    case: Case,
+    table: GroundTable,
+    observed: ImpactsInFlight,
+    rng: np.random.Generator,
+    effects: EffectSettings | None = None,
 ) -> FloatArray:
     """v_t, v_n, ω after each impact in the model, shape (n, m, 3), with errors of measurement.
 
-    NaN where the model would not have the rock rebound but roll.
+    Without ``effects`` by the law of the contact alone. NaN where the model would not have the rock
+    rebound but roll.
     """
-    impacts, dip, axes = observed.impacts, observed.dip, observed.axes
+    impacts, axes = observed.impacts, observed.axes
+    acting = EffectSettings() if effects is None else effects
     settings = case.engine.resolved()
-    law = table.with_rolling_threshold(settings.rolling_threshold).rows()[observed.kind]
+    grounds = hooks.ground_of(acting, table.with_rolling_threshold(settings.rolling_threshold))
     n, m = axes.shape[:2]
     meta = case.observations.metadata
     speed_error = meta.speed_error_rel if math.isfinite(meta.speed_error_rel) else 0.0
     spin_error = meta.rotation_error_rel if math.isfinite(meta.rotation_error_rel) else 0.0
+    law = grounds[observed.kind]
     drawn = np.empty((n, m, 3))
     drawn[..., 0] = rng.uniform(0.0, math.pi, (n, m))
     low, high = law["dp_min"][:, None], law["dp_max"][:, None]
     drawn[..., 1] = low + (high - low) * rng.uniform(size=(n, m))
-    varies = np.full(n, float(settings.slope_variation == "per_impact"))
-    states = np.column_stack(
-        [
-            dip, impacts.vt_in_mps, impacts.vn_in_mps, observed.spin, law["eta_max"], law["mu_f"],
-            varies, law["restitution"], law["restitution_speed_mps"], law["rolling_threshold"],
-            law["mu_0"], law["k"], law["d_star_m"],
-        ]
-    )  # fmt: skip
     out = np.empty((n, m, 3))
+    factors = [_factors(rng, error, (n, m)) for error in (speed_error, spin_error)]
     impact_draws(
-        states, axes, drawn, settings.gravity_mps2, RULES[settings.eta_max_rule or ""], out
-    )
-    out[..., :2] *= _factors(rng, speed_error, (n, m))[..., None]
-    out[..., 2] *= _factors(rng, spin_error, (n, m))
+        np.column_stack([observed.dip, impacts.vt_in_mps, impacts.vn_in_mps, observed.spin]),
+        observed.kind, axes, drawn, rng.integers(2**64, size=(n, m), dtype=np.uint64),
+        np.array([0.5 * sum(case.blocks[i].density_kgm3) for i in observed.rock.tolist()]),
+        grounds, np.zeros(1, hooks.BLOCK_DTYPE), physics_of(settings),
+        hooks.prepare(acting, has_stems=False), out,
+    )  # fmt: skip
+    out[..., :2] *= factors[0][..., None]
+    out[..., 2] *= factors[1]
     return out
 
 

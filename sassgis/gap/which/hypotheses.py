@@ -23,6 +23,7 @@ from sassgis.engine.effects.rock_shape import RockShape
 from sassgis.engine.effects.roughness import Roughness
 from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.effects.trees import Trees
+from sassgis.gap.calibration.parameters import classes_met, fitted_names
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.hypothesis_model import (
     ForestStand,
@@ -91,16 +92,12 @@ class ParameterDraws:
 #: one kind of ground lie apart.
 GROUND_WIDTHS: Mapping[str, float] = {
     "eta_max": 0.09,
-    "dp_min": 0.07,
-    "dp_max": 0.10,
     "mu_f": 0.10,
     "mu_0": 0.08,
     "restitution": 0.15,
 }
 _BOUNDS = {
     "eta_max": (0.05, 0.95),
-    "dp_min": (0.0, 0.9),
-    "dp_max": (0.0, 0.95),
     "mu_f": (0.05, 2.0),
     "mu_0": (0.02, 2.0),
     "restitution": (0.0, 0.95),
@@ -212,25 +209,22 @@ def _wider_walk(before: LateralWalk, model: HypothesisModel) -> HypothesisModel:
 def _calibrated(
     case: Case, parameter_draws: ParameterDraws
 ) -> tuple[GroundTable, dict[str, float]]:
-    """Ground classes with shifted parameters; classes that no profile crosses stay."""
-    used = set(np.unique(case.profiles.ground).tolist())
+    """Ground classes with shifted parameters; classes that no rock meets stay."""
+    met = classes_met(case)
+    names = [name for name in fitted_names(None, [case.engine]) if name in GROUND_WIDTHS]
     classes, parameters = [], {}
-    rebounds = case.engine.resolved().eta_max_rule == "restitution"
-    for k, ground in enumerate(case.table.classes):
-        if k not in used:
+    for ground in case.table.classes:
+        if ground.name not in met:
             classes.append(ground)
             continue
         values = {}
-        for name, usual in GROUND_WIDTHS.items():
-            if name == "restitution" and not rebounds:
-                continue
-            width = usual * case.ground_range
+        for name in names:
+            width = GROUND_WIDTHS[name] * case.ground_range
             low, high = _BOUNDS[name]
             value = float(getattr(ground, name)) + parameter_draws.uniform(
                 f"{ground.name}.{name}", -width, width
             )
             values[name] = rounded(min(max(value, low), high))
-        values["dp_max"] = max(values["dp_max"], values["dp_min"])
         classes.append(replace(ground, **values))  # type: ignore[arg-type]
         parameters.update({f"{ground.name}.{name}": v for name, v in values.items()})
     return GroundTable(tuple(classes)), parameters

@@ -114,7 +114,6 @@ def _shown(
     """What every rock shows in every campaign, by words, shape (DRAWS, _CAMPAIGNS, n_rocks)."""
     there = with_stations_at(case, places)
     names = there.station_names
-    tables = frozenset({"passages", "deposits", "impacts"})
     lines = replace(rock_lines, control_lines=control_lines_of(there))
     turn = errors_of(case).turn_deg
     chosen = [models[k % len(models)] for k in range(DRAWS)]
@@ -123,7 +122,7 @@ def _shown(
         for k, model in enumerate(chosen)
         for sample in campaigns(
             there, lines, replace(model, turn_noise_deg=turn),
-            count=_CAMPAIGNS, seed=seed, number=_NUMBER + k, tables=tables,
+            count=_CAMPAIGNS, seed=seed, number=_NUMBER + k, everywhere=True,
         )
     ]  # fmt: skip
     rows = [dict(_quantities(sample, names)) for sample in made]

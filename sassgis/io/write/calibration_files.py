@@ -11,8 +11,8 @@ import numpy as np
 import tomli_w
 
 import sassgis
+from sassgis.gap.calibration.class_calibration import SiteCalibration, SiteResult
 from sassgis.gap.calibration.fit_errors import SHARES, QuantityErrors
-from sassgis.gap.calibration.fitting import SiteCalibration, SiteResult
 from sassgis.gap.inference.intervals import Interval
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import read_ground_table

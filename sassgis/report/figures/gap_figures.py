@@ -12,10 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from scipy.stats import binom
+from scipy.stats import binom, energy_distance
 
 from sassgis.gap.diagnosis import Comparison, GapFinding, Hypothesis, Rung
-from sassgis.gap.inference.distances import energy_distance, observed_scale
 from sassgis.gap.words import (
     RUNG_NAMES,
     effect_name,
@@ -298,8 +297,9 @@ def _band(values: FloatArray, n: int) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def _distance(observed: FloatArray, model: FloatArray) -> float:
-    seen = observed[:, None]
-    return energy_distance(seen, model[:, None], scale=observed_scale(seen))
+    """Energy distance, squared as on the page, in standard deviations of the observed."""
+    unit = float(np.std(observed, ddof=1)) if observed.size > 1 else 0.0
+    return float(energy_distance(observed, model) ** 2) / (unit or 1.0)
 
 
 @styled

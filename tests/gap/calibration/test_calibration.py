@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from helpers.simulated_slope import TABLE, observed
 from threadpoolctl import threadpool_limits
 
-from sassgis.gap.calibration.fitting import (
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.gap.calibration.class_calibration import (
     SiteCalibration,
     calibration_task,
     final_replicas,
@@ -19,9 +21,16 @@ from sassgis.gap.calibration.fitting import (
     score_draw,
     search,
 )
-from sassgis.gap.calibration.site import CalibrationSite, replicas, site_of
+from sassgis.gap.calibration.parameters import classes_met
+from sassgis.gap.calibration.problem import (
+    CalibrationProblem,
+    compared_replicas,
+    problem_of,
+    scores_of,
+)
 from sassgis.gap.inference.distances import energy_scores
-from sassgis.model.errors import InputError
+from sassgis.gap.replicas.hypothesis_model import configured_model
+from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundTable
 
 
@@ -46,13 +55,16 @@ def table_of(**values: float) -> GroundTable:
 
 def site(
     n: int, seed: int, table: GroundTable, name: str = "one", **more: object
-) -> CalibrationSite:
+) -> CalibrationProblem:
     tables = more.pop("tables", ("passages", "deposits"))
-    return site_of(name, observed(n, seed, table=table, tables=tables))  # type: ignore[arg-type]
+    return problem_of(observed(n, seed, table=table, tables=tables), 1, name=name)  # type: ignore[arg-type]
 
 
 def calibrated(
-    sites: list[CalibrationSite], classes: tuple[str, ...], names: tuple[str, ...], draws: int = 64
+    sites: list[CalibrationProblem],
+    classes: tuple[str, ...],
+    names: tuple[str, ...],
+    draws: int = 64,
 ) -> SiteCalibration:
     task = calibration_task(sites, classes, names, seed=1)
     found = search(task, lambda new: [score_draw(task, one) for one in new], draws)
@@ -77,13 +89,11 @@ def test_intervals_hold_the_parameters_that_the_rocks_were_released_with() -> No
 def test_the_error_on_rocks_left_out_is_that_of_rocks_never_seen() -> None:
     found = recovered()
     new = site(80, 12, table_of(**TRUTH))
-    made = replicas(new, found.table(TABLE), count=40, seed=5, number=7)
+    made = compared_replicas(new, configured_model(new.case, found.table(TABLE)), 7, 40)
     for e, name in zip(found.sites[0].errors, found.sites[0].observed, strict=True):
         if e.name != "run-out":
             continue
-        scores = energy_scores(
-            made[name].T[:, :, None], new.quantities[name][:, None], scale=np.ones(1)
-        )
+        scores = energy_scores(new.quantities[name][:, None], made[name][:, :, None])
         assert e.crps["left out"] == pytest.approx(np.nanmean(scores), rel=0.3)
         assert e.crps["left out"] >= 0.98 * e.crps["after"]
         assert e.crps["left out"] < e.crps["before"]
@@ -95,7 +105,7 @@ def test_the_error_on_rocks_left_out_is_that_of_rocks_never_seen() -> None:
 def test_a_class_that_no_rock_reaches_is_not_identified() -> None:
     # Stations end on debris; of the meadow below nothing is seen.
     only = site(25, 13, table_of(**TRUTH), tables=("passages",))
-    assert "meadow" in only.classes
+    assert "meadow" in classes_met(only.case)
     found = calibrated([only], ("meadow",), ("eta_max", "mu_0"), 32)
     assert not any(f.identified for f in found.fitted)
     assert found.combinations == 0
@@ -133,6 +143,16 @@ def test_impacts_identify_what_stops_do_not() -> None:
     assert mu_0.high - mu_0.low > 5.0 * (eta.high - eta.low)
 
 
-def test_nothing_to_calibrate_on_is_one_line() -> None:
-    with pytest.raises(InputError, match="nothing to calibrate on"):
-        site(10, 19, TABLE, tables=("trajectories",))
+def test_contacts_speak_for_the_effect_that_acts_in_them() -> None:
+    """Of rocks on soft ground, by their impacts alone."""
+    soft = EffectSettings(SoftGround(classes=(), form="velocity_scaled", reference_speed_mps=3.0))
+    seen = problem_of(observed(30, 21, effects=soft, tables=("impacts",)), 1)
+    without = configured_model(seen.case)
+    total = [
+        scores_of(seen, model, 5, 4).sum() for model in (without, replace(without, effects=soft))
+    ]
+    assert total[1] < 0.8 * total[0]
+
+
+def test_without_stops_passages_and_impacts_there_is_nothing_to_score() -> None:
+    assert not site(10, 19, TABLE, tables=("trajectories",)).scored

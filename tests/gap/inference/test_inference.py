@@ -10,12 +10,8 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sassgis.gap.inference.distances import (
-    energy_distance,
-    energy_score,
-    energy_scores,
-    observed_scale,
-)
+from sassgis.gap.calibration.problem import Scale
+from sassgis.gap.inference.distances import energy_scores
 from sassgis.gap.inference.intervals import bootstrap_interval, bootstrap_rows, share_interval
 from sassgis.gap.inference.rock_tests import (
     false_discovery_adjusted,
@@ -24,7 +20,6 @@ from sassgis.gap.inference.rock_tests import (
     rock_means,
     t_statistics,
 )
-from sassgis.gap.which.ensemble import Scale, rock_scores
 
 NAN = np.nan
 
@@ -39,213 +34,79 @@ def samples(seed, n=23, m=31, p=3):
     return rng.normal(size=(n, p)), rng.normal(0.4, 1.5, size=(m, p)) * [1.0, 5.0, 0.2][:p]
 
 
-# --- energy distance ------------------------------------------------------------
+# --- energy score ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_energy_distance_in_one_dimension_is_that_of_scipy(seed):
-    x, y = (s[:, 0] for s in samples(seed))
-    ours = energy_distance(x, y, scale=np.ones(1))
-    assert ours == pytest.approx(scipy.stats.energy_distance(x, y) ** 2, rel=1e-10)
+def score_of(members, seen):
+    """The score of one observation."""
+    return energy_scores(np.atleast_2d(seen), np.asarray(members, float)[:, None, :])[0]
 
 
-def test_energy_distance_by_its_definition():
-    x, y = samples(7)
-    s = x.std(axis=0, ddof=1)
-    expected = 2 * pairs_mean(x / s, y / s) - pairs_mean(x / s, x / s) - pairs_mean(y / s, y / s)
-    assert energy_distance(x, y) == pytest.approx(expected, rel=1e-12)
-
-
-def test_energy_distance_is_that_of_dcor():
-    dcor = pytest.importorskip("dcor", reason="dcor is not installed")
+def test_energy_score_by_its_definition():
     x, y = samples(8)
-    ours = energy_distance(x, y, scale=np.ones(3))
-    assert ours == pytest.approx(dcor.energy_distance(x, y), rel=1e-12)
-    unbiased = energy_distance(x, y, scale=np.ones(3), unbiased=True)
-    other = dcor.energy_distance(x, y, estimation_stat="u_statistic")
-    assert unbiased == pytest.approx(other, rel=1e-12)
-
-
-def test_energy_distance_in_blocks_is_the_same(monkeypatch):
-    x, y = samples(9)
-    whole = energy_distance(x, y)
-    monkeypatch.setattr("sassgis.gap.inference.distances.PAIRS", 50)
-    assert energy_distance(x, y) == pytest.approx(whole, rel=1e-13)
-
-
-def test_energy_distance_of_normals_has_a_closed_form():
-    # E|N(d, 2)| for the cross term, 2/sqrt(pi) for those within.
-    rng = np.random.default_rng(1)
-    d = 1.3
-    x, y = rng.normal(size=40_000), rng.normal(d, 1.0, size=40_000)
-    cross = scipy.stats.foldnorm(d / np.sqrt(2), scale=np.sqrt(2)).mean()
-    expected = 2 * cross - 4 / np.sqrt(np.pi)
-    assert energy_distance(x, y, scale=np.ones(1)) == pytest.approx(expected, rel=0.03)
-
-
-def test_unbiased_energy_distance_is_centred_on_zero_and_the_other_is_not():
-    rng = np.random.default_rng(2)
-    one = np.ones(2)
-    unbiased, biased = [], []
-    for _ in range(400):
-        x, y = rng.normal(size=(8, 2)), rng.normal(size=(12, 2))
-        unbiased.append(energy_distance(x, y, scale=one, unbiased=True))
-        biased.append(energy_distance(x, y, scale=one))
-    error = np.std(unbiased) / np.sqrt(len(unbiased))
-    assert abs(np.mean(unbiased)) < 3 * error
-    # As documented: E|X − X'| (1/n + 1/m), which is sqrt(pi) for two standard normals.
-    assert np.mean(biased) == pytest.approx(np.sqrt(np.pi) * (1 / 8 + 1 / 12), rel=0.1)
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10_000), st.floats(-50, 50), st.floats(0.01, 100))
-def test_energy_distance_does_not_depend_on_place_or_unit(seed, shift, unit):
-    x, y = samples(seed, 6, 7)
-    assert energy_distance(x * unit + shift, y * unit + shift) == pytest.approx(
-        energy_distance(x, y), rel=1e-6, abs=1e-9
-    )
-    assert energy_distance(x, x) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_ragged_rows_compare_what_they_have():
-    x = np.array([[1.0, 2.0], [3.0, NAN], [5.0, NAN]])
-    y = np.array([[2.0, 2.0], [4.0, 1.0]])
-    one = np.ones(2)
-
-    def squared(a, b):
-        return 2 * pairs_mean(a, b) - pairs_mean(a, a) - pairs_mean(b, b)
-
-    both = squared(x[:1], y)
-    first = np.sqrt(2.0) * squared(x[:, :1], y[:, :1])
-    assert energy_distance(x, y, scale=one) == pytest.approx((both + 2 * first) / 3)
-
-
-def test_ragged_rows_missing_by_chance_leave_equal_samples_near():
-    rng = np.random.default_rng(3)
-    x, y = rng.normal(size=(400, 3)), rng.normal(size=(400, 3))
-    x[rng.random(x.shape) < 0.3] = NAN
-    near = energy_distance(x, y)
-    assert 0.0 <= near < 0.06
-    assert energy_distance(x, y + 1.0) > 10 * near
-
-
-def test_ragged_distance_is_not_fooled_by_what_is_missing():
-    # The speed of the slow rocks was not taken; the others agree with the simulation.
-    y = np.column_stack([np.arange(10.0), np.arange(10.0)])
-    x = np.column_stack([np.arange(10.0), np.full(10, NAN)])
-    assert energy_distance(x, y) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_quantities_without_a_counterpart_are_left_out():
-    x, y = samples(4)
-    y2 = y.copy()
-    y2[:, 2] = NAN
-    expected = np.sqrt(3 / 2) * energy_distance(x[:, :2], y[:, :2])
-    assert energy_distance(x, y2) == pytest.approx(expected)
-    assert np.isnan(energy_distance(x[:, :1], np.full((4, 1), NAN)))
-    with pytest.raises(ValueError, match="3 and 2"):
-        energy_distance(x, y[:, :2])
-
-
-def test_scale_of_constant_or_single_values_is_one():
-    x = np.array([[0.1, 5.0, NAN], [0.1, NAN, NAN], [0.1, 7.0, 3.0]])
-    assert observed_scale(x) == pytest.approx([1.0, np.sqrt(2.0), 1.0])
-
-
-# --- energy score and CRPS -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("fair", [False, True])
-def test_energy_score_by_its_definition(fair):
-    y, x = samples(11)
-    m = len(y)
-    pairs = sum(np.linalg.norm(a - b) for a, b in itertools.permutations(y, 2))
-    expected = pairs_mean(y, x[:1]) - 0.5 * pairs / (m * (m - 1) if fair else m * m)
-    assert energy_score(y, x[0], fair=fair) == pytest.approx(expected, rel=1e-12)
+    own = [np.linalg.norm(a - b) for a, b in itertools.permutations(y, 2)]
+    expected = pairs_mean(x[:1], y) - 0.5 * np.mean(own)
+    assert score_of(y, x[0]) == pytest.approx(expected, rel=1e-12)
 
 
 def test_scores_are_those_of_scoringrules():
-    rules = pytest.importorskip("scoringrules", reason="scoringrules is not installed")
-    y, x = samples(12)
-    ours = energy_score(y, x[0], fair=False)
-    assert ours == pytest.approx(float(rules.es_ensemble(x[0], y)), rel=1e-9)
-    for fair, estimator in ((False, "nrg"), (True, "fair")):
-        other = float(rules.crps_ensemble(x[0, 0], y[:, 0], estimator=estimator))
-        assert energy_score(y[:, 0], x[0, :1], fair=fair) == pytest.approx(other, rel=1e-9)
-    replicas = np.random.default_rng(8).normal(size=(6, len(x), x.shape[1]))
-    fair = rules.es_ensemble(x, np.moveaxis(replicas, 0, 1), estimator="fair")
-    np.testing.assert_allclose(rock_scores(x, replicas), fair, rtol=1e-9)
-
-
-def test_crps_is_the_integral_over_the_step():
-    y = np.array([0.3, 2.0, 2.5, -1.0])
-    seen = 0.9
-    t = np.linspace(-3, 5, 800_001)
-    cdf = (y[:, None] <= t).mean(axis=0)
-    squared = (cdf - (t >= seen)) ** 2
-    integral = squared.sum() * (t[1] - t[0])
-    assert energy_score(y, [seen], fair=False) == pytest.approx(integral, rel=1e-4)
+    scoringrules = pytest.importorskip("scoringrules")
+    x, y = samples(9)
+    # Theirs counts pairs of a member with itself: fair by (m − 1) of m of these.
+    m = len(y)
+    plain = float(scoringrules.es_ensemble(x[0], y))
+    near = pairs_mean(x[:1], y)
+    assert score_of(y, x[0]) == pytest.approx(near - (near - plain) * m / (m - 1), rel=1e-9)
+    fair = float(scoringrules.crps_ensemble(x[0, 0], y[:, 0], estimator="fair"))
+    assert score_of(y[:, :1], x[0, :1]) == pytest.approx(fair, rel=1e-9)
 
 
 def test_crps_of_a_normal_has_a_closed_form():
-    y = scipy.stats.norm.ppf((np.arange(4000) + 0.5) / 4000)
+    y = scipy.stats.norm.ppf((np.arange(2000) + 0.5) / 2000)
+    phi, cdf = scipy.stats.norm.pdf, scipy.stats.norm.cdf
     for z in (-1.5, 0.0, 0.7):
-        expected = z * (2 * scipy.stats.norm.cdf(z) - 1) + 2 * scipy.stats.norm.pdf(z)
-        assert energy_score(y, [z], fair=False) == pytest.approx(
-            expected - 1 / np.sqrt(np.pi), abs=2e-3
+        assert score_of(y[:, None], [z]) == pytest.approx(
+            z * (2 * cdf(z) - 1) + 2 * phi(z) - 1 / np.sqrt(np.pi), abs=1e-3
         )
 
 
-def test_crps_takes_ragged_ensembles_row_by_row():
-    ensembles = np.array([[1.0, 4.0, NAN], [2.0, 2.0, 5.0], [NAN, NAN, NAN]])[:, :, None]
-    seen = np.array([3.0, NAN, 1.0])
-    result = energy_scores(ensembles, seen, scale=np.ones(1), fair=False)
-    assert result[0] == pytest.approx(energy_score([1.0, 4.0], [3.0], fair=False))
-    assert np.isnan(result[1:]).all()
-    assert np.isnan(energy_score([2.0], [1.0], fair=True))
-    assert energy_score([2.0], [1.0], fair=False) == 1.0
-
-
 def test_energy_score_leaves_out_what_was_not_measured():
-    y, x = samples(13)
+    x, y = samples(12)
     seen = np.array([x[0, 0], NAN, x[0, 2]])
-    expected = np.sqrt(3 / 2) * energy_score(y[:, [0, 2]], x[0, [0, 2]])
-    assert energy_score(y, seen) == pytest.approx(expected)
-    assert np.isnan(energy_score(y, np.full(3, NAN)))
-    gone = y.copy()
-    gone[:, 0] = NAN
-    assert np.isnan(energy_score(gone, seen))
+    expected = np.sqrt(3 / 2) * score_of(y[:, [0, 2]], x[0, [0, 2]])
+    assert score_of(y, seen) == pytest.approx(expected)
+    assert np.isnan(score_of(y, np.full(3, NAN)))
+    # A member that lacks what was measured is left out; one that lacks the rest is not.
+    less = y.copy()
+    less[0, 1], less[1, 0] = NAN, NAN
+    assert score_of(less, seen) == pytest.approx(score_of(np.delete(y, 1, axis=0), seen))
+    less[2:, 2] = NAN
+    assert np.isnan(score_of(less, seen))
 
 
-@pytest.mark.parametrize("wrong", [(0.6, 1.0), (0.0, 1.6), (0.0, 0.5)])
+@pytest.mark.parametrize("wrong", [(0.0, 0.6), (0.0, 1.6), (0.5, 1.0)])
 def test_energy_score_is_proper(wrong):
-    """The truth scores best in the mean, against shift, too much and too little scatter."""
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(14)
     truth = rng.normal(size=(600, 2))
-    right = energy_scores(rng.normal(size=(600, 40, 2)), truth, scale=np.ones(2))
-    other = energy_scores(rng.normal(*wrong, size=(600, 40, 2)), truth, scale=np.ones(2))
-    difference = other - right
-    assert difference.mean() > 3 * difference.std() / np.sqrt(difference.size)
+    right = energy_scores(truth, rng.normal(size=(40, 600, 2)))
+    other = energy_scores(truth, rng.normal(*wrong, size=(40, 600, 2)))
+    assert (other - right).mean() > 3 * (other - right).std() / np.sqrt(600)
 
 
-def test_fair_energy_score_does_not_depend_on_the_size_of_the_ensemble():
-    rng = np.random.default_rng(6)
-    small = [energy_score(rng.normal(size=(3, 1)), rng.normal(size=1)) for _ in range(6000)]
-    expected = 1 / np.sqrt(np.pi)  # E|Y − y| / 2 for standard normals
-    assert np.mean(small) == pytest.approx(expected, abs=4 * np.std(small) / np.sqrt(6000))
+def test_energy_score_does_not_depend_on_the_size_of_the_ensemble():
+    rng = np.random.default_rng(3)
+    small = energy_scores(rng.normal(size=(6000, 1)), rng.normal(size=(3, 6000, 1)))
+    large = energy_scores(rng.normal(size=(6000, 1)), rng.normal(size=(30, 6000, 1)))
+    assert abs(small.mean() - large.mean()) < 4 * small.std() / np.sqrt(6000)
 
 
 def test_a_model_in_which_no_rock_arrives_does_not_escape():
-    # A rock without a speed at the station, and twenty replicas with and without one.
-    scale = Scale(("S0:speed",), np.array([10.0]), np.array([2.0]))
-    seen = scale.rows({"S0:speed": np.array([11.0])})
-    none = scale.rows({"S0:speed": np.full(20, NAN)})
-    some = scale.rows({"S0:speed": np.linspace(8, 14, 20)})
-    assert energy_score(none, seen[0]) > 2 * energy_score(some, seen[0])
-    assert energy_score(none, seen[0]) == pytest.approx(np.hypot(0.5, 1.0))
-
-
-# --- rocks as units ------------------------------------------------------------
+    scale = Scale(("S0:speed",), np.array([2.0]), np.array([0.5]))
+    seen = scale.rows({"S0:speed": np.array([2.25])})
+    some = np.stack([scale.rows({"S0:speed": np.array([v])}) for v in (2.0, 2.3, 2.4)])
+    none = np.stack([scale.rows({"S0:speed": np.array([NAN])})] * 3)
+    assert score_of(none[:, 0], seen[0]) > 2 * score_of(some[:, 0], seen[0])
+    assert score_of(none[:, 0], seen[0]) == pytest.approx(np.hypot(0.5, 1.0))
 
 
 def test_rock_means_and_t():

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import ORDER, observed
+from helpers.simulated_slope import observed
 from scipy.spatial.distance import euclidean
 
+from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, problem_of
 from sassgis.gap.diagnosis import Rung
+from sassgis.gap.inference.distances import RockDistances
 from sassgis.gap.ladder.rungs import (
-    RockDistances,
     ground_is_enough,
     group_weights,
     ladder_of,
@@ -19,14 +20,7 @@ from sassgis.gap.ladder.rungs import (
     share_of,
     shrinkage_of,
 )
-from sassgis.gap.which.ensemble import (
-    CalibrationProblem,
-    Tried,
-    model_rows,
-    problem_of,
-    tasks_of,
-    try_task,
-)
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.which.hypotheses import NONE
 
 
@@ -92,14 +86,12 @@ def test_groups_are_drawn_whole_and_widen_the_interval() -> None:
     assert spans[1] > 1.3 * spans[0]
 
 
-def rows_of(problem: CalibrationProblem, made: list[Tried]) -> np.ndarray:
-    return model_rows(problem, made[0].draw.model, 7, 6).astype(np.float64)
+def rows_of(problem: CalibrationProblem, count: int = 6) -> np.ndarray:
+    return model_rows(problem, configured_model(problem.case), 7, count)
 
 
-def test_the_ladder_goes_from_the_configured_model_to_chance(
-    problem: CalibrationProblem, made: list[Tried]
-) -> None:
-    near = rows_of(problem, made)
+def test_the_ladder_goes_from_the_configured_model_to_chance(problem: CalibrationProblem) -> None:
+    near = rows_of(problem)
     far = near + 1.0
     ladder = ladder_of(problem, [("configured", far), ("ground", near)])
     assert [r.rung for r in ladder] == ["configured", "ground", "floor"]
@@ -113,10 +105,8 @@ def test_the_ladder_goes_from_the_configured_model_to_chance(
     assert [r.share for r in rungs] == [None] * 3
 
 
-def test_without_a_gap_no_shrinkage_is_stated(
-    problem: CalibrationProblem, made: list[Tried]
-) -> None:
-    rows = rows_of(problem, made)
+def test_without_a_gap_no_shrinkage_is_stated(problem: CalibrationProblem) -> None:
+    rows = rows_of(problem)
     found = shrinkage_of(problem, rows, NONE, rows)
     assert found.value is None and found.note
     seen = replace(problem, rows=rows[0])
@@ -124,10 +114,9 @@ def test_without_a_gap_no_shrinkage_is_stated(
     assert found.value is None and "not distinguished from chance" in found.note
 
 
-def test_impacts_alone_can_be_told_apart_but_not_scored() -> None:
+def test_impacts_alone_have_scores_but_no_distance() -> None:
     alone = problem_of(observed(12, 1, tables=("impacts",)), 1)
-    base = [try_task(alone, task, ORDER) for task in tasks_of([NONE], 2)]
-    rows = np.concatenate([t.rows for t in base]).astype(np.float64)
+    rows = rows_of(alone, 2)
     found = shrinkage_of(alone, rows, "air_drag", rows)
     assert found.value is None and "no distance" in found.note
     assert ladder_of(alone, [("configured", rows), ("ground", rows)]) == ()
@@ -144,7 +133,7 @@ def test_a_stop_that_is_not_known_is_no_stop_that_did_not_happen() -> None:
         ),
     )
     own = problem_of(blind, 1)
-    made = try_task(own, (NONE, 0), ORDER).rows
+    made = rows_of(own, 2)
     assert own.unseen.any(axis=1).sum() == 4
     # Replicas have them no more than nature: no distance comes of it.
     np.testing.assert_allclose(made[:, own.unseen], own.rows[own.unseen][None].repeat(2, axis=0))

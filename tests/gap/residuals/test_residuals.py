@@ -10,37 +10,51 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import STATIONS, TABLE, observed
 
+from sassgis.engine.effects import hooks, soft_ground
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.engine.effects.soft_ground import SoftGround
 from sassgis.engine.ellipse import frame_of, inertia
 from sassgis.engine.impact import SCALE, impact
+from sassgis.engine.simulate import physics_of
 from sassgis.gap.residuals.free_run import RunModel, free_run, observed_at_stations
 from sassgis.gap.residuals.impact_step import impact_draws, orientation_at_contact
 from sassgis.gap.residuals.residuals import Residual, beyond, mean_of_draws, only_above, spread
 from sassgis.gap.residuals.table import reach_edges
+from sassgis.model.effects import EffectSettings
+from sassgis.model.ground import GroundClass, GroundTable
+from sassgis.model.settings import EngineSettings
 
-#: Restitution, its speed, rolling threshold and rolling friction of a ground.
-MORE = (0.0, 9.144, 0.1, 0.5, 0.2, 0.3)
+
+def rebounds(
+    dip, state, eta_max, r, draws, readings="1986", effects=None, keys=None, density=2700.0
+):
+    """v_t, v_n, ω after one impact of spheres of radius r with some draws, shape (m, 3)."""
+    ground = GroundTable((GroundClass("ground", eta_max, 0.0, 0.0, 0.7, 0.5, 0.2, 0.3),))
+    own = EffectSettings() if effects is None else effects
+    out = np.empty((1, len(draws), 3))
+    keys = np.arange(len(draws), dtype=np.uint64)
+    impact_draws(
+        np.array([[dip, *state]]), np.zeros(1, np.int64), np.full((1, len(draws), 3), r),
+        np.array(draws, float)[None], keys[None], np.array([2700.0]),
+        hooks.ground_of(own, ground.with_rolling_threshold(0.1)),
+        np.zeros(1, hooks.BLOCK_DTYPE), physics_of(EngineSettings(readings="1986").resolved()),
+        hooks.prepare(own, has_stems=False), out,
+    )  # fmt: skip
+    return out[0]
 
 
 def test_an_impact_of_a_sphere_is_that_of_the_law():
     """A sphere has no orientation: with an even slope nothing is left to chance."""
-    r, dip = 0.4, math.radians(35.0)
-    rows = np.array([[dip, 9.0, -4.0, 15.0, 0.5, 0.7, 1.0, *MORE]])
-    draws = np.zeros((1, 3, 3))
-    draws[0, :, 0] = 0.1, 1.0, 2.0
-    out = np.empty((1, 3, 3))
-    impact_draws(rows, np.full((1, 3, 3), r), draws, 9.81, SCALE, out)
+    r, draws = 0.4, [[phase, 0.0, 0.0] for phase in (0.1, 1.0, 2.0)]
+    out = rebounds(math.radians(35.0), (9.0, -4.0, 15.0), 0.5, r, draws)
     expected = impact(0.0, r, inertia(r, r), 9.0, -4.0, 15.0, 0.5, SCALE, 0.7)
-    np.testing.assert_allclose(out[0], np.tile(expected, (3, 1)), rtol=1e-12)
+    np.testing.assert_allclose(out, np.tile(expected, (3, 1)), rtol=1e-12)
 
 
 def test_the_slope_that_is_met_is_flatter_by_the_variation():
     """Half of the tangent: the velocity is taken apart along the met ground and put back."""
     r, dip = 0.4, math.radians(40.0)
-    rows = np.array([[dip, 12.0, -5.0, 20.0, 1.0, 0.7, 1.0, *MORE]])
-    draws = np.zeros((1, 1, 3))
-    draws[0, 0, 1] = 0.5
-    out = np.empty((1, 1, 3))
-    impact_draws(rows, np.full((1, 1, 3), r), draws, 9.81, SCALE, out)
+    (out,) = rebounds(dip, (12.0, -5.0, 20.0), 1.0, r, [[0.0, 0.5, 0.0]])
     met = math.atan(0.5 * math.tan(dip))
 
     def apart(vx: float, vz: float, angle: float) -> tuple[float, float]:
@@ -53,14 +67,25 @@ def test_the_slope_that_is_met_is_flatter_by_the_variation():
     wt, wn, spin = impact(0.0, r, inertia(r, r), vt, vn, 20.0, 1.0, SCALE, 0.7)
     ux = wt * math.cos(met) + wn * math.sin(met)
     uz = -wt * math.sin(met) + wn * math.cos(met)
-    np.testing.assert_allclose(out[0, 0], (*apart(ux, uz, dip), spin), rtol=1e-12)
+    np.testing.assert_allclose(out, (*apart(ux, uz, dip), spin), rtol=1e-12)
 
 
 def test_soft_landings_are_left_to_rolling():
-    rows = np.array([[0.5, 5.0, -0.3, 10.0, 0.5, 0.7, 0.0, *MORE]])
-    out = np.empty((1, 4, 3))
-    impact_draws(rows, np.full((1, 4, 3), 0.5), np.zeros((1, 4, 3)), 9.81, SCALE, out)
-    assert np.isnan(out).all()
+    assert np.isnan(rebounds(0.5, (5.0, -0.3, 10.0), 0.5, 0.5, [[0.0, 0.0, 0.0]] * 4)).all()
+
+
+def test_effects_act_in_one_step_as_in_the_motion():
+    """Soft ground takes what its own law takes; rough ground scatters the rebound."""
+    state, draws = (9.0, -4.0, 15.0), [[0.0, 0.0, 0.0]] * 200
+    soft = SoftGround(classes=(), form="velocity_scaled", reference_speed_mps=2.0)
+    plain = rebounds(0.5, state, 0.5, 0.4, draws)
+    yielding = rebounds(0.5, state, 0.5, 0.4, draws, effects=EffectSettings(soft))
+    mass = 4.0 / 3.0 * math.pi * 0.4**3 * 2700.0
+    expected = soft_ground.after_impact(soft_ground.prepare(soft), mass, 0.4, 4.0, *plain[0])
+    np.testing.assert_allclose(yielding, np.tile(expected, (200, 1)), rtol=1e-12)
+    rough = rebounds(0.5, state, 0.5, 0.4, draws, effects=EffectSettings(Roughness(obstacle_m=0.2)))
+    angle = np.arctan2(rough[:, 1], rough[:, 0])
+    assert plain.std(axis=0).max() < 1e-12 < 0.1 < angle.std()
 
 
 @pytest.mark.parametrize("omega", [0.0, 8.0, 40.0, -25.0])

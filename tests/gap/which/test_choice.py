@@ -7,25 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import ORDER
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees as Forest
+from sassgis.gap.calibration.problem import CalibrationProblem, scale_of
 from sassgis.gap.diagnosis import Fingerprint, GapFinding
 from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.features import rock_quantities
 from sassgis.gap.replicas.hypothesis_model import (
     LateralWalk,
 )
 from sassgis.gap.replicas.model_json import model_as_json, model_from_json
-from sassgis.gap.which.ensemble import (
-    CalibrationProblem,
-    scale_of,
-    tasks_of,
-    try_task,
-)
 from sassgis.gap.which.families import FAMILIES
-from sassgis.gap.which.features import rock_quantities
 from sassgis.gap.which.fingerprints import STATISTICS
 from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw, families_to_try
 from sassgis.gap.which.verdict import (
@@ -60,15 +54,6 @@ def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) 
     with_trees = replace(problem.case, effects=EffectSettings(Forest()))
     assert "trees" not in families_to_try(with_trees)
     assert len(families_to_try(problem.case)) == len(FAMILIES)
-
-
-def test_the_order_of_draws_changes_nothing(problem: CalibrationProblem) -> None:
-    tasks = tasks_of(("air_drag",), 3)
-    forth = {t: try_task(problem, t, ORDER) for t in tasks}
-    back = {t: try_task(problem, t, ORDER) for t in reversed(tasks)}
-    for task in tasks:
-        np.testing.assert_array_equal(forth[task].rows, back[task].rows)
-        assert forth[task].draw == back[task].draw
 
 
 def without_columns(case: Case, table: str, *columns: str) -> Case:

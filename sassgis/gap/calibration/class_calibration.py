@@ -1,4 +1,4 @@
-"""A calibration from prepared sites to its result."""
+"""A calibration of ground classes from prepared sites to its result."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.gap.calibration.calibrator import (
+    Budget,
+    Calibrated,
+    NumberedDraw,
+    RunDraws,
+    Space,
+    calibrate_on,
+)
 from sassgis.gap.calibration.fit_errors import QuantityErrors, quantity_errors
 from sassgis.gap.calibration.identifiability import (
     Fitted,
@@ -14,30 +22,25 @@ from sassgis.gap.calibration.identifiability import (
     TradeOff,
     as_good,
     classes_alike,
-    fitted_parameters,
     identified_combinations,
     site_fits,
     trade_offs,
 )
-from sassgis.gap.calibration.parameters import ClassParameter, parameters_of, table_with
-from sassgis.gap.calibration.search import (
-    Posterior,
-    ScoreSurface,
-    SiteScores,
-    first_design,
-    keeping_configured,
-    minimum_without,
-    next_design,
-    posterior_of,
-    surface_of,
+from sassgis.gap.calibration.parameters import (
+    ClassParameter,
+    classes_met,
+    parameters_of,
+    table_with,
 )
-from sassgis.gap.calibration.site import COUNT, CalibrationSite, replicas, scores
-from sassgis.gap.inference.folds import folds_of
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.gap.calibration.problem import CalibrationProblem, compared_replicas, scores_of
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, configured_model
+from sassgis.model.grid import FloatArray
 from sassgis.model.ground import GroundTable
 
+#: Campaigns made with one set of parameters: the scatter of each rock is known from them.
+COUNT = 16
 #: Repetitions in which new draws are placed where the best parameters may lie.
-REPETITIONS = 6
+_REPETITIONS = 6
 #: Campaigns from which the errors are taken.
 FINAL_COUNT = 60
 #: Numbers of the campaigns for the errors begin here.
@@ -46,23 +49,11 @@ _FINAL = 100_000
 
 @dataclass(frozen=True, slots=True)
 class CalibrationTask:
-    """All that a process needs to make campaigns.
+    """All that a process needs to make campaigns."""
 
-    Attributes
-    ----------
-    sites : tuple of CalibrationSite
-    parameters : tuple of ClassParameter
-    seed : int
-    """
-
-    sites: tuple[CalibrationSite, ...]
+    sites: tuple[CalibrationProblem, ...]
     parameters: tuple[ClassParameter, ...]
     seed: int
-
-    @property
-    def starts(self) -> FloatArray:
-        """Configured values as shares of the ranges."""
-        return np.array([p.start for p in self.parameters])
 
     @property
     def n_rocks(self) -> int:
@@ -77,15 +68,13 @@ class CalibrationTask:
             for site in self.sites
         )
 
-
-#: Number of a draw and its parameters as shares of their ranges.
-NumberedDraw = tuple[int, FloatArray]
-#: Scores of all rocks, site after site, of draws in their order.
-RunDraws = Callable[[Sequence[NumberedDraw]], Sequence[FloatArray]]
+    def model(self, site: CalibrationProblem, shares: FloatArray) -> HypothesisModel:
+        """A site as configured, with parameters at shares of their ranges."""
+        return configured_model(site.case, table_with(site.case.table, self.parameters, shares))
 
 
 def calibration_task(
-    sites: Sequence[CalibrationSite], class_names: Sequence[str], names: Sequence[str], seed: int
+    sites: Sequence[CalibrationProblem], class_names: Sequence[str], names: Sequence[str], seed: int
 ) -> CalibrationTask:
     """The parameters of some classes at some sites."""
     parameters: list[ClassParameter] = []
@@ -95,112 +84,64 @@ def calibration_task(
     return CalibrationTask(tuple(sites), tuple(parameters), seed)
 
 
-def draws_of(task: CalibrationTask, first: int | None) -> tuple[int, int]:
-    """Draws of the first design and of each repetition."""
-    d = len(task.parameters)
-    return (first or max(96, 32 * d)), max(16, (first or max(96, 32 * d)) // 3)
+def budget_of(task: CalibrationTask, first: int | None) -> Budget:
+    """Draws of the first design (default: 32 for each parameter, at least 96), and after it."""
+    own = first or max(96, 32 * len(task.parameters))
+    return Budget(own, _REPETITIONS, max(16, own // 3))
 
 
 def score_draw(task: CalibrationTask, draw: NumberedDraw) -> FloatArray:
     """Score of each rock of all sites, site after site."""
     number, shares = draw
     return np.concatenate(
-        [
-            scores(
-                site, table_with(site.case.table, task.parameters, shares), seed=task.seed,
-                number=number,
-            )
-            for site in task.sites
-        ]
-    )  # fmt: skip
+        [scores_of(site, task.model(site, shares), number, COUNT) for site in task.sites]
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class Search:
-    """What was tried, and what follows from it."""
-
-    points: FloatArray
-    surface: ScoreSurface
-    posterior: Posterior
-
-
-def search(task: CalibrationTask, run: RunDraws, first: int | None = None) -> Search:
-    """Try parameters, more and more of them where the best may lie."""
-    draws, more = draws_of(task, first)
-    points = first_design(len(task.parameters), draws, task.seed)
-    scored = _scored(run, points, 0)
-    surface = _surface(task, points, scored, draws)
-    for _ in range(REPETITIONS):
-        new = next_design(surface, points, more, task.seed)
-        scored = np.vstack([scored, _scored(run, new, len(points))])
-        points = np.vstack([points, new])
-        surface = _surface(task, points, scored, draws)
-    posterior = posterior_of(surface, points, task.seed)
-    identified = np.array([f.identified for f in fitted_parameters(task.parameters, posterior)])
-    return Search(points, surface, keeping_configured(surface, posterior, identified))
-
-
-def _scored(run: RunDraws, points: FloatArray, before: int) -> FloatArray:
-    return np.stack(run([(1 + before + k, share) for k, share in enumerate(points)]))
-
-
-def _surface(
-    task: CalibrationTask, points: FloatArray, scored: FloatArray, first: int
-) -> ScoreSurface:
-    borders = np.cumsum([site.n_rocks for site in task.sites])[:-1]
-    parts = np.split(scored, borders, axis=1)
-    sites = [SiteScores(_columns(task, s), own) for s, own in zip(task.sites, parts, strict=True)]
-    return surface_of(points, sites, task.starts, first)
-
-
-def _columns(task: CalibrationTask, site: CalibrationSite) -> IntArray:
-    """Parameters that act at a site: those of the classes that its rocks meet."""
-    return np.flatnonzero([p.class_name in site.classes for p in task.parameters])
+def search(task: CalibrationTask, run: RunDraws, first: int | None = None) -> Calibrated:
+    """Calibrate the classes of all sites together."""
+    met = [classes_met(site.case) for site in task.sites]
+    columns = tuple(np.flatnonzero([p.class_name in own for p in task.parameters]) for own in met)
+    space = Space(task.parameters, columns, np.ones(len(task.parameters), np.bool_))
+    return calibrate_on(task.sites, space, run, budget_of(task, first))
 
 
 @dataclass(frozen=True, slots=True)
 class FinalTask:
-    """Campaigns for the errors: a site, a table, a number."""
+    """Campaigns for the errors of a site; without shares of the parameters: as configured."""
 
     site: int
-    table: GroundTable
+    shares: FloatArray | None
     number: int
 
 
 def final_replicas(task: CalibrationTask, final: FinalTask) -> dict[str, FloatArray]:
-    """Replicas of the rocks of a site with a table."""
-    return replicas(
-        task.sites[final.site], final.table, count=FINAL_COUNT, seed=task.seed,
-        number=final.number,
-    )  # fmt: skip
+    """Replicas of the rocks of a site."""
+    site = task.sites[final.site]
+    model = configured_model(site.case) if final.shares is None else task.model(site, final.shares)
+    return compared_replicas(site, model, final.number, FINAL_COUNT)
 
 
 RunFinals = Callable[[Sequence[FinalTask]], Sequence[Mapping[str, FloatArray]]]
 
 
-def held_out(task: CalibrationTask, found: Search, run: RunFinals) -> list[dict[str, FloatArray]]:
+def held_out(
+    task: CalibrationTask, found: Calibrated, run: RunFinals
+) -> list[dict[str, FloatArray]]:
     """Replicas of each rock with parameters chosen on the rocks of the other parts, by site."""
-    folds = [folds_of(site.n_rocks, task.seed + k) for k, site in enumerate(task.sites)]
-    parts = sorted({int(p) for fold in folds for p in fold})
+    parts = range(max(site.n_parts for site in task.sites))
     tasks = []
     for part in parts:
-        weights = [(fold != part).astype(np.float64) for fold in folds]
-        shares = minimum_without(found.surface, found.posterior, weights)
-        tasks += [
-            FinalTask(k, table_with(site.case.table, task.parameters, shares), _FINAL + 10 + part)
-            for k, site in enumerate(task.sites)
-        ]
+        shares = found.without(task.sites, part)
+        tasks += [FinalTask(k, shares, _FINAL + 10 + part) for k in range(len(task.sites))]
     made = list(run(tasks))
     merged = []
-    for k, fold in enumerate(folds):
-        own = made[k :: len(folds)]
+    for k, site in enumerate(task.sites):
+        own = made[k :: len(task.sites)]
+        of_part = np.arange(len(parts))[:, None, None] == site.part
         merged.append(
             {
-                name: np.where(
-                    np.arange(len(parts))[:, None, None] == fold,
-                    np.stack([one[name] for one in own]),
-                    0.0,
-                ).sum(axis=0)
+                name: np.where(of_part, np.stack([one[name] for one in own]), 0.0).sum(axis=0)
                 for name in own[0]
             }
         )
@@ -281,14 +222,13 @@ class SiteCalibration:
         )
 
 
-def result_of(task: CalibrationTask, found: Search, run: RunFinals) -> SiteCalibration:
+def result_of(task: CalibrationTask, found: Calibrated, run: RunFinals) -> SiteCalibration:
     """What the search says, and how well it fits rocks left out."""
     posterior, surface = found.posterior, found.surface
     parameters = task.parameters
     finals = []
-    for k, site in enumerate(task.sites):
-        best = table_with(site.case.table, parameters, posterior.best)
-        finals += [FinalTask(k, site.case.table, _FINAL), FinalTask(k, best, _FINAL + 1)]
+    for k in range(len(task.sites)):
+        finals += [FinalTask(k, None, _FINAL), FinalTask(k, posterior.best, _FINAL + 1)]
     made = list(run(finals))
     left_out = held_out(task, found, run)
     fits, contradict = site_fits([s.name for s in task.sites], surface, posterior, task.seed)
@@ -308,7 +248,7 @@ def result_of(task: CalibrationTask, found: Search, run: RunFinals) -> SiteCalib
             )
         )
     return SiteCalibration(
-        fitted_parameters(parameters, posterior),
+        found.fitted,
         identified_combinations(parameters, posterior),
         trade_offs(parameters, posterior),
         tuple(_by_label(parameters, u) for u in as_good(surface, posterior)),
@@ -324,8 +264,3 @@ def _by_label(parameters: Sequence[ClassParameter], shares: FloatArray) -> dict[
     return {
         p.label: float(p.value(share)) for p, share in zip(parameters, shares.tolist(), strict=True)
     }
-
-
-def rocks_simulated(task: CalibrationTask, draws: int) -> int:
-    """Rocks that are simulated for some draws."""
-    return COUNT * task.n_rocks * draws

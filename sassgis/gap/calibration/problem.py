@@ -1,0 +1,273 @@
+"""A site made ready for many campaigns: its rocks, what is compared of them, and their scores.
+
+A campaign releases all observed rocks once. What it shows is kept as one row per rock, from which
+it is scored against the rock that was observed; each observed impact is scored by what the model
+makes of the state before it. Both scores of a rock are added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.gap.calibration.impact_scores import (
+    impact_quantities,
+    impact_scores,
+    observed_impacts,
+    observed_outcomes,
+    simulated_outcomes,
+)
+from sassgis.gap.inference.distances import energy_scores
+from sassgis.gap.inference.folds import folds_of
+from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.features import rock_quantities
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
+from sassgis.gap.residuals.one_step import ImpactsInFlight
+from sassgis.model.grid import FloatArray, IntArray
+
+#: A quantity that fewer rocks than this have is not scored.
+_FEWEST = 5
+#: Groups from which on a group counts as one: fewer say nothing of their scatter.
+_FEWEST_GROUPS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How quantities of a rock become a row whose distances count.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Quantities, as ``features.rock_quantities`` names them.
+    centre, scale : float64, shape (k,)
+    n_rocks : int
+        Rows where nothing is scored at all.
+    """
+
+    names: tuple[str, ...]
+    centre: FloatArray
+    scale: FloatArray
+    n_rocks: int = 0
+
+    def rows(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """Rows per rock, shape (n_rocks, 2 k): standardised values, and flags of absence.
+
+        A rock that never reached a station has no speed there, which the flag states.
+        """
+        if not self.names:
+            return np.zeros((self.n_rocks, 0))
+        values = np.column_stack([_scored(name, quantities[name]) for name in self.names])
+        z = (values - self.centre) / self.scale
+        absent = ~np.isfinite(z)
+        rows: FloatArray = np.hstack([np.where(absent, 0.0, z), absent.astype(float)])
+        return rows
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationProblem:
+    """A site made ready for many campaigns.
+
+    Attributes
+    ----------
+    name : str
+    case : Case
+    rock_lines : RockLines
+    scale : Scale
+    observed : Campaign
+    quantities : mapping of str to float64, shape (n_rocks,)
+        Of the observed rocks: those of the scale, and of impacts.
+    rows : float64, shape (n_rocks, 2 k)
+        The former, standardised.
+    impacts : ImpactsInFlight or None
+    outcomes : float64, shape (n_impacts, 3)
+        What was observed after them.
+    seed : int
+    part : int64, shape (n_rocks,)
+        Part of the cross-validation that each rock belongs to.
+    unit : int64, shape (n_rocks,)
+        Rocks of a unit (block, day, source) are not independent: their scores count as one.
+    unseen : bool, shape (n_rocks, 2 k)
+        Stops of rocks of which no block is known to lie anywhere: not found, or not told from
+        others. They count as not measured, in replicas too.
+    """
+
+    name: str
+    case: Case
+    rock_lines: RockLines
+    scale: Scale
+    observed: Campaign
+    quantities: Mapping[str, FloatArray]
+    rows: FloatArray
+    impacts: ImpactsInFlight | None
+    outcomes: FloatArray
+    seed: int
+    part: IntArray
+    unit: IntArray
+    unseen: NDArray[np.bool_]
+
+    @property
+    def n_rocks(self) -> int:
+        """Rocks of the site."""
+        return self.case.n_rocks
+
+    @property
+    def n_parts(self) -> int:
+        """Parts of the cross-validation."""
+        return int(self.part.max()) + 1
+
+    @property
+    def scored(self) -> bool:
+        """Whether anything was measured that a simulation can be scored against."""
+        return bool(self.scale.names) or self.impacts is not None
+
+    def per_unit(self, scores: FloatArray) -> FloatArray:
+        """Sums of scores of rocks over their units, shape (..., n_units)."""
+        sums = np.zeros((int(self.unit.max()) + 1, *scores.shape[:-1]))
+        np.add.at(sums, self.unit, np.moveaxis(np.nan_to_num(scores), -1, 0))
+        return np.moveaxis(sums, 0, -1)
+
+    def unit_parts(self) -> IntArray:
+        """Part of the cross-validation of each unit."""
+        parts = np.zeros(int(self.unit.max()) + 1, np.int64)
+        parts[self.unit] = self.part
+        return parts
+
+
+def problem_of(
+    case: Case, seed: int, scale: Scale | None = None, name: str = ""
+) -> CalibrationProblem:
+    """Prepare a case; ``scale`` is that of other rocks of the same slope."""
+    observed = observed_campaign(case)
+    quantities = rock_quantities(case, observed)
+    scale = scale_of(case, quantities) if scale is None else scale
+    unseen = np.zeros((case.n_rocks, 2 * len(scale.names)), np.bool_)
+    if "stop:blocks" in quantities:
+        of_stops = np.array([name.startswith("stop:") for name in (*scale.names, *scale.names)])
+        unseen = (quantities["stop:blocks"] == 0.0)[:, None] & of_stops
+    compared = {name: quantities[name] for name in scale.names}
+    impacts, outcomes = observed_impacts(case), np.empty((0, 3))
+    if impacts is not None:
+        outcomes = observed_outcomes(impacts)
+        seen_after = impact_quantities(impacts, outcomes[:, None], case.n_rocks)
+        compared |= {k: v[:, 0] for k, v in seen_after.items() if np.isfinite(v).any()}
+    groups = np.unique(case.group).size
+    return CalibrationProblem(
+        name, case, rock_lines_of(case), scale, observed, compared, scale.rows(quantities),
+        impacts, outcomes, seed, folds_of(case.n_rocks, seed, case.group),
+        np.unique(case.group, return_inverse=True)[1]
+        if groups >= _FEWEST_GROUPS
+        else np.arange(case.n_rocks),
+        unseen,
+    )  # fmt: skip
+
+
+def scale_of(case: Case, quantities: Mapping[str, FloatArray]) -> Scale:
+    """Quantities to be scored, with the scatter of the observed as their unit."""
+    errors = errors_of(case)
+    floors = {
+        "runout": 2.0 * errors.position_m,
+        "aside": 2.0 * errors.position_m,
+        "speed": errors.speed_rel,
+        "rotation": 0.1,
+        "height": 2.0 * errors.height_m,
+        "blocks": 0.3,
+    }
+    names, centre, scale = [], [], []
+    for name, values in quantities.items():
+        place, _, what = name.partition(":")
+        if what not in floors or not (place == "stop" or place.startswith("S")):
+            continue
+        known = _scored(name, values)
+        known = known[np.isfinite(known)]
+        if known.size < _FEWEST:
+            continue
+        names.append(name)
+        centre.append(float(known.mean()))
+        scale.append(max(float(known.std(ddof=1)), floors[what]))
+    return Scale(tuple(names), np.array(centre), np.array(scale), case.n_rocks)
+
+
+def _scored(name: str, values: FloatArray) -> FloatArray:
+    """Numbers of blocks count by their logarithm."""
+    return np.log(np.maximum(values, 0.5)) if name.endswith(":blocks") else values
+
+
+# ---------------------------------------------------------------------------------------------
+# Replicas
+
+
+def replicas(
+    problem: CalibrationProblem, model: HypothesisModel, number: int, count: int
+) -> list[Mapping[str, FloatArray]]:
+    """What each rock shows in ``count`` campaigns of a model; ``number`` distinguishes them."""
+    made = campaigns(
+        problem.case, problem.rock_lines, model,
+        count=count, seed=problem.seed, number=number, tables=frozenset({"passages", "deposits"}),
+    )  # fmt: skip
+    return [rock_quantities(problem.case, sample) for sample in made]
+
+
+def model_rows(
+    problem: CalibrationProblem, model: HypothesisModel, number: int, count: int
+) -> FloatArray:
+    """Rows per rock of campaigns of a model, shape (count, n_rocks, 2 k)."""
+    if not problem.scale.names:
+        return np.zeros((count, problem.n_rocks, 0))
+    return rows_of(problem, replicas(problem, model, number, count))
+
+
+def rows_of(problem: CalibrationProblem, samples: Sequence[Mapping[str, FloatArray]]) -> FloatArray:
+    """Rows per rock of other campaigns of the same rocks, shape (n, n_rocks, 2 k)."""
+    rows = np.stack([problem.scale.rows(sample) for sample in samples])
+    return np.where(problem.unseen, problem.rows, rows)
+
+
+def compared_replicas(
+    problem: CalibrationProblem, model: HypothesisModel, number: int, count: int
+) -> dict[str, FloatArray]:
+    """Everything that is compared, each of shape (count or draws, n_rocks)."""
+    made: dict[str, FloatArray] = {}
+    if problem.scale.names:
+        each = replicas(problem, model, number, count)
+        made = {name: np.stack([one[name] for one in each]) for name in problem.scale.names}
+    if problem.impacts is not None:
+        found = impact_quantities(
+            problem.impacts, _outcomes(problem, model, number), problem.n_rocks
+        )
+        made |= {name: v.T for name, v in found.items() if name in problem.quantities}
+    return made
+
+
+def scores_of(
+    problem: CalibrationProblem,
+    model: HypothesisModel,
+    number: int,
+    count: int,
+    rows: FloatArray | None = None,
+) -> FloatArray:
+    """Energy score of each observed rock in a model, shape (n_rocks,).
+
+    That of its stop and its passages, and that of its impacts, one by one, are added. ``rows`` of
+    campaigns that were made already spare new ones.
+    """
+    total = np.zeros(problem.n_rocks)
+    if problem.scale.names:
+        made = model_rows(problem, model, number, count) if rows is None else rows
+        total += energy_scores(problem.rows, made)
+    if problem.impacts is not None:
+        outcomes = _outcomes(problem, model, number)
+        total += impact_scores(problem.impacts, problem.outcomes, outcomes, problem.n_rocks)
+    return total
+
+
+def _outcomes(problem: CalibrationProblem, model: HypothesisModel, number: int) -> FloatArray:
+    assert problem.impacts is not None
+    return simulated_outcomes(
+        problem.case, model.table, model.effects, problem.impacts, seed=problem.seed, number=number
+    )

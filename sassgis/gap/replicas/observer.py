@@ -1,0 +1,336 @@
+"""What the observer of a case records of rocks that were moved in a model.
+
+The only place where simulated motion becomes tables like those of the field: passages, impacts and
+stops, with errors of measurement, and without what an observer does not see.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.engine.ellipse import mean_radius
+from sassgis.engine.state import EVENT_DTYPE, IMPACT
+from sassgis.gap.observations.campaign import (
+    LOOSE,
+    PIECE,
+    WHOLE,
+    Campaign,
+    DepositRows,
+    ImpactRows,
+    PassageRows,
+)
+from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.observer import recorded_contacts
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.gap.replicas.released_rocks import Moved, in_plane
+from sassgis.gap.replicas.rock_lines import RockLines, dips_at, heights_at_chainage
+from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.results import StopReason
+from sassgis.terrain.heights import heights_at
+
+#: Step of the lateral random walks (m).
+_WALK_M = 4.0
+
+
+def observe(
+    case: Case,
+    lines: RockLines,
+    model: HypothesisModel,
+    moved: Moved,
+    count: int,
+    rng: np.random.Generator,
+    tables: frozenset[str],
+) -> list[Campaign]:
+    """What ``count`` campaigns show to the observer of the case.
+
+    Parameters
+    ----------
+    case : Case
+    lines : RockLines
+        With the observer.
+    model : HypothesisModel
+        Whose errors of release and measurement, and offsets from the fall line, come on top.
+    moved : Moved
+        Every rock ``count`` times.
+    count : int
+    rng : numpy.random.Generator
+    tables : frozenset of str
+    """
+    record = _Record(case, lines, model, moved, count, rng)
+    passages = record.passages() if "passages" in tables and case.station_names else None
+    deposits = record.deposits() if "deposits" in tables else None
+    impacts = record.impacts() if "impacts" in tables else None
+    n = case.n_rocks
+    return [
+        Campaign(
+            n,
+            *(
+                None if rows is None else _of_campaign(rows, k, n)
+                for rows in (passages, deposits, impacts)
+            ),
+        )
+        for k in range(count)
+    ]
+
+
+def _of_campaign(rows, campaign: int, n: int):  # type: ignore[no-untyped-def]
+    """Rows of one campaign; rocks were numbered campaign by campaign, loose blocks below zero."""
+    owner = np.where(rows.rock >= 0, rows.rock, -1 - rows.rock)
+    mine = owner // n == campaign
+    fields = {}
+    for name in rows.__slots__:
+        values = getattr(rows, name)[mine]
+        fields[name] = np.where(values >= 0, values % n, -1) if name == "rock" else values
+    return type(rows)(**fields)
+
+
+class _Record:
+    """What ``count`` campaigns left, with the errors of those who look.
+
+    Rocks are numbered campaign by campaign: rock + campaign * n_rocks. A loose block carries
+    -1 less the number of the rock that set it off, so that it stays with its campaign.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        rock_lines: RockLines,
+        model: HypothesisModel,
+        moved: Moved,
+        count: int,
+        rng: np.random.Generator,
+    ) -> None:
+        self._case, self._lines, self._model, self._moved = case, rock_lines, model, moved
+        self._observer, self._errors = rock_lines.observer, rock_lines.observer.errors
+        self._rng = rng
+        self._n = case.n_rocks
+        self._count = count
+        total = self._n * count
+        walk = model.lateral_walk
+        ends = rock_lines.end if case.terrain is None else moved.rocks["runout_m"]
+        reach = float(np.nan_to_num(ends).max())
+        self._knots = int(np.ceil(reach / _WALK_M)) + 2
+        sd = np.tan(np.radians(walk.angle_deg)) * np.sqrt(walk.hop_m * _WALK_M)
+        self._sd = sd
+        first = model.release
+        self._offset = first.shift_m + first.scatter_m * rng.standard_normal(total)
+        self._heading = 0.01 * walk.width_percent * (rng.random(total) - 0.5)
+        self._walks = self._walk(total)
+        m = model.measurement
+        self._clock = np.exp(m.clock_sd * np.clip(rng.standard_t(4, total), -4.0, 4.0))
+        self._mass: FloatArray = moved.rocks["mass_kg"].reshape(self._n, count).T.ravel()
+
+    def _walk(self, total: int) -> FloatArray | None:
+        if self._sd <= 0.0:
+            return None
+        steps = self._sd * self._rng.standard_normal((total, self._knots))
+        walks: FloatArray = np.cumsum(steps, axis=1)
+        return walks
+
+    def _numbers(self, rows: NDArray[np.void]) -> IntArray:
+        first = int(self._moved.rocks["rock"].min()) if self._moved.rocks.size else 0
+        numbers: IntArray = rows["line"] + (rows["rock"].astype(np.int64) - first) * self._n
+        return numbers
+
+    def _lateral_offset(
+        self, owner: IntArray, s: FloatArray, moved: FloatArray, own_walk: NDArray[np.bool_]
+    ) -> FloatArray:
+        """Lateral offset from the line, measured; fragments walk on paths of their own.
+
+        ``moved``: that of the motion itself (m).
+        """
+        along = np.maximum(s, 0.0)
+        lateral: FloatArray = moved + self._offset[owner] + self._heading[owner] * along
+        if self._walks is not None:
+            k = np.clip((s / _WALK_M).astype(np.int64), 0, self._knots - 1)
+            lateral = lateral + self._walks[owner, k]
+            scatter = self._sd * np.sqrt(along / _WALK_M)
+            lateral = lateral + np.where(own_walk, scatter * self._rng.standard_normal(s.size), 0.0)
+        error = np.hypot(self._errors.position_m, self._model.measurement.position_m)
+        measured: FloatArray = lateral + error * self._rng.standard_normal(s.size)
+        return measured
+
+    def _speed_error(self, owner: IntArray, relative: float) -> FloatArray:
+        sd = np.hypot(relative, self._model.measurement.noise_rel)
+        noise: FloatArray = np.exp(sd * self._rng.standard_normal(owner.size))
+        return noise / self._clock[owner]
+
+    def _kind(self, rows: NDArray[np.void], owner: IntArray) -> IntArray:
+        """Whether pieces broke off or were set in motion: the latter have one size."""
+        effects = self._model.effects
+        entrainment = effects.get(Entrainment)
+        if entrainment is None:
+            return np.full(owner.size, PIECE, np.int64)
+        if effects.get(Fragmentation) is None:
+            return np.full(owner.size, LOOSE, np.int64)
+        ratio = rows["mass_kg"] / self._mass[owner] / entrainment.size_ratio**3
+        return np.where(np.abs(ratio - 1.0) < 1e-9, LOOSE, PIECE).astype(np.int64)
+
+    def deposits(self) -> DepositRows:
+        """Blocks that stopped on the profiles."""
+        rocks, pieces = self._moved.rocks, self._moved.pieces
+        whole = np.concatenate([rocks["reason"], pieces["reason"]]) != StopReason.BROKEN
+        moved = self._moved.lateral_m[whole]
+        rocks, pieces = rocks[whole[: rocks.size]], pieces[whole[rocks.size :]]
+        owner = np.concatenate([self._numbers(rocks), self._numbers(pieces)])
+        n_whole = rocks.size
+        kind = np.concatenate(
+            [np.full(n_whole, WHOLE), self._kind(pieces, owner[n_whole:])]
+        ).astype(np.int64)
+        s = np.concatenate([rocks["runout_m"], pieces["runout_m"]])
+        mass = np.concatenate([rocks["mass_kg"], pieces["mass_kg"]])
+        lateral = self._lateral_offset(owner, s, moved, kind != WHOLE)
+        m = self._model.measurement
+        first = self._case.station_s[:, 0] if self._case.station_names else np.zeros(self._n)
+        anchor = np.nan_to_num(first)[owner % self._n]
+        error = np.hypot(self._errors.position_m, m.position_m)
+        s = anchor + m.stretch * (s - anchor) + error * self._rng.standard_normal(s.size)
+        mass = mass * np.exp(self._errors.mass_rel * self._rng.standard_normal(mass.size))
+        return DepositRows(np.where(kind == LOOSE, -1 - owner, owner), kind, s, lateral, mass)
+
+    def passages(self) -> PassageRows:
+        """What the stations saw."""
+        moved, aside = self._moved.passages, self._moved.passed_lateral_m
+        missed = self._observer.passages_missed_share
+        seen = self._rng.random(moved.size) >= missed if missed > 0.0 else np.full(moved.size, True)
+        rows, aside = moved[seen], aside[seen]
+        owner = self._numbers(rows)
+        whole = rows["mass_kg"] >= self._mass[owner] * (1.0 - 1e-9)
+        kind = np.where(whole, WHOLE, self._kind(rows, owner)).astype(np.int64)
+        errors, m = self._errors, self._model.measurement
+        speed = rows["speed_mps"] * m.scale * self._speed_error(owner, errors.speed_rel)
+        turns = np.abs(rows["rotation_hz"]) * m.rotation_scale
+        rotation = turns * self._speed_error(owner, errors.rotation_rel)
+        rest = self._rest(rows, owner)
+        height = (rows["height_m"] + rest) * m.scale
+        height = np.maximum(height + errors.height_m * self._rng.standard_normal(owner.size), 0.0)
+        mass = rows["mass_kg"] * np.exp(errors.mass_rel * self._rng.standard_normal(owner.size))
+        return PassageRows(
+            np.where(kind == LOOSE, -1 - owner, owner),
+            rows["control_line"].astype(np.int64),
+            kind,
+            self._lateral_offset(owner, rows["chainage_m"], aside, kind != WHOLE),
+            speed,
+            rotation,
+            height,
+            mass,
+        )
+
+    def _rest(self, rows: NDArray[np.void], owner: IntArray) -> FloatArray:
+        """Height of the centre of a lying block above the ground: heights are counted from it."""
+        a, b = (
+            self._moved.rocks[name].reshape(self._n, self._count).T.ravel()
+            for name in ("a_m", "b_m")
+        )
+        # The engine counts heights of flight from the shorter axis; a rock that rolls has none.
+        rolling = np.array([mean_radius(*axes) for axes in zip(a, b, strict=True)])
+        lever = np.where(rows["height_m"] > 0.0, b[owner], rolling[owner])
+        size = np.cbrt(rows["mass_kg"] / self._mass[owner])
+        cosine = np.cos(dips_at(self._lines.unforested, owner % self._n, rows["chainage_m"]))
+        rest: FloatArray = lever * size / cosine
+        return rest
+
+    def impacts(self) -> ImpactRows:
+        """Impacts of whole rocks, taken apart along the ground."""
+        events, index, hit = impacts_of(self._moved.event_logs)
+        before, after = events[hit], events[hit + 1]
+        line, campaign = np.divmod(index[hit], self._count)
+        owner = line + campaign * self._n
+        order = np.argsort(owner, kind="stable")
+        before, after, owner = before[order], after[order], owner[order]
+        chainage, ground, dip, turned = self._under(events, index, hit[order], owner)
+        cosine, sine = np.cos(dip), np.sin(dip)
+        errors, m = self._errors, self._model.measurement
+
+        def apart(event: NDArray[np.void]) -> tuple[FloatArray, FloatArray, FloatArray]:
+            error = m.scale * self._speed_error(owner, errors.speed_rel)
+            turn = m.rotation_scale * self._speed_error(owner, errors.rotation_rel)
+            vx, vz = event["vx_mps"], event["vz_mps"]
+            return (
+                (vx * cosine + vz * sine) * error,
+                (vz * cosine - vx * sine) * error,
+                event["omega_radps"] * turn,
+            )
+
+        vt_in, vn_in, spin_in = apart(before)
+        vt_out, vn_out, spin_out = apart(after)
+        kick = np.hypot(self._model.lateral_walk.angle_deg, self._model.turn_noise_deg)
+        turn = turned + self._rng.standard_normal(owner.size) * kick
+        # Where the ground was met: the foot of the centre on the segment.
+        off = (before["z_m"] - ground) * cosine
+        error = np.hypot(errors.position_m, m.position_m)
+        s = chainage + off * sine + error * self._rng.standard_normal(owner.size)
+        # Nothing is put behind the start of a line.
+        s = np.maximum(s, 0.0)
+        z = before["z_m"] - off * cosine + error * self._rng.standard_normal(owner.size)
+        first, last = recorded_contacts(self._observer, owner, before["t_s"], -vn_in)
+        return ImpactRows(
+            owner[first], s[first], z[first], vt_in[first], vn_in[first], spin_in[first],
+            vt_out[last], vn_out[last], spin_out[last], turn[first],
+        )  # fmt: skip
+
+    def _under(
+        self, events: NDArray[np.void], index: IntArray, hit: IntArray, owner: IntArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Chainage, height and dip of the ground at impacts, and turn of the path (deg)."""
+        rock, x_m = owner % self._n, events["x_m"][hit]
+        terrain = self._case.terrain
+        if terrain is None:
+            profiles = self._lines.unforested
+            ground, dip = heights_at_chainage(profiles, rock, x_m), dips_at(profiles, rock, x_m)
+            return x_m, ground, dip, np.zeros(rock.size)
+        grid = terrain.grid
+        x = grid.west + events["u"] * grid.cell_size
+        y = grid.north - events["v"] * grid.cell_size
+        turn, before = turns_of(events, index, hit)
+        x, y = x[hit], y[hit]
+        step = 0.5 * grid.cell_size
+        behind, ahead = (
+            heights_at(grid, x + k * step * np.cos(before), y + k * step * np.sin(before))
+            for k in (-1.0, 1.0)
+        )
+        s = in_plane(self._case, rock, x, y)[0]
+        # Next to the edge of the terrain only one side is known.
+        dip = np.nan_to_num(np.arctan2(ahead - behind, 2.0 * step))
+        return s, heights_at(grid, x, y), dip, np.degrees(turn)
+
+
+def impacts_of(
+    logs: Sequence[NDArray[np.void]],
+) -> tuple[NDArray[np.void], IntArray, IntArray]:
+    """Events of blocks one after the other, the block of each, and the rows of impacts."""
+    sizes = np.array([log.size for log in logs], np.int64)
+    events = np.concatenate([np.empty(0, EVENT_DTYPE), *logs])
+    index = np.repeat(np.arange(sizes.size), sizes)
+    hit = np.flatnonzero((events["phase"][:-1] == IMPACT) & (index[:-1] == index[1:]))
+    return events, index, hit
+
+
+def turns_of(
+    events: NDArray[np.void], index: IntArray, hit: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Turn of followed paths at impacts, anticlockwise, and azimuth before them (rad).
+
+    Parameters
+    ----------
+    events : EVENT_DTYPE
+        Of several blocks, one after the other.
+    index : int64
+        Number of the block of each.
+    hit : int64, shape (n,)
+        Rows of the impacts; the row behind each is of the same block.
+    """
+    azimuth, moves = [], []
+    for first, last in ((np.maximum(hit - 1, 0), hit), (hit + 1, hit + 2)):
+        last = np.minimum(last, events.size - 1)
+        east = events["u"][last] - events["u"][first]
+        north = events["v"][first] - events["v"][last]
+        azimuth.append(np.arctan2(north, east))
+        moves.append((index[first] == index[last]) & (np.hypot(east, north) > 1e-9))
+    turn = np.remainder(azimuth[1] - azimuth[0] + np.pi, 2.0 * np.pi) - np.pi
+    return np.where(moves[0] & moves[1], turn, 0.0), azimuth[0]
