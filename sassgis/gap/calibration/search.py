@@ -29,8 +29,8 @@ BoolArray = NDArray[np.bool_]
 #: Samples of rocks drawn anew.
 _BOOTSTRAP = 60
 #: Steps of each walker, of which the first half is thrown away, and of the rest every so many kept.
-_STEPS, _THIN = 800, 10
-_STEPS_OF_DESIGN = 300
+_STEPS, _THIN = 300, 10
+_STEPS_OF_DESIGN = 100
 #: Sharpness of the two posteriors, wider than the one looked for, that new draws come from, over
 #: that of a single identified parameter.
 _WIDER = (0.5, 0.1)
@@ -254,7 +254,8 @@ def _sample(
     steps: int = _STEPS,
 ) -> FloatArray:
     d = beginnings.shape[1]
-    walkers = max(32, 4 * d)
+    # Many walkers and few steps: a step of all of them at once costs little more than one of few.
+    walkers = max(96, 8 * d)
     total = surface.total
 
     def log_density(shares: FloatArray) -> FloatArray:
@@ -263,7 +264,8 @@ def _sample(
 
     place = beginnings[np.arange(walkers) % min(len(beginnings), walkers)]
     place = np.clip(place + 0.02 * rng.standard_normal(place.shape), 0.001, 0.999)
-    sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True)
+    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
+    sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True, moves=moves)
     sampler.random_state = np.random.RandomState(int(rng.integers(2**31))).get_state()
     sampler.run_mcmc(place, steps)
     kept: FloatArray = sampler.get_chain(discard=steps // 2, thin=_THIN, flat=True)

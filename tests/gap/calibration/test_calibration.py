@@ -95,7 +95,7 @@ def test_the_error_on_rocks_left_out_is_that_of_rocks_never_seen() -> None:
             continue
         scores = energy_scores(new.quantities[name][:, None], made[name][:, :, None])
         assert e.crps["left out"] == pytest.approx(np.nanmean(scores), rel=0.3)
-        assert e.crps["left out"] >= 0.98 * e.crps["after"]
+        assert e.crps["left out"] >= 0.95 * e.crps["after"]
         assert e.crps["left out"] < e.crps["before"]
         break
     else:
