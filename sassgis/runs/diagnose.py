@@ -42,7 +42,7 @@ from sassgis.gap.ladder.rungs import (
     shrinkage_of,
 )
 from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.identifiable import what_is_identifiable
+from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.residuals.table import ResidualTable, residuals_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from sassgis.gap.causes.all_causes import NUMBERS
 from sassgis.gap.ladder.calibration import (
     TOP,
     FitTask,
@@ -33,9 +34,7 @@ from sassgis.gap.which.ensemble import (
     tasks_of,
     try_task,
 )
-from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.hypotheses import NONE, Draw
-from sassgis.gap.which.verdict import CONTACT_LAW
 from sassgis.io.saved_arrays import read_saved, write_saved
 from sassgis.io.staging import CHECKPOINT_STEM, writing
 from sassgis.model.grid import FloatArray
@@ -47,13 +46,12 @@ DRAWS, BASE_DRAWS = 40, 80
 REPETITIONS, REFINED = 2, 12
 #: Factors on the range of the ground where the calibration runs into its limits.
 WIDER = (2, 3)
-_ORDER: Mapping[str, int] = {name: i for i, name in enumerate((*FAMILIES, CONTACT_LAW))}
 
 OnProgress = Callable[[int, int, int], None]
 
 
 def _try(problem: CalibrationProblem, task: tuple[str, int]) -> Tried:
-    return try_task(problem, task, _ORDER)
+    return try_task(problem, task, NUMBERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +83,7 @@ class KeptDraws:
         known = read_saved(file, self.fingerprint, self.tell)
         if known is not None:
             # The draws follow from the seed; what takes time are their campaigns.
-            again = (first_draw(problem, task, _ORDER) for task in tasks)
+            again = (first_draw(problem, task, NUMBERS) for task in tasks)
             return [
                 Tried(made, own, number=number)
                 for (made, number), own in zip(again, known["rows"], strict=True)

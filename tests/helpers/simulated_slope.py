@@ -9,6 +9,7 @@ import numpy as np
 
 from sassgis.engine.simulate import simulate
 from sassgis.engine.state import FLIGHT, IMPACT, ROLLING
+from sassgis.gap.causes.all_causes import NUMBERS
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.observed import Metadata, Observations
 from sassgis.gap.observations.projection import project_observations, station_chainages
@@ -22,7 +23,6 @@ from sassgis.gap.observations.tables import (
 )
 from sassgis.gap.replicas.released_rocks import repeated
 from sassgis.gap.replicas.rock_lines import dips_at
-from sassgis.gap.which.families import FAMILIES
 from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import Grid
@@ -37,8 +37,8 @@ from sassgis.terrain.flatten import chainage_to_xy, profiles
 from sassgis.terrain.release import point_keys
 from sassgis.terrain.stretch import with_lead_in
 
-#: Numbers of the effects, from which their draws follow.
-ORDER = {name: i for i, name in enumerate(FAMILIES)}
+#: Numbers of the causes, from which their draws follow.
+ORDER = NUMBERS
 CELL, WIDTH, LENGTH = 2.0, 60.0, 330.0
 TOP_Y = 20.0
 #: Ends of the stretches (m down the map) and their tangents.

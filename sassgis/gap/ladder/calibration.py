@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.inference.intervals import Interval, bootstrap_interval
 from sassgis.gap.ladder.parameter_posterior import parameter_posterior
 from sassgis.gap.which.ensemble import (
@@ -21,7 +22,7 @@ from sassgis.gap.which.ensemble import (
     rock_scores,
     try_draw,
 )
-from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw
+from sassgis.gap.which.hypotheses import NONE, draw
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Draws that stand together for a calibrated hypothesis until one of them is chosen.

@@ -21,9 +21,10 @@ from sassgis.gap.calibration.search import (
     posterior_of,
     surface_of,
 )
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import Range
 from sassgis.gap.which.ensemble import BLIND, CalibrationProblem, Ensemble
-from sassgis.gap.which.hypotheses import NONE, Draw, ParameterDraws, draw
+from sassgis.gap.which.hypotheses import NONE, Draw, draw
 
 #: Samples of which the values of parameters are computed.
 _SAMPLES = 200

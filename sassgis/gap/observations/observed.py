@@ -129,19 +129,18 @@ class Observations:
             np.bool_,
         )
 
-    def units(self, table: str) -> IntArray:
-        """Unit of resampling of each row: its rock, or a number of its own for each unattributed
-        block (counted on from the number of rocks; rows of one name share it).
-        """
-        owner = self.rock_of(table)
-        ids = self.tables[table].rock_id.tolist()  # type: ignore[attr-defined]
-        others: dict[str, int] = {}
-        count = len(self.rock_names)
-        for i in np.flatnonzero(owner < 0).tolist():
-            # Blocks without a name have nothing in common.
-            key = ids[i].split(".")[0] or f"\0{i}"
-            owner[i] = others.setdefault(key, count + len(others))
-        return owner
+    def paths_of_rocks(self) -> dict[int, IntArray]:
+        """Rows of ``trajectories`` by time, of each whole rock that has any with a speed."""
+        track = self.trajectories
+        if not len(track):
+            return {}
+        rock = self.rock_of("trajectories")
+        own = (rock >= 0) & ~self.is_piece("trajectories")
+        own &= np.isfinite(track.t_s + track.x + track.y + track.z + track.speed_mps)
+        order = np.lexsort((track.t_s, rock))
+        order = order[own[order]]
+        edges = np.flatnonzero(np.diff(rock[order])) + 1
+        return {int(rock[rows[0]]): rows for rows in np.split(order, edges) if rows.size}
 
 
 def parent_of(rock_id: str) -> str | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.inference.folds import folds_of
 from sassgis.gap.observations.campaign import Campaign, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
@@ -19,7 +20,7 @@ from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import HypothesisModel
 from sassgis.gap.replicas.rock_lines import RockLines, rock_lines_of
 from sassgis.gap.which.features import rock_quantities
-from sassgis.gap.which.hypotheses import NONE, Draw, ParameterDraws, draw
+from sassgis.gap.which.hypotheses import NONE, Draw, draw
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Campaigns of each draw: two, so that the scatter of one model is known rock by rock.

@@ -13,7 +13,7 @@ import pytest
 import shapely
 from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
-from sassgis.gap.observations.identifiable import what_is_identifiable
+from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.observations.observed import (
     METADATA_KEYS,
     Metadata,
@@ -77,7 +77,6 @@ def test_pieces_belong_to_their_rock(folder, slope):
     observed = read_observations(folder(), slope)
     assert observed.rock_of("deposits").tolist() == [0, 1, 2, 3, 4, 4, -1]
     assert observed.is_piece("deposits").tolist() == [False] * 4 + [True, True, False]
-    assert observed.units("deposits").tolist() == [0, 1, 2, 3, 4, 4, 5]
 
 
 def test_names_of_pieces():
@@ -96,7 +95,6 @@ def test_unnamed_blocks_are_units_of_their_own():
     observed = Observations(
         rocks=Rocks.of(rock_id=["A"]), deposits=Deposits.of(rock_id=["", "X.1", "A", "", "X.2"])
     )
-    assert observed.units("deposits").tolist() == [1, 2, 0, 3, 2]
 
 
 def test_missing_tables_and_columns_are_fine(folder, slope):

@@ -9,6 +9,7 @@ import pytest
 from helpers.simulated_slope import TABLE
 
 from sassgis.engine.effects.trees import Trees as Forest
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.observations.campaign import LOOSE, PIECE, main_blocks, observed_campaign
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.hypothesis_model import (
@@ -23,7 +24,7 @@ from sassgis.gap.which.ensemble import (
     CalibrationProblem,
 )
 from sassgis.gap.which.features import rock_quantities
-from sassgis.gap.which.hypotheses import ParameterDraws, draw
+from sassgis.gap.which.hypotheses import draw
 from sassgis.model.effects import EffectSettings
 
 

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.simulated_slope import ORDER
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees as Forest
+from sassgis.gap.causes.all_causes import FAMILIES, NUMBERS, STATISTICS
+from sassgis.gap.causes.ground_classes import reaches_between
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import Fingerprint, GapFinding
 from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.observations.case import Case
@@ -24,10 +26,8 @@ from sassgis.gap.which.ensemble import (
     tasks_of,
     try_task,
 )
-from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.features import rock_quantities
-from sassgis.gap.which.fingerprints import STATISTICS
-from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw, families_to_try
+from sassgis.gap.which.hypotheses import NONE, draw, families_to_try
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     Thresholds,
@@ -35,7 +35,6 @@ from sassgis.gap.which.verdict import (
     confusion_set,
     decide,
     group_of,
-    reaches_between,
 )
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
 from sassgis.model.effects import EffectSettings
@@ -64,8 +63,8 @@ def test_effects_that_are_on_already_are_not_tried(problem: CalibrationProblem) 
 
 def test_the_order_of_draws_changes_nothing(problem: CalibrationProblem) -> None:
     tasks = tasks_of(("air_drag",), 3)
-    forth = {t: try_task(problem, t, ORDER) for t in tasks}
-    back = {t: try_task(problem, t, ORDER) for t in reversed(tasks)}
+    forth = {t: try_task(problem, t, NUMBERS) for t in tasks}
+    back = {t: try_task(problem, t, NUMBERS) for t in reversed(tasks)}
     for task in tasks:
         np.testing.assert_array_equal(forth[task].rows, back[task].rows)
         assert forth[task].draw == back[task].draw

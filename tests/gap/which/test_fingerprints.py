@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import TABLE, observed
 
+from sassgis.gap.causes.all_causes import STATISTICS
+from sassgis.gap.causes.extra_blocks import mass_budget
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Deposits
 from sassgis.gap.residuals.steps import StepTable
 from sassgis.gap.residuals.table import ResidualTable, residuals_of
-from sassgis.gap.which.fingerprints import STATISTICS, fingerprints, mass_budget
+from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.verdict import strongest
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.observations.observed import Observations, rock_masses_kg
 
 #: A gap of this many standard errors is found four times in five at the level of 5 %.
@@ -119,6 +120,7 @@ def _not_identifiable(observations: Observations, found: Identifiable) -> Iterab
     yield from _missing_at_stations(observations, found)
     yield from _missing_on_the_path(found)
     yield from _missing_of_rocks(observations)
+    yield from _causes_without_fingerprint(observations)
 
 
 def _missing_of_releases(observations: Observations, found: Identifiable) -> Iterable[str]:
@@ -195,6 +197,17 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
             "Errors of measurement are not stated: noise of the measurement and scatter of the "
             "rocks are kept apart by assumption only."
         )
+
+
+def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
+    """Causes that leave nothing in the tables that are there, and what each would take."""
+    unseen: dict[str, list[str]] = {}
+    for cause in CAUSES.values():
+        takes = [[t for t in s.tables if not len(observations.tables[t])] for s in cause.statistics]
+        if all(takes):
+            unseen.setdefault(" and ".join(min(takes, key=len)), []).append(cause.words[0])
+    for tables, names in unseen.items():
+        yield f"No {tables}: no fingerprint is seen of {', '.join(names)}."
 
 
 def _sample_size(rocks: int) -> str:
