@@ -156,7 +156,8 @@ def causes_table() -> list[str]:
     """The causes that the diagnosis can name, a row for each."""
     rows = ["| cause | fingerprints | tables, any of |", "|---|---|---|"]
     for cause in CAUSES.values():
-        tables = dict.fromkeys(" and ".join(f"`{t}`" for t in own.tables) for own in cause.statistics)
+        taken = (own.tables for own in cause.statistics)
+        tables = dict.fromkeys(" and ".join(f"`{name}`" for name in own) for own in taken)
         rows.append(f"| {cause.words[0]} | {cause.shown_by} | {'; '.join(tables)} |")
     return rows
 

@@ -205,7 +205,9 @@ def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
     for cause in CAUSES.values():
         takes = [[t for t in s.tables if not len(observations.tables[t])] for s in cause.statistics]
         if all(takes):
-            unseen.setdefault(" and ".join(min(takes, key=len)), []).append(cause.words[0])
+            unseen.setdefault(" and ".join(min(takes, key=lambda own: len(own))), []).append(
+                cause.words[0]
+            )
     for tables, names in unseen.items():
         yield f"No {tables}: no fingerprint is seen of {', '.join(names)}."
 

@@ -18,7 +18,8 @@ from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import TABLES
 from sassgis.gap.residuals.table import residuals_of
-from sassgis.gap.which import cause_weights, fingerprints as tests_of, hypotheses, identifiable
+from sassgis.gap.which import cause_weights, hypotheses, identifiable
+from sassgis.gap.which import fingerprints as tests_of
 from sassgis.gap.which.ensemble import CalibrationProblem
 from sassgis.gap.which.verdict import GROUPS, place_of
 from sassgis.gap.words import effect_name, effect_phrase

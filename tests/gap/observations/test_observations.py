@@ -13,7 +13,6 @@ import pytest
 import shapely
 from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
-from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.observations.observed import (
     METADATA_KEYS,
     Metadata,
@@ -27,6 +26,7 @@ from sassgis.gap.observations.tables import (
     TABLES as KNOWN,
 )
 from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Rocks, Trajectories
+from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import (
     read_observations,
     validate_observations,
@@ -89,12 +89,6 @@ def test_names_of_pieces():
     bare = Observations(deposits=Deposits.of(rock_id=["A", "A.1", "A.2", "B.1", "B.2", ""]))
     assert bare.rock_names == ("A", "B.1", "B.2")
     assert bare.rock_of("deposits").tolist() == [0, 0, 0, 1, 2, -1]
-
-
-def test_unnamed_blocks_are_units_of_their_own():
-    observed = Observations(
-        rocks=Rocks.of(rock_id=["A"]), deposits=Deposits.of(rock_id=["", "X.1", "A", "", "X.2"])
-    )
 
 
 def test_missing_tables_and_columns_are_fine(folder, slope):
