@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 import math
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from sassgis.engine.effects.registry import EFFECTS
 from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.observations.tables import METADATA_KEYS, TABLE_TYPES, Column
+from sassgis.gap.observations.tables import TABLES as OBSERVED
 from sassgis.io.read.config import LISTS, declared_sections
 from sassgis.io.read.plain_file import LONGEST_TEXT
 from sassgis.model.declared import Declared, interval, limits_text
@@ -162,10 +164,33 @@ def causes_table() -> list[str]:
     return rows
 
 
+def observation_tables() -> list[str]:
+    """The tables of observations and the keys of their metadata, each with its columns."""
+    rows = []
+    for name, columns in OBSERVED.items():
+        rows += [
+            f"### `{name}`",
+            "",
+            TABLE_TYPES[name].about,
+            "",
+            *columns_table("column", columns),
+        ]
+    about = "Two columns, `key` and `value`. Other keys are passed on to the report."
+    keys = columns_table("key", METADATA_KEYS.values())
+    return [*rows, "### `metadata`", "", about, "", *keys[:-1]]
+
+
+def columns_table(kind: str, columns: Iterable[Column]) -> list[str]:
+    """Columns with their units and meaning, and an empty line."""
+    rows = (f"| `{own.name}` | {own.unit or '–'} | {own.meaning} |" for own in columns)
+    return [f"| {kind} | unit | |", "|---|---|---|", *rows, ""]
+
+
 #: Pages with a table that is made here, and the word of its marks.
 TABLES: Mapping[str, tuple[str, Callable[[], list[str]]]] = {
     "effects.md": ("effects", effects_table),
     "gap.md": ("causes", causes_table),
+    "observations.md": ("tables", observation_tables),
 }
 
 

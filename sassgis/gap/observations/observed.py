@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.tables import (
+    POINT_TABLES,
     TABLES,
     Deposits,
     Impacts,
+    Metadata,
     Passages,
     Rocks,
     Stations,
@@ -24,31 +26,6 @@ from sassgis.model.grid import FloatArray, IntArray
 
 #: Density where none is observed (kg/m³), to get a size from a mass.
 DENSITY_KGM3 = 2700.0
-
-
-#: Keys of ``metadata`` with their units and meaning.
-METADATA_KEYS: Mapping[str, tuple[str, str]] = {
-    "fps": ("1/s", "pictures per second"),
-    "speed_error_rel": ("", "standard error of a speed, as a share of it (0.05: 5 %)"),
-    "rotation_error_rel": ("", "standard error of a rotation, as a share of it"),
-    "height_error_m": ("m", "standard error of a height of flight"),
-    "position_error_m": ("m", "standard error of a position"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Metadata:
-    """How well was measured; NaN where it is not stated. See ``METADATA_KEYS``.
-
-    ``others`` holds the keys that are only passed on.
-    """
-
-    fps: float = math.nan
-    speed_error_rel: float = math.nan
-    rotation_error_rel: float = math.nan
-    height_error_m: float = math.nan
-    position_error_m: float = math.nan
-    others: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +73,8 @@ class Observations:
         if len(self.rocks):
             known = set(self.rocks.rock_id.tolist())
             return tuple(n for n in self.rocks.rock_id.tolist() if root_of(n, known) == n)
-        ids = [
-            name
-            for table in (self.passages, self.impacts, self.deposits, self.trajectories)
-            for name in table.rock_id.tolist()
-            if name
-        ]
+        tables = (self.tables[name] for name in POINT_TABLES)
+        ids = [name for table in tables for name in table.rock_id.tolist() if name]  # type: ignore[attr-defined]
         known = set(ids)
         return tuple(dict.fromkeys(root_of(name, known) for name in ids))
 

@@ -14,8 +14,6 @@ import shapely
 from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
 from sassgis.gap.observations.observed import (
-    METADATA_KEYS,
-    Metadata,
     Observations,
     parent_of,
     rock_masses_kg,
@@ -25,7 +23,14 @@ from sassgis.gap.observations.observed import (
 from sassgis.gap.observations.tables import (
     TABLES as KNOWN,
 )
-from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Rocks, Trajectories
+from sassgis.gap.observations.tables import (
+    Deposits,
+    Impacts,
+    Metadata,
+    Passages,
+    Rocks,
+    Trajectories,
+)
 from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import (
     read_observations,
@@ -790,16 +795,3 @@ def test_authume_heights_are_found_to_be_offset(shared_data, tmp_path):
     assert len(observed.deposits) == 41
     assert "heights are offset from the DEM" in only(observed, grid)
     assert "+2.8" in only(observed, grid) or "+2.9" in only(observed, grid)
-
-
-# --- documentation --------------------------------------------------------------------------------
-
-
-def test_the_page_tells_every_column(repository):
-    text = (repository / "docs" / "observations.md").read_text("utf-8")
-    for name, columns in KNOWN.items():
-        part = text.partition(f"### `{name}`\n")[2].partition("\n### ")[0]
-        for c in columns:
-            assert f"| `{c.name}` | {c.unit or '–'} | {c.meaning} |" in part, f"{name}.{c.name}"
-    for key, (unit, meaning) in METADATA_KEYS.items():
-        assert f"| `{key}` | {unit or '–'} | {meaning} |" in text
