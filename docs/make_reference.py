@@ -1,6 +1,7 @@
-"""Write docs/configuration.md and the table of docs/effects.md from the declared settings.
+"""Write docs/configuration.md, and the tables of effects and causes in other pages, from what is
+declared.
 
-``python docs/make_reference.py`` rewrites both.
+``python docs/make_reference.py`` rewrites them all.
 """
 
 from __future__ import annotations
@@ -8,17 +9,19 @@ from __future__ import annotations
 import json
 import math
 import types
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from sassgis.engine.effects.registry import EFFECTS
+from sassgis.gap.causes.all_causes import CAUSES
+from sassgis.gap.observations.tables import METADATA_KEYS, TABLE_TYPES, Column
+from sassgis.gap.observations.tables import TABLES as OBSERVED
 from sassgis.io.read.config import LISTS, declared_sections
 from sassgis.io.read.plain_file import LONGEST_TEXT
 from sassgis.model.declared import Declared, interval, limits_text
 
 PAGE = Path(__file__).parent / "configuration.md"
-EFFECTS_PAGE = Path(__file__).parent / "effects.md"
 
 _HEAD = f"""\
 <!-- Written by docs/make_reference.py from the declared settings. Do not edit. -->
@@ -141,21 +144,66 @@ def page() -> str:
     return "\n\n".join([_HEAD.rstrip(), *sections]) + "\n"
 
 
-_MARKS = ("<!-- effects: made by docs/make_reference.py -->\n", "<!-- effects: end -->\n")
-
-
-def effects_page(text: str) -> str:
-    """The page of the effects with its table made anew."""
+def effects_table() -> list[str]:
+    """The effects, a row for each."""
     rows = ["| effect | what it is | phase | forms |", "|---|---|---|---|"]
     for name, own in EFFECTS.items():
         form = own.keys.get("form")
         forms = "" if form is None else kind(form.kind).replace(" or ", ", ").replace('"', "")
         rows.append(f"| [`{name}`](#{name}) | {own.summary} | {own.phase} | {forms} |")
-    before, rest = text.split(_MARKS[0])
-    _, after = rest.split(_MARKS[1])
-    return before + _MARKS[0] + "\n".join(rows) + "\n" + _MARKS[1] + after
+    return rows
+
+
+def causes_table() -> list[str]:
+    """The causes that the diagnosis can name, a row for each."""
+    rows = ["| cause | fingerprints | tables, any of |", "|---|---|---|"]
+    for cause in CAUSES.values():
+        taken = (own.tables for own in cause.statistics)
+        tables = dict.fromkeys(" and ".join(f"`{name}`" for name in own) for own in taken)
+        rows.append(f"| {cause.words[0]} | {cause.shown_by} | {'; '.join(tables)} |")
+    return rows
+
+
+def observation_tables() -> list[str]:
+    """The tables of observations and the keys of their metadata, each with its columns."""
+    rows = []
+    for name, columns in OBSERVED.items():
+        rows += [
+            f"### `{name}`",
+            "",
+            TABLE_TYPES[name].about,
+            "",
+            *columns_table("column", columns),
+        ]
+    about = "Two columns, `key` and `value`. Other keys are passed on to the report."
+    keys = columns_table("key", METADATA_KEYS.values())
+    return [*rows, "### `metadata`", "", about, "", *keys[:-1]]
+
+
+def columns_table(kind: str, columns: Iterable[Column]) -> list[str]:
+    """Columns with their units and meaning, and an empty line."""
+    rows = (f"| `{own.name}` | {own.unit or '–'} | {own.meaning} |" for own in columns)
+    return [f"| {kind} | unit | |", "|---|---|---|", *rows, ""]
+
+
+#: Pages with a table that is made here, and the word of its marks.
+TABLES: Mapping[str, tuple[str, Callable[[], list[str]]]] = {
+    "effects.md": ("effects", effects_table),
+    "gap.md": ("causes", causes_table),
+    "observations.md": ("tables", observation_tables),
+}
+
+
+def with_table(page: str, text: str) -> str:
+    """The text of a page with its table made anew."""
+    word, made = TABLES[page]
+    first, last = f"<!-- {word}: made by docs/make_reference.py -->\n", f"<!-- {word}: end -->\n"
+    before, rest = text.split(first)
+    return before + first + "\n".join(made()) + "\n" + last + rest.split(last)[1]
 
 
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
-    EFFECTS_PAGE.write_text(effects_page(EFFECTS_PAGE.read_text("utf-8")), encoding="utf-8")
+    for name in TABLES:
+        file = PAGE.with_name(name)
+        file.write_text(with_table(name, file.read_text("utf-8")), encoding="utf-8")

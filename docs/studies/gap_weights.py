@@ -32,6 +32,7 @@ from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import log_softmax
 
+from sassgis.gap.causes.all_causes import CAUSES as ROWS_OF_CAUSES
 from sassgis.gap.check.check_scores import Answer, Truth, score, scores_as_json
 from sassgis.gap.check.worlds import EffectSpec, WorldSpec
 from sassgis.gap.check.worlds.observe import KINDS
@@ -41,7 +42,6 @@ from sassgis.gap.check.worlds.world import DISTURBANCES, FAMILIES, LAWS, MOST_ST
 from sassgis.gap.diagnosis import Fingerprint, GapFinding
 from sassgis.gap.inference.rock_tests import holm_adjusted
 from sassgis.gap.which.cause_weights import CauseWeights, counts_of, distance
-from sassgis.gap.which.fingerprints import STATISTICS
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     NONE,
@@ -64,36 +64,16 @@ SITES = 420
 STUDY = Path(__file__).with_suffix("")
 ROWS, RESULTS, PAGE = STUDY / "rows.csv", STUDY / "results.json", STUDY.with_suffix(".md")
 CAUSES = (*FAMILIES, NONE)
-#: Before any site a fingerprint speaks for its own cause with this weight, and no cause is more
-#: likely than "none" by this; the ridge holds the weights there. What masses, paths in time and
-#: turns show is no matter of how a contact works, and speaks more clearly; what another contact,
-#: edges of the rock or a patch of other ground leave as well speaks less.
-OWN_WEIGHT, CLEAR_WEIGHT, NONE_OFFSET, OFFSET_RIDGE = 1.5, 4.0, 3.0, 0.1
-IMITATED: Mapping[str, float] = {
-    "scatter of the rebound": 0.0,
-    "speed lost on one reach, right on the others": 0.5,
-    "speed on the first reach, right on the others": 0.5,
-    "rebound lost with the normal speed, on one ground alone": 1.0,
-    "energy lost at once, on few flights": 1.0,
-    "what is off at one station is made up for at the next": 0.5,
-    "small rocks slow on all reaches": 0.5,
-    "large rocks stop early at the foot": 0.5,
+#: Fingerprints of what synthetic sites can have: cause, and weight for it before any site.
+STATISTICS: Mapping[str, tuple[str, float]] = {
+    own.name: (name, own.weight)
+    for name, row in ROWS_OF_CAUSES.items()
+    for own in row.statistics
+    if name in (*FAMILIES, CONTACT_LAW)
 }
-CLEAR = (
-    "speeds against distances in time, all rocks alike",
-    "speeds against distances in time, each rock by its own share",
-    "first point of the path against the stated start",
-    "energy lost in flight, over path and size, on every flight",
-    "energy lost at once, on few flights",
-    "energy lost at once, far above the ground",
-    "mass of whole rocks that is missing, and lies in pieces",
-    "mass that lies beyond what was released",
-    "turn of the heading at impacts",
-    "scatter of the rebound, and turn of the heading",
-    "offset at the first station, not growing to the second",
-    "offset of stops, soon below a station that was passed without",
-    "growth of the lateral offset between the first two stations",
-)
+#: Before any site a fingerprint speaks for its own cause with the weight of its row, and no cause
+#: is more likely than "none" by this; the ridge holds the weights there.
+NONE_OFFSET, OFFSET_RIDGE = 3.0, 0.1
 RIDGES = (1.0, 3.0, 10.0)
 SHARPNESS = (0.6, 0.8, 1.0, 1.3, 1.7)
 NAMED = (0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
@@ -226,7 +206,7 @@ def fitted(counts: FloatArray, cause: np.ndarray, ridge: float) -> tuple[FloatAr
     """Weights and offsets by penalised maximum likelihood; the ridge pulls towards the start."""
     c, k = len(CAUSES), counts.shape[1]
     start = np.array(
-        [[own_weight(s) * (e == name) for s, e in STATISTICS.items()] for name in CAUSES]
+        [[weight * (e == name) for e, weight in STATISTICS.values()] for name in CAUSES]
     )
     first = np.array([NONE_OFFSET * (name == NONE) for name in CAUSES])
     truth = np.eye(c)[cause]
@@ -251,18 +231,13 @@ def fitted(counts: FloatArray, cause: np.ndarray, ridge: float) -> tuple[FloatAr
     return x[: c * k].reshape(c, k), x[c * k :]
 
 
-def own_weight(statistic: str) -> float:
-    """Weight of a fingerprint for its own cause before any site."""
-    return CLEAR_WEIGHT if statistic in CLEAR else IMITATED.get(statistic, OWN_WEIGHT)
-
-
 def prints_of(z: FloatArray) -> list[Fingerprint]:
     """Fingerprints of a row."""
     seen = np.flatnonzero(np.isfinite(z))
     p = holm_adjusted(stats.norm.sf(z[seen]))
     names = list(STATISTICS)
     return [
-        Fingerprint(STATISTICS[names[i]], names[i], math.nan, float(z[i]), float(own), True, 0)
+        Fingerprint(STATISTICS[names[i]][0], names[i], math.nan, float(z[i]), float(own), True, 0)
         for i, own in zip(seen.tolist(), p, strict=True)
     ]
 

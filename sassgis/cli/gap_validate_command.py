@@ -16,7 +16,7 @@ import click
 @click.option("--config", type=click.Path(path_type=Path), help="Compare them with its terrain.")
 def validate_observations(observations: Path, config: Path | None) -> None:
     """Read OBSERVATIONS and say what is wrong with them and what they can tell."""
-    from sassgis.gap.observations.identifiable import what_is_identifiable
+    from sassgis.gap.which.identifiable import what_is_identifiable
     from sassgis.io.read.config import load_config
     from sassgis.io.read.observation_files import read_observations
     from sassgis.io.read.observation_files import validate_observations as check

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from sassgis.engine.effects.registry import EFFECTS
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.diagnosis import GapFinding
 from sassgis.model.styles import with_unit
 
@@ -13,21 +13,9 @@ from sassgis.model.styles import with_unit
 LEVEL = 0.05
 
 EFFECT_NAMES: Mapping[str, str] = {
-    **{row.name: row.label for row in EFFECTS.values() if row.calibration is not None},
-    "release_error": "error of the release",
-    "measurement_error": "error of measurement",
+    **{name: cause.words[0] for name, cause in CAUSES.items()},
     "none": "calibration alone",
-    "contact_law": "another law of the contact",
     "unknown": "unknown effect",
-}
-
-#: What an effect does, to follow "The gap is best explained by".
-EFFECT_PHRASES: Mapping[str, str] = {
-    **{row.name: row.summary for row in EFFECTS.values() if row.calibration is not None},
-    "release_error": "an error in where or how fast the rocks are taken to start, not in the "
-    "motion below",
-    "measurement_error": "an error of the measurement, not of the motion",
-    "contact_law": "another law of the contact: the same shift of rebound and slip for all sizes",
 }
 
 QUANTITY_NAMES: Mapping[str, str] = {
@@ -76,19 +64,21 @@ _TESTS: Mapping[str, str] = {
 RUNG_NAMES: Mapping[str, str] = {
     "configured": "as configured",
     "ground": "ground calibrated",
-    "contact_law": "another law of the contact",
+    "contact_law": EFFECT_NAMES["contact_law"],
     "floor": "chance alone",
 }
 
 
 def effect_name(effect: str) -> str:
-    """Name of a family, or of two joined by "+"."""
+    """Name of a cause, or of two joined by "+"."""
     return " and ".join(EFFECT_NAMES.get(e, e.replace("_", " ")) for e in effect.split("+"))
 
 
 def effect_phrase(effect: str) -> str:
-    """What a family does, or two joined by "+"."""
-    return ", together with ".join(EFFECT_PHRASES.get(e, effect_name(e)) for e in effect.split("+"))
+    """What a cause does, or two joined by "+", to follow "The gap is best explained by"."""
+    return ", together with ".join(
+        CAUSES[e].words[1] if e in CAUSES else effect_name(e) for e in effect.split("+")
+    )
 
 
 def quantity_name(quantity: str) -> str:

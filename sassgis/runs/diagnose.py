@@ -39,7 +39,6 @@ from sassgis.gap.ladder.rungs import (
     shrinkage_of,
 )
 from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.replicas.model_json import model_as_json
 from sassgis.gap.residuals.table import ResidualTable, residuals_of
@@ -47,6 +46,7 @@ from sassgis.gap.where.findings import where
 from sassgis.gap.which.cause_weights import CauseWeights
 from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.hypotheses import NONE, families_to_try
+from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.gap.which.measure_next import DRAWS as DRAWS_COMPARED
 from sassgis.gap.which.measure_next import separations
 from sassgis.gap.which.verdict import (

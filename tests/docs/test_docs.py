@@ -89,10 +89,11 @@ def test_tables_of_the_maps_are_up_to_date(repository):
         assert text == page(text), "run: python docs/make_statistics.py"
 
 
-def test_table_of_effects_is_up_to_date(repository):
-    committed = (repository / "docs" / "effects.md").read_text(encoding="utf-8")
-    made = load(repository / "docs" / "make_reference.py").effects_page(committed)
-    assert committed == made, "run: python docs/make_reference.py"
+def test_tables_of_declared_things_are_up_to_date(repository):
+    maker = load(repository / "docs" / "make_reference.py")
+    for page in maker.TABLES:
+        committed = (repository / "docs" / page).read_text(encoding="utf-8")
+        assert committed == maker.with_table(page, committed), "run: python docs/make_reference.py"
 
 
 def test_every_key_is_on_the_configuration_page(repository):

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 from helpers.scripts import run_script
 
-from sassgis.gap.observations.identifiable import what_is_identifiable
+from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import read_observations, validate_observations
 from sassgis.model.errors import InputError, OutputError
 from sassgis.runs.gap_case import read_case

@@ -33,6 +33,8 @@ from scipy import stats
 
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees
+from sassgis.gap.causes.all_causes import FAMILIES
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import Hypothesis
 from sassgis.gap.observations.case import Case
 from sassgis.gap.replicas.campaigns import campaigns
@@ -42,13 +44,9 @@ from sassgis.gap.replicas.rock_lines import rock_lines_of
 from sassgis.gap.residuals.table import residuals_of
 from sassgis.gap.where.findings import where
 from sassgis.gap.where.places import limits_on, line_stretch, used_lines
-from sassgis.gap.which.families import FAMILIES
-from sassgis.gap.which.hypotheses import ParameterDraws, draw
+from sassgis.gap.which.hypotheses import draw
 from sassgis.gap.words import (
-    EFFECT_NAMES,
-    EFFECT_PHRASES,
     QUANTITY_NAMES,
-    effect_name,
     place_words,
     quantity_name,
     significance,
@@ -533,12 +531,6 @@ def test_ground_table_is_read_back(made: Made, tmp_path: Path) -> None:
 
 
 # --- words -----------------------------------------------------------------------------------
-
-
-def test_all_families_have_names() -> None:
-    assert {*FAMILIES, "contact_law", "none", "unknown"} == set(EFFECT_NAMES)
-    assert {*FAMILIES, "contact_law"} == set(EFFECT_PHRASES)
-    assert effect_name("trees+air_drag") == "trees and air drag"
 
 
 @pytest.mark.parametrize(

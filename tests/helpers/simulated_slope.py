@@ -10,11 +10,12 @@ import numpy as np
 from sassgis.engine.simulate import simulate
 from sassgis.engine.state import FLIGHT, IMPACT, ROLLING
 from sassgis.gap.observations.case import Case
-from sassgis.gap.observations.observed import Metadata, Observations
+from sassgis.gap.observations.observed import Observations
 from sassgis.gap.observations.projection import project_observations, station_chainages
 from sassgis.gap.observations.tables import (
     Deposits,
     Impacts,
+    Metadata,
     Passages,
     Rocks,
     Stations,

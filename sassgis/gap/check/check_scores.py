@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from sassgis.gap.causes.all_causes import FAMILIES
 from sassgis.gap.diagnosis import GapFinding
 from sassgis.gap.inference.intervals import Interval, share_interval
-from sassgis.gap.which.families import FAMILIES
 from sassgis.gap.which.verdict import CONTACT_LAW, GROUPS, NONE, UNKNOWN, adequate
 
 #: Least confidence with which an effect is named.

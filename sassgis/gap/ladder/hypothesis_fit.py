@@ -11,10 +11,11 @@ from sassgis.gap.calibration.calibrator import Calibrated, Space
 from sassgis.gap.calibration.identifiability import TradeOff, trade_offs
 from sassgis.gap.calibration.parameters import CalibrationRange, ClassParameter
 from sassgis.gap.calibration.problem import CalibrationProblem, model_rows, scores_of
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import Range
 from sassgis.gap.inference.intervals import Interval, bootstrap_interval
 from sassgis.gap.observations.case import Case
-from sassgis.gap.which.hypotheses import NONE, Draw, ParameterDraws, draw
+from sassgis.gap.which.hypotheses import NONE, Draw, draw
 from sassgis.model.grid import FloatArray, IntArray
 
 #: Campaigns of each draw: a few, so that the scatter of one model is known rock by rock.

@@ -31,7 +31,7 @@ from sassgis.gap.observations.place_checks import (
 )
 from sassgis.gap.observations.rules import RULES, nearest_of, some_of
 from sassgis.gap.observations.size_checks import check_pieces, check_sizes
-from sassgis.gap.observations.tables import TABLES
+from sassgis.gap.observations.tables import POINT_TABLES, TABLE_TYPES, TABLES
 from sassgis.model.grid import Grid
 
 BoolArray = NDArray[np.bool_]
@@ -82,8 +82,7 @@ def _identifiers(obs: Observations, grid: Grid | None) -> Iterator[ObservationFi
                 seen.add(row)
         if again.any():
             first = " at ".join(str(part) for part in rows[int(np.flatnonzero(again)[0])])
-            column = table.key[-1] if name in ("stations", "impacts") else ""
-            yield from RULES["twice"].at(obs, name, again, repr(first), column)
+            yield from RULES["twice"].at(obs, name, again, repr(first), ", ".join(table.key))
 
 
 def _same_stop(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
@@ -113,7 +112,7 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
     """Rocks and stations that the other tables know nothing of."""
     if len(obs.rocks):
         known = set(obs.rocks.rock_id.tolist())
-        for table in ("passages", "impacts", "deposits", "trajectories"):
+        for table in (name for name in POINT_TABLES if name != "rocks"):
             lost = obs.rock_of(table) < 0
             if not lost.any():
                 continue
@@ -125,7 +124,7 @@ def _belonging(obs: Observations, grid: Grid | None) -> Iterator[ObservationFind
                 lost,
                 some_of(missing) or "no name",
                 taken="taken as unattributed blocks"
-                if table in ("passages", "deposits")
+                if TABLE_TYPES[table].may_be_loose
                 else "mass, size and release are unknown",
                 nearest=nearest_of(missing[0], sorted(known)) if missing else "",
             )
@@ -175,7 +174,7 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Observ
         for name in read
         if name in TABLES and not len(observations.tables[name])
     ]
-    if not any(len(t) for name, t in observations.tables.items() if name != "stations"):
+    if not any(len(observations.tables[name]) for name in POINT_TABLES):
         counted = Counter(read)
         found.append(
             ObservationFinding(
@@ -183,7 +182,7 @@ def empty_tables(observations: Observations, read: Iterable[str]) -> list[Observ
                 "holds no observed rock",
                 next(iter(observations.files.values()), ""),
                 found=", ".join(counted) or "no table",
-                expected="rows in passages, impacts, deposits or trajectories",
+                expected=f"rows in {', '.join(POINT_TABLES[1:-1])} or {POINT_TABLES[-1]}",
             )
         )
     return found

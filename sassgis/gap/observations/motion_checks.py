@@ -24,6 +24,7 @@ from sassgis.gap.observations.observed import (
     rock_radii_m,
 )
 from sassgis.gap.observations.rules import RULES
+from sassgis.gap.observations.tables import TABLES
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.terrain.heights import heights_at
 
@@ -97,13 +98,12 @@ def _energy_gain(obs: Observations, usable: NDArray[np.bool_]) -> Iterator[Obser
 def check_spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFinding]:
     """Spins against speeds: the unit of rotation."""
     radii = np.append(rock_radii_m(obs), np.nan)
-    places = (
-        ("passages", "rotation_hz", "speed_mps", 2.0 * math.pi, "turns per second"),
-        ("trajectories", "rotation_hz", "speed_mps", 2.0 * math.pi, "turns per second"),
-        ("impacts", "omega_in_radps", "vt_in_mps", 1.0, "radians per second"),
-        ("impacts", "omega_out_radps", "vt_out_mps", 1.0, "radians per second"),
-    )
-    for table, column, speed, factor, unit in places:
+    spins = [(table, own) for table, columns in TABLES.items() for own in columns if own.rim_of]
+    for table, own in spins:
+        column, speed = own.name, own.rim_of
+        turns = own.unit == "1/s"
+        factor = 2.0 * math.pi if turns else 1.0
+        unit = f"{'turns' if turns else 'radians'} per second"
         numbers = obs.tables[table].numbers
         radius = radii[obs.rock_of(table)] if len(obs.tables[table]) else np.empty(0)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -115,7 +115,7 @@ def check_spins(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
         if middle <= _SPIN_RATIO:
             continue
         guess = "degrees per second"
-        if factor > 1.0 and middle < 30.0:
+        if turns and middle < 30.0:
             guess = "radians per second or turns per minute"
         yield from RULES["spin"].at(
             obs,
@@ -183,18 +183,13 @@ def check_drops(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
     start = start_speeds_mps(obs)
     error = stated_or(obs.metadata.speed_error_rel, SPEED_ERROR_REL)
     slack = SIGMAS * stated_or(obs.metadata.height_error_m, HEIGHT_ERROR_M)
-    for table, column in (
-        ("passages", "speed_mps"),
-        ("trajectories", "speed_mps"),
-        ("impacts", "vt_in_mps"),
-    ):
-        data = obs.tables[table]
+    fast = [(table, own) for table, columns in TABLES.items() for own in columns if own.from_drop]
+    for table, own in fast:
+        data, column = obs.tables[table], own.name
         if not len(data):
             continue
         numbers = data.numbers
-        speed = numbers[column]
-        if table == "impacts":
-            speed = np.hypot(speed, numbers["vn_in_mps"])
+        speed = np.sqrt(sum(numbers[name] ** 2 for name in own.from_drop))
         owner = obs.rock_of(table)
         z = numbers["z"].copy()
         if grid is not None:

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from sassgis.gap.observations.observation_finding import ObservationFinding
 from sassgis.gap.observations.tables import (
+    POINT_TABLES,
     TABLES,
     Deposits,
     Impacts,
+    Metadata,
     Passages,
     Rocks,
     Stations,
@@ -24,40 +26,6 @@ from sassgis.model.grid import FloatArray, IntArray
 
 #: Density where none is observed (kg/m³), to get a size from a mass.
 DENSITY_KGM3 = 2700.0
-
-
-#: Keys of ``metadata`` with their units and meaning.
-METADATA_KEYS: Mapping[str, tuple[str, str]] = {
-    "fps": ("1/s", "pictures per second"),
-    "speed_error_rel": ("", "standard error of a speed, as a share of it (0.05: 5 %)"),
-    "rotation_error_rel": ("", "standard error of a rotation, as a share of it"),
-    "height_error_m": ("m", "standard error of a height of flight"),
-    "position_error_m": ("m", "standard error of a position"),
-    "contact_min_normal_speed_mps": (
-        "m/s",
-        "speed into the ground below which a contact is not recorded",
-    ),
-    "contact_min_interval_s": ("s", "time after a contact within which no other is told from it"),
-    "passages_missed_share": ("", "share of the passages at stations that were missed"),
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Metadata:
-    """How well was measured; NaN where it is not stated. See ``METADATA_KEYS``.
-
-    ``others`` holds the keys that are only passed on.
-    """
-
-    fps: float = math.nan
-    speed_error_rel: float = math.nan
-    rotation_error_rel: float = math.nan
-    height_error_m: float = math.nan
-    position_error_m: float = math.nan
-    contact_min_normal_speed_mps: float = math.nan
-    contact_min_interval_s: float = math.nan
-    passages_missed_share: float = math.nan
-    others: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +73,8 @@ class Observations:
         if len(self.rocks):
             known = set(self.rocks.rock_id.tolist())
             return tuple(n for n in self.rocks.rock_id.tolist() if root_of(n, known) == n)
-        ids = [
-            name
-            for table in (self.passages, self.impacts, self.deposits, self.trajectories)
-            for name in table.rock_id.tolist()
-            if name
-        ]
+        tables = (self.tables[name] for name in POINT_TABLES)
+        ids = [name for table in tables for name in table.rock_id.tolist() if name]  # type: ignore[attr-defined]
         known = set(ids)
         return tuple(dict.fromkeys(root_of(name, known) for name in ids))
 
@@ -138,19 +102,18 @@ class Observations:
             np.bool_,
         )
 
-    def units(self, table: str) -> IntArray:
-        """Unit of resampling of each row: its rock, or a number of its own for each unattributed
-        block (counted on from the number of rocks; rows of one name share it).
-        """
-        owner = self.rock_of(table)
-        ids = self.tables[table].rock_id.tolist()  # type: ignore[attr-defined]
-        others: dict[str, int] = {}
-        count = len(self.rock_names)
-        for i in np.flatnonzero(owner < 0).tolist():
-            # Blocks without a name have nothing in common.
-            key = ids[i].split(".")[0] or f"\0{i}"
-            owner[i] = others.setdefault(key, count + len(others))
-        return owner
+    def paths_of_rocks(self) -> dict[int, IntArray]:
+        """Rows of ``trajectories`` by time, of each whole rock that has any with a speed."""
+        track = self.trajectories
+        if not len(track):
+            return {}
+        rock = self.rock_of("trajectories")
+        own = (rock >= 0) & ~self.is_piece("trajectories")
+        own &= np.isfinite(track.t_s + track.x + track.y + track.z + track.speed_mps)
+        order = np.lexsort((track.t_s, rock))
+        order = order[own[order]]
+        edges = np.flatnonzero(np.diff(rock[order])) + 1
+        return {int(rock[rows[0]]): rows for rows in np.split(order, edges) if rows.size}
 
 
 def parent_of(rock_id: str) -> str | None:

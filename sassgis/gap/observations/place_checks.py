@@ -21,6 +21,7 @@ from sassgis.gap.observations.observed import (
     Observations,
 )
 from sassgis.gap.observations.rules import RULES, some_of
+from sassgis.gap.observations.tables import POINT_TABLES
 from sassgis.model.grid import FloatArray, Grid
 from sassgis.terrain.heights import heights_at
 
@@ -105,7 +106,7 @@ def check_on_the_dem(obs: Observations, grid: Grid | None) -> Iterator[Observati
         return
     west, south, east, north = grid.bounds
     extent = f"x {west:.0f} to {east:.0f}, y {south:.0f} to {north:.0f}"
-    for table in ("rocks", "passages", "impacts", "deposits", "trajectories"):
+    for table in POINT_TABLES:
         numbers = obs.tables[table].numbers
         x, y = numbers["x"], numbers["y"]
         known = np.isfinite(x) & np.isfinite(y)
@@ -154,7 +155,8 @@ def check_offsets(obs: Observations, grid: Grid | None) -> Iterator[ObservationF
         0.5 * grid.cell_size,
         SIGMAS * stated_or(obs.metadata.position_error_m, POSITION_ERROR_M),
     )
-    for table in ("rocks", "passages", "impacts", "deposits"):
+    # A rock on its path may fly at any height.
+    for table in (name for name in POINT_TABLES if name != "trajectories"):
         numbers = obs.tables[table].numbers
         over = numbers["z"] - heights_at(grid, numbers["x"], numbers["y"])
         if table == "passages":

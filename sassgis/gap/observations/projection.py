@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from sassgis.gap.observations.observed import Observations
-from sassgis.gap.observations.tables import Stations
+from sassgis.gap.observations.tables import POINT_TABLES, Stations
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.profiles import ProfileSet, ReleasePoints, TraceSet
 from sassgis.terrain.flatten import crossings, xy_to_chainage
@@ -26,7 +26,6 @@ _END_M = 1e-6
 _LAST_M = 10.0
 #: Stations are prolonged by this much: a fall line may pass just beside one (m).
 PROLONG_M = 100.0
-POINT_TABLES = ("rocks", "passages", "impacts", "deposits", "trajectories")
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,8 +42,10 @@ def check_sizes(obs: Observations, grid: Grid | None) -> Iterator[ObservationFin
     if (small := known & (ratio < 1.0 / _FULL_AXES)).any():
         found = f"an ellipsoid of {ratio[small].min():.2g} times the volume of the rock"
         yield from RULES["small axes"].at(obs, "rocks", small, found)
-    for name in ("rocks", "deposits"):
-        numbers = obs.tables[name].numbers
+    for name, table in obs.tables.items():
+        numbers = table.numbers
+        if not {"mass_kg", "volume_m3"} <= numbers.keys():
+            continue
         with np.errstate(invalid="ignore", divide="ignore"):
             own = numbers["mass_kg"] / numbers["volume_m3"]
         odd = np.isfinite(own) & ((own < _LIGHTEST_KGM3) | (own > _HEAVIEST_KGM3))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, ClassVar, TypeVar, get_type_hints
 
 import numpy as np
@@ -36,6 +36,10 @@ class Column:
         Whether zero is refused as well.
     aliases : tuple of str
         Other names under which it is read.
+    rim_of : str
+        Of a spin: the speed that a rim of the rock exceeds only in another unit.
+    from_drop : tuple of str
+        Of a speed: the columns, with it, whose size no drop of the rock can exceed.
     name : str
         That of the field that it is declared with.
     """
@@ -47,7 +51,20 @@ class Column:
     high: float = math.inf
     positive: bool = False
     aliases: tuple[str, ...] = ()
+    rim_of: str = ""
+    from_drop: tuple[str, ...] = ()
     name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A quantity that a table holds where these columns have numbers."""
+
+    name: str
+    unit: str
+    columns: tuple[str, ...]
+    #: Of motion, of which it speaks: release, flight, impact, rolling, stopping.
+    phases: tuple[str, ...]
 
 
 def _text(meaning: str) -> Column:
@@ -64,10 +81,21 @@ def _coordinate(name: str, what: str, *stems: str) -> Column:
     return Column("m", meaning, aliases=(f"{name}_m", *others))
 
 
+def _columns_of(declaring: type) -> tuple[Column, ...]:
+    """Columns that the fields of a dataclass are annotated with."""
+    return tuple(
+        replace(column, name=name)
+        for name, hint in get_type_hints(declaring, include_extras=True).items()
+        for column in getattr(hint, "__metadata__", ())
+        if isinstance(column, Column)
+    )
+
+
 _ROCK = _text("name of the rock; R7.2 is a piece of R7")
 _MASS = _positive("kg", "mass")
-_SPEED = Column("m/s", "speed of the centre", low=0.0)
-_ROTATION = Column("1/s", "turns per second, without sign", low=0.0)
+_SPEED = Column("m/s", "speed of the centre", low=0.0, from_drop=("speed_mps",))
+_ROTATION = Column("1/s", "turns per second, without sign", low=0.0, rim_of="speed_mps")
+_MOVING = ("flight", "rolling")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -79,34 +107,36 @@ T = TypeVar("T", bound="Table")
 class Table:
     """What the tables have in common; each is a frozen dataclass of arrays of one length.
 
-    Their fields are the schema: name, unit, meaning and limits of each column stand there, and
-    reading, template, checks and ``docs/observations.md`` follow them.
+    Its fields are the schema: name, unit, meaning and limits of each column stand there. Reading,
+    template, checks, what is identifiable and ``docs/observations.md`` follow from it.
 
     Attributes
     ----------
     table : str
         Name.
+    about : str
+        What it holds and how, for its owner.
     key : tuple of str
         Columns that no two rows share.
     required : tuple of str
         Columns without which a row is of no use.
+    may_be_loose : bool
+        Whether a row of no known rock is one of an unattributed block.
+    quantities : tuple of Measured
     """
 
     __slots__ = ()
     table: ClassVar[str]
+    about: ClassVar[str]
     key: ClassVar[tuple[str, ...]] = ()
     required: ClassVar[tuple[str, ...]] = ()
+    may_be_loose: ClassVar[bool] = False
+    quantities: ClassVar[tuple[Measured, ...]] = ()
 
     @classmethod
     def columns(cls) -> tuple[Column, ...]:
         """Columns of a file of this table, in the order of a template."""
-        declared = get_type_hints(cls, include_extras=True).items()
-        return tuple(
-            replace(column, name=name)
-            for name, hint in declared
-            for column in getattr(hint, "__metadata__", ())
-            if isinstance(column, Column)
-        )
+        return _columns_of(cls)
 
     @classmethod
     def of(cls: type[T], **columns: Any) -> T:
@@ -175,8 +205,14 @@ class Rocks(Table):
     """Released rocks. ``row`` is their place in the file."""
 
     table: ClassVar[str] = "rocks"
+    about: ClassVar[str] = (
+        "One row for each rock that was released, or that fell from a known source."
+    )
     key: ClassVar[tuple[str, ...]] = ("rock_id",)
     required: ClassVar[tuple[str, ...]] = ("rock_id",)
+    quantities: ClassVar[tuple[Measured, ...]] = (
+        Measured("release_speed_mps", "m/s", ("release_speed_mps",), ("release",)),
+    )
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     x: Annotated[FloatArray, _coordinate("x", "release point", "release")]
@@ -210,6 +246,10 @@ class Stations(Table):
     """
 
     table: ClassVar[str] = "stations"
+    about: ClassVar[str] = (
+        "Lines across the slope at which passing rocks were measured. In a GeoPackage the line may "
+        "have any number of vertices."
+    )
     key: ClassVar[tuple[str, ...]] = ("station",)
     required: ClassVar[tuple[str, ...]] = ("station",)
     row: IntArray
@@ -234,7 +274,15 @@ class Passages(Table):
     """Rocks at stations."""
 
     table: ClassVar[str] = "passages"
+    about: ClassVar[str] = "A row for each rock at each station."
     key: ClassVar[tuple[str, ...]] = ("rock_id", "station")
+    may_be_loose: ClassVar[bool] = True
+    quantities: ClassVar[tuple[Measured, ...]] = (
+        Measured("speed_mps", "m/s", ("speed_mps",), _MOVING),
+        Measured("rotation_hz", "1/s", ("rotation_hz",), _MOVING),
+        Measured("height_m", "m", ("height_m",), ("flight",)),
+        Measured("lateral_m", "m", ("x", "y"), _MOVING),
+    )
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     station: Annotated[TextArray, _text("station that the rock passed")]
@@ -252,7 +300,24 @@ class Impacts(Table):
     """Impacts, before and after."""
 
     table: ClassVar[str] = "impacts"
+    about: ClassVar[str] = (
+        "A row for each impact of which the velocities before and after are known: from video, or "
+        "from sensors in the rock. Velocities are those of the centre of the rock, in the vertical "
+        "plane of motion, along the ground and along the *outward* normal of the ground: an "
+        "approaching rock has `vn_in_mps` below zero. Spin is clockwise positive with the motion "
+        "to the right, so that a rolling rock has positive spin."
+    )
     key: ClassVar[tuple[str, ...]] = ("rock_id", "impact")
+    quantities: ClassVar[tuple[Measured, ...]] = (
+        Measured(
+            "energy_kept",
+            "",
+            ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"),
+            ("impact",),
+        ),
+        Measured("spin_out_radps", "rad/s", ("omega_in_radps", "omega_out_radps"), ("impact",)),
+        Measured("turn_deg", "°", ("turn_deg",), ("impact",)),
+    )
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     impact: Annotated[TextArray, _text("number or name of the impact of this rock")]
@@ -262,14 +327,18 @@ class Impacts(Table):
     slope_deg: Annotated[
         FloatArray, Column("°", "dip of the ground along the travel", low=-90, high=90)
     ]
-    vt_in_mps: Annotated[FloatArray, Column("m/s", "speed along the ground before")]
+    vt_in_mps: Annotated[
+        FloatArray,
+        Column("m/s", "speed along the ground before", from_drop=("vt_in_mps", "vn_in_mps")),
+    ]
     vn_in_mps: Annotated[FloatArray, Column("m/s", "along the outward normal before: below zero")]
     omega_in_radps: Annotated[
-        FloatArray, Column("rad/s", "spin before; clockwise positive, travel to the right")
+        FloatArray,
+        Column("rad/s", "spin before; clockwise positive, travel to the right", rim_of="vt_in_mps"),
     ]
     vt_out_mps: Annotated[FloatArray, Column("m/s", "speed along the ground after")]
     vn_out_mps: Annotated[FloatArray, Column("m/s", "along the outward normal after")]
-    omega_out_radps: Annotated[FloatArray, Column("rad/s", "spin after")]
+    omega_out_radps: Annotated[FloatArray, Column("rad/s", "spin after", rim_of="vt_out_mps")]
     turn_deg: Annotated[
         FloatArray, Column("°", "change of the plan azimuth, clockwise", low=-180, high=180)
     ]
@@ -281,6 +350,14 @@ class Deposits(Table):
     """Blocks where they lie."""
 
     table: ClassVar[str] = "deposits"
+    about: ClassVar[str] = "A row for each deposited block, fragments included."
+    may_be_loose: ClassVar[bool] = True
+    quantities: ClassVar[tuple[Measured, ...]] = (
+        Measured("runout_m", "m", ("x", "y"), ("stopping",)),
+        Measured("lateral_m", "m", ("x", "y"), ("stopping",)),
+        Measured("block_mass_kg", "kg", ("mass_kg",), ("stopping",)),
+        Measured("block_volume_m3", "m³", ("volume_m3",), ("stopping",)),
+    )
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     x: Annotated[FloatArray, _coordinate("x", "where it lies")]
@@ -295,8 +372,15 @@ class Trajectories(Table):
     """Points along paths, by rock and time."""
 
     table: ClassVar[str] = "trajectories"
+    about: ClassVar[str] = "Points along paths: a row for each rock and time."
     key: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
     required: ClassVar[tuple[str, ...]] = ("rock_id", "t_s")
+    quantities: ClassVar[tuple[Measured, ...]] = (
+        Measured("path_m", "m", ("t_s", "x", "y"), _MOVING),
+        Measured("flight_fit", "m/s²", ("t_s", "x", "y", "z"), ("flight",)),
+        Measured("speed_mps", "m/s", ("speed_mps",), _MOVING),
+        Measured("rotation_hz", "1/s", ("rotation_hz",), _MOVING),
+    )
     row: IntArray
     rock_id: Annotated[TextArray, _ROCK]
     t_s: Annotated[
@@ -316,15 +400,43 @@ TABLE_TYPES: Mapping[str, type[Table]] = {
 TABLES: Mapping[str, tuple[Column, ...]] = {
     name: kind.columns() for name, kind in TABLE_TYPES.items()
 }
+#: Tables of which each row is a point of a rock.
+POINT_TABLES: tuple[str, ...] = tuple(
+    name for name, columns in TABLES.items() if {"rock_id", "x"} <= {c.name for c in columns}
+)
 
 
 # ---------------------------------------------------------------------------------------------
-# Findings
+# How well was measured
 
 
-# ---------------------------------------------------------------------------------------------
-# All of it
+@dataclass(frozen=True, slots=True)
+class Metadata:
+    """How well was measured; NaN where it is not stated.
+
+    Every key is 0 or more; a share is below 1. ``others`` holds the keys that are only passed on.
+    """
+
+    fps: Annotated[float, Column("1/s", "pictures per second")] = math.nan
+    speed_error_rel: Annotated[
+        float, Column("", "standard error of a speed, as a share of it (0.05: 5 %)")
+    ] = math.nan
+    rotation_error_rel: Annotated[
+        float, Column("", "standard error of a rotation, as a share of it")
+    ] = math.nan
+    height_error_m: Annotated[float, Column("m", "standard error of a height of flight")] = math.nan
+    position_error_m: Annotated[float, Column("m", "standard error of a position")] = math.nan
+    contact_min_normal_speed_mps: Annotated[
+        float, Column("m/s", "speed into the ground below which a contact is not recorded")
+    ] = math.nan
+    contact_min_interval_s: Annotated[
+        float, Column("s", "time after a contact within which no other is told from it")
+    ] = math.nan
+    passages_missed_share: Annotated[
+        float, Column("", "share of the passages at stations that were missed")
+    ] = math.nan
+    others: Mapping[str, str] = field(default_factory=dict)
 
 
-# ---------------------------------------------------------------------------------------------
-# What is identifiable
+#: Keys of ``metadata``.
+METADATA_KEYS: Mapping[str, Column] = {own.name: own for own in _columns_of(Metadata)}

@@ -7,13 +7,14 @@ standard deviation of that, and what a cause could depend on.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sassgis.gap.observations.campaign import errors_of, observed_campaign
+from sassgis.gap.observations.campaign import ImpactRows, errors_of, observed_campaign
 from sassgis.gap.observations.case import Case
 from sassgis.gap.residuals.flights import sudden_losses
 from sassgis.gap.residuals.free_run import FreeRun, observed_end, side_error
@@ -89,7 +90,17 @@ class StepTable:
         return values
 
 
-def steps_of(case: Case, table: GroundTable, run: FreeRun, rng: np.random.Generator) -> StepTable:
+#: Step of flights of the model itself, as the observer records them.
+MODEL_FLIGHT = "flight of the model"
+
+
+def steps_of(
+    case: Case,
+    table: GroundTable,
+    run: FreeRun,
+    recorded: Sequence[ImpactRows],
+    rng: np.random.Generator,
+) -> StepTable:
     """The table of residuals of a case.
 
     Parameters
@@ -99,12 +110,15 @@ def steps_of(case: Case, table: GroundTable, run: FreeRun, rng: np.random.Genera
         Of the model.
     run : FreeRun
         Its replicates of the rocks.
+    recorded : sequence of ImpactRows
+        Impacts of the rocks in the model, as the observer of the case records them.
     rng : numpy.random.Generator
     """
     flat = run.axes_m[:, :, 2].mean(axis=1) / run.axes_m[:, :, 1].mean(axis=1)
     parts = [
         *_impacts(case, table, run.axes_m, rng),
-        *_flights(case),
+        *_flights(case, observed_campaign(case).impacts, "flight"),
+        *(part for rows in recorded for part in _flights(case, rows, MODEL_FLIGHT)),
         *_aloft(case, run.axes_m),
         *_runs(case, run),
         *_stops(case, run),
@@ -172,9 +186,8 @@ def _mean_and_sd(draws: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean, np.sqrt(mean_of_draws((draws - mean[..., None]) ** 2, least=1))
 
 
-def _flights(case: Case) -> list[_Part]:
+def _flights(case: Case, rows: ImpactRows | None, step: str) -> list[_Part]:
     """Energy at the end of flights between impacts, against that at their start and the fall."""
-    rows = observed_campaign(case).impacts
     if rows is None or rows.rock.size < 2:
         return []
     errors = errors_of(case)
@@ -199,7 +212,7 @@ def _flights(case: Case) -> list[_Part]:
     length = np.hypot(way, fall)
     return [
         {
-            "rock": rows.rock[first][flown], "step": np.array("flight"),
+            "rock": rows.rock[first][flown], "step": np.array(step),
             "quantity": np.array("energy_jpkg"), "observed": into[flown],
             "predicted": (out + g * fall)[flown], "sd": sd[flown],
             "way_m": length[flown], "reach": share[flown],

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.engine.effects.lateral_deflection import LateralDeflection
+from sassgis.gap.observations.campaign import ImpactRows
 from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.campaigns import campaigns
+from sassgis.gap.replicas.hypothesis_model import configured_model
 from sassgis.gap.residuals.flights import path_residuals
 from sassgis.gap.residuals.free_run import (
     AtStations,
@@ -28,6 +32,8 @@ from sassgis.model.ground import GroundTable
 REPLICATES = 20
 #: Orientations and slopes drawn for each observed impact.
 IMPACT_DRAWS = 64
+#: Campaigns of which impacts are recorded, and their number.
+_RECORDED, _NUMBER = 4, 3980
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +90,20 @@ def residuals_of(
         *path_residuals(case, model, edges, run.axes_m),
         *impact_residuals(case, table, run, edges, model.effects, draws=IMPACT_DRAWS, rng=rng),
     ]
-    return ResidualTable(run, seen, tuple(rows), steps_of(case, table, run, rng))
+    steps = steps_of(case, table, run, _recorded(case, model), rng)
+    return ResidualTable(run, seen, tuple(rows), steps)
+
+
+def _recorded(case: Case, model: RunModel) -> list[ImpactRows]:
+    """Impacts of the rocks in the model, as the observer records them."""
+    own = replace(
+        configured_model(case, model.table), effects=model.effects.without(LateralDeflection)
+    )
+    made = campaigns(
+        case, model.rock_lines, own, count=_RECORDED, seed=model.seed, number=_NUMBER,
+        tables=frozenset({"impacts"}),
+    )  # fmt: skip
+    return [one.impacts for one in made if one.impacts is not None]
 
 
 def reach_edges(case: Case, run: FreeRun) -> FloatArray:

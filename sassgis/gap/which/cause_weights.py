@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import softmax
 
+from sassgis.gap.causes.all_causes import CAUSES, FAMILIES, STATISTICS
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.model.grid import FloatArray
 
@@ -35,8 +36,9 @@ class CauseWeights:
     sharpness : float
         Factor on the sum of the weights that makes the shares calibrated on laws that were left
         out.
-    usual, spread : float64, shape (n_statistics,)
-        Mean and standard deviation of what the fingerprints count on the sites.
+    usual, spread : float64, shape (n_frozen,)
+        Mean and standard deviation of what the fingerprints count on the sites, of those that the
+        weights were fitted to: the first ones.
     farthest : float
         Distance from the usual that one site of a hundred exceeds.
     """
@@ -52,7 +54,8 @@ class CauseWeights:
 
     def is_typical(self, prints: Sequence[Fingerprint]) -> bool:
         """Whether fingerprints are no farther from the usual than those of the sites."""
-        return distance(z_of(prints, self.statistics), self.usual, self.spread) <= self.farthest
+        z = z_of(prints, self.statistics[: self.usual.size])
+        return distance(z, self.usual, self.spread) <= self.farthest
 
     def shares(self, prints: Sequence[Fingerprint], tried: Sequence[str]) -> dict[str, float]:
         """Probability of every cause that may be named and of "none", most likely first.
@@ -92,6 +95,8 @@ def counts_of(z: FloatArray) -> FloatArray:
 def weights_of(content: Mapping[str, object]) -> CauseWeights:
     """Weights from the content of their file: of each cause, those that are not zero by name.
 
+    A cause or a fingerprint that is not in the file weighs what it does before any site.
+
     Raises
     ------
     KeyError, TypeError, ValueError
@@ -102,11 +107,15 @@ def weights_of(content: Mapping[str, object]) -> CauseWeights:
     offset: dict[str, float] = content["offset"]  # type: ignore[assignment]
     usual: dict[str, float] = content["usual"]  # type: ignore[assignment]
     spread: dict[str, float] = content["spread"]  # type: ignore[assignment]
+    found = {(e, s): float(own.get(s, 0.0)) for e, own in rows.items() for s in statistics}
+    first = {(e, own.name): own.weight for e in FAMILIES for own in CAUSES[e].statistics}
+    names = tuple(dict.fromkeys((*rows, *FAMILIES)))
+    every = tuple(dict.fromkeys((*statistics, *STATISTICS)))
     return CauseWeights(
-        tuple(rows),
-        statistics,
-        np.array([[float(own.get(name, 0.0)) for name in statistics] for own in rows.values()]),
-        np.array([float(offset[name]) for name in rows]),
+        names,
+        every,
+        np.array([[found.get((e, s), first.get((e, s), 0.0)) for s in every] for e in names]),
+        np.array([float(offset.get(e, 0.0)) for e in names]),
         float(content["sharpness"]),  # type: ignore[arg-type]
         np.array([float(usual[name]) for name in statistics]),
         np.array([float(spread[name]) for name in statistics]),

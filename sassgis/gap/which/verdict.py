@@ -6,28 +6,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.diagnosis import Fingerprint, GapFinding, Verdict
 from sassgis.gap.observations.case import Case
 from sassgis.gap.where.findings import locate
-from sassgis.gap.which.families import PHASES
 from sassgis.gap.which.hypotheses import Draw
-from sassgis.model.grid import FloatArray
 
 #: Causes besides the families.
 NONE, UNKNOWN, CONTACT_LAW = "none", "unknown", "contact_law"
-#: Groups of causes, in the order in which they are asked: an error of the instruments shows in all
-#: that follows, an error of the start in all below it, a loss on the way turns the path as well.
-GROUPS: Mapping[str, tuple[str, ...]] = {
-    "instruments": ("measurement_error",),
-    "start": ("release_error",),
-    "extra blocks": ("fragmentation", "entrainment"),
-    "along the way": ("trees", "air_drag"),
-    "contact": ("soft_ground", "roughness", "rock_shape", CONTACT_LAW),
-    "sideways": ("lateral_deflection",),
-}
-#: What looks like a second cause where the first acts.
+#: Groups of causes and what looks like a second cause where one of them acts, in the order in which
+#: they are asked: an error of the instruments shows in all that follows, an error of the start in
+#: all below it, a loss on the way turns the path as well.
 _FOLLOWS: Mapping[str, tuple[str, ...]] = {
     "instruments": ("start", "along the way", "contact", "sideways"),
     "start": ("sideways",),
@@ -35,6 +24,10 @@ _FOLLOWS: Mapping[str, tuple[str, ...]] = {
     "along the way": ("contact", "sideways"),
     "contact": ("sideways",),
     "sideways": ("contact",),
+}
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    group: tuple(cause.name for cause in CAUSES.values() if cause.group == group)
+    for group in _FOLLOWS
 }
 #: A gap is large from this share of the scatter of the rocks on (J. Cohen, 1988, Statistical power
 #: analysis for the behavioral sciences, p. 26: d = 0.8).
@@ -68,8 +61,8 @@ class Thresholds:
 
 def group_of(effect: str) -> str:
     """Group of a cause; of two, that of the first; "" if it has none."""
-    first = effect.split("+")[0]
-    return next((g for g, names in GROUPS.items() if first in names), "")
+    first = CAUSES.get(effect.split("+")[0])
+    return "" if first is None else first.group
 
 
 def adequate(findings: Sequence[GapFinding], level: float = 0.05) -> bool:
@@ -269,60 +262,8 @@ def place_of(
         return "", ()
     if effect in (UNKNOWN, CONTACT_LAW):
         return locate(findings)
-    family = effect.split("+")[0]
-    phase = PHASES[family]
-    if family == "release_error":
-        return phase, case.reaches[:1]
-    if family == "trees":
-        stands = [d.model.stand for d in fitted if d.model.stand is not None]
-        if stands:
-            low = float(np.median([s.s0 for s in stands]))
-            high = float(np.median([s.s1 for s in stands]))
-            return phase, reaches_between(case, low, high)
-    if family in ("soft_ground", "entrainment", "roughness") and fitted:
-        classes = _classes_of(family, fitted)
-        if classes:
-            return phase, reaches_on(case, classes)
-    return phase, case.reaches
-
-
-def _classes_of(family: str, fitted: Sequence[Draw]) -> tuple[str, ...]:
-    """Ground classes that most of the fitted draws have the effect on."""
-    counts: dict[str, int] = {}
-    for draw in fitted:
-        for name in getattr(draw.model.effects.named(family), "classes", ()):
-            counts[name] = counts.get(name, 0) + 1
-    return tuple(name for name, n in counts.items() if 2 * n > len(fitted))
-
-
-def _reach_bounds(case: Case) -> FloatArray:
-    """Chainages of the ends of the reaches, median over the rocks (m), shape (n_reaches + 1,)."""
-    inner = np.nanmedian(case.station_s, axis=0) if case.station_names else np.empty(0)
-    return np.concatenate([[-np.inf], inner, [np.inf]])
-
-
-def reaches_between(case: Case, low: float, high: float) -> tuple[str, ...]:
-    """Reaches that a stretch of chainage touches."""
-    edges = _reach_bounds(case)
-    return tuple(
-        name
-        for name, start, end in zip(case.reaches, edges[:-1], edges[1:], strict=True)
-        if low < end and high > start
-    )
-
-
-def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
-    """Reaches in which the profiles cross any of some ground classes."""
-    wanted = [k for k, name in enumerate(case.table.names) if name in classes]
-    found: list[str] = []
-    source = case.profiles
-    for line in np.unique(case.line).tolist():
-        own = slice(int(source.offset[line]), int(source.offset[line + 1]) - 1)
-        ends = source.s[own.start + 1 : own.stop + 1]
-        for low, high, ground in zip(source.s[own], ends, source.ground[own], strict=True):
-            if int(ground) in wanted and high > 0.0:
-                found.extend(reaches_between(case, float(low), float(high)))
-    return tuple(name for name in case.reaches if name in set(found))
+    first = CAUSES[effect.split("+")[0]]
+    return first.phase, first.place(case, [draw.model for draw in fitted])
 
 
 def confidence_of(effect: str, shares: Mapping[str, float]) -> float:

@@ -24,8 +24,16 @@ from pyproj.exceptions import CRSError
 
 from sassgis.gap.observations.checks import check_observations, empty_tables
 from sassgis.gap.observations.observation_finding import LeftOut, Level, ObservationFinding
-from sassgis.gap.observations.observed import METADATA_KEYS, Metadata, Observations, without
-from sassgis.gap.observations.tables import TABLE_TYPES, TABLES, Column, Stations, Table
+from sassgis.gap.observations.observed import Observations, without
+from sassgis.gap.observations.tables import (
+    METADATA_KEYS,
+    TABLE_TYPES,
+    TABLES,
+    Column,
+    Metadata,
+    Stations,
+    Table,
+)
 from sassgis.io.read.csv_table import csv_cells
 from sassgis.io.read.offline import read_frame, vector_file
 from sassgis.io.read.plain_file import check_text, read_text
@@ -213,11 +221,7 @@ def _refuse_elsewhere(
 ) -> None:
     """Raise InputError where every table that has places lies beside the DEM."""
     beside = {f.table: f for f in checked if f.problem.startswith("no row lies on the DEM")}
-    placed = {
-        name
-        for name, columns in observations.present.items()
-        if {"x", "y"} <= columns and name != "stations"
-    }
+    placed = {name for name, columns in observations.present.items() if {"x", "y"} <= columns}
     if placed and placed <= set(beside):
         first = beside[sorted(placed, key=list(TABLES).index)[0]]
         raise InputError(

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
 
 import geopandas as gpd
 import pandas as pd
 
-from sassgis.gap.observations.observed import METADATA_KEYS
-from sassgis.gap.observations.tables import TABLES
+from sassgis.gap.observations.tables import METADATA_KEYS, POINT_TABLES, TABLES, Column
 from sassgis.io.staging import writing
 from sassgis.io.write.geopackage import add_layer, register_columns, register_table
 from sassgis.model.crs import parse_crs
@@ -19,6 +18,8 @@ from sassgis.model.errors import OutputError
 
 _METADATA = "metadata"
 _README = "README.txt"
+#: Columns that the geometry of a layer takes the place of.
+_PLACES = frozenset({"x", "y", "x0", "y0", "x1", "y1"})
 
 
 def observations_template(path: Path | str, *, crs: str | None = None) -> Path:
@@ -60,10 +61,14 @@ def _guide() -> str:
         "unknown origin has an empty rock_id.",
     ]
     for table, columns in TABLES.items():
-        lines += ["", table, *(f"  {c.name:<18} {c.unit or '-':<6} {c.meaning}" for c in columns)]
+        lines += ["", table, *_rows(columns)]
     lines += ["", f"{_METADATA} (key, value)"]
-    lines += [f"  {k:<18} {unit or '-':<6} {text}" for k, (unit, text) in METADATA_KEYS.items()]
+    lines += _rows(METADATA_KEYS.values())
     return "\n".join(lines) + "\n"
+
+
+def _rows(columns: Iterable[Column]) -> list[str]:
+    return [f"  {c.name:<18} {c.unit or '-':<6} {c.meaning}" for c in columns]
 
 
 def _gpkg_template(path: Path, crs: str | None) -> Path:
@@ -73,13 +78,11 @@ def _gpkg_template(path: Path, crs: str | None) -> Path:
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         for table, columns in TABLES.items():
-            line = table == "stations"
-            places = {"x", "y", "z", "x0", "y0", "x1", "y1"}
             # Geometry holds the place; z stays for those who digitise in the plane.
-            own = [c for c in columns if c.name not in places - {"z"}]
+            own = [c for c in columns if c.name not in _PLACES]
             data = {c.name: pd.Series(dtype="str" if c.text else "float64") for c in own}
             frame = gpd.GeoDataFrame(data, geometry=gpd.GeoSeries([], crs=system), crs=system)
-            add_layer(path, table, frame, "LineString" if line else "Point Z")
+            add_layer(path, table, frame, "Point Z" if table in POINT_TABLES else "LineString")
         _describe(path)
     return path
 
@@ -99,9 +102,8 @@ def _describe(path: Path) -> None:
 
 
 def _descriptions() -> Iterator[tuple[str, str, str, str]]:
-    places = {"x", "y", "x0", "y0", "x1", "y1"}
     for table, columns in TABLES.items():
         for c in columns:
-            if c.name not in places:
+            if c.name not in _PLACES:
                 unit = f" [{c.unit}]" if c.unit else ""
                 yield table, c.name, f"{c.name}{unit}", c.meaning

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
-import numpy as np
 import pytest
 from annotated_types import Interval
 
-from sassgis.engine.effects.registry import EFFECTS, Calibration, Effect, Range
-from sassgis.gap.which.hypotheses import ParameterDraws, _from_row
+from sassgis.engine.effects.registry import EFFECTS, Effect
 from sassgis.io.read import config as reader
 from sassgis.io.read.config import load_config, resolved
 from sassgis.io.write.config_template import config_template
@@ -47,13 +45,6 @@ def breeze(monkeypatch: pytest.MonkeyPatch) -> Iterator[Effect]:
         label="breeze",
         summary="air that moves",
         hooks=("before_flight",),
-        calibration=Calibration(
-            order=10,
-            phase="flight",
-            ranges={"speed_mps": Range(1.0, 20.0, "log")},
-            forms={},
-            parameters={},
-        ),
     )
     monkeypatch.setitem(EFFECTS, "breeze", row)  # type: ignore[arg-type]
     reader._document.cache_clear()
@@ -87,12 +78,3 @@ def test_a_row_is_a_section_of_the_configuration(breeze: Effect, tmp_path: Path)
 def test_without_its_row_the_section_is_unknown(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"effects\.breeze: unknown key"):
         read(tmp_path, "[effects.breeze]\n")
-
-
-def test_a_row_with_ranges_is_fitted(breeze: Effect) -> None:
-    draws = ParameterDraws(np.random.default_rng(3))
-    part = _from_row("breeze")(None, draws)  # type: ignore[arg-type]
-    speed = part.parameters["speed_mps"]
-    assert 1.0 <= speed <= 20.0
-    # Drawn values are those that a configuration states, to six digits.
-    assert speed == pytest.approx(20.0 ** draws.used["breeze.speed_mps"], rel=1e-5)

@@ -13,10 +13,7 @@ import pytest
 import shapely
 from helpers.observed_slope import LV95, NORTH, TABLES, TOP, at, setting
 
-from sassgis.gap.observations.identifiable import what_is_identifiable
 from sassgis.gap.observations.observed import (
-    METADATA_KEYS,
-    Metadata,
     Observations,
     parent_of,
     rock_masses_kg,
@@ -26,7 +23,15 @@ from sassgis.gap.observations.observed import (
 from sassgis.gap.observations.tables import (
     TABLES as KNOWN,
 )
-from sassgis.gap.observations.tables import Deposits, Impacts, Passages, Rocks, Trajectories
+from sassgis.gap.observations.tables import (
+    Deposits,
+    Impacts,
+    Metadata,
+    Passages,
+    Rocks,
+    Trajectories,
+)
+from sassgis.gap.which.identifiable import what_is_identifiable
 from sassgis.io.read.observation_files import (
     read_observations,
     validate_observations,
@@ -77,7 +82,6 @@ def test_pieces_belong_to_their_rock(folder, slope):
     observed = read_observations(folder(), slope)
     assert observed.rock_of("deposits").tolist() == [0, 1, 2, 3, 4, 4, -1]
     assert observed.is_piece("deposits").tolist() == [False] * 4 + [True, True, False]
-    assert observed.units("deposits").tolist() == [0, 1, 2, 3, 4, 4, 5]
 
 
 def test_names_of_pieces():
@@ -90,13 +94,6 @@ def test_names_of_pieces():
     bare = Observations(deposits=Deposits.of(rock_id=["A", "A.1", "A.2", "B.1", "B.2", ""]))
     assert bare.rock_names == ("A", "B.1", "B.2")
     assert bare.rock_of("deposits").tolist() == [0, 0, 0, 1, 2, -1]
-
-
-def test_unnamed_blocks_are_units_of_their_own():
-    observed = Observations(
-        rocks=Rocks.of(rock_id=["A"]), deposits=Deposits.of(rock_id=["", "X.1", "A", "", "X.2"])
-    )
-    assert observed.units("deposits").tolist() == [1, 2, 0, 3, 2]
 
 
 def test_missing_tables_and_columns_are_fine(folder, slope):
@@ -798,16 +795,3 @@ def test_authume_heights_are_found_to_be_offset(shared_data, tmp_path):
     assert len(observed.deposits) == 41
     assert "heights are offset from the DEM" in only(observed, grid)
     assert "+2.8" in only(observed, grid) or "+2.9" in only(observed, grid)
-
-
-# --- documentation --------------------------------------------------------------------------------
-
-
-def test_the_page_tells_every_column(repository):
-    text = (repository / "docs" / "observations.md").read_text("utf-8")
-    for name, columns in KNOWN.items():
-        part = text.partition(f"### `{name}`\n")[2].partition("\n### ")[0]
-        for c in columns:
-            assert f"| `{c.name}` | {c.unit or '–'} | {c.meaning} |" in part, f"{name}.{c.name}"
-    for key, (unit, meaning) in METADATA_KEYS.items():
-        assert f"| `{key}` | {unit or '–'} | {meaning} |" in text

@@ -10,6 +10,7 @@ from helpers.simulated_slope import TABLE
 
 from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.calibration.problem import CalibrationProblem
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.observations.campaign import LOOSE, PIECE, main_blocks, observed_campaign
 from sassgis.gap.replicas.campaigns import campaigns
 from sassgis.gap.replicas.features import rock_quantities
@@ -21,7 +22,7 @@ from sassgis.gap.replicas.hypothesis_model import (
     ReleaseError,
 )
 from sassgis.gap.replicas.rock_lines import dips_at, heights_at_chainage
-from sassgis.gap.which.hypotheses import ParameterDraws, draw
+from sassgis.gap.which.hypotheses import draw
 from sassgis.model.effects import EffectSettings
 
 

@@ -11,6 +11,9 @@ import pytest
 from sassgis.engine.effects.lateral_deflection import LateralDeflection
 from sassgis.engine.effects.trees import Trees as Forest
 from sassgis.gap.calibration.problem import CalibrationProblem, scale_of
+from sassgis.gap.causes.all_causes import FAMILIES, STATISTICS
+from sassgis.gap.causes.ground_classes import reaches_between
+from sassgis.gap.causes.parameter_draws import ParameterDraws
 from sassgis.gap.diagnosis import Fingerprint, GapFinding
 from sassgis.gap.observations.campaign import observed_campaign
 from sassgis.gap.observations.case import Case
@@ -19,9 +22,7 @@ from sassgis.gap.replicas.hypothesis_model import (
     LateralWalk,
 )
 from sassgis.gap.replicas.model_json import model_as_json, model_from_json
-from sassgis.gap.which.families import FAMILIES
-from sassgis.gap.which.fingerprints import STATISTICS
-from sassgis.gap.which.hypotheses import NONE, ParameterDraws, draw, families_to_try
+from sassgis.gap.which.hypotheses import NONE, draw, families_to_try
 from sassgis.gap.which.verdict import (
     CONTACT_LAW,
     Thresholds,
@@ -29,7 +30,6 @@ from sassgis.gap.which.verdict import (
     confusion_set,
     decide,
     group_of,
-    reaches_between,
 )
 from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
 from sassgis.model.effects import EffectSettings

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from helpers.simulated_slope import TABLE, observed
 
+from sassgis.gap.causes.all_causes import STATISTICS
+from sassgis.gap.causes.extra_blocks import mass_budget
 from sassgis.gap.diagnosis import Fingerprint
 from sassgis.gap.observations.case import Case
 from sassgis.gap.observations.tables import Deposits
 from sassgis.gap.residuals.steps import StepTable
 from sassgis.gap.residuals.table import ResidualTable, residuals_of
-from sassgis.gap.which.fingerprints import STATISTICS, fingerprints, mass_budget
+from sassgis.gap.which.fingerprints import fingerprints
 from sassgis.gap.which.verdict import strongest
 
 
@@ -134,7 +136,7 @@ def test_losses_in_flight_are_air_or_stems(case: Case, residuals: ResidualTable)
 def test_a_shift_for_all_sizes_is_the_law_of_the_contact(
     case: Case, residuals: ResidualTable
 ) -> None:
-    shift = np.nan_to_num(1.2 * residuals.steps.sd)
+    shift = np.nan_to_num(1.5 * residuals.steps.sd)
     found = printed(case, changed(residuals, "impact", "normal_speed_mps", shift))
     assert found["contact_law"].p_adjusted <= 0.01
     assert "rock_shape" not in found or found["rock_shape"].p_adjusted > 0.01

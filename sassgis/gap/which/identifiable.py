@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sassgis.gap.causes.all_causes import CAUSES
 from sassgis.gap.observations.observed import Observations, rock_masses_kg
 
 #: A gap of this many standard errors is found four times in five at the level of 5 %.
@@ -59,33 +60,6 @@ class Identifiable:
         return any(q.name == name and table in (None, q.table) for q in self.quantities)
 
 
-#: Quantities with the columns that they need, by table; the phases they speak of.
-_QUANTITIES: tuple[tuple[str, str, str, tuple[str, ...], tuple[str, ...]], ...] = (
-    ("rocks", "release_speed_mps", "m/s", ("release_speed_mps",), ("release",)),
-    ("passages", "speed_mps", "m/s", ("speed_mps",), ("flight", "rolling")),
-    ("passages", "rotation_hz", "1/s", ("rotation_hz",), ("flight", "rolling")),
-    ("passages", "height_m", "m", ("height_m",), ("flight",)),
-    ("passages", "lateral_m", "m", ("x", "y"), ("flight", "rolling")),
-    (
-        "impacts",
-        "energy_kept",
-        "",
-        ("vt_in_mps", "vn_in_mps", "vt_out_mps", "vn_out_mps"),
-        ("impact",),
-    ),
-    ("impacts", "spin_out_radps", "rad/s", ("omega_in_radps", "omega_out_radps"), ("impact",)),
-    ("impacts", "turn_deg", "°", ("turn_deg",), ("impact",)),
-    ("deposits", "runout_m", "m", ("x", "y"), ("stopping",)),
-    ("deposits", "lateral_m", "m", ("x", "y"), ("stopping",)),
-    ("deposits", "block_mass_kg", "kg", ("mass_kg",), ("stopping",)),
-    ("deposits", "block_volume_m3", "m³", ("volume_m3",), ("stopping",)),
-    ("trajectories", "path_m", "m", ("t_s", "x", "y"), ("flight", "rolling")),
-    ("trajectories", "flight_fit", "m/s²", ("t_s", "x", "y", "z"), ("flight",)),
-    ("trajectories", "speed_mps", "m/s", ("speed_mps",), ("flight", "rolling")),
-    ("trajectories", "rotation_hz", "1/s", ("rotation_hz",), ("flight", "rolling")),
-)
-
-
 def what_is_identifiable(observations: Observations) -> Identifiable:
     """Which quantities and phases the data support, and what they do not identify.
 
@@ -98,17 +72,18 @@ def what_is_identifiable(observations: Observations) -> Identifiable:
     Identifiable
     """
     quantities = []
-    for table, name, unit, columns, phases in _QUANTITIES:
-        data = observations.tables[table]
-        known = np.all([np.isfinite(data.numbers[c]) for c in columns], axis=0)
-        if not known.any():
-            continue
-        owner = observations.rock_of(table)[known]
-        rocks = int(np.unique(owner[owner >= 0]).size)
-        quantities.append(Quantity(phases, name, unit, table, rocks, int(known.sum())))
-    unattributed = sum(
-        int((observations.rock_of(table) < 0).sum()) for table in ("passages", "deposits")
-    )
+    unattributed = 0
+    for table, data in observations.tables.items():
+        for one in data.quantities:
+            known = np.all([np.isfinite(data.numbers[c]) for c in one.columns], axis=0)
+            if known.any():
+                owner = observations.rock_of(table)[known]
+                rocks = int(np.unique(owner[owner >= 0]).size)
+                quantities.append(
+                    Quantity(one.phases, one.name, one.unit, table, rocks, int(known.sum()))
+                )
+        if data.may_be_loose:
+            unattributed += int((observations.rock_of(table) < 0).sum())
     found = Identifiable(len(observations.rock_names), unattributed, tuple(quantities), ())
     return replace(found, not_identifiable=tuple(_not_identifiable(observations, found)))
 
@@ -119,6 +94,7 @@ def _not_identifiable(observations: Observations, found: Identifiable) -> Iterab
     yield from _missing_at_stations(observations, found)
     yield from _missing_on_the_path(found)
     yield from _missing_of_rocks(observations)
+    yield from _causes_without_fingerprint(observations)
 
 
 def _missing_of_releases(observations: Observations, found: Identifiable) -> Iterable[str]:
@@ -195,6 +171,21 @@ def _missing_of_rocks(observations: Observations) -> Iterable[str]:
             "Errors of measurement are not stated: noise of the measurement and scatter of the "
             "rocks are kept apart by assumption only."
         )
+
+
+def _causes_without_fingerprint(observations: Observations) -> Iterable[str]:
+    """Causes that leave nothing in the tables that are there, and what each would take."""
+    unseen: dict[str, list[str]] = {}
+    for cause in CAUSES.values():
+        lacks = [
+            [name for name in own.tables if not len(observations.tables[name])]
+            for own in cause.statistics
+        ]
+        if all(lacks):
+            fewest = lacks[int(np.argmin([len(own) for own in lacks]))]
+            unseen.setdefault(" and ".join(fewest), []).append(cause.words[0])
+    for tables, names in unseen.items():
+        yield f"No {tables}: no fingerprint is seen of {', '.join(names)}."
 
 
 def _sample_size(rocks: int) -> str:

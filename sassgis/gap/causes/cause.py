@@ -1,0 +1,162 @@
+"""A cause of a gap as the diagnosis knows it: what it fits, and what the cause leaves behind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from sassgis.engine.effects.registry import EFFECTS
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.effects import EffectSection
+from sassgis.model.grid import FloatArray
+
+#: A fingerprint rests on at least this many rocks or groups.
+LEAST = 5
+#: Stated errors of measurement may be wrong by this share of themselves.
+MISSTATED = 0.5
+#: Shift, in standard deviations, up to which a comparison may be off by itself.
+SHIFT = 0.15
+#: Weight of a fingerprint for its own cause before any site: of most; of what no contact can leave
+#: (masses, places, paths in time). What another law, edges of a rock or a patch of other ground
+#: leave as well weighs less.
+USUAL, CLEAR = 1.5, 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one cause sets of a model: its form, the change, and the parameters to report."""
+
+    form: str
+    change: Callable[[HypothesisModel], HypothesisModel]
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """Numbers whose mean is zero where the cause is absent.
+
+    Attributes
+    ----------
+    values : float64, shape (n_rocks,)
+        Or (1,): a z that has its own null.
+    size : float
+        What was seen, in the unit of the statistic.
+    chance : float64, shape (n_rocks,), optional
+        Of each rock to score above zero where the cause is absent; values then are 0 or 1.
+    """
+
+    values: FloatArray
+    size: float
+    chance: FloatArray | None = None
+
+
+Scoring = Callable[[Case, ResidualTable], Scores | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Statistic:
+    """One fingerprint of a cause.
+
+    Attributes
+    ----------
+    name
+        In words; results and frozen weights know it by these.
+    scores
+        None where the observations cannot show it. Two names: the less certain of these
+        fingerprints, so that both must be seen.
+    tables
+        Tables of observations that it takes, all of them.
+    weight
+        For its own cause, before any site.
+    """
+
+    name: str
+    scores: Scoring | tuple[str, str]
+    tables: tuple[str, ...]
+    weight: float = USUAL
+
+
+def no_place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
+    """A cause that acts on the whole slope."""
+    return case.reaches
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """One row of the registry.
+
+    Attributes
+    ----------
+    name
+        That of the effect of the engine, if it is one.
+    number
+        Its random draws hang on it: a new cause takes the next one that is free.
+    group
+        Of causes that leave similar traces (``sassgis.gap.which.verdict``).
+    phase
+        Of the observed motion in which it shows.
+    draw
+        Form and parameters that are tried.
+    shown_by
+        Its fingerprints in a sentence, for docs/gap.md.
+    statistics
+        Its fingerprints.
+    label, summary
+        Its name in a sentence, and what it does, to follow "the gap is best explained by"; empty:
+        those of the effect of the engine.
+    weighed
+        Whether it is weighed against the other causes; the law of the contact is that of the base.
+    place
+        Reaches in which fitted models have it act.
+    """
+
+    name: str
+    number: int
+    group: str
+    phase: Literal["release", "flight", "impact", "observation"]
+    draw: Callable[[Case, ParameterDraws], Part]
+    shown_by: str
+    statistics: tuple[Statistic, ...]
+    label: str = ""
+    summary: str = ""
+    weighed: bool = True
+    place: Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]] = no_place
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """Its name in a sentence, and what it does."""
+        if self.label:
+            return self.label, self.summary
+        return EFFECTS[self.name].label, EFFECTS[self.name].summary
+
+
+def part_of(
+    settings: type[EffectSection],
+    form: str,
+    values: Mapping[str, float],
+    walk: LateralWalk | None = None,
+    **others: object,
+) -> Part:
+    """An effect with drawn values and others that are not reported, and the scatter that goes
+    with it.
+    """
+    effect = settings(**({"form": form} if form else {}), **others, **values)
+
+    def change(model: HypothesisModel) -> HypothesisModel:
+        changed = replace(model, effects=model.effects.having(effect))
+        return changed if walk is None else replace(changed, lateral_walk=walk)
+
+    return Part(form or settings.name, change, values)
+
+
+def fitted_alone(settings: type[EffectSection], fit: Fit) -> Callable[[Case, ParameterDraws], Part]:
+    """Draws of an effect of which nothing but the ranges is to be said."""
+
+    def draw(case: Case, draws: ParameterDraws) -> Part:
+        return part_of(settings, *fit.drawn(settings.name, draws))
+
+    return draw

@@ -1,0 +1,30 @@
+"""What is left of impacts after the law of the contact, in standard deviations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sassgis.gap.causes.cause import LEAST
+from sassgis.gap.residuals.steps import StepTable
+from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.grid import FloatArray
+
+
+def contact_gaps(residuals: ResidualTable, quantity: str) -> tuple[StepTable, FloatArray] | None:
+    """Impacts and their z; None where there are few, or few with a normal speed."""
+    steps = residuals.steps
+    rows = steps.of("impact", quantity)
+    if min(len(rows), len(steps.of("impact", "normal_speed_mps"))) < 4 * LEAST:
+        return None
+    return rows, np.clip(rows.z, -4.0, 4.0)
+
+
+def beyond_any_law(rows: StepTable, z: FloatArray) -> FloatArray:
+    """Z less a smooth function of speed and ground: what no law of the contact could do."""
+    columns = [np.ones(len(rows)), np.log(np.maximum(rows.vn_mps, 0.2)), rows.predicted / 10.0]
+    for k in np.unique(rows.ground).tolist()[1:]:
+        columns.append((rows.ground == k).astype(np.float64))
+    design = np.column_stack(columns)
+    ridge = 1.0 * np.eye(design.shape[1])
+    left: FloatArray = z - design @ np.linalg.solve(design.T @ design + ridge, design.T @ z)
+    return left

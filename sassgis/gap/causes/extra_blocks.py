@@ -1,0 +1,205 @@
+"""Causes that leave extra blocks: fragmentation and entrainment, told by the masses that lie.
+
+Rocks and blocks are ranked by mass, whatever they are called. Where rocks broke the blocks of their
+ranks are too light, and what they lack lies in blocks beyond the number of rocks. Where blocks were
+entrained there is more mass than came down. The null is that of the errors of the masses alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.effects.entrainment import Entrainment
+from sassgis.engine.effects.fragmentation import Fragmentation
+from sassgis.gap.causes.cause import (
+    CLEAR,
+    LEAST,
+    MISSTATED,
+    Cause,
+    Part,
+    Scores,
+    Scoring,
+    Statistic,
+    part_of,
+)
+from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
+from sassgis.gap.causes.lateral_scatter import little_walk, walk_too
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
+from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.grid import FloatArray, IntArray
+
+_MASS_BUDGET = (
+    "mass budget, whatever the blocks are called: rocks and blocks are ranked by mass, and the "
+    "null is that of the errors of the masses. Rocks that passed the last station whole and lie "
+    "nowhere have left"
+)
+#: Least error of a mass, share of the released mass below which nothing is said, and draws of the
+#: errors.
+_LEAST_MASS_ERROR, _LEAST_MASS, _MASS_DRAWS = 0.02, 0.004, 200
+#: Share of the median rock up to which a block is a chip, which says nothing.
+_CHIP = 0.01
+#: Share of the released mass that must lack before rocks are looked for that left the ground.
+_LOST = 0.01
+
+
+def _mass_scores(which: int) -> Scoring:
+    """What of the budget is scored: 0, missing and lying in pieces; 1, in addition."""
+
+    def scores(case: Case, residuals: ResidualTable) -> Scores | None:
+        blocks, rocks = observed_blocks(case), case.mass_kg
+        if blocks is None or not np.isfinite(rocks).all() or not np.isfinite(blocks).all():
+            return None
+        blocks = blocks[blocks > _CHIP * np.median(rocks)]
+        if blocks.sum() < (1.0 - _LOST) * rocks.sum():
+            rocks = rocks[~_gone(case)]
+        if rocks.size < LEAST:
+            return None
+        error = max(errors_of(case).mass_rel * (1.0 + MISSTATED), _LEAST_MASS_ERROR)
+        rng = np.random.default_rng(1986)
+        drawn = rocks * np.exp(error * rng.standard_normal((_MASS_DRAWS, rocks.size)))
+        null = np.array([mass_budget(rocks, one) for one in drawn])
+        middle, spread = null.mean(axis=0), null.std(axis=0) + _LEAST_MASS
+        value = mass_budget(rocks, blocks)
+        z = np.clip((np.array(value) - middle) / spread, -12.0, 12.0)
+        return Scores(z[which : which + 1], float(value[which]))
+
+    return scores
+
+
+def observed_blocks(case: Case) -> FloatArray | None:
+    """Masses of all blocks that lie, rocks and others alike (kg); None if none were weighed."""
+    table = case.observations.deposits
+    if not len(table):
+        return None
+    mass: FloatArray = np.where(np.isfinite(table.mass_kg), table.mass_kg, 2700.0 * table.volume_m3)
+    return mass
+
+
+def _gone(case: Case) -> NDArray[np.bool_]:
+    """Rocks that passed the last station whole and lie nowhere: they left the surveyed ground."""
+    gone = np.zeros(case.n_rocks, bool)
+    seen = case.observations
+    if not case.station_names or not len(seen.passages):
+        return gone
+    tolerance = 3.0 * math.sqrt(2.0) * max(errors_of(case).mass_rel, _LEAST_MASS_ERROR)
+
+    def whole(table: str, mass: FloatArray) -> IntArray:
+        rock = seen.rock_of(table)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            same = np.abs(np.log(mass / case.mass_kg[np.maximum(rock, 0)])) < tolerance
+        return np.where((rock >= 0) & (same | ~np.isfinite(mass)), rock, -1)
+
+    last = seen.passages.station == case.station_names[-1]
+    passed = whole("passages", seen.passages.mass_kg)[last]
+    lying = whole("deposits", seen.deposits.mass_kg)
+    gone[passed[passed >= 0]] = True
+    gone[lying[lying >= 0]] = False
+    return gone
+
+
+def mass_budget(rocks: FloatArray, blocks: FloatArray) -> tuple[float, float]:
+    """Shares of the released mass that are missing and lie in pieces, and that came in addition.
+
+    Parameters
+    ----------
+    rocks, blocks : float64
+        Masses (kg), in any order.
+    """
+    if blocks.size <= rocks.size:
+        return 0.0, 0.0
+    n, total = rocks.size, float(rocks.sum())
+    released, lying = np.sort(rocks)[::-1], np.sort(blocks)[::-1]
+    lacking = float(np.maximum(released - lying[:n], 0.0).sum())
+    more = float(blocks.sum()) - total
+    # Of rocks that were not found the ranks lack as much as all blocks together. Five chips of a
+    # kilogram are no pieces of them.
+    broken = max(lacking - max(-more, 0.0), min(lacking, float(lying[n:].sum())))
+    return broken / total, more / total
+
+
+_FRAGMENTATION = Fit(
+    ranges={
+        "energy_jkg": Range(12.0, 800.0, "log"),
+        "loss": Range(0.0, 0.5),
+        "pieces": Range(2, 9),
+        "shape": Range(0.0, 3.0),
+        "survival_rate": Range(0.0, 0.8),
+        "fractal_dimension": Range(1.8, 2.8),
+    },
+    forms={"threshold": 0.35, "fractal": 0.65},
+    parameters={
+        "threshold": ("energy_jkg", "loss", "pieces"),
+        "fractal": ("energy_jkg", "loss", "shape", "survival_rate", "fractal_dimension"),
+    },
+)
+
+
+def _broken(case: Case, draws: ParameterDraws) -> Part:
+    form, values = _FRAGMENTATION.drawn("fragmentation", draws)
+    if "pieces" in values:
+        values["pieces"] = int(values["pieces"])
+    # Smaller pieces are not looked for in the field, and there would be very many of them.
+    smallest = rounded(0.03 * 4.0 / 3.0 * math.pi * float(np.median(case.radius_m)) ** 3)
+    # The more blocks break, the more of what is seen are pieces that flew apart.
+    walk = walk_too(draws, min(150.0 / values["energy_jkg"], 8.0))
+    return part_of(Fragmentation, form, values, walk, smallest_m3=smallest)
+
+
+FRAGMENTATION = Cause(
+    "fragmentation",
+    number=1,
+    group="extra blocks",
+    phase="impact",
+    draw=_broken,
+    shown_by=f"{_MASS_BUDGET}; what the ranks lack lies in pieces",
+    statistics=(
+        Statistic(
+            "mass of whole rocks that is missing, and lies in pieces",
+            _mass_scores(0),
+            ("rocks", "deposits"),
+            CLEAR,
+        ),
+    ),
+)
+
+
+_ENTRAINMENT = Fit(
+    ranges={
+        "number": Range(0.003, 0.8, "log"),
+        "size_ratio": Range(0.2, 0.9),
+        "share": Range(0.03, 0.6, "log"),
+        "energy_kj": Range(2.0, 60.0, "log"),
+    },
+    forms={"poisson": 1.0, "energy": 1.0},
+    parameters={"poisson": ("number", "size_ratio", "share")},
+)
+
+
+def _entrained(case: Case, draws: ParameterDraws) -> Part:
+    form, values = _ENTRAINMENT.drawn("entrainment", draws)
+    classes = loose_classes(case, draws)
+    return part_of(Entrainment, form, values, little_walk(draws), classes=classes)
+
+
+ENTRAINMENT = Cause(
+    "entrainment",
+    number=3,
+    group="extra blocks",
+    phase="impact",
+    draw=_entrained,
+    shown_by=f"{_MASS_BUDGET}; what is more than came down was set in motion",
+    statistics=(
+        Statistic(
+            "mass that lies beyond what was released",
+            _mass_scores(1),
+            ("rocks", "deposits"),
+            CLEAR,
+        ),
+    ),
+    place=on_its_classes("entrainment"),
+)

@@ -1,0 +1,76 @@
+"""Ground classes on which an effect may act, and the reaches that they lie on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sassgis.gap.causes.parameter_draws import ParameterDraws
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel
+from sassgis.model.grid import FloatArray
+
+#: Ground on which nothing yields and no block lies loose.
+HARD = ("rock", "asphalt")
+
+
+def soft_first(case: Case) -> list[str]:
+    """Classes that profiles cross, but for hard ones if there are others, the softest first."""
+    present = [case.table.classes[k].name for k in np.unique(case.profiles.ground).tolist()]
+    yielding = [name for name in present if name not in HARD] or present
+    return sorted(yielding, key=lambda name: case.table.classes[case.table.index(name)].eta_max)
+
+
+def loose_classes(case: Case, draws: ParameterDraws) -> tuple[str, ...]:
+    """Classes with loose blocks."""
+    present = [case.table.classes[k].name for k in np.unique(case.profiles.ground).tolist()]
+    loose = [name for name in present if name not in HARD] or present
+    # Meadows are commonly free of stones.
+    if len(loose) > 1 and draws.share("loose_classes") < 0.6:
+        loose = soft_first(case)[1:]
+    return tuple(loose)
+
+
+def on_its_classes(effect: str) -> Callable[[Case, Sequence[HypothesisModel]], tuple[str, ...]]:
+    """Reaches with the classes that most fitted models have an effect on; all without any."""
+
+    def place(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
+        counts: dict[str, int] = {}
+        for model in models:
+            for name in getattr(model.effects.named(effect), "classes", ()):
+                counts[name] = counts.get(name, 0) + 1
+        classes = [name for name, n in counts.items() if 2 * n > len(models)]
+        return reaches_on(case, classes) if classes else case.reaches
+
+    return place
+
+
+def reaches_between(case: Case, low: float, high: float) -> tuple[str, ...]:
+    """Reaches that a stretch of chainage touches (m)."""
+    edges = _reach_bounds(case)
+    return tuple(
+        name
+        for name, start, end in zip(case.reaches, edges[:-1], edges[1:], strict=True)
+        if low < end and high > start
+    )
+
+
+def _reach_bounds(case: Case) -> FloatArray:
+    """Chainages of the ends of the reaches, median over the rocks (m), shape (n_reaches + 1,)."""
+    inner = np.nanmedian(case.station_s, axis=0) if case.station_names else np.empty(0)
+    return np.concatenate([[-np.inf], inner, [np.inf]])
+
+
+def reaches_on(case: Case, classes: Sequence[str]) -> tuple[str, ...]:
+    """Reaches in which the profiles cross any of some ground classes."""
+    wanted = [k for k, name in enumerate(case.table.names) if name in classes]
+    found: list[str] = []
+    source = case.profiles
+    for line in np.unique(case.line).tolist():
+        own = slice(int(source.offset[line]), int(source.offset[line + 1]) - 1)
+        ends = source.s[own.start + 1 : own.stop + 1]
+        for low, high, ground in zip(source.s[own], ends, source.ground[own], strict=True):
+            if int(ground) in wanted and high > 0.0:
+                found.extend(reaches_between(case, float(low), float(high)))
+    return tuple(name for name in case.reaches if name in set(found))

@@ -1,0 +1,95 @@
+"""Lateral deflection as a cause: turns at impacts, and offsets that grow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.gap.causes.cause import CLEAR, LEAST, MISSTATED, Cause, Part, Scores, Statistic
+from sassgis.gap.causes.lateral_scatter import (
+    STRAIGHT,
+    base_size,
+    known_mean,
+    station_offsets,
+    usual_offset,
+)
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import HypothesisModel, LateralWalk
+from sassgis.gap.residuals.residuals import per_rock
+from sassgis.gap.residuals.table import ResidualTable
+
+FIT = Fit(
+    ranges={
+        "angle_deg": Range(1.0, 35.0, "log"),
+        "hop_m": Range(4.0, 15.0, "log"),
+        "width_percent": Range(3.0, 60.0, "log"),
+    },
+    forms={"kicks": 0.65, "constant": 0.35},
+    parameters={"kicks": ("angle_deg", "hop_m"), "constant": ("width_percent",)},
+)
+#: Turn of the heading at impacts, which rough ground leaves as well.
+TURN = "turn of the heading at impacts"
+
+
+def _draw(case: Case, draws: ParameterDraws) -> Part:
+    form, values = FIT.drawn("lateral_deflection", draws)
+    uneven_deg = values.get("angle_deg") or draws.log("lateral.kicks", 0.3, 6.0)
+    # Ground that deflects rocks laterally is not even along their path either.
+    lean = math.tan(math.radians(min(uneven_deg, 25.0) * draws.uniform("lateral.lean", 0, 0.6)))
+    bumps = Roughness(obstacle_m=rounded(min(float(np.median(case.radius_m)) * lean, 1.0)))
+
+    def change(model: HypothesisModel) -> HypothesisModel:
+        changed = replace(model, lateral_walk=LateralWalk(**values))
+        if model.effects.get(Roughness) is None and draws.share("lateral.uneven") < 0.6:
+            changed = replace(changed, effects=changed.effects.having(bumps))
+        return changed
+
+    return Part(form, change, values)
+
+
+def _turn(case: Case, residuals: ResidualTable) -> Scores | None:
+    rows = residuals.steps.of("impact", "turn_deg")
+    if len(rows) < LEAST:
+        return None
+    size = np.abs(rows.observed - rows.predicted)
+    usual = (1.0 + MISSTATED) * rows.sd * math.sqrt(2.0 / math.pi) + 0.5
+    usual = usual + residuals.run.turn_deg[rows.rock]
+    return Scores(per_rock(size - usual, rows.rock, case.n_rocks), float(size.mean()))
+
+
+def _growth(case: Case, residuals: ResidualTable) -> Scores | None:
+    """Further down fall lines part, and offsets grow by themselves."""
+    at = station_offsets(case, residuals)
+    if at.shape[1] < 2:
+        return None
+    growth = np.abs(at[:, 1] - at[:, 0])
+    made = residuals.run.at.lateral_m
+    usual = usual_offset(case) + base_size(made[:, :, 1] - made[:, :, 0])
+    if case.terrain is None:
+        usual = usual + STRAIGHT * (case.station_s[:, 1] - case.station_s[:, 0])
+    return Scores(growth - usual, known_mean(growth))
+
+
+CAUSE = Cause(
+    "lateral_deflection",
+    number=0,
+    group="sideways",
+    phase="impact",
+    draw=_draw,
+    shown_by="turn of the heading at impacts beyond that of the fall line and of the simulated "
+    "paths; growth of the lateral offset between the first two stations beyond that of the "
+    "simulated rocks: further down fall lines part, and offsets grow by themselves",
+    statistics=(
+        Statistic(TURN, _turn, ("impacts",), CLEAR),
+        Statistic(
+            "growth of the lateral offset between the first two stations",
+            _growth,
+            ("passages", "stations"),
+            CLEAR,
+        ),
+    ),
+)

@@ -1,0 +1,61 @@
+"""Lateral offsets: those that causes make besides what they are named for, and those observed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sassgis.gap.causes.cause import MISSTATED
+from sassgis.gap.causes.parameter_draws import ParameterDraws, rounded
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import LateralWalk
+from sassgis.gap.residuals.free_run import side_error
+from sassgis.gap.residuals.residuals import mean_of_draws
+from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.grid import FloatArray
+
+#: How far paths leave their fall line by flying straight, where they are still near it (m per m).
+STRAIGHT = 0.02
+
+
+def little_walk(draws: ParameterDraws) -> LateralWalk:
+    """Fall lines of a survey are not exact: a heading that is a degree or so off."""
+    if draws.share("little_aside") < 0.5:
+        return LateralWalk()
+    return LateralWalk(angle_deg=draws.log("little_aside_deg", 0.05, 1.0))
+
+
+def walk_too(draws: ParameterDraws, most_deg: float) -> LateralWalk:
+    """Lateral scatter that an effect makes besides what it is named for.
+
+    It goes with the strength of the effect: an effect that does nothing along the line scatters
+    no lateral offset either, and is no other name for lateral deflection.
+    """
+    if draws.share("aside_too") < 0.3:
+        return little_walk(draws)
+    return LateralWalk(rounded(draws.uniform("aside_too_deg", 0.1, 1.0) * most_deg))
+
+
+def station_offsets(case: Case, residuals: ResidualTable) -> FloatArray:
+    """Observed lateral offsets at stations (m), shape (n_rocks, n_stations)."""
+    rows = residuals.steps.of("run", "lateral_m")
+    at = np.full((case.n_rocks, len(case.station_names)), np.nan)
+    at[rows.rock, rows.station] = rows.observed
+    return at
+
+
+def usual_offset(case: Case) -> float:
+    """Mean size of offsets (m) that errors make, were they larger than stated."""
+    return math.sqrt(2.0 / math.pi) * (1.0 + MISSTATED) * side_error(case)
+
+
+def base_size(draws: FloatArray) -> FloatArray:
+    """Mean size of what the base makes, shape (n_rocks,); 0 in the plane of a fall line."""
+    return np.nan_to_num(mean_of_draws(np.abs(draws), least=1))
+
+
+def known_mean(values: FloatArray) -> float:
+    """Mean of what is known; NaN where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan

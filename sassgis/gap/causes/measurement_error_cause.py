@@ -1,0 +1,166 @@
+"""An error of the measurement as a cause: instruments contradict each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from sassgis.gap.causes.cause import CLEAR, LEAST, MISSTATED, Cause, Part, Scores, Statistic
+from sassgis.gap.causes.lateral_scatter import (
+    STRAIGHT,
+    base_size,
+    known_mean,
+    station_offsets,
+    usual_offset,
+)
+from sassgis.gap.causes.parameter_draws import ParameterDraws
+from sassgis.gap.causes.reach_gaps import speed_gaps
+from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import MeasurementError
+from sassgis.gap.residuals.free_run import side_error
+from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
+from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.grid import FloatArray
+
+#: Time between two points of a path whose distance gives a speed (s), and least speed (m/s).
+_LAG_S, _FAST_MPS = 0.5, 5.0
+#: Product of neighbouring residuals that restarts from slightly wrong states make.
+_MADE_UP = 0.1
+#: Most distance of a stop below the last station, for its offset to be one of the instruments (m).
+_SOON_M = 30.0
+
+
+def _draw(case: Case, draws: ParameterDraws) -> Part:
+    kinds = [draws.share(f"seen.{what}") < 0.6 for what in ("scale", "clock", "turns", "place")]
+    if not any(kinds):
+        kinds[int(draws.share("seen.one") * 4)] = True
+    scale = math.exp(draws.uniform("seen.log_scale", -0.35, 0.35)) if kinds[0] else 1.0
+    measurement = MeasurementError(
+        scale=scale,
+        clock_sd=draws.log("seen.clock_sd", 0.02, 0.35) if kinds[1] else 0.0,
+        rotation_scale=math.exp(draws.uniform("seen.log_turns", -0.3, 0.3)) if kinds[2] else 1.0,
+        noise_rel=draws.log("seen.noise", 0.05, 0.4) if kinds[2] else 0.0,
+        stretch=1.0 + (scale - 1.0) * draws.share("seen.stretch"),
+        position_m=draws.log("seen.position_m", 0.5, 8.0) if kinds[3] else 0.0,
+    )
+    return Part(
+        "scale, time base, noise",
+        lambda m: replace(m, measurement=measurement),
+        asdict(measurement),
+    )
+
+
+def _speed_ratios(case: Case) -> tuple[FloatArray, FloatArray] | None:
+    """Speeds as stated over those from positions and times, of each rock: log, usual scatter."""
+    track = case.observations.trajectories
+    error = errors_of(case)
+    ratio, usual = np.full((2, case.n_rocks), np.nan)
+    for rock, rows in case.observations.paths_of_rocks().items():
+        t = track.t_s[rows]
+        ahead = np.searchsorted(t, t + _LAG_S - 1e-6)
+        first = np.flatnonzero(ahead < rows.size)
+        last = ahead[first]
+        lag = t[last] - t[first]
+        way = [getattr(track, c)[rows] for c in "xyz"]
+        distance = np.sqrt(sum((c[last] - c[first]) ** 2 for c in way))
+        sums = np.concatenate([[0.0], np.cumsum(track.speed_mps[rows])])
+        stated = (sums[last + 1] - sums[first]) / (last + 1 - first)
+        # A distance of two points with errors is too long by them.
+        clean = np.sqrt(np.maximum(distance**2 - 4.0 * error.position_m**2, 1e-6))
+        fast = (stated > _FAST_MPS) & (lag < 2.0 * _LAG_S) & (clean > 1.0)
+        if fast.sum() >= 5:
+            ratio[rock] = np.median(np.log(stated[fast] * lag[fast] / clean[fast]))
+            spread = math.hypot(error.speed_rel, 1.5 * error.position_m / np.median(clean[fast]))
+            usual[rock] = 2.0 * spread / math.sqrt(float(fast.sum()) / 5.0)
+    return (ratio, usual) if np.isfinite(ratio).sum() >= LEAST else None
+
+
+def _all_alike(case: Case, residuals: ResidualTable) -> Scores | None:
+    found = _speed_ratios(case)
+    if found is None:
+        return None
+    middle = float(np.nanmedian(found[0]))
+    return Scores(math.copysign(1.0, middle) * found[0] - 0.05, float(np.abs(middle) - 0.05))
+
+
+def _each_its_own(case: Case, residuals: ResidualTable) -> Scores | None:
+    found = _speed_ratios(case)
+    if found is None:
+        return None
+    ratio, usual = found
+    away = np.abs(ratio - float(np.nanmedian(ratio)))
+    return Scores(away - (1.0 + MISSTATED) * usual, float(np.nanstd(ratio)))
+
+
+def _made_up(case: Case, residuals: ResidualTable) -> Scores | None:
+    """An error of the measurement at a station is one of the start of the next reach as well."""
+    gap = speed_gaps(residuals)
+    if gap is None or gap.shape[1] < 2:
+        return None
+    own = gap - np.nanmean(gap, axis=0)
+    own = own / np.maximum(np.nanstd(own, axis=0), 0.02)
+    product = mean_of_draws(-own[:, :-1] * own[:, 1:], least=1)
+    return Scores(product - _MADE_UP, float(np.nanmean(product)))
+
+
+def _aside(case: Case, residuals: ResidualTable) -> Scores | None:
+    """Offset of stops where the rock was on its fall line shortly before."""
+    rows = residuals.steps.of("stop", "lateral_m")
+    at = station_offsets(case, residuals)
+    if not len(rows) or not at.shape[1]:
+        return None
+    passed = np.isfinite(at[rows.rock])
+    last = at.shape[1] - 1 - np.argmax(passed[:, ::-1], axis=1)
+    beyond = rows.way_m - case.station_s[rows.rock, last]
+    near = passed.any(axis=1) & (beyond < _SOON_M)
+    near &= np.abs(at[rows.rock, last]) < 0.5 * side_error(case)
+    run = residuals.run
+    made = run.ends.lateral_m[rows.rock] - run.at.lateral_m[rows.rock, :, last]
+    usual = usual_offset(case) + base_size(made)
+    if case.terrain is None:
+        usual = usual + STRAIGHT * np.maximum(beyond, 0.0)
+    size = np.where(near, np.abs(rows.observed) - usual, np.nan)
+    return Scores(per_rock(size, rows.rock, case.n_rocks), known_mean(size + usual))
+
+
+CAUSE = Cause(
+    "measurement_error",
+    number=9,
+    group="instruments",
+    phase="observation",
+    label="error of measurement",
+    summary="an error of the measurement, not of the motion",
+    draw=_draw,
+    shown_by="speeds as stated against those from positions and times of the path, all rocks alike "
+    "or each by its own share; what is off at one station is made up for at the next; stops beside "
+    "the fall line, where the rock was on it at a station at most 30 m above",
+    statistics=(
+        Statistic(
+            "speeds against distances in time, all rocks alike",
+            _all_alike,
+            ("trajectories",),
+            CLEAR,
+        ),
+        Statistic(
+            "speeds against distances in time, each rock by its own share",
+            _each_its_own,
+            ("trajectories",),
+            CLEAR,
+        ),
+        Statistic(
+            "what is off at one station is made up for at the next",
+            _made_up,
+            ("passages", "stations"),
+            0.5,
+        ),
+        Statistic(
+            "offset of stops, soon below a station that was passed without",
+            _aside,
+            ("passages", "stations", "deposits"),
+            CLEAR,
+        ),
+    ),
+)

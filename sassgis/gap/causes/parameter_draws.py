@@ -1,0 +1,98 @@
+"""Where the parameters of a hypothesis are drawn from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from scipy.special import ndtri
+
+
+def rounded(value: float) -> float:
+    """As many digits as a configuration states: the model that is written is the one scored."""
+    return float(f"{value:.6g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Where a parameter is drawn from: between two limits, evenly or on a logarithmic scale."""
+
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+
+
+class ParameterDraws:
+    """Where the parameters of a draw come from: a number in [0, 1) under each name.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        For names that are not set.
+    values : mapping, optional
+        Values of an earlier draw: the same names then give the same parameters.
+    """
+
+    def __init__(self, rng: np.random.Generator, values: Mapping[str, float] | None = None) -> None:
+        self._rng = rng
+        self._given = dict(values or {})
+        self.used: dict[str, float] = {}
+
+    def share(self, name: str) -> float:
+        """A number from 0 to 1."""
+        if name not in self.used:
+            known = self._given.get(name)
+            self.used[name] = float(self._rng.random()) if known is None else known
+        return self.used[name]
+
+    def uniform(self, name: str, low: float, high: float) -> float:
+        """A number between limits."""
+        return rounded(low + (high - low) * self.share(name))
+
+    def log(self, name: str, low: float, high: float) -> float:
+        """A number between limits, evenly on a logarithmic scale."""
+        return rounded(math.exp(math.log(low) + math.log(high / low) * self.share(name)))
+
+    def normal(self, name: str, sd: float) -> float:
+        """A number from a normal distribution about zero."""
+        return rounded(sd * float(ndtri(min(max(self.share(name), 1e-6), 1.0 - 1e-6))))
+
+    def within(self, name: str, limits: Range) -> float:
+        """A number from a range."""
+        draw = self.log if limits.scale == "log" else self.uniform
+        return draw(name, limits.low, limits.high)
+
+    def one_of(self, name: str, choices: Sequence[str], shares: Sequence[float]) -> str:
+        """One of some words."""
+        edges = np.cumsum(shares) / sum(shares)
+        return choices[min(int(np.searchsorted(edges, self.share(name), "right")), len(edges) - 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """What the diagnosis fits of an effect.
+
+    Attributes
+    ----------
+    ranges
+        By parameter, those of all forms; what is not named keeps its default.
+    forms
+        How often each form is tried, relative to the others; empty if the effect has one law.
+    parameters
+        Parameters that a form draws, where it does not draw all of ``ranges``.
+    """
+
+    ranges: Mapping[str, Range]
+    forms: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+    def drawn(self, name: str, draws: ParameterDraws) -> tuple[str, dict[str, float]]:
+        """A form ("" if there is one law alone) and its parameters, for the effect ``name``."""
+        form = ""
+        if self.forms:
+            form = draws.one_of(f"{name}.form", tuple(self.forms), tuple(self.forms.values()))
+        keys = self.parameters.get(form, tuple(self.ranges))
+        return form, {key: draws.within(f"{name}.{key}", self.ranges[key]) for key in keys}

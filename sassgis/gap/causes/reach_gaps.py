@@ -1,0 +1,67 @@
+"""Runs that start again at each station: what they lack there, rock by rock."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sassgis.gap.causes.cause import LEAST
+from sassgis.gap.residuals.residuals import mean_of_draws
+from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.grid import FloatArray
+
+
+def reach_gaps(
+    residuals: ResidualTable, quantity: str, *, relative: bool = False
+) -> FloatArray | None:
+    """Gaps of a quantity, shape (n_rocks, n_reaches), where enough rocks have one; None without.
+
+    Relative ones to what is predicted, so that fast reaches do not outweigh the others.
+    """
+    own = [
+        r
+        for r in residuals.rows
+        if r.test == "reach" and r.phase != "release" and r.quantity == quantity
+    ]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        columns = [np.clip(r.gap / r.predicted, -2.0, 2.0) if relative else r.gap for r in own]
+    columns = [c for c in columns if np.isfinite(c).sum() >= LEAST]
+    return np.column_stack(columns) if columns else None
+
+
+def speed_gaps(residuals: ResidualTable) -> FloatArray | None:
+    """Relative gaps of the speed, shape (n_rocks, n_reaches)."""
+    return reach_gaps(residuals, "speed_mps", relative=True)
+
+
+def over_scatter(gaps: FloatArray, least: float) -> FloatArray:
+    """Gaps in units of the scatter of the rocks on each reach, or of ``least`` if that is less."""
+    scaled: FloatArray = gaps / np.maximum(np.nanstd(gaps, axis=0), least)
+    return scaled
+
+
+def reach_contrasts(residuals: ResidualTable) -> list[FloatArray]:
+    """Speed gap on each reach less that on the others, in scatters, shape (n_rocks,) each."""
+    speed = speed_gaps(residuals)
+    if speed is None or speed.shape[1] < 2:
+        return []
+    own = over_scatter(speed, 0.05)
+    return [
+        own[:, k] - mean_of_draws(np.delete(own, k, axis=1), least=1) for k in range(own.shape[1])
+    ]
+
+
+def late_by_rock(gaps: FloatArray) -> FloatArray:
+    """Mean over reaches of gaps less that of all rocks, shape (n_rocks,)."""
+    return mean_of_draws(gaps - np.nanmean(gaps, axis=0), least=1)
+
+
+def standardised(values: FloatArray) -> FloatArray:
+    """Less their mean, over their scatter; zero without any."""
+    spread = float(np.nanstd(values))
+    result: FloatArray = (values - np.nanmean(values)) / spread if spread > 0.0 else 0.0 * values
+    return result
+
+
+def sizes(residuals: ResidualTable) -> FloatArray:
+    """Sizes of the rocks, standardised, shape (n_rocks,)."""
+    return standardised(np.log(residuals.run.radius_m))

@@ -1,0 +1,122 @@
+"""An error of the stated release as a cause: it is there at first, and does not grow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from sassgis.gap.causes.cause import CLEAR, LEAST, SHIFT, Cause, Part, Scores, Statistic
+from sassgis.gap.causes.lateral_scatter import (
+    base_size,
+    known_mean,
+    station_offsets,
+    usual_offset,
+)
+from sassgis.gap.causes.parameter_draws import ParameterDraws
+from sassgis.gap.causes.reach_gaps import reach_contrasts
+from sassgis.gap.observations.campaign import errors_of
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import ReleaseError
+from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.grid import IntArray
+
+#: Errors as they scatter are exceeded by this; median of the size of a standard normal number.
+_MORE, _MEDIAN_OF_NORMAL = 1.25, 0.6745
+
+
+def _draw(case: Case, draws: ParameterDraws) -> Part:
+    wrong = [draws.share(f"release.{what}") < 0.7 for what in ("ahead", "faster", "aside")]
+    if not any(wrong):
+        wrong[int(draws.share("release.one") * 3)] = True
+    release = ReleaseError(
+        ahead_m=draws.log("release.ahead_m", 0.5, 12.0) if wrong[0] else 0.0,
+        faster_mps=draws.log("release.faster_mps", 0.5, 12.0) if wrong[1] else 0.0,
+        shift_m=draws.normal("release.shift_m", 4.0) if wrong[2] else 0.0,
+        scatter_m=draws.log("release.scatter_m", 0.3, 12.0) if wrong[2] else 0.0,
+    )
+    return Part("offset and speed", lambda m: replace(m, release=release), asdict(release))
+
+
+def _position_error(case: Case, paths: Mapping[int, IntArray]) -> float:
+    """Standard error of a coordinate (m), as stated or, if more, as paths in time scatter.
+
+    Third differences of a flight are those of the errors alone, with variance 20 σ².
+    """
+    track = case.observations.trajectories
+    jumps = [np.abs(np.diff(getattr(track, c)[rows], n=3)) for rows in paths.values() for c in "xy"]
+    seen = np.concatenate([np.empty(0), *jumps])
+    found = float(np.median(seen)) / (_MEDIAN_OF_NORMAL * math.sqrt(20.0)) if seen.size else 0.0
+    return max(found, errors_of(case).position_m)
+
+
+def _first_point(case: Case, residuals: ResidualTable) -> Scores | None:
+    """Where a rock is at first, against where it is said to have been released."""
+    rocks, track = case.observations.rocks, case.observations.trajectories
+    names = case.observations.rock_names
+    place = {name: i for i, name in enumerate(rocks.rock_id.tolist())}
+    off = np.full(case.n_rocks, np.nan)
+    paths = case.observations.paths_of_rocks()
+    for rock, rows in paths.items():
+        i = place.get(names[rock])
+        if i is not None and track.t_s[rows[0]] < 0.05:
+            off[rock] = math.hypot(
+                float(track.x[rows[0]] - rocks.x[i]), float(track.y[rows[0]] - rocks.y[i])
+            )
+    if np.isfinite(off).sum() < LEAST:
+        return None
+    usual = _MORE * _position_error(case, paths) * math.sqrt(0.5 * math.pi)
+    return Scores(off - usual, float(np.nanmean(off)))
+
+
+def _offset_that_stays(case: Case, residuals: ResidualTable) -> Scores | None:
+    at = station_offsets(case, residuals)
+    if at.shape[1] < 2:
+        return None
+    growth = np.abs(at[:, 1] - at[:, 0])
+    made = usual_offset(case) + base_size(residuals.run.at.lateral_m[:, :, 0])
+    return Scores(np.abs(at[:, 0]) - np.maximum(growth, made), known_mean(np.abs(at[:, 0])))
+
+
+def _first_reach(case: Case, residuals: ResidualTable) -> Scores | None:
+    contrasts = reach_contrasts(residuals)
+    if not contrasts:
+        return None
+    mean = float(np.nanmean(contrasts[0]))
+    return Scores(math.copysign(1.0, mean) * contrasts[0] - SHIFT, mean)
+
+
+CAUSE = Cause(
+    "release_error",
+    number=8,
+    group="start",
+    phase="release",
+    label="error of the release",
+    summary="an error in where or how fast the rocks are taken to start, not in the motion below",
+    draw=_draw,
+    shown_by="first point of the path against the stated start; an offset at the first station "
+    "that does not grow to the second; a speed that is wrong on the first reach alone",
+    statistics=(
+        Statistic(
+            "first point of the path against the stated start",
+            _first_point,
+            ("rocks", "trajectories"),
+            CLEAR,
+        ),
+        Statistic(
+            "offset at the first station, not growing to the second",
+            _offset_that_stays,
+            ("passages", "stations"),
+            CLEAR,
+        ),
+        Statistic(
+            "speed on the first reach, right on the others",
+            _first_reach,
+            ("passages", "stations"),
+            0.5,
+        ),
+    ),
+    place=lambda case, models: case.reaches[:1],
+)

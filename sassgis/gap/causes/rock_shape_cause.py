@@ -1,0 +1,71 @@
+"""Shape of the rocks as a cause: flat rocks are slower after impacts, and stop early."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sassgis.engine.effects.rock_shape import RockShape
+from sassgis.gap.causes.cause import Cause, Part, Scores, Statistic, part_of
+from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
+from sassgis.gap.causes.lateral_scatter import walk_too
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
+from sassgis.gap.causes.reach_gaps import (
+    late_by_rock,
+    over_scatter,
+    reach_gaps,
+    speed_gaps,
+    standardised,
+)
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.residuals import per_rock
+from sassgis.gap.residuals.table import ResidualTable
+
+FIT = Fit(
+    ranges={"strength": Range(0.08, 3.0, "log")},
+    forms={"flat_landing": 0.85, "mean_inertia": 0.15},
+    parameters={"mean_inertia": ()},
+)
+
+
+def _draw(case: Case, draws: ParameterDraws) -> Part:
+    form, values = FIT.drawn("rock_shape", draws)
+    walk = walk_too(draws, min(10.0 * values.get("strength", 0.5), 12.0))
+    return part_of(RockShape, form, values, walk)
+
+
+def _rebound(case: Case, residuals: ResidualTable) -> Scores | None:
+    found = contact_gaps(residuals, "tangential_speed_mps")
+    if found is None:
+        return None
+    left = beyond_any_law(*found) * standardised(found[0].flatness)
+    return Scores(per_rock(left, found[0].rock, case.n_rocks), float(left.mean()))
+
+
+def _slow_and_early(case: Case, residuals: ResidualTable) -> Scores | None:
+    """Stops alone say nothing of the shape: flat rocks also start or break otherwise."""
+    speed, foot = speed_gaps(residuals), reach_gaps(residuals, "runout_m")
+    if speed is None:
+        return None
+    both = np.column_stack([over_scatter(t, 1e-3) for t in (speed, foot) if t is not None])
+    axes = residuals.run.axes_m.mean(axis=1)
+    flat = -standardised(axes[:, 2] / np.sqrt(axes[:, 0] * axes[:, 1]))
+    late = late_by_rock(both)
+    return Scores(-late * flat, float(-np.nanmean(late * flat)))
+
+
+CAUSE = Cause(
+    "rock_shape",
+    number=7,
+    group="contact",
+    phase="impact",
+    draw=_draw,
+    shown_by="speed after the impact, and on reaches, against the flatness of the rock",
+    statistics=(
+        Statistic("rebound against the flatness of the rock", _rebound, ("rocks", "impacts")),
+        Statistic(
+            "flat rocks slow and early to stop",
+            _slow_and_early,
+            ("rocks", "passages", "stations"),
+        ),
+    ),
+)

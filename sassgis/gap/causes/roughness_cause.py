@@ -1,0 +1,90 @@
+"""Roughness as a cause: it tilts the contact in both directions, the more the smaller the rock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sassgis.engine.effects.roughness import Roughness
+from sassgis.gap.causes.cause import CLEAR, Cause, Part, Scores, Statistic, part_of
+from sassgis.gap.causes.contact_gaps import beyond_any_law, contact_gaps
+from sassgis.gap.causes.ground_classes import loose_classes, on_its_classes
+from sassgis.gap.causes.lateral_deflection_cause import TURN
+from sassgis.gap.causes.lateral_scatter import walk_too
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
+from sassgis.gap.causes.reach_gaps import (
+    late_by_rock,
+    over_scatter,
+    sizes,
+    speed_gaps,
+    standardised,
+)
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.residuals import per_rock
+from sassgis.gap.residuals.table import ResidualTable
+
+FIT = Fit(
+    ranges={"obstacle_m": Range(0.05, 1.5, "log"), "wavelength_m": Range(0.8, 6.0, "log")},
+    forms={"uniform": 1.0, "wave": 1.0},
+    parameters={"uniform": ("obstacle_m",)},
+)
+#: What edges of a rock leave as well.
+_SCATTER = "scatter of the rebound"
+
+
+def _draw(case: Case, draws: ParameterDraws) -> Part:
+    form, values = FIT.drawn("roughness", draws)
+    classes = loose_classes(case, draws) if draws.share("rough.classes") < 0.6 else ()
+    # Bumps lean across the path as well, if less often than against it.
+    tilt = math.degrees(math.atan(values["obstacle_m"] / float(np.median(case.radius_m))))
+    return part_of(Roughness, form, values, walk_too(draws, 0.6 * tilt), classes=classes)
+
+
+def _scatter(case: Case, residuals: ResidualTable) -> Scores | None:
+    found = contact_gaps(residuals, "normal_speed_mps")
+    if found is None:
+        return None
+    scatter = beyond_any_law(*found) ** 2 - 1.0
+    return Scores(per_rock(scatter - 0.3, found[0].rock, case.n_rocks), float(scatter.mean()))
+
+
+def _scatter_of_small(case: Case, residuals: ResidualTable) -> Scores | None:
+    found = contact_gaps(residuals, "normal_speed_mps")
+    if found is None:
+        return None
+    rows, left = found[0], beyond_any_law(*found)
+    small = -standardised(np.log(rows.radius_m))
+    scores = per_rock((left**2 - np.mean(left**2)) * small, rows.rock, case.n_rocks)
+    return Scores(scores, float(np.mean(left**2 * small)))
+
+
+def _small_slow(case: Case, residuals: ResidualTable) -> Scores | None:
+    speed = speed_gaps(residuals)
+    if speed is None:
+        return None
+    slow = late_by_rock(over_scatter(speed, 0.05)) * sizes(residuals)
+    return Scores(slow, float(np.nanmean(slow)))
+
+
+CAUSE = Cause(
+    "roughness",
+    number=6,
+    group="contact",
+    phase="impact",
+    draw=_draw,
+    shown_by="scatter of the rebound beyond that of the model together with turns of the heading: "
+    "rough ground tilts the contact in both directions, edges of a rock scatter the rebound alone; "
+    "the more the smaller the rock; small rocks slow on all reaches",
+    statistics=(
+        Statistic(_SCATTER, _scatter, ("impacts",), 0.0),
+        Statistic(f"{_SCATTER}, and turn of the heading", (_SCATTER, TURN), ("impacts",), CLEAR),
+        Statistic(
+            "scatter of the rebound, the more the smaller the rock",
+            _scatter_of_small,
+            ("impacts",),
+        ),
+        Statistic("small rocks slow on all reaches", _small_slow, ("passages", "stations"), 0.5),
+    ),
+    place=on_its_classes("roughness"),
+)

@@ -1,0 +1,93 @@
+"""Soft ground as a cause: rebound lost with the normal speed, on one ground alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sassgis.engine.effects.soft_ground import SoftGround
+from sassgis.gap.causes.cause import LEAST, Cause, Part, Scores, Statistic, part_of
+from sassgis.gap.causes.contact_gaps import contact_gaps
+from sassgis.gap.causes.ground_classes import HARD, on_its_classes, soft_first
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
+from sassgis.gap.causes.reach_gaps import over_scatter, reach_gaps, sizes
+from sassgis.gap.inference.rock_tests import t_statistics
+from sassgis.gap.observations.case import Case
+from sassgis.gap.residuals.residuals import mean_of_draws, per_rock
+from sassgis.gap.residuals.table import ResidualTable
+
+FIT = Fit(
+    ranges={
+        "reference_speed_mps": Range(0.4, 12.0, "log"),
+        "depth_scale": Range(1.0, 80.0, "log"),
+        "drag_coefficient": Range(0.5, 6.0, "log"),
+        "friction": Range(0.05, 0.6),
+    },
+    forms={"velocity_scaled": 1.0, "scar": 1.0, "slip": 1.0},
+    parameters={
+        "velocity_scaled": ("reference_speed_mps",),
+        "scar": ("depth_scale", "drag_coefficient"),
+        "slip": ("friction",),
+    },
+)
+
+
+def _draw(case: Case, draws: ParameterDraws) -> Part:
+    form, values = FIT.drawn("soft_ground", draws)
+    softest = soft_first(case)
+    soft = softest[: 1 + int(draws.share("soft_classes") * len(softest))]
+    return part_of(SoftGround, form, values, classes=tuple(soft))
+
+
+def _on_one_ground(case: Case, residuals: ResidualTable) -> Scores | None:
+    """The yielding ground on which the loss is surest."""
+    found = contact_gaps(residuals, "normal_speed_mps")
+    if found is None:
+        return None
+    rows, z = found
+    lost = []
+    for k in np.unique(rows.ground).tolist():
+        on = rows.ground == k
+        if k < 0 or case.table.names[k] in HARD or on.sum() < 3 * LEAST or on.all():
+            continue
+        fast = np.log(np.maximum(rows.vn_mps, 0.2))
+        score = -(z - float(np.mean(z[~on]))) * np.exp(fast - fast[on].mean())
+        own = np.where(on, rows.rock, -1)
+        values = per_rock(np.where(on, score, np.nan), own, case.n_rocks) - 0.3
+        lost.append(Scores(values, float(score[on].mean())))
+    return max(
+        lost, key=lambda one: float(np.nan_to_num(t_statistics(one.values)[0])), default=None
+    )
+
+
+def _large_stop_early(case: Case, residuals: ResidualTable) -> Scores | None:
+    foot = reach_gaps(residuals, "runout_m")
+    if foot is None:
+        return None
+    late = mean_of_draws(over_scatter(foot, 1.0), least=1)
+    late = (late - np.nanmean(late)) * sizes(residuals)
+    return Scores(-late, float(-np.nanmean(late)))
+
+
+CAUSE = Cause(
+    "soft_ground",
+    number=2,
+    group="contact",
+    phase="impact",
+    draw=_draw,
+    shown_by="lost rebound on one yielding ground alone; large rocks that stop early at the foot",
+    statistics=(
+        Statistic(
+            "rebound lost with the normal speed, on one ground alone",
+            _on_one_ground,
+            ("impacts",),
+            1.0,
+        ),
+        Statistic(
+            "large rocks stop early at the foot",
+            _large_stop_early,
+            ("passages", "stations", "deposits"),
+            0.5,
+        ),
+    ),
+    place=on_its_classes("soft_ground"),
+)

@@ -1,0 +1,174 @@
+"""Trees as a cause: energy lost at once, on some flights, on a stretch of the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sassgis.engine.effects.trees import Trees
+from sassgis.gap.causes.cause import (
+    CLEAR,
+    LEAST,
+    SHIFT,
+    Cause,
+    Part,
+    Scores,
+    Statistic,
+    part_of,
+)
+from sassgis.gap.causes.flight_losses import loss_of_flights
+from sassgis.gap.causes.ground_classes import reaches_between
+from sassgis.gap.causes.lateral_scatter import walk_too
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range, rounded
+from sassgis.gap.causes.reach_gaps import reach_contrasts
+from sassgis.gap.inference.rock_tests import t_statistics
+from sassgis.gap.observations.case import Case
+from sassgis.gap.replicas.hypothesis_model import ForestStand, HypothesisModel
+from sassgis.gap.residuals.residuals import per_rock
+from sassgis.gap.residuals.steps import MODEL_FLIGHT, StepTable
+from sassgis.gap.residuals.table import ResidualTable
+from sassgis.model.grid import FloatArray
+
+FIT = Fit(
+    # drag_kgps per kilogram of a middling block (1/s).
+    ranges={
+        "efficiency": Range(0.05, 3.0, "log"),
+        "drag_kgps": Range(0.03, 0.8, "log"),
+        "stems_per_ha": Range(60.0, 2500.0, "log"),
+        "dbh_cm": Range(10.0, 55.0),
+    },
+    forms={"stems": 0.45, "full_stems": 0.4, "viscous": 0.15},
+    parameters={
+        "stems": ("efficiency",),
+        "full_stems": ("efficiency",),
+        "viscous": ("drag_kgps",),
+    },
+)
+#: Loss of the energy of a flight, and in standard deviations, from which something was struck.
+_STRUCK_SHARE, _STRUCK_SD = 0.15, 3.5
+#: The same far above the ground, in standard deviations, and share of flights that seem so without.
+_STRUCK_ALOFT_SD, _SEEM_STRUCK = 5.0, 0.004
+#: Least share of flights between contacts that seem struck without; else that of the base.
+_SEEM_STRUCK_AT_CONTACTS = 0.01
+#: Median of the size of a standard normal number.
+_MEDIAN_OF_NORMAL = 0.6745
+
+
+def _length(case: Case) -> float:
+    """How far rocks come: the furthest that was observed, or the shortest line (m)."""
+    ends = case.profiles.s[case.profiles.offset[1:] - 1]
+    seen = [
+        float(np.nanmax(put.s))
+        for name, put in case.projected.items()
+        if name in ("deposits", "passages") and np.isfinite(put.s).any()
+    ]
+    return max(min(max(seen, default=float(ends.min())), float(ends.max())), 5.0)
+
+
+def _draw(case: Case, draws: ParameterDraws) -> Part:
+    length = _length(case)
+    low = draws.uniform("stand.from", 0.0, 0.75 * length)
+    stand = ForestStand(
+        low,
+        rounded(low + draws.uniform("stand.length", 0.15, 1.0) * length),
+        draws.within("stand.stems", FIT.ranges["stems_per_ha"]),
+        draws.within("stand.dbh", FIT.ranges["dbh_cm"]),
+    )
+    form, drawn = FIT.drawn("trees", draws)
+    if form == "viscous":
+        masses = case.mass_kg[np.isfinite(case.mass_kg)]
+        middle = float(np.median(masses)) if masses.size else 1000.0
+        drawn = {"drag_kgps": rounded(middle * drawn["drag_kgps"])}
+    # Stems that are hit off their middle deflect rocks laterally.
+    hits = stand.stems_per_ha * drawn.get("efficiency", 0.3) / 300.0
+    walk = walk_too(draws, min(5.0 * math.sqrt(hits), 12.0))
+    part = part_of(Trees, form, drawn, walk)
+    values = {"stand_from_m": stand.s0, "stand_to_m": stand.s1, **drawn}
+    if form != "viscous":
+        values |= {"stems_per_ha": stand.stems_per_ha, "dbh_cm": stand.dbh_cm}
+    return Part(form, lambda m: replace(part.change(m), stand=stand), values)
+
+
+def _in_the_stand(case: Case, models: Sequence[HypothesisModel]) -> tuple[str, ...]:
+    """Reaches with the stand of fitted models."""
+    stands = [model.stand for model in models if model.stand is not None]
+    if not stands:
+        return case.reaches
+    low = float(np.median([stand.s0 for stand in stands]))
+    high = float(np.median([stand.s1 for stand in stands]))
+    return reaches_between(case, low, high)
+
+
+def _on_few_flights(case: Case, residuals: ResidualTable) -> Scores | None:
+    """More often than on flights of the base, which contacts that are not recorded cut as well."""
+    found = loss_of_flights(residuals.steps.of("flight", "energy_jpkg"))
+    if found is None:
+        return None
+    rows, struck = found[0], _struck(*found)
+    base = loss_of_flights(residuals.steps.of(MODEL_FLIGHT, "energy_jpkg"))
+    chance = max(_SEEM_STRUCK_AT_CONTACTS, 0.0 if base is None else float(_struck(*base).mean()))
+    scores = per_rock(struck.astype(np.float64) - chance, rows.rock, case.n_rocks)
+    return Scores(scores, float(struck.mean()))
+
+
+def _struck(rows: StepTable, loss: FloatArray, usual: FloatArray) -> NDArray[np.bool_]:
+    """Whether flights lost so much that something was struck."""
+    share = loss / np.maximum(rows.predicted, 1.0)
+    middle = float(np.median(usual))
+    # Stated errors may be too small: what flights scatter by themselves counts as well.
+    scatter = max(float(np.median(np.abs(usual - middle))) / _MEDIAN_OF_NORMAL, 1.0)
+    found: NDArray[np.bool_] = (share > _STRUCK_SHARE) & (
+        usual - max(middle, 0.0) > _STRUCK_SD * scatter
+    )
+    return found
+
+
+def _aloft(case: Case, residuals: ResidualTable) -> Scores | None:
+    """Speed lost at one point far above the ground: no contact, and no air."""
+    rows = residuals.steps.of("aloft", "energy_jpkg")
+    if len(rows) < 2 * LEAST:
+        return None
+    share = 1.0 - rows.observed / np.maximum(rows.predicted, 1.0)
+    struck = (share > _STRUCK_SHARE) & (-rows.z > _STRUCK_ALOFT_SD)
+    flights = np.bincount(rows.rock, minlength=case.n_rocks)
+    hit = per_rock(struck.astype(np.float64), rows.rock, case.n_rocks) > 0.0
+    scores = np.where(flights > 0, hit.astype(np.float64), np.nan)
+    chance: FloatArray = 1.0 - np.power(1.0 - _SEEM_STRUCK, flights)
+    return Scores(scores, float(struck.mean()), chance)
+
+
+def _on_one_reach(case: Case, residuals: ResidualTable) -> Scores | None:
+    """The reach with the surest loss; on the first one it would be an error of the release."""
+    lost = [-contrast for contrast in reach_contrasts(residuals)[1:]]
+    if not lost:
+        return None
+    surest = max(lost, key=lambda one: float(np.nan_to_num(t_statistics(one)[0])))
+    return Scores(surest - SHIFT, float(np.nanmean(surest - SHIFT)))
+
+
+CAUSE = Cause(
+    "trees",
+    number=4,
+    group="along the way",
+    phase="flight",
+    draw=_draw,
+    shown_by="energy lost at one point of a path in time, at least 1.5 m above the resting "
+    "position (more than 15 % and 5 standard deviations, without the upward speed that a contact "
+    "gives); energy lost at once between two impacts (more than 15 % and 3.5 standard deviations) "
+    "on few flights; speed lost on one reach alone",
+    statistics=(
+        Statistic("energy lost at once, on few flights", _on_few_flights, ("impacts",), CLEAR),
+        Statistic("energy lost at once, far above the ground", _aloft, ("trajectories",), CLEAR),
+        Statistic(
+            "speed lost on one reach, right on the others",
+            _on_one_reach,
+            ("passages", "stations"),
+            0.5,
+        ),
+    ),
+    place=_in_the_stand,
+)

@@ -1,0 +1,123 @@
+"""Everything about a cause follows from its one row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from sassgis.engine.effects.registry import EFFECTS
+from sassgis.engine.effects.wind import Wind
+from sassgis.gap.calibration.problem import CalibrationProblem
+from sassgis.gap.causes import all_causes
+from sassgis.gap.causes.all_causes import CAUSES, NUMBERS
+from sassgis.gap.causes.cause import CLEAR, Cause, Scores, Statistic, fitted_alone
+from sassgis.gap.causes.extra_blocks import FRAGMENTATION
+from sassgis.gap.causes.parameter_draws import Fit, ParameterDraws, Range
+from sassgis.gap.observations.case import Case
+from sassgis.gap.observations.tables import TABLES
+from sassgis.gap.residuals.table import residuals_of
+from sassgis.gap.which import cause_weights, hypotheses, identifiable
+from sassgis.gap.which import fingerprints as tests_of
+from sassgis.gap.which.verdict import GROUPS, place_of
+from sassgis.gap.words import effect_name, effect_phrase
+from sassgis.io.read.gap_thresholds import cause_weights_of, read_thresholds
+
+FIT = Fit({"acceleration_mps2": Range(0.1, 2.0, "log")})
+
+
+def blown(case: Case, residuals: object) -> Scores:
+    """Every rock scores, the more the larger its number."""
+    return Scores(1.0 + 0.01 * np.arange(case.n_rocks), 1.0)
+
+
+WIND = Cause(
+    "wind",
+    number=11,
+    group="along the way",
+    phase="flight",
+    draw=fitted_alone(Wind, FIT),
+    shown_by="rocks that are blown",
+    statistics=(Statistic("rocks are blown", blown, ("trajectories",), CLEAR),),
+)
+
+
+@pytest.fixture
+def wind(monkeypatch: pytest.MonkeyPatch) -> Iterator[Cause]:
+    """A row more, as an import of the registry would have it."""
+    monkeypatch.setitem(all_causes.CAUSES, "wind", WIND)  # type: ignore[arg-type]
+    monkeypatch.setitem(all_causes.STATISTICS, "rocks are blown", "wind")  # type: ignore[arg-type]
+    monkeypatch.setattr(cause_weights, "FAMILIES", (*all_causes.FAMILIES, "wind"))
+    monkeypatch.setattr(hypotheses, "FAMILIES", (*all_causes.FAMILIES, "wind"))
+    yield WIND
+
+
+def test_a_row_is_a_hypothesis_a_fingerprint_a_weight_and_words(
+    wind: Cause, problem: CalibrationProblem
+) -> None:
+    case = problem.case
+    assert "wind" in hypotheses.families_to_try(case)
+    draws = ParameterDraws(np.random.default_rng(3))
+    made = hypotheses.draw(case, ("wind",), draws)
+    speed = made.parameters["acceleration_mps2"]
+    # Drawn values are those that a configuration states, to six digits.
+    assert speed == pytest.approx(0.1 * 20.0 ** draws.used["wind.acceleration_mps2"], rel=1e-5)
+    assert made.model.effects.get(Wind) == Wind(speed)
+    found = tests_of.fingerprints(case, residuals_of(case, case.table, seed=5, replicates=4))
+    shown = {f.statistic: f for f in found}["rocks are blown"]
+    assert shown.effect == "wind" and shown.p_adjusted < 1e-6
+    # A cause that the frozen weights do not know is named by what it weighs before any site.
+    weights = cause_weights_of(read_thresholds())
+    shares = weights.shares([shown], ["wind", "trees"])
+    assert next(iter(shares)) == "wind" and shares["wind"] > 0.9
+    assert weights.is_typical([shown])
+    assert effect_name("wind+trees") == "wind and trees"
+    assert effect_phrase("wind") == EFFECTS["wind"].summary
+    assert place_of("wind", case, [made], ()) == ("flight", case.reaches)
+    without = replace(case.observations, trajectories=case.observations.trajectories.take([]))
+    text = " ".join(identifiable.what_is_identifiable(without).not_identifiable)
+    assert "No trajectories: no fingerprint is seen of wind." in text
+
+
+@pytest.mark.parametrize("cause", CAUSES.values(), ids=list(CAUSES))
+def test_every_row_is_complete(cause: Cause) -> None:
+    label, summary = cause.words
+    assert label and summary and cause.shown_by and cause.statistics
+    assert cause.name in GROUPS[cause.group]
+    assert all(set(one.tables) <= set(TABLES) for one in cause.statistics)
+    if cause.name in EFFECTS:
+        assert cause.phase in ("flight", "impact")
+
+
+def test_numbers_differ_and_fit_into_those_of_campaigns() -> None:
+    assert len(set(NUMBERS.values())) == len(NUMBERS) and max(NUMBERS.values()) < 15
+    assert len(all_causes.STATISTICS) == sum(len(c.statistics) for c in CAUSES.values())
+
+
+def test_what_is_drawn_are_values_that_settings_take(problem: CalibrationProblem) -> None:
+    """At both ends of every range, in every form."""
+
+    class End(ParameterDraws):
+        end = 0.0
+
+        def share(self, name: str) -> float:
+            drawn = super().share(name)
+            return drawn if name.endswith(".form") else self.end
+
+    for name in set(CAUSES) & set(EFFECTS):
+        forms = {None}
+        keys = {f.name: f for f in fields(EFFECTS[name].settings)}
+        for seed in range(20):
+            draws = End(np.random.default_rng(seed))
+            draws.end = float(seed % 2) * (1.0 - 1e-9)
+            forms.add(CAUSES[name].draw(problem.case, draws).form)
+        if "form" in keys:
+            assert len(forms) > 2, name
+
+
+def test_pieces_are_whole(problem: CalibrationProblem) -> None:
+    for seed in range(20):
+        part = FRAGMENTATION.draw(problem.case, ParameterDraws(np.random.default_rng(seed)))
+        assert isinstance(part.parameters.get("pieces", 2), int)
