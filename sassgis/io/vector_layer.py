@@ -12,6 +12,7 @@ from typing import Any
 import geopandas as gpd
 import pandas as pd
 
+from sassgis.model.languages import phrase
 from sassgis.model.styles import FieldInfo, VectorStyle
 
 KEY_COLUMN = "fid"
@@ -96,7 +97,7 @@ def described_layer(
     own = descriptions()[key]
 
     def text(column: str, part: str) -> str:
-        return own[column][part].format(**words)
+        return phrase(own[column][part], **words)
 
     known = {
         name: FieldInfo(text(name, "alias"), text(name, "unit"), text(name, "description"))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
-from sassgis.model.languages import said
+from sassgis.model.languages import phrase
 from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterClass
 
@@ -59,7 +59,9 @@ class FieldInfo:
     @property
     def label(self) -> str:
         """Alias with its unit, as the attribute table and the form show it."""
-        return f"{self.alias} ({self.unit})" if self.unit else self.alias
+        if not self.unit:
+            return self.alias
+        return phrase("{} ({})", phrase(self.alias), phrase(self.unit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,12 +224,12 @@ def class_tint(entry: RasterClass) -> str:
 
 def class_name(entry: RasterClass) -> str:
     """Legend text of a class on a raster; it says where a pale tint represents a hatch."""
-    return f"{entry.label} ({said('pale')})" if entry.hatched else entry.label
+    return phrase("{} (pale)", phrase(entry.label)) if entry.hatched else entry.label
 
 
 def with_unit(text: str, unit: str) -> str:
     """A text with its unit, if it has one."""
-    return f"{text} {unit}" if unit and unit != "1" else text
+    return phrase("{} {}", text, phrase(unit)) if unit and unit != "1" else text
 
 
 def _range_label(low: float, high: float, unit: str) -> str:
