@@ -85,7 +85,6 @@ def described_layer(
     key : str
         Of the table: the name of the layer, with a suffix after a point where several kinds of
         layers have it.
-    geometry : array-like of geometries
     crs : str
         Well-known text; empty for local coordinates.
     fields : mapping of column to FieldInfo, optional

@@ -213,13 +213,7 @@ def _translated_table(table: ReportTable) -> ReportTable:
 
 
 def write_report(path: str | PathLike[str], context: ReportContext) -> Path:
-    """Write the report as one HTML file into a folder that exists.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
+    """Write the report as one HTML file into a folder that exists."""
     target = Path(path)
     page = render_report(context)
     try:

@@ -39,10 +39,16 @@ def texts() -> Iterator[str]:
             yield from row
     for file in (PACKAGE / "data").glob("*.j2"):
         yield from re.findall(r"translated\([\"'](.*?)[\"']\)", file.read_text(encoding="utf-8"))
-    for file in (PACKAGE / "data" / "presets").glob("*.toml"):
-        rules = tomllib.loads(file.read_text(encoding="utf-8"))
-        yield rules["title"]
-        yield from (entry["label"] for entry in (*rules["levels"], *rules["intensity"]))
+    for file in (PACKAGE / "data").rglob("*.toml"):
+        yield from words_in(tomllib.loads(file.read_text(encoding="utf-8")))
+
+
+def words_in(value: object) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from words_in(part)
 
 
 def fields(text: str) -> Counter[tuple[str | None, str | None]]:

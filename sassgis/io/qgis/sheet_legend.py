@@ -35,7 +35,7 @@ def _class_texts(content: RasterLayer | VectorLayer) -> list[str]:
         return texts[::-1] if content.style.method == "ranges" else texts
     if content.classes:
         ordered = sorted(content.classes, key=lambda entry: -entry.value)
-        return [translated(class_name(entry)) for entry in ordered]
+        return [class_name(entry) for entry in ordered]
     if content.breaks:
         return class_labels(content.breaks, content.bands[0].unit)
     return []

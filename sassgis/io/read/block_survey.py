@@ -26,7 +26,6 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
 
     Returns
     -------
-    survey : BlockSurvey
     left_out : tuple of str
         Columns that were not read.
 

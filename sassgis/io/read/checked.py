@@ -65,7 +65,6 @@ def table_type(
     ----------
     name : str
         For pydantic's own messages.
-    keys : mapping of str to Declared
     made : callable
         From the values, without keys that were not given and with ``config_file``; what it raises
         as ConfigError is reported at the place of the table.
@@ -116,12 +115,7 @@ Kind = TypeVar("Kind")
 
 
 def section_of(cls: type[Kind], table: Mapping[str, Any], file: Path) -> Kind:
-    """A section from its table, as if it stood in ``file``.
-
-    Raises
-    ------
-    pydantic.ValidationError
-    """
+    """A section from its table, as if it stood in ``file``."""
     context = {"base": file.parent, "file": file}
     made: Kind = TypeAdapter(section_type(cls)).validate_python(dict(table), context=context)
     return made
@@ -322,7 +316,6 @@ class Messages:
 
     Attributes
     ----------
-    file : Path
     document : mapping
         The file as it was read, for the names of blocks and stations.
     lists : tuple of str

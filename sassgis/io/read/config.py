@@ -331,8 +331,6 @@ def settings_hash(
 
     Parameters
     ----------
-    config
-        The configuration.
     sections
         Sections that count. The number of jobs never does.
     contents
@@ -375,13 +373,7 @@ _SIDECARS = (
 
 
 def file_digest(path: str | PathLike[str]) -> str:
-    """SHA-256 of a file with the side files that give it meaning (.prj, .dbf, .aux.xml, ...).
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """SHA-256 of a file with the side files that give it meaning (.prj, .dbf, .aux.xml, ...)."""
     main = Path(path)
     if main.is_dir():  # an Esri file geodatabase
         parts = sorted(p for p in main.rglob("*") if p.is_file() and p.suffix != ".lock")

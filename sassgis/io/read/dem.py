@@ -54,7 +54,6 @@ class DemFile:
 
     Attributes
     ----------
-    file : Path
     band : int
         Number of the band with the heights.
     transform : Affine
@@ -62,7 +61,6 @@ class DemFile:
     shape : (n_rows, n_cols)
     crs : str
         Well-known text of the projected system; empty for local coordinates.
-    vertical_datum : str
     vertical_unit : float
         Metres per unit of the height system.
     """
@@ -95,7 +93,6 @@ def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
 
     Parameters
     ----------
-    dem : DemFile
     rows, cols : slice
         Within the raster.
 
@@ -442,12 +439,10 @@ def resample(
 
     Parameters
     ----------
-    values : (n, m)
     transform, target : Affine
         Cell to coordinates, of ``values`` and of the result.
     shape : (n_rows, n_cols)
         Of the result.
-    how : Resampling
     nodata
         Value that means nodata, here and in the result.
     crs, target_crs : str

@@ -34,7 +34,6 @@ class RawDem:
 
     Attributes
     ----------
-    file : Path
     values : float64, shape (n_rows, n_cols)
         Heights (m); NaN where nothing can be known.
     dx_m, dy_m : float
@@ -88,7 +87,6 @@ def read_raw_dem(path: Path, crs: str | None = None) -> RawDem:
 
     Parameters
     ----------
-    path : Path
     crs : str, optional
         Where the file states none.
 

@@ -31,8 +31,6 @@ def read_forest(
 
     Parameters
     ----------
-    trees : section ``[effects.trees]`` of the configuration
-    grid : Grid
     whole : Grid, optional
         The terrain model of which ``grid`` is a part: what the file holds must meet this one.
 
@@ -40,11 +38,6 @@ def read_forest(
     -------
     stems_per_m2, diameter_m : float64, shape (n_rows * n_cols,)
         0 where no forest stands.
-
-    Raises
-    ------
-    InputError
-        If a file, a layer, an attribute or a number cannot be used.
     """
     stems = np.full(grid.shape, trees.stems_per_ha or 0.0)
     diameter = np.full(grid.shape, trees.dbh_cm or 0.0)

@@ -71,10 +71,6 @@ def read_ground_table(
     readings
         Named set of readings of the engine, which has built-in classes of its own.
 
-    Returns
-    -------
-    GroundTable
-
     Raises
     ------
     InputError
@@ -167,12 +163,6 @@ def ground_raster(
 
     Parameters
     ----------
-    ground
-        Section ``[ground]`` of the configuration.
-    grid
-        The terrain model.
-    table
-        The ground classes.
     whole
         The terrain model of which ``grid`` is a part: what the file holds must meet this one. Its
         heights are not looked at.

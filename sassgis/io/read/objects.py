@@ -68,10 +68,6 @@ def read_objects(
 
     Parameters
     ----------
-    file, layer
-        The file, and its layer where it has several.
-    grid
-        The terrain model.
     kind
         Of all objects of the layer.
     name
@@ -141,13 +137,6 @@ def read_objects(
 
 def joined_objects(parts: Sequence[PlacedObjects], file: Path | None = None) -> PlacedObjects:
     """All objects of a run, in the order of the parts.
-
-    Parameters
-    ----------
-    parts
-        As read.
-    file
-        The configuration, for messages.
 
     Raises
     ------
@@ -428,13 +417,6 @@ def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]
     those that touch it, the one that is nearest to its centre. The cells of a road's stretches
     therefore add up to the cells of the road.
 
-    Parameters
-    ----------
-    placed
-        The objects.
-    grid
-        The terrain model.
-
     Returns
     -------
     cells : int64, shape (n,)
@@ -523,8 +505,6 @@ def read_vulnerability(
         CSV with columns kind, intensity, vulnerability, lethality, source.
     intensities
         Codes of the intensity classes, from weak to strong.
-    field
-        Key of the configuration that names the file, for messages.
 
     Returns
     -------

@@ -26,8 +26,6 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
     path
         CSV with the columns s_m (chainage, rising) and z_m (height) and, if wanted, ground: the
         class of the segment that starts at the row. Rows without a class take the default.
-    table
-        The ground classes.
     default
         Name of the default class.
 

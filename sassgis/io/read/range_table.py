@@ -25,10 +25,6 @@ def read_ranges(table: GroundTable, own: Path | None = None) -> tuple[RangeRule,
     own : Path, optional
         CSV with the columns class (``*`` for every other class), parameter, kind (value, offset,
         factor), low, high and, if wanted, source and verified.
-
-    Raises
-    ------
-    InputError
     """
     with resources.as_file(resources.files("sassgis") / "data" / "ground_ranges.csv") as file:
         rules = _read(file, None)

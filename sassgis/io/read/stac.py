@@ -37,12 +37,10 @@ class TileOffer:
     ----------
     name : str
         Name of its file.
-    href : str
     place : str
         The same for all editions of a tile.
     date : str
         Of the edition.
-    resolution_m : float
     checksum : str
         As multihash in hexadecimal digits; empty if none is stated.
     """
@@ -94,8 +92,6 @@ def find_tiles(
         In longitude and latitude.
     resolution_m : float
         Size of the cells (m).
-    server, collection : str
-    timeout_s : float
 
     Returns
     -------

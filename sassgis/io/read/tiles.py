@@ -39,7 +39,6 @@ class Part:
     ----------
     row, col : int
         Of the first cell; may be negative.
-    n_rows, n_cols : int
     """
 
     row: int
@@ -194,10 +193,6 @@ def open_terrain(
         TILE_SUFFIXES count.
     crs, vertical_datum
         As for sassgis.io.read.dem.read_dem.
-
-    Returns
-    -------
-    Terrain
 
     Raises
     ------

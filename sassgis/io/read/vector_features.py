@@ -105,12 +105,6 @@ def read_features(
 
     Parameters
     ----------
-    file, layer
-        The file, and its layer where it has several.
-    grid
-        The terrain model.
-    key
-        Section of the configuration that names the file, for messages.
     fields
         Attributes that must exist, by the configuration key that names them.
     label
@@ -119,10 +113,6 @@ def read_features(
         Kinds of geometry that can be used.
     choose
         Picks the features to read, by number and attributes alone. Default: all.
-
-    Returns
-    -------
-    list of Feature
 
     Raises
     ------
@@ -454,8 +444,6 @@ def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.boo
     ----------
     geometry
         Shapely geometry that meets the DEM.
-    grid
-        The terrain model.
 
     Returns
     -------

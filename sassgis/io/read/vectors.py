@@ -47,26 +47,14 @@ START_SLOPE_DEG = math.degrees(math.atan(0.37))
 
 
 def release_features(release: ReleaseSettings) -> list[Feature]:
-    """The release areas of a file by number and attributes; their shapes are not looked at.
-
-    Raises
-    ------
-    InputError
-        If the file, the layer or a field cannot be used.
-    """
+    """The release areas of a file by number and attributes; their shapes are not looked at."""
     file = _release_file(release)
     frame = open_layer(file, release.layer, "release", {"name_field": release.name_field})
     return without_shapes(frame)
 
 
 def release_names(release: ReleaseSettings) -> tuple[str, ...]:
-    """Names of all release areas in the order of the file; their shapes are not looked at.
-
-    Raises
-    ------
-    InputError
-        If the file, the layer, a field or a name cannot be used.
-    """
+    """Names of all release areas in the order of the file; their shapes are not looked at."""
     file = _release_file(release)
     found = release_features(release)
     return tuple(feature_names(found, release.name_field, "area", file, "release"))
@@ -93,12 +81,6 @@ def read_release(
 
     Parameters
     ----------
-    release
-        Section ``[release]`` of the configuration.
-    grid
-        The terrain model.
-    block_names
-        Names of the block scenarios.
     only
         Names of the areas to read; the shapes of the others are not looked at. Default: all.
 
@@ -155,8 +137,6 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
 
     Parameters
     ----------
-    release
-        Section ``[release]`` of the configuration.
     number
         Place in the layer, counted from 1.
     grid
@@ -313,13 +293,6 @@ def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Path) -> None:
 def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, FloatArray]]:
     """Read stations and barriers that lie on the map.
 
-    Parameters
-    ----------
-    config
-        The configuration.
-    grid
-        The terrain model.
-
     Returns
     -------
     list of (ControlLine, float64 array of shape (n, 2))
@@ -401,13 +374,6 @@ def _control_lines_of(
 
 def read_line(file: Path, grid: Grid, key: str) -> FloatArray:
     """The only line of a file, which must lie within the terrain model.
-
-    Parameters
-    ----------
-    file : Path
-    grid : Grid
-    key : str
-        What names the file, for messages.
 
     Returns
     -------

@@ -32,11 +32,6 @@ def opened(url: str, timeout_s: float, headers: dict[str, str] | None = None) ->
         Begins with ``http://`` or ``https://``.
     timeout_s : float
         Longest wait for the next bytes (s).
-    headers : dict, optional
-
-    Yields
-    ------
-    http.client.HTTPResponse
 
     Raises
     ------

@@ -48,8 +48,6 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
     InputError
         If the suffix is no format, the folder is no result, does not have the layer, or is in local
         coordinates.
-    OutputError
-        If the file exists or cannot be written.
     """
     driver = FORMATS.get(target.suffix.lower())
     if driver is None:

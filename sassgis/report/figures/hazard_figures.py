@@ -127,7 +127,6 @@ def hazard_curve_figure(
         With the thresholds of the preset among its energies.
     row : int
         Position of the place in the curves.
-    preset : HazardPreset
     by_source : mapping of str to float, shape (n_energies,), optional
         Rate (1/year) of each source at the place; of more than ``MAX_SOURCES``, those from which
         fewest blocks arrive are drawn together.
