@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -193,6 +194,7 @@ def check_validator(model_folder: Path, models: Sequence[str]) -> None:
 
 
 def _header_models(xtf: Path) -> list[str]:
+    wrong = partial(InputError, file=xtf)
     names: list[str] = []
     try:
         for _, element in ET.iterparse(xtf, events=("end",)):
@@ -201,13 +203,11 @@ def _header_models(xtf: Path) -> list[str]:
             elif element.tag == f"{_NS}HEADERSECTION":
                 break
     except OSError as error:
-        raise InputError("cannot be read", file=xtf, found=error.strerror) from error
+        raise wrong("cannot be read", found=error.strerror) from error
     except ET.ParseError as error:
-        raise InputError("is no INTERLIS transfer file", file=xtf, found=str(error)) from error
+        raise wrong("is no INTERLIS transfer file", found=str(error)) from error
     if not names:
-        raise InputError(
-            "is no INTERLIS transfer file", file=xtf, expected="the names of models in its header"
-        )
+        raise wrong("is no INTERLIS transfer file", expected="the names of models in its header")
     return names
 
 

@@ -337,33 +337,24 @@ class Messages:
         return [self._one_line(dict(e)) for e in error.errors()]
 
     def _one_line(self, e: dict[str, Any]) -> ConfigError:
+        wrong = partial(ConfigError, file=self.file)
         loc, kind, context = e["loc"], e["type"], e.get("ctx", {})
         field = self._dotted(loc)
         if kind == "extra_forbidden":
-            return ConfigError(
-                "unknown key", file=self.file, field=field, expected=self.nearest(loc)
-            )
+            return wrong("unknown key", field=field, expected=self.nearest(loc))
         if kind == "missing":
             own = self.keys_at(loc).get(str(loc[-1]))
             text = "two numbers [x, y]" if own is None else own.description
             problem = "is too short" if own is None else "missing key"
-            return ConfigError(problem, file=self.file, field=field, expected=text)
+            return wrong(problem, field=field, expected=text)
         found: object = context["found"] if "found" in context else _shown(e["input"])
         if kind == "sassgis":
             if context["key"]:
                 field = f"{field}.{context['key']}"
                 found = context.get("found")
-            return ConfigError(
-                context["problem"],
-                file=self.file,
-                field=field,
-                found=found,
-                expected=context["expected"],
-            )
+            return wrong(context["problem"], field=field, found=found, expected=context["expected"])
         expected = self._expected(loc, kind, context, e["msg"])
-        return ConfigError(
-            "cannot be used", file=self.file, field=field, found=found, expected=expected
-        )
+        return wrong("cannot be used", field=field, found=found, expected=expected)
 
     def _expected(self, loc: Place, kind: str, context: Mapping[str, Any], message: str) -> str:
         section = str(loc[0])

@@ -12,7 +12,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from functools import cache
+from functools import cache, partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, NotRequired
@@ -412,19 +412,16 @@ def _relocated(error: InputError, file: Path, field: str | None) -> ConfigError:
 
 def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
     """What no section can see by itself."""
+    wrong = partial(ConfigError, file=file)
     problems: list[ConfigError] = []
     if "profile" not in sections:
         for section, key in (("terrain", "dem"), ("release", "file")):
             if getattr(sections.get(section), key, None) is None:
                 text = declared(SECTIONS[section])[key].description
-                problems.append(
-                    ConfigError("missing key", file=file, field=f"{section}.{key}", expected=text)
-                )
+                problems.append(wrong("missing key", field=f"{section}.{key}", expected=text))
     if not sections.get("blocks"):
         problems.append(
-            ConfigError(
-                "missing section", file=file, field="blocks", expected="at least one [[blocks]]"
-            )
+            wrong("missing section", field="blocks", expected="at least one [[blocks]]")
         )
     groups = {
         "blocks.name": ("blocks",),
@@ -435,9 +432,8 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
         names = [item.name for member in members for item in sections.get(member, ())]
         for name in (n for n, count in Counter(names).items() if count > 1):
             problems.append(
-                ConfigError(
+                wrong(
                     "name is used twice",
-                    file=file,
                     field=field,
                     found=repr(name),
                     expected="names that differ",
@@ -446,9 +442,8 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
     kept_to_lines = sections.get("terrain", TerrainSettings()).path == "fall_line"
     if kept_to_lines and LateralDeflection.name in sections.get("effects", {}):
         problems.append(
-            ConfigError(
+            wrong(
                 "has no meaning on fall lines: it turns the heading of paths that are followed",
-                file=file,
                 field=f"effects.{LateralDeflection.name}",
                 found='terrain.path = "fall_line"',
                 expected='terrain.path = "followed" (the default)',

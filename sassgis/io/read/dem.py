@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -219,27 +220,24 @@ def _reason(error: Exception, file: Path) -> str:
 
 def height_band(dataset: Any, file: Path) -> int:
     """Number of the one band with heights; a transparency band beside it does no harm."""
+    wrong = partial(InputError, file=file)
     bands = [i for i, kind in enumerate(dataset.colorinterp, start=1) if kind != ColorInterp.alpha]
     if dataset.count == 0:
         names = ", ".join(dataset.subdatasets[:5]) or "none"
-        raise InputError(
+        raise wrong(
             "holds no band itself",
-            file=file,
             found=f"subdatasets {names}",
             expected="a raster with one band; extract the heights with gdal_translate",
         )
     if len(bands) != 1:
-        raise InputError(
+        raise wrong(
             "has several bands",
-            file=file,
             found=f"{dataset.count} bands",
             expected="one band of heights; extract it with gdal_translate -b",
         )
     kind = np.dtype(dataset.dtypes[bands[0] - 1])
     if kind.kind not in "iuf":
-        raise InputError(
-            "holds no real numbers", file=file, found=str(kind), expected="heights in metres"
-        )
+        raise wrong("holds no real numbers", found=str(kind), expected="heights in metres")
     if kind == np.uint8:
         log.warning(
             "%s: heights are stored as bytes (0 to 255); this may be an image such as a hillshade",

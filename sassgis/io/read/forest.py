@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -99,11 +100,12 @@ def _from_polygons(
 
 def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
+    wrong = partial(InputError, file=file, field=field)
     west, _, _, north = grid.bounds
     out = np.full(grid.shape, np.nan)
     with open_raster(file, field) as raster:
         if grid.crs and raster.crs is None:
-            raise InputError("states no coordinate system", file=file, field=field, expected="one")
+            raise wrong("states no coordinate system", expected="one")
         crs = raster.crs or _ANY_PLANE
         try:
             reproject(
@@ -117,12 +119,8 @@ def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
                 resampling=Resampling.nearest,
             )
         except RasterioError as error:
-            raise InputError(
-                "cannot be read to the end", file=file, field=field, found=str(error)
-            ) from None
+            raise wrong("cannot be read to the end", found=str(error)) from None
     out = np.where(np.isnan(out), 0.0, out)
     if not np.isfinite(out).all() or (out < 0.0).any():
-        raise InputError(
-            "holds numbers that cannot be used", file=file, field=field, expected="0 or more"
-        )
+        raise wrong("holds numbers that cannot be used", expected="0 or more")
     return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping
+from functools import partial
 from importlib import resources
 from os import PathLike
 from pathlib import Path
@@ -274,6 +275,7 @@ def _from_codes(
     default: int,
     may_miss: bool,
 ) -> NDArray[np.int32]:
+    wrong = partial(InputError, file=file, field="ground.file")
     classes = ground.raster_classes or {}
     indices = {
         code: _class_index(name, table, f"class of code {code}", file, "ground.raster_classes")
@@ -281,20 +283,11 @@ def _from_codes(
     }
     with open_raster(file, "ground.file") as dataset:
         if dataset.count != 1:
-            raise InputError(
-                "has several bands",
-                file=file,
-                field="ground.file",
-                found=f"{dataset.count} bands",
-                expected="one band of codes",
+            raise wrong(
+                "has several bands", found=f"{dataset.count} bands", expected="one band of codes"
             )
         if dataset.transform.is_identity:
-            raise InputError(
-                "has no georeference",
-                file=file,
-                field="ground.file",
-                expected="a raster that lies on the map",
-            )
+            raise wrong("has no georeference", expected="a raster that lies on the map")
         codes = _codes(dataset, file)
         own, target = _pair_of_systems(dataset, grid, file)
         transform = dataset.transform
@@ -304,12 +297,7 @@ def _from_codes(
     )
     present, counts = np.unique(aligned, return_counts=True)
     if present.tolist() == [_NO_CODE] and not may_miss:
-        raise InputError(
-            "holds no ground class on the DEM",
-            file=file,
-            field="ground.file",
-            expected="a raster that overlaps the DEM",
-        )
+        raise wrong("holds no ground class on the DEM", expected="a raster that overlaps the DEM")
     result = np.full(grid.shape, default, dtype=np.int32)
     for code, count in zip(present.tolist(), counts.tolist(), strict=True):
         if code == _NO_CODE:
@@ -328,21 +316,18 @@ def _from_codes(
 
 def _codes(dataset: Any, file: Path) -> NDArray[np.int32]:
     """Codes as whole numbers; nodata as a number that no code can have."""
+    wrong = partial(InputError, file=file, field="ground.file")
     try:
         raw = dataset.read(1, masked=True)
     except (RasterioError, OSError) as error:
-        raise InputError(
-            "cannot be read to the end", file=file, field="ground.file", found=str(error)
-        ) from None
+        raise wrong("cannot be read to the end", found=str(error)) from None
     values = np.asarray(raw.data, dtype=np.float64)
     known = ~np.ma.getmaskarray(raw) & ~np.isnan(values)
     odd = known & ((values != np.rint(values)) | (np.abs(values) > 2**31 - 2))
     if odd.any():
         row, col = np.unravel_index(int(np.argmax(odd)), values.shape)
-        raise InputError(
+        raise wrong(
             "holds a code that is no whole number",
-            file=file,
-            field="ground.file",
             found=f"{values[row, col]:g} at row {row + 1}, column {col + 1}",
             expected="whole numbers",
         )

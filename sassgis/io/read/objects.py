@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -176,34 +177,31 @@ def _check_settings(
     file: Path,
     key: str,
 ) -> None:
+    wrong = partial(InputError, file=file)
     if kind not in OBJECT_KINDS:
-        raise InputError(
+        raise wrong(
             "unknown kind of object",
-            file=file,
             field=f"{key}.kind",
             found=repr(kind),
             expected=nearest(str(kind), OBJECT_KINDS),
         )
     for name in given:
         if name not in NUMBERS_OF_KIND[kind]:
-            raise InputError(
+            raise wrong(
                 f"does not go with kind {kind}",
-                file=file,
                 field=f"{key}.{name}",
                 expected=nearest(name, NUMBERS_OF_KIND[kind]),
             )
     if _SHAPES[kind] == ("line",) and not segment_m >= _LEAST_CELLS * grid.cell_size:
-        raise InputError(
+        raise wrong(
             "stretches would be too short for the cells of the DEM",
-            file=file,
             field=f"{key}.segment_m",
             found=f"{segment_m:g}",
             expected=f"{_LEAST_CELLS * grid.cell_size:g} m or more ({_LEAST_CELLS:g} cells)",
         )
     if not 0.0 <= radius_m < np.inf:
-        raise InputError(
+        raise wrong(
             "is out of range",
-            file=file,
             field=f"{key}.radius_m",
             found=f"{radius_m:g}",
             expected="a number 0 or more",

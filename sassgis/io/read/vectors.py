@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -180,20 +181,17 @@ def feature_names(
     InputError
         If a feature has no name or two have the same.
     """
+    wrong = partial(InputError, file=file, field=field)
     if field is None:
         return [f"{stem} {f.number}" for f in features]
     seen: dict[str, Feature] = {}
     for feature in features:
         name = feature.text(field)
         if name is None:
-            raise InputError(
-                f"{feature.label()} has no name", file=file, field=field, expected="a text"
-            )
+            raise wrong(f"{feature.label()} has no name", expected="a text")
         if name in seen:
-            raise InputError(
+            raise wrong(
                 "name is used twice",
-                file=file,
-                field=field,
                 found=f"{name!r} in features {seen[name].number} and {feature.number}",
                 expected=f"names that differ, or another {section}.name_field",
             )

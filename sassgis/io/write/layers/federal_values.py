@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -175,19 +176,17 @@ def surface_parts(geometry: Any, *, where: str, file: Path | None = None) -> lis
     InputError
         If it is no polygon, or crosses itself.
     """
+    wrong = partial(InputError, file=file)
     if not isinstance(geometry, shapely.Polygon | shapely.MultiPolygon):
-        raise InputError(
+        raise wrong(
             f"{where}: cannot be a zone",
-            file=file,
             found="nothing" if geometry is None else getattr(geometry, "geom_type", geometry),
             expected="a polygon with straight edges",
         )
     if not np.isfinite(shapely.get_coordinates(geometry)).all():
-        raise InputError(f"{where}: a coordinate is no number", file=file)
+        raise wrong(f"{where}: a coordinate is no number")
     if not geometry.is_valid:
-        raise InputError(
-            f"{where}: the polygon is not valid", file=file, found=shapely.is_valid_reason(geometry)
-        )
+        raise wrong(f"{where}: the polygon is not valid", found=shapely.is_valid_reason(geometry))
     parts = []
     for part in shapely.get_parts(shapely.force_2d(geometry)).tolist():
         parts += _on_millimetres(part)
