@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import partial
 from importlib import resources
 from os import PathLike
@@ -18,7 +18,14 @@ from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.features import rasterize
 
-from sassgis.io.read.csv_table import check_columns, csv_rows, errors_of_row, number
+from sassgis.io.read.csv_table import (
+    Column,
+    check_columns,
+    errors_of_row,
+    read_table,
+    required_and_optional,
+    row_of,
+)
 from sassgis.io.read.dem import open_raster, resample
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, read_features
@@ -30,11 +37,6 @@ from sassgis.model.settings import GroundSettings
 
 log = logging.getLogger(__name__)
 
-_NUMBERS = PARAMETERS
-_REQUIRED = ("name", *_NUMBERS)
-#: Columns that a user's table may leave out: it is then taken as unverified.
-_OPTIONAL = ("source", "verified")
-_TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False, "": False}
 _NO_CODE = np.iinfo(np.int32).min
 
 
@@ -99,15 +101,30 @@ def read_ground_table(
     return GroundTable(tuple(classes.values()))
 
 
+def _columns(file: Path) -> dict[str, Column]:
+    """Columns of a table of classes; one without a source or its check is taken as unverified."""
+    return {
+        "name": Column(),
+        **{parameter: Column(float) for parameter in PARAMETERS},
+        "source": Column(default=f"own table {file.name}"),
+        "verified": Column(bool, default=False),
+    }
+
+
 def _read_classes(file: Path) -> list[GroundClass]:
-    text = read_text(file, "ground.classes", "a table of ground classes, CSV or TOML")
+    what = "a table of ground classes, CSV or TOML"
     if file.suffix.lower() == ".toml":
+        text = read_text(file, "ground.classes", what)
         rows = list(_toml_rows(text, file))
     else:
-        rows = list(csv_rows(text, file, _REQUIRED, _OPTIONAL, _NUMBERS))
+        rows = list(read_table(file, "ground.classes", what, _columns(file)))
     if not rows:
         raise InputError("holds no ground class", file=file, expected="at least one row")
-    return [_ground_class(where, row, file) for where, row in rows]
+    classes = []
+    for where, row in rows:
+        with errors_of_row(where, file):
+            classes.append(GroundClass(**row))
+    return classes
 
 
 def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -120,37 +137,13 @@ def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
             found=f"keys {', '.join(document) or 'none'}",
             expected="[[classes]] sections and nothing else",
         )
+    columns = _columns(file)
     for place, row in enumerate(rows, start=1):
         where = f"class number {place}"
         if not isinstance(row, dict):
             raise InputError(f"{where} is not a section", file=file, expected="[[classes]]")
-        check_columns(list(row), file, where, _REQUIRED, _OPTIONAL)
-        yield where, row
-
-
-def _ground_class(where: str, row: Mapping[str, Any], file: Path) -> GroundClass:
-    name = row["name"]
-    if not isinstance(name, str) or not name.strip():
-        raise InputError(
-            f"{where} has no class name", file=file, field="name", found=repr(name), expected="text"
-        )
-    truth = str(row.get("verified", "")).strip().lower()
-    if truth not in _TRUTH:
-        raise InputError(
-            f"{where}: cannot be used",
-            file=file,
-            field="verified",
-            found=repr(row["verified"]),
-            expected="true or false",
-        )
-    numbers = {column: number(row[column], where, column, file) for column in _NUMBERS}
-    with errors_of_row(where, file):
-        return GroundClass(
-            name=name.strip(),
-            **numbers,
-            source=str(row.get("source", "") or f"own table {file.name}"),
-            verified=_TRUTH[truth],
-        )
+        check_columns(list(row), file, where, *required_and_optional(columns))
+        yield where, row_of(row, columns, where, file)
 
 
 # ---------------------------------------------------------------------------------------------

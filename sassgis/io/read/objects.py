@@ -13,8 +13,7 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of
-from sassgis.io.read.plain_file import read_text
+from sassgis.io.read.csv_table import Column, errors_of_row, number, read_table
 from sassgis.io.read.vector_features import Feature, nearest, read_features
 from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
@@ -515,15 +514,17 @@ def read_vulnerability(
         If the file or a value cannot be used, a kind or an intensity is unknown, or a row is
         missing or there twice.
     """
-    text = read_text(file, field, "a table of vulnerability (CSV)")
-    columns = ("kind", "intensity", "vulnerability", "lethality", "source")
+    columns = {
+        "kind": Column(known=VULNERABILITY_KINDS),
+        "intensity": Column(known=intensities),
+        "vulnerability": Column(float),
+        "lethality": Column(float),
+        "source": Column(),
+    }
     rows = []
-    for where, row in csv_rows(text, file, columns, (), ("vulnerability", "lethality")):
-        one_of(row["kind"], VULNERABILITY_KINDS, where, "kind", file)
-        one_of(row["intensity"], intensities, where, "intensity", file)
-        loss, death = (number(row[c], where, c, file) for c in ("vulnerability", "lethality"))
+    for where, row in read_table(file, field, "a table of vulnerability (CSV)", columns):
         with errors_of_row(where, file):
-            rows.append(VulnerabilityRow(row["kind"], row["intensity"], loss, death, row["source"]))
+            rows.append(VulnerabilityRow(**row))
     if not rows:
         raise InputError(
             "has no rows", file=file, field=field, expected="a row for each kind and intensity"

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.io.read.config import profile_control_lines
-from sassgis.io.read.csv_table import csv_rows, number, one_of
-from sassgis.io.read.plain_file import read_text
+from sassgis.io.read.csv_table import Column, read_table
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
@@ -40,15 +39,17 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
         With the row, if a column is missing, a value cannot be used, chainages do not rise or a
         class is unknown; or if there are fewer than two rows.
     """
-    numbers = ("s_m", "z_m")
-    text = read_text(
-        path, "profile.file", "a CSV file with columns s_m, z_m and, if wanted, ground"
-    )
+    columns = {
+        "s_m": Column(float),
+        "z_m": Column(float),
+        "ground": Column(known=table.names, default=default, what="ground class"),
+    }
     s: list[float] = []
     z: list[float] = []
     ground: list[int] = []
-    for where, row in csv_rows(text, path, numbers, ("ground",), numbers):
-        chainage = number(row["s_m"], where, "s_m", path)
+    what = "a CSV file with columns s_m, z_m and, if wanted, ground"
+    for where, row in read_table(path, "profile.file", what, columns):
+        chainage = row["s_m"]
         if s and chainage <= s[-1]:
             raise InputError(
                 f"{where}: chainage does not rise",
@@ -58,10 +59,8 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
                 expected="a larger one than in the row before",
             )
         s.append(chainage)
-        z.append(number(row["z_m"], where, "z_m", path))
-        name = row.get("ground") or default
-        one_of(name, table.names, where, "ground", path, "ground class")
-        ground.append(table.index(name))
+        z.append(row["z_m"])
+        ground.append(table.index(row["ground"]))
     if len(s) < 2:
         raise InputError(
             "is too short for a profile",
