@@ -93,16 +93,6 @@ def export_xtf(
         Whether the file must be checked: an error without ``models``.
     canton : str, optional
         Who is responsible for the data ("TI"), where the layers do not say.
-
-    Raises
-    ------
-    InputError
-        If the folder is no result, has no hazard zones, lies outside Switzerland, a value is not as
-        the model has it, the models cannot be used, or the validator is not installed.
-    ConfigError
-        If it is to be validated without models.
-    OutputError
-        If the file exists or cannot be written, or the validator breaks down.
     """
     if validate and models is None:
         raise ConfigError(

@@ -97,13 +97,6 @@ def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) ->
 
     The folder holds the .ili files of the model and of all models that it imports; the validator is
     waited for no longer than ``timeout_s``.
-
-    Raises
-    ------
-    InputError
-        If the validator is not installed, the file cannot be read, or a model is not in the folder.
-    OutputError
-        If the validator breaks down.
     """
     check_validator(model_folder, _header_models(xtf))
     with tempfile.TemporaryDirectory(prefix="sassgis-") as name:
@@ -166,14 +159,7 @@ def _ili_files(folder: Path) -> list[Path]:
 
 
 def check_validator(model_folder: Path, models: Sequence[str]) -> None:
-    """Refuse what would keep a file from being validated, before it is written.
-
-    Raises
-    ------
-    InputError
-        If the validator is not installed, or a model that the file names is not in the folder;
-        those that it imports are looked for by the validator.
-    """
+    """Refuse what would keep a file from being validated, before it is written."""
     if importlib.util.find_spec("ilivalidator") is None:
         raise InputError(
             "the INTERLIS validator is not installed",

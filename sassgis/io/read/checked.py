@@ -14,7 +14,6 @@ from typing import (
     Literal,
     NotRequired,
     Required,
-    TypeVar,
     Union,
     get_args,
     get_origin,
@@ -29,7 +28,6 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     Strict,
-    TypeAdapter,
     ValidationError,
     ValidationInfo,
 )
@@ -109,16 +107,6 @@ def section_type(cls: Any) -> Any:
 def first_line(cls: Any) -> str:
     """What a section is about: the first line of the docstring of its type."""
     return (cls.__doc__ or "").splitlines()[0]
-
-
-Kind = TypeVar("Kind")
-
-
-def section_of(cls: type[Kind], table: Mapping[str, Any], file: Path) -> Kind:
-    """A section from its table, as if it stood in ``file``."""
-    context = {"base": file.parent, "file": file}
-    made: Kind = TypeAdapter(section_type(cls)).validate_python(dict(table), context=context)
-    return made
 
 
 # ---------------------------------------------------------------------------------------------

@@ -114,11 +114,6 @@ def _effect_type(row: Effect) -> Any:
     return table_type(f"effects.{row.name}", row.keys, made, first_line(row.settings))
 
 
-def _effects_of(values: dict[str, Any]) -> dict[str, EffectTable]:
-    """The effects that are on, in the order of the registry."""
-    return {name: values[name] for name in EFFECTS if name in values}
-
-
 @cache
 def _document() -> TypeAdapter[dict[str, Any]]:
     """The whole file, section by section."""
@@ -126,7 +121,10 @@ def _document() -> TypeAdapter[dict[str, Any]]:
     for name, cls in SECTIONS.items():
         if name == "effects":
             rows = {row.name: NotRequired[_effect_type(row)] for row in EFFECTS.values()}
-            own: Any = table_of("effects", rows, _effects_of, first_line(cls))
+            # The effects that are on, in the order of the registry.
+            own: Any = table_of(
+                "effects", rows, lambda on: {n: on[n] for n in EFFECTS if n in on}, first_line(cls)
+            )
         else:
             own = section_type(cls)
         kinds[name] = NotRequired[tuple[own, ...] if name in LISTS else own]
@@ -148,12 +146,6 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         The TOML file.
     overrides
         Values that replace those of the file, by dotted key, as in ``{"run.seed": 7}``.
-
-    Raises
-    ------
-    ConfigError
-        With the file and the dotted key; where several things are wrong, the first and how many
-        more there are.
     """
     file = Path(os.path.expanduser(path))
     try:
@@ -217,13 +209,7 @@ def _config(
 
 
 def _with_new_names(document: dict[str, Any], file: Path) -> list[str]:
-    """Put the present key in place of a former one; what was found, for the user.
-
-    Raises
-    ------
-    ConfigError
-        If a setting is given under both.
-    """
+    """Put the present key in place of a former one; what was found, for the user."""
     notes: dict[str, None] = {}
     for section, keys in declared_sections().items():
         found: Any = document
@@ -248,13 +234,7 @@ def _with_new_names(document: dict[str, Any], file: Path) -> list[str]:
 
 
 def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
-    """Stations and barriers of a profile run with their chainage (m).
-
-    Raises
-    ------
-    ConfigError
-        If one of them is placed on the map instead of by ``chainage_m``.
-    """
+    """Stations and barriers of a profile run with their chainage (m)."""
     control_lines: list[tuple[ControlLine, float]] = []
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
         for item in items:

@@ -84,12 +84,6 @@ def read_table(
         As in "row 3", counted with the header.
     row : dict
         Value by column.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, a column is missing, unknown or repeated, a row does not fit
-        the header, or a value cannot be used.
     """
     required, optional = required_and_optional(columns)
     numbers = [name for name, column in columns.items() if column.kind is float]
@@ -130,12 +124,6 @@ def csv_rows(
         As in "row 3", counted with the header.
     row : dict
         Text by column.
-
-    Raises
-    ------
-    InputError
-        If a column is missing, unknown or repeated, a row does not fit the header, or a text is
-        too long.
     """
     columns, delimiter, lines = csv_cells(text, file)
     check_columns(columns, file, "row 1", required, optional)
@@ -167,11 +155,6 @@ def csv_cells(text: str, file: Path) -> tuple[list[str], str, Iterator[tuple[int
         The one that the first line has more of.
     rows : iterator of (int, list of str)
         Number of the line, and its cells; empty lines are left out.
-
-    Raises
-    ------
-    InputError
-        Also while the rows are taken: if the text is no table.
     """
     lines = text.splitlines()
     header = lines[0] if lines else ""

@@ -101,11 +101,6 @@ def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
     -------
     float64, shape (n_rows, n_cols)
         NaN for nodata.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or holds heights that do not occur on Earth.
     """
     with open_raster(dem.file, "terrain.dem") as dataset:
         return _heights(dataset, dem, Window.from_slices(rows, cols))
@@ -132,11 +127,6 @@ def read_dem(
     Grid
         Heights in metres, NaN where nothing is known. Rotated rasters and rasters whose cells are
         not square are resampled (bilinear) to square cells of the shorter side; the log says so.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the line says why and what to do about it.
     """
     file = Path(path)
     with open_raster(file, "terrain.dem") as dataset:
@@ -291,13 +281,7 @@ def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> f
 
 
 def read_band(dataset: Any, band: int, file: Path, part: Window | None = None) -> Any:
-    """A band as stored, masked where it is nodata or transparent.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
+    """A band as stored, masked where it is nodata or transparent."""
     try:
         raw = dataset.read(band, masked=True, window=part)
         # GDAL takes transparency for a mask only where it is stored as bytes.

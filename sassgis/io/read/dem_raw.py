@@ -89,11 +89,6 @@ def read_raw_dem(path: Path, crs: str | None = None) -> RawDem:
     ----------
     crs : str, optional
         Where the file states none.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read at all: no raster, several bands, no numbers.
     """
     if path.is_dir():
         grid = read_terrain(path, crs)

@@ -26,12 +26,6 @@ def read_frequencies(
     Returns
     -------
     dict of (area, scenario) to Onset
-
-    Raises
-    ------
-    InputError
-        If a column or value is missing, a name is unknown, a frequency is negative, or an area and
-        a scenario turn up twice.
     """
     columns = {
         "area": Column(known=areas),

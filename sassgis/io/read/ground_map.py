@@ -73,11 +73,6 @@ def read_ground_table(
         name replaces that one; others are added.
     readings
         Named set of readings of the engine, which has built-in classes of its own.
-
-    Raises
-    ------
-    InputError
-        With the row, if a column is missing or unknown or a value cannot be used.
     """
     table = built_in_table(readings)
     if path is None:
@@ -167,11 +162,6 @@ def ground_raster(
         Positions in ``table``. A cell takes the class of the polygon over its centre; where
         polygons overlap, the later one of the file counts. A raster of codes is aligned by the
         nearest cell. Where nothing is said, the default class.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used or names a class that the table does not hold.
     """
     default = default_class(ground, table)
     if ground.file is None:

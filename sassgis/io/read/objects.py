@@ -91,12 +91,6 @@ def read_objects(
     PlacedObjects
         In the order of the file, stretches by chainage. Stretches of roads outside the DEM are
         left out, with a warning.
-
-    Raises
-    ------
-    InputError
-        If the file, the layer, a field or a feature cannot be used, a number is missing or out of
-        range, a name turns up twice, or an object lies outside the DEM.
     """
     key = f"objects[{name}]"
     columns = {k: v for k, v in (fields or {}).items() if v is not None}
@@ -136,13 +130,7 @@ def read_objects(
 
 
 def joined_objects(parts: Sequence[PlacedObjects], file: Path | None = None) -> PlacedObjects:
-    """All objects of a run, in the order of the parts.
-
-    Raises
-    ------
-    InputError
-        If two objects, or an object and a road, have the same name.
-    """
+    """All objects of a run, in the order of the parts."""
     _check_names(parts, file)
     return PlacedObjects(
         tuple(o for part in parts for o in part.objects),
@@ -507,12 +495,6 @@ def read_vulnerability(
     -------
     Vulnerability
         Where a number falls with the intensity, a warning is logged.
-
-    Raises
-    ------
-    InputError
-        If the file or a value cannot be used, a kind or an intensity is unknown, or a row is
-        missing or there twice.
     """
     columns = {
         "kind": Column(known=VULNERABILITY_KINDS),

@@ -75,13 +75,7 @@ def read_toml(file: Path, field: str | None, what: str) -> dict[str, Any]:
 
 
 def toml_table(text: str, file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
-    """A TOML document.
-
-    Raises
-    ------
-    InputError
-        If it is none, or holds a text, a number or a nesting beyond all use.
-    """
+    """A TOML document."""
     try:
         if _LONG_KEY.search(text):
             raise RecursionError

@@ -93,12 +93,6 @@ def read_preset(name: str | PathLike[str]) -> HazardPreset:
     -------
     HazardPreset
         Named after the file.
-
-    Raises
-    ------
-    InputError
-        If there is no such preset; a key is unknown or missing; a value cannot be used; the matrix
-        has a hole or contradicts itself; a source, level or intensity is named that is not defined.
     """
     if isinstance(name, str) and name in preset_names():
         text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")

@@ -32,12 +32,6 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
     -------
     ProfileSet
         One profile, in one stretch that lies in no cell of a map.
-
-    Raises
-    ------
-    InputError
-        With the row, if a column is missing, a value cannot be used, chainages do not rise or a
-        class is unknown; or if there are fewer than two rows.
     """
     columns = {
         "s_m": Column(float),
@@ -80,13 +74,7 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
 
 
 def check_on_profile(config: Config, profile: ProfileSet) -> None:
-    """Check that starts, stations and barriers of a configuration lie on its profile.
-
-    Raises
-    ------
-    ConfigError
-        If blocks would start off the profile, or a station or barrier lies off it.
-    """
+    """Check that starts, stations and barriers of a configuration lie on its profile."""
     first, last = float(profile.s[0]), float(profile.s[-1])
     expected = f"within the profile, {first:g} to {last:g} m"
     if config.profile is not None:

@@ -54,13 +54,7 @@ class TileOffer:
 
 
 def read_search_area(file: Path, layer: str | None = None) -> Any:
-    """The polygons of a file, or of a layer of it, as one geometry in WGS 84 (degrees).
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, or holds no polygon or no coordinate system.
-    """
+    """The polygons of a file, or of a layer of it, as one geometry in WGS 84 (degrees)."""
     frame: gpd.GeoDataFrame = open_layer(file, layer, "polygon", {})
     if frame.crs is None:
         raise InputError(
@@ -97,11 +91,6 @@ def find_tiles(
     -------
     tuple of TileOffer
         By place.
-
-    Raises
-    ------
-    InputError
-        If the server does not answer, or not as STAC, or nothing covers the area.
     """
     west, south, east, north = area.bounds
     query = urlencode(

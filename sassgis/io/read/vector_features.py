@@ -113,12 +113,6 @@ def read_features(
         Kinds of geometry that can be used.
     choose
         Picks the features to read, by number and attributes alone. Default: all.
-
-    Raises
-    ------
-    InputError
-        If file, layer or field are missing, the layer is empty or lies outside the DEM, or a
-        geometry is missing, invalid or of the wrong kind.
     """
     frame = open_layer(file, layer, key, fields or {})
     plain = without_shapes(frame)
@@ -266,13 +260,7 @@ def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str
 def onto_grid(
     shapes: Sequence[Any], crs: Any, grid: Grid, file: Path, key: str, labels: Sequence[str]
 ) -> list[Any]:
-    """Geometries in the coordinates of the DEM; they must meet it somewhere.
-
-    Raises
-    ------
-    InputError
-        If they cannot be brought there or lie beside it, with a guess why.
-    """
+    """Geometries in the coordinates of the DEM; they must meet it somewhere."""
     wrong = partial(InputError, file=file)
     place = f"{key}.file"
     own = None if crs is None else pyproj.CRS.from_user_input(crs)

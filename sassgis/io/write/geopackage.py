@@ -41,8 +41,6 @@ def write_geopackage(
 
     Raises
     ------
-    OutputError
-        If the file exists or the disk is full or not writable.
     ValueError
         If a layer holds another kind of geometry than its style draws, or names repeat.
     """

@@ -88,11 +88,6 @@ def write_manifest(
         What the run reported to the user.
     checks : mapping of str to object, optional
         What the run found of its own numerics.
-
-    Raises
-    ------
-    OutputError
-        If the disk is full or not writable.
     """
     content: dict[str, object] = {
         "format": MANIFEST_FORMAT,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import shutil
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,20 +20,10 @@ pytestmark = pytest.mark.qgis
 
 
 @pytest.fixture(scope="module")
-def valley(qgis: None, repository: Path, tmp_path_factory: pytest.TempPathFactory) -> RunResult:
-    folder = tmp_path_factory.mktemp("valley")
-    inputs = folder / "inputs"
-    shutil.copytree(repository / "sample_dem" / "valley", inputs)
-    config = inputs / "config.toml"
-    text = config.read_text(encoding="utf-8")
-    for old, new in (
-        ("spacing_m = 3.0", "spacing_m = 12.0"),
-        ("rocks_per_point = 50", "rocks_per_point = 3"),
-    ):
-        assert old in text
-        text = text.replace(old, new)
-    config.write_text(text, encoding="utf-8")
-    return run(config, folder / "result")
+def valley(
+    qgis: None, make_valley: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory
+) -> RunResult:
+    return run(make_valley(rocks_per_point=3), tmp_path_factory.mktemp("valley") / "result")
 
 
 @pytest.fixture(scope="module")

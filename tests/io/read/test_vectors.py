@@ -9,6 +9,7 @@ from pathlib import Path
 import geopandas as gpd
 import numpy as np
 import pytest
+from helpers.sections import section_of
 from shapely import (
     GeometryCollection,
     LineString,
@@ -20,7 +21,6 @@ from shapely import (
     box,
 )
 
-from sassgis.io.read.checked import section_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.vector_features import cells_under, steepest_slope_deg
 from sassgis.io.read.vectors import START_SLOPE_DEG, read_control_lines, read_release
