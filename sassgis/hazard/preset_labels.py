@@ -6,22 +6,23 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from sassgis.model.hazard import HazardPreset, Provenance
+from sassgis.model.languages import phrase
 
 
 def period_labels(return_periods: Sequence[float]) -> tuple[str, ...]:
     """Names of the classes of return period: "up to 30", "30 to 100", ..., "beyond 300" (years)."""
     limits = [f"{t:g}" for t in return_periods]
-    between = [f"{a} to {b}" for a, b in pairwise(limits)]
-    return (f"up to {limits[0]}", *between, f"beyond {limits[-1]}")
+    between = [phrase("{} to {}", a, b) for a, b in pairwise(limits)]
+    return (phrase("up to {}", limits[0]), *between, phrase("beyond {}", limits[-1]))
 
 
 def energy_labels(preset: HazardPreset) -> tuple[str, ...]:
     """Spans of energy of the classes of intensity: "below 30 kJ", ..., "300 kJ and more"."""
     limits = [f"{e:g}" for e in preset.thresholds_kj]
     if len(limits) == 1:
-        return ("any energy",)
-    between = [f"{a} to {b} kJ" for a, b in pairwise(limits[1:])]
-    return (f"below {limits[1]} kJ", *between, f"{limits[-1]} kJ and more")
+        return (phrase("any energy"),)
+    between = [phrase("{} to {} kJ", a, b) for a, b in pairwise(limits[1:])]
+    return (phrase("below {} kJ", limits[1]), *between, phrase("{} kJ and more", limits[-1]))
 
 
 def preset_unverified(preset: HazardPreset) -> list[str]:

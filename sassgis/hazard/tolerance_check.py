@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sassgis.hazard.response import MEASURES, RelativeChange, RunOutcome, response
+from sassgis.model.languages import joined, phrase
 
 #: Change beyond which the user is warned.
 LARGEST_CHANGE = 0.2
@@ -33,9 +34,13 @@ class ToleranceCheck:
 
     def sentence(self) -> str:
         """The changes in words."""
-        return "; ".join(
-            f"{t:g} m: " + ", ".join(f"{MEASURES[name]} {answer}" for name, answer in found.items())
-            for t, found in self.answers.items()
+        text = "{}: median run-out {}, run-out (95 %) {}, energy (95 %) {}"
+        return joined(
+            "; ",
+            (
+                phrase(text, f"{t:g} m", *(str(found[name]) for name in _COMPARED))
+                for t, found in self.answers.items()
+            ),
         )
 
     def facts(self) -> dict[str, object]:

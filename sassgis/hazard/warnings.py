@@ -18,6 +18,7 @@ from sassgis.model.effects import EffectSettings
 from sassgis.model.ground import GroundClass
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import STOP_TEXT
+from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
 from sassgis.model.results import StopReason
@@ -31,15 +32,19 @@ _LINE_ENDS = (
 _STOPS = (
     (
         StopReason.LEFT_PROFILE,
-        "still moved at the end of their fall line or at the edge of the terrain model, and are "
-        "lost from the map",
+        "{} of {} blocks ({} %) still moved at the end of their fall line or at the edge of the "
+        "terrain model, and are lost from the map.",
     ),
-    (StopReason.STEP_LIMIT, "were given up: at engine.max_events contacts, or below the ground"),
+    (
+        StopReason.STEP_LIMIT,
+        "{} of {} blocks ({} %) were given up: at engine.max_events contacts, or below the ground.",
+    ),
     (
         StopReason.NEVER_STARTED,
-        "never started: the slope at their release point is below the friction there. They are not "
-        "part of the denominator of reach probability and frequencies, which are those of blocks "
-        "that start (give blocks an initial speed if they should)",
+        "{} of {} blocks ({} %) never started: the slope at their release point is below the "
+        "friction there. They are not part of the denominator of reach probability and "
+        "frequencies, which are those of blocks that start (give blocks an initial speed if they "
+        "should).",
     ),
 )
 
@@ -54,22 +59,18 @@ def ground_warnings(used: Sequence[GroundClass], built_in: Sequence[GroundClass]
     built_in : sequence of GroundClass
         The built-in ones: their diameters of blocks are placeholders.
     """
-    out = []
+    out: list[str] = []
     names = [c.name for c in used if not c.verified]
     if names:
-        out.append(
-            "Ground classes with values that are not from the paper (unverified): "
-            + ", ".join(names)
-            + "."
-        )
+        text = "Ground classes with values that are not from the paper (unverified): {}."
+        out.append(phrase(text, ", ".join(names)))
     assumed = [c for c in used if c.verified and c in built_in and c.d_star_m > 0.0]
     if assumed:
-        out.append(
+        text = (
             "Ground classes whose diameter of the blocks on the ground is a placeholder for a "
-            "measurement on the site: "
-            + ", ".join(f"{c.name} (d_star_m {c.d_star_m:g})" for c in assumed)
-            + "."
+            "measurement on the site: {}."
         )
+        out.append(phrase(text, ", ".join(f"{c.name} (d_star_m {c.d_star_m:g})" for c in assumed)))
     return out
 
 
@@ -88,7 +89,7 @@ def simulation_warnings(
 ) -> list[str]:
     """What happened to blocks and lines, and what the inputs leave open."""
     total = max(int(progress.reasons.sum()), 1)
-    out = []
+    out: list[str] = []
     ends = line_ends(progress)
     for end, what in _LINE_ENDS:
         if ends[end] and not run.followed:
@@ -96,7 +97,7 @@ def simulation_warnings(
     for reason, what in _STOPS:
         n = int(progress.reasons[reason])
         if n:
-            out.append(f"{n} of {total} blocks ({100 * n / total:.2g} %) {what}.")
+            out.append(phrase(what, n, total, f"{100 * n / total:.2g}"))
     if progress.lost:
         out.append(
             f"{progress.lost} blocks were not simulated: their fall lines end where they begin "
@@ -109,7 +110,7 @@ def simulation_warnings(
         if progress.control_lines.arrivals(i) == 0
     ]
     if idle:
-        out.append("No block reaches: " + ", ".join(idle) + ".")
+        out.append(phrase("No block reaches: {}.", ", ".join(idle)))
     used = np.unique(run.ground[np.isfinite(run.grid.values)])
     classes = [run.table.classes[i] for i in used]
     return [
@@ -147,11 +148,12 @@ def zone_warnings(uncertain_share: float, limit: float | None, repetitions_max: 
 
 def profile_warnings(result: ProfileResult, effects: EffectSettings) -> list[str]:
     """What happened to the blocks of a profile."""
-    out = []
+    out: list[str] = []
     if effects.get(LateralDeflection) is not None:
         out.append("A profile has no width: [effects.lateral_deflection] does nothing here.")
     for reason, _ in _STOPS:
         n = int((result.rocks["reason"] == reason).sum())
         if n:
-            out.append(f"{n} of {result.rocks.size} blocks: {STOP_TEXT[reason]}.")
+            text = phrase(STOP_TEXT[reason])
+            out.append(phrase("{} of {} blocks: {}.", n, result.rocks.size, text))
     return out

@@ -12,11 +12,6 @@ def content_digest(file: Path) -> str:
     """SHA-256 of the content of a file, taken again only if its size or time has changed.
 
     A batch asks for that of each tile of its terrain with every release area.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
     """
     stat = file.stat()
     return _taken(file, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)

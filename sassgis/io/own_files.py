@@ -48,7 +48,6 @@ def own_files(
 
     Parameters
     ----------
-    folder : Path
     shown : Path
         Its name in messages.
     seen : mapping of str to Stamp

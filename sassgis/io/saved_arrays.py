@@ -39,12 +39,10 @@ def write_saved(
 
     Parameters
     ----------
-    path : Path
     arrays : mapping of str to array
         No objects.
     fingerprint : str
         Of the settings and inputs that they belong to; the program is added here.
-    compressed : bool
 
     Returns
     -------
@@ -73,9 +71,6 @@ def read_saved(
 
     Parameters
     ----------
-    path : Path
-    fingerprint : str
-    tell : callable
     digest : str, optional
         That the file must have, and so must be there.
     """
@@ -96,7 +91,6 @@ def saved_or_refused(path: Path, expected: str) -> dict[str, NDArray[Any]]:
 
     Parameters
     ----------
-    path : Path
     expected : str
         What they are, and what to do without them.
 
@@ -124,10 +118,8 @@ def read_saved_json(
 
     Parameters
     ----------
-    path : Path
     fingerprint : str
         As it was saved with.
-    tell : callable
     """
     if not path.exists():
         return None

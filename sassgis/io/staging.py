@@ -131,10 +131,6 @@ def output_error(error: BaseException, path: Path) -> OutputError:
         What the operating system, GDAL or SQLite raised.
     path : Path
         The file or folder that was being written.
-
-    Returns
-    -------
-    OutputError
     """
     reason = _reason(error, path)
     if reason is None:
@@ -245,10 +241,6 @@ def alone(target: Path) -> Iterator[None]:
     """Keep other runs from writing into a folder that grows part by part.
 
     The lock is on the working folder ``<target>.partial``, which is deleted after.
-
-    Parameters
-    ----------
-    target : Path
 
     Raises
     ------

@@ -12,6 +12,7 @@ from typing import Any
 import geopandas as gpd
 import pandas as pd
 
+from sassgis.model.languages import phrase
 from sassgis.model.styles import FieldInfo, VectorStyle
 
 KEY_COLUMN = "fid"
@@ -84,7 +85,6 @@ def described_layer(
     key : str
         Of the table: the name of the layer, with a suffix after a point where several kinds of
         layers have it.
-    geometry : array-like of geometries
     crs : str
         Well-known text; empty for local coordinates.
     fields : mapping of column to FieldInfo, optional
@@ -96,7 +96,7 @@ def described_layer(
     own = descriptions()[key]
 
     def text(column: str, part: str) -> str:
-        return own[column][part].format(**words)
+        return phrase(own[column][part], **words)
 
     known = {
         name: FieldInfo(text(name, "alias"), text(name, "unit"), text(name, "description"))

@@ -1,36 +1,60 @@
-"""The words of maps, sheets and reports in English, German, French and Italian.
+"""The language of maps, sheets, figures and reports: English, German, French and Italian.
 
-They are written in English where they arise, and translated where they leave the program: in files
-of layers, the project with its sheets, figures and the report. The table ``data/words.csv`` holds
-them. ``{}`` in an entry is any text (a number or a name) and ``{n}`` numbers only; the translation
-gives them again in the same order. A text that is no entry is translated
-part by part: sentences, parts between semicolons, colons or commas. What is in no entry stays as it
-is: names that the user gave, sources of values.
+Texts are written in English where they arise, and translated where they leave the program. Whole
+sentences are the keys of the catalogues ``data/languages/*.po`` (gettext). A text with numbers or
+names in it is a :class:`Phrase`, which keeps its key and its parts. What is in no catalogue stays
+as it is: names that the user gave, sources of values.
 """
 
 from __future__ import annotations
 
-import csv
-import re
-from collections.abc import Iterator
+import ast
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import replace
 from functools import cache
+from gettext import NullTranslations
 from importlib import resources
-from typing import Literal, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 Language = Literal["en", "de", "fr", "it"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 
+T = TypeVar("T")
+
 _LANGUAGE: ContextVar[Language] = ContextVar("language", default="en")
-#: Where a text is cut if it is no entry, the first that is in it.
-_JOINTS = ("\n", r"(?<=[.!?]) (?=[A-ZÄÖÜ])", "; ", ": ", ", ", r" \((?=.+\)$)")
-#: Texts of numbers, signs and units only.
-_NO_WORDS = re.compile(r"(?:[\W\d_]|kJ|kg|m[²³s/]|Hz|CHF|EUR|e|x|y|°|\b[a-zA-Zμηκ]\b)*")
+
+
+class Phrase(str):
+    """A text in English that can be translated: its key, and the parts in the places of ``{}``."""
+
+    key: str
+    parts: tuple[object, ...]
+    named: Mapping[str, object]
+
+    def __str__(self) -> str:
+        # Figures and frames take str() of a text.
+        return self
+
+
+def phrase(key: str, *parts: object, **named: object) -> Phrase:
+    """A text with parts: those that are phrases are translated too, others stay as they are."""
+    if isinstance(key, Phrase):
+        return key
+    text = Phrase(key.format(*parts, **named) if parts or named else key)
+    text.key, text.parts, text.named = key, parts, named
+    return text
+
+
+def joined(separator: str, parts: Iterable[object]) -> Phrase:
+    """A phrase of parts one after the other."""
+    members = list(parts)
+    return phrase(separator.join(["{}"] * len(members)), *members)
 
 
 @contextmanager
-def speaking(language: Language) -> Iterator[None]:
+def in_language(language: Language) -> Iterator[None]:
     """Write all that leaves the program in a language."""
     before = _LANGUAGE.set(language)
     try:
@@ -39,95 +63,66 @@ def speaking(language: Language) -> Iterator[None]:
         _LANGUAGE.reset(before)
 
 
-def spoken() -> Language:
-    """The language in which the program writes now."""
+def current_language() -> Language:
+    """The language in which the program writes."""
     return _LANGUAGE.get()
 
 
-def said(text: str) -> str:
-    """A text in the language in which the program writes now."""
+def translated(text: str) -> str:
+    """A text in the language in which the program writes."""
     language = _LANGUAGE.get()
-    return text if language == "en" else _dictionary(language).say(text)
-
-
-@cache
-def word_table() -> tuple[dict[str, str], ...]:
-    """The rows of the table."""
-    text = resources.files("sassgis").joinpath("data", "words.csv").read_text(encoding="utf-8")
-    return tuple(csv.DictReader(text.splitlines()))
-
-
-@cache
-def _dictionary(language: Language) -> Dictionary:
-    return Dictionary(language)
-
-
-def _form(entry: str) -> re.Pattern[str]:
-    """What a text with numbers and names in it looks like."""
-    number = "((?:[^A-Za-zÀ-ÿ]|e-)+?)"
-    literal = re.escape(entry).replace(r"\{\}", "(.+?)")
-    return re.compile(literal.replace(r"\{n\}", number))
-
-
-class Dictionary:
-    """Entries of one language.
-
-    Attributes
-    ----------
-    missing : set of str
-        Texts that were asked for and are in no entry.
-    """
-
-    def __init__(self, language: Language) -> None:
-        rows = word_table()
-        self._whole = {row["en"]: row[language] for row in rows if "{" not in row["en"]}
-        # An entry with more text of its own is the better match.
-        forms = sorted((row for row in rows if "{" in row["en"]), key=lambda r: -len(r["en"]))
-        self._forms = [(_form(row["en"]), row[language].replace("{n}", "{}")) for row in forms]
-        self._said: dict[str, str] = {}
-        self.missing: set[str] = set()
-
-    def say(self, text: str) -> str:
-        """The text in this language; as it is where it is in no entry."""
-        key = text.strip()
-        if key not in self._said:
-            found = self._found(key)
-            # What was translated may be given again, as a part of a figure.
-            self._said[found] = self._said[key] = found
-        return text.replace(key, self._said[key]) if key else text
-
-    def _found(self, text: str) -> str:
-        if _NO_WORDS.fullmatch(text):
-            return text
-        entry = self._entry(text)
-        if entry is not None:
-            return entry
-        for joint in _JOINTS:
-            parts = re.split(f"({joint})", text)
-            if len(parts) > 1:
-                return "".join(
-                    part if place % 2 else self.say(part) for place, part in enumerate(parts)
-                )
-        self.missing.add(text)
+    if language == "en":
         return text
+    catalogue = translations(language)
+    if not isinstance(text, Phrase):
+        return catalogue.gettext(text)
 
-    def _entry(self, text: str) -> str | None:
-        """An entry, whatever its first letter and whether it ends in a full stop."""
-        for end in (".", ")", ""):
-            bare = text.removesuffix(end)
-            for start in dict.fromkeys((bare, bare[:1].lower() + bare[1:])):
-                found = self._exact(start)
-                if found is not None:
-                    raised = found[:1].upper() + found[1:] if start != bare else found
-                    return raised + (end if bare != text else "")
-        return None
+    def part(value: Any) -> Any:
+        return translated(value) if isinstance(value, Phrase) else value
 
-    def _exact(self, text: str) -> str | None:
-        if text in self._whole:
-            return self._whole[text]
-        for form, words in self._forms:
-            match = form.fullmatch(text)
-            if match is not None:
-                parts = [self.say(part) for part in match.groups()]
-                return words.format(*parts)
-        return None
+    key = catalogue.gettext(text.key)
+    if not (text.parts or text.named):
+        return key
+    named = {name: part(value) for name, value in text.named.items()}
+    return key.format(*map(part, text.parts), **named)
+
+
+def with_translated(thing: T, *names: str) -> T:
+    """A frozen dataclass with some of its texts, or tuples of texts, translated."""
+    own: Any = thing
+    changed: T = replace(own, **{name: _each(getattr(own, name)) for name in names})
+    return changed
+
+
+def _each(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_each, value))
+    return translated(value) if isinstance(value, str) else value
+
+
+class Catalogue(NullTranslations):
+    """The entries of a ``.po`` file: texts in English, and the same in another language."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.entries: dict[str, str] = {}
+        for entry in text.split("\n\n"):
+            texts = {"msgid": "", "msgstr": ""}
+            name = ""
+            for line in entry.splitlines():
+                if line.startswith("msg"):
+                    name, _, line = line.partition(" ")
+                if line.startswith('"'):
+                    texts[name] += ast.literal_eval(line)
+            self.entries[texts["msgid"]] = texts["msgstr"]
+
+    def gettext(self, message: str) -> str:
+        """The text in the language of the catalogue; as it is where there is no entry."""
+        return self.entries.get(message, message) if message else message
+
+
+@cache
+def translations(language: Language) -> Catalogue:
+    """The catalogue of a language."""
+    file = resources.files("sassgis").joinpath("data", "languages", f"{language}.po")
+    return Catalogue(file.read_text(encoding="utf-8"))

@@ -12,6 +12,7 @@ from sassgis.model.blocks import BlockPopulation
 from sassgis.model.effects import EffectSettings
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.ground import GroundTable
+from sassgis.model.languages import phrase
 from sassgis.model.release_areas import FallLineSettings, ReleaseArea
 from sassgis.model.results import ControlLine
 from sassgis.model.settings import EngineSettings
@@ -215,9 +216,11 @@ class MapRun:
     def lateral_spread(self) -> str:
         """In words: how blocks leave the fall line."""
         if self.followed:
-            return (
-                "the heading of each block turns at impacts and as it rolls "
-                f"(sideways tilt {self.engine.side_tilt_deg:g}°, drift {self.engine.drift_deg:g}°)"
+            return phrase(
+                "the heading of each block turns at impacts and as it rolls (sideways tilt {}°, "
+                "drift {}°)",
+                f"{self.engine.side_tilt_deg:g}",
+                f"{self.engine.drift_deg:g}",
             )
         return "none: fall lines only; between lines that diverge the map has gaps"
 

@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sassgis.model.languages import phrase
+
 
 class StopReason(IntEnum):
     """Why the simulation of a block stops."""
@@ -101,6 +103,14 @@ class ControlLine:
     height_m: float = 0.0
     capacity_kj: float = float("inf")
     restarts_from_rest: bool = False
+
+    @property
+    def described(self) -> str:
+        """The name of a station; that of a barrier with its kind and height."""
+        if self.kind == "station":
+            return self.name
+        text = "{} (wall, {} m)" if self.kind == "wall" else "{} (net, {} m)"
+        return phrase(text, self.name, f"{self.height_m:g}")
 
 
 @dataclass(frozen=True, slots=True)

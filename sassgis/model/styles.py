@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
 
-from sassgis.model.languages import said
+from sassgis.model.languages import phrase, translated
 from sassgis.model.ramps import ramp_colours, rgb
 from sassgis.model.results import RasterClass
 
@@ -36,7 +36,6 @@ class FieldInfo:
         Name shown to the reader, without the unit.
     unit : str
         Empty for none.
-    description : str
     choices : tuple of str
         The texts that may stand in it; empty for any.
     low, high : float or None
@@ -59,7 +58,9 @@ class FieldInfo:
     @property
     def label(self) -> str:
         """Alias with its unit, as the attribute table and the form show it."""
-        return f"{self.alias} ({self.unit})" if self.unit else self.alias
+        if not self.unit:
+            return self.alias
+        return phrase("{} ({})", phrase(self.alias), phrase(self.unit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,6 @@ class Symbol:
         Diameter of a marker or width of a line.
     outline : str
         ``#rrggbb``; empty for none. Markers and fills only.
-    outline_mm : float
     shape : str
         Of a marker: QGIS's name ("circle", "square", "triangle", "diamond", "star", ...).
     dash : {"solid", "dash", "dot"}
@@ -110,8 +110,6 @@ class StyleClass:
 
     Attributes
     ----------
-    label : str
-    symbol : Symbol
     value : str or int or None
         Of a category; None is for all other values.
     lower, upper : float
@@ -222,12 +220,12 @@ def class_tint(entry: RasterClass) -> str:
 
 def class_name(entry: RasterClass) -> str:
     """Legend text of a class on a raster; it says where a pale tint represents a hatch."""
-    return f"{entry.label} ({said('pale')})" if entry.hatched else entry.label
+    return translated(phrase("{} (pale)", phrase(entry.label))) if entry.hatched else entry.label
 
 
 def with_unit(text: str, unit: str) -> str:
     """A text with its unit, if it has one."""
-    return f"{text} {unit}" if unit and unit != "1" else text
+    return phrase("{} {}", text, phrase(unit)) if unit and unit != "1" else text
 
 
 def _range_label(low: float, high: float, unit: str) -> str:
@@ -261,13 +259,6 @@ def categorised_style(
     ----------
     symbol : Symbol
         Its colour is replaced by that of each entry.
-    column : str
-    entries : mapping of value to (label, ``#rrggbb``)
-    smallest_scale : float
-
-    Returns
-    -------
-    VectorStyle
     """
     return VectorStyle(
         symbol=symbol,
@@ -290,15 +281,8 @@ def graduated_style(
     ----------
     symbol : Symbol
         Its colour is replaced by that of each range.
-    column : str
-    breaks : sequence of float
-    unit : str
     ramp : str
         Of :mod:`sassgis.model.ramps`.
-
-    Returns
-    -------
-    VectorStyle
     """
     limits = class_limits(breaks)
     return VectorStyle(

@@ -10,6 +10,7 @@ import shapely
 from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.hazard import HazardLevel
+from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import ObjectCells
 from sassgis.model.results import RasterLayer
 from sassgis.report.figures.map_marks import MapObject
@@ -77,7 +78,13 @@ def exposed_table(
         for name, own in _wholes(placed).items()
     ]
     rows.sort(key=lambda row: -np.nan_to_num(float(row[-4] or 0.0), nan=-1.0))
-    more = f" {len(rows) - MOST_ROWS} more are in the tables." if len(rows) > MOST_ROWS else ""
+    note = phrase(
+        "The largest value of the maps on the cells that the object touches. A dash: no block "
+        "arrives."
+    )
+    if len(rows) > MOST_ROWS:
+        more = phrase("{} more are in the tables.", len(rows) - MOST_ROWS)
+        note = joined(" ", (note, more))
     return ReportTable(
         "Exposed objects",
         heads(
@@ -85,6 +92,5 @@ def exposed_table(
             "largest energy | kJ; height, 95 % | m; reach probability"
         ),
         tuple(rows[:MOST_ROWS]),
-        "The largest value of the maps on the cells that the object touches. A dash: no block "
-        f"arrives.{more}",
+        note,
     )

@@ -16,6 +16,7 @@ from sassgis.hazard.control_lines import ControlLineSums, control_line_rows, tri
 from sassgis.hazard.progress import Progress, joined_lines
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT, file_stems
+from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.report import figures
@@ -57,7 +58,9 @@ def line_figure(shown: LinePaths) -> Figure:
             if chainage <= s[last - 1]
         ],
         stops=shown.stops,
-        title=f"Path of the block with the longest run-out: {shown.area}, {shown.scenario}",
+        title=phrase(
+            "Path of the block with the longest run-out: {}, {}", shown.area, shown.scenario
+        ),
     )
     return figures.profile_figure([panel], letters=False)
 
@@ -75,11 +78,10 @@ def station_figures(
             for q in ("speed_mps", "rotation_hz", "height_m")
         ]
         name, kind = lines[i].name, lines[i].kind
-        figure = figures.station_figure(
-            name if kind == "station" else f"{name} ({kind})", *bins, n=n
-        )
-        alt = alts.get(name, "")
-        out.append(picture(folder, f"station_{stem}", f"At {name}", caption, figure, alt))
+        title = name if kind == "station" else phrase("{} ({})", name, phrase(kind))
+        figure = figures.station_figure(title, *bins, n=n)
+        title, alt = phrase("At {}", name), alts.get(name, "")
+        out.append(picture(folder, f"station_{stem}", title, caption, figure, alt))
     return out
 
 
@@ -147,7 +149,7 @@ def control_line_tables(control_lines: ControlLineSums) -> list[ReportTable]:
 
 
 def _span(low: float, high: float) -> str:
-    return f"{low:g} to {high:g}" if high > low else f"{low:g}"
+    return phrase("{} to {}", f"{low:g}", f"{high:g}") if high > low else f"{low:g}"
 
 
 def _block_table(run: MapRun) -> ReportTable:
@@ -177,7 +179,7 @@ def _ground_table(run: MapRun) -> ReportTable:
             "η max, Δp from the paper; source"
         ),
         tuple(
-            (c.name, c.eta_max, f"{c.dp_min:g} to {c.dp_max:g}", c.mu_f, c.mu_0, c.k, c.d_star_m,
+            (c.name, c.eta_max, _span(c.dp_min, c.dp_max), c.mu_f, c.mu_0, c.k, c.d_star_m,
              c.restitution, c.restitution_speed_mps, c.rolling_threshold,
              "yes" if c.verified else "no", c.source)
             for c in (run.table.classes[i] for i in used)
@@ -218,7 +220,8 @@ def _pictures(
             )
         )
     caption = "Chainage in plan along the path at which blocks stop, by stopping reason."
-    alt = f"Histogram: {runout_words(progress.runout.sum(axis=0))}."
+    text = "Histogram: median {} m, 95 % of the blocks within {} m, longest {} m."
+    alt = runout_words(progress.runout.sum(axis=0), text)
     pictures.append(picture(folder, "runout", "Run-out", caption, runout_counts(progress), alt))
     return pictures
 
@@ -263,19 +266,22 @@ def map_report(
         tuple((text, int((ends == e).sum())) for e, text in LINE_END_TEXT.items()),
     )
     # In words: what of the terrain blocks do not meet.
-    roughness = f"what is smaller than {run.block_scale_m:.3g} m (terrain.block_scale_m)"
-    if run.heights is run.grid:
-        roughness = "none: cells are not finer than the blocks"
-    cell = f"{run.grid.cell_size:.4g} m"
-    smoothing = "Smoothing of the terrain for "
-    smoothing += "the drawn fall lines" if run.followed else "fall lines"
+    roughness = "none: cells are not finer than the blocks"
+    if run.heights is not run.grid:
+        text = "what is smaller than {} m (terrain.block_scale_m)"
+        roughness = phrase(text, f"{run.block_scale_m:.3g}")
+    cell = f"{run.grid.cell_size:.4g}"
+    n_rows, n_cols = run.grid.shape
+    smoothing = "Smoothing of the terrain for fall lines"
+    if run.followed:
+        smoothing = "Smoothing of the terrain for the drawn fall lines"
     checked = facts.get("tolerance_check")
     return ReportContext(
         title=str(facts["title"]),
         subtitle="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986)",
         what_was_run=(
-            ("Terrain", f"{facts['terrain_file']}, {run.grid.shape[1]} × {run.grid.shape[0]} cells "
-             f"of {cell}"),
+            ("Terrain",
+             phrase("{}, {} × {} cells of {} m", facts["terrain_file"], n_cols, n_rows, cell)),
             ("Coordinate system", str(facts["crs"])),
             ("Heights", str(facts["vertical_datum"])),
             ("Release areas", ", ".join(a.name for a in run.areas)),
@@ -284,10 +290,11 @@ def map_report(
             ("Paths", run.path_words),
             ("Lateral spread", run.lateral_spread),
             ("Effects beyond the model of 1986", ", ".join(run.effects.names) or "none"),
-            ("Reference width of the reach probability", f"{cell} (one cell)"),
+            ("Reference width of the reach probability", phrase("{} m (one cell)", cell)),
             (smoothing, f"{run.fall_lines.smoothing_m:g} m"),
             ("Terrain that counts as roughness", roughness),
-            ("Segments within", f"{run.segment_tolerance_m:g} m of the terrain, vertically"),
+            ("Segments within",
+             phrase("{} m of the terrain, vertically", f"{run.segment_tolerance_m:g}")),
             *((("A sample at other tolerances", str(checked)),) if checked is not None else ()),
         ),
         warnings=tuple(warnings),

@@ -15,7 +15,7 @@ import numpy as np
 from jinja2 import Environment, StrictUndefined, Template
 
 from sassgis.model.errors import OutputError
-from sassgis.model.languages import said, spoken
+from sassgis.model.languages import current_language, translated, with_translated
 from sassgis.model.noted_files import noted
 from sassgis.report.number_text import power_of_ten
 
@@ -129,7 +129,7 @@ def sensible(value: Cell, digits: int = 3) -> str:
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
-        return said("yes" if value else "no")
+        return translated("yes" if value else "no")
     number = float(value)
     if math.isnan(number):
         return "–"
@@ -175,51 +175,45 @@ def _template() -> Template:
         "sensible": sensible, "data_uri": data_uri, "number_columns": number_columns,
     }  # fmt: skip
     # A function: jinja computes filters of constants once, whatever the language is then.
-    environment.globals["said"] = said
+    environment.globals["translated"] = translated
     source = files("sassgis.data").joinpath("report.html.j2").read_text(encoding="utf-8")
     return environment.from_string(source)
 
 
 def render_report(context: ReportContext) -> str:
     """Give the report as a whole HTML page: styles and pictures inside, no scripts, no network."""
-    return _template().render(report=context, language=spoken())
+    return _template().render(report=context, language=current_language())
 
 
-def said_report(context: ReportContext) -> ReportContext:
+def translated_report(context: ReportContext) -> ReportContext:
     """The report in the language in which the program writes; its title is the user's."""
-    if spoken() == "en":
+    if current_language() == "en":
         return context
-    provenance = tuple((said(name), value) for name, value in context.provenance)
-    names = ("subtitle", "summary", "what_was_run", "warnings", "key_results", "figures", "tables")
-    parts = {name: _said(getattr(context, name)) for name in names}
-    return replace(context, provenance=provenance, **parts)
-
-
-def _said(part: Any) -> Any:
-    """A part of a report; sources stay in the words of their publication."""
-    if isinstance(part, str):
-        return said(part)
-    if isinstance(part, tuple):
-        return tuple(_said(one) for one in part)
-    if isinstance(part, ReportFigure):
-        return ReportFigure(said(part.title), said(part.caption), part.png, said(part.alt))
-    if not isinstance(part, ReportTable):
-        return part
-    kept = {k for k, (name, _) in enumerate(part.columns) if name == "source"}
-    rows = tuple(
-        tuple(cell if k in kept else _said(cell) for k, cell in enumerate(row)) for row in part.rows
+    key_results = context.key_results and _translated_table(context.key_results)
+    return replace(
+        with_translated(context, "subtitle", "summary", "what_was_run", "warnings"),
+        key_results=key_results,
+        figures=tuple(with_translated(f, "title", "caption", "alt") for f in context.figures),
+        tables=tuple(map(_translated_table, context.tables)),
+        provenance=tuple((translated(name), value) for name, value in context.provenance),
     )
-    return ReportTable(said(part.title), _said(part.columns), rows, said(part.note))
+
+
+def _translated_table(table: ReportTable) -> ReportTable:
+    """A table of a report; sources stay in the words of their publication."""
+    kept = [name == "source" for name, _ in table.columns]
+    rows = tuple(
+        tuple(
+            translated(cell) if isinstance(cell, str) and not keep else cell
+            for cell, keep in zip(row, kept, strict=True)
+        )
+        for row in table.rows
+    )
+    return replace(with_translated(table, "title", "columns", "note"), rows=rows)
 
 
 def write_report(path: str | PathLike[str], context: ReportContext) -> Path:
-    """Write the report as one HTML file into a folder that exists.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
+    """Write the report as one HTML file into a folder that exists."""
     target = Path(path)
     page = render_report(context)
     try:

@@ -15,7 +15,7 @@ from jinja2 import Environment, StrictUndefined
 
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.model.grid import FloatArray, Grid
-from sassgis.model.languages import said, spoken
+from sassgis.model.languages import current_language, translated
 from sassgis.model.map_run import MapRun
 from sassgis.model.noted_files import noted
 from sassgis.model.ramps import rgb
@@ -58,10 +58,10 @@ def _legend(layer: RasterLayer) -> list[tuple[str, str]]:
     """Colour and name of each class, the highest first."""
     if layer.classes:
         ordered = sorted(layer.classes, key=lambda entry: -entry.value)
-        return [(class_tint(c), said(class_name(c))) for c in ordered]
+        return [(class_tint(c), translated(class_name(c))) for c in ordered]
     labels = class_labels(layer.breaks, layer.bands[0].unit)
     colours = class_colours(layer.breaks, layer.ramp)
-    return list(zip(colours, map(said, labels), strict=True))[::-1]
+    return list(zip(colours, map(translated, labels), strict=True))[::-1]
 
 
 def _around(
@@ -108,14 +108,14 @@ def write_path_page(
     }
     source = files("sassgis.data").joinpath("path_page.html.j2").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.globals["said"] = said
+    environment.globals["translated"] = translated
     words = {"chainage": "chainage", "ground": "ground at", "above": "block above the ground"}
     page = environment.from_string(source).render(
         title=title,
-        layer=said(layer.title),
+        layer=translated(layer.title),
         legend=_legend(layer),
-        language=spoken(),
+        language=current_language(),
         data=data,
-        words={key: said(text) for key, text in words.items()},
+        words={key: translated(text) for key, text in words.items()},
     )
     noted(file).write_text(page, encoding="utf-8", newline="\n")

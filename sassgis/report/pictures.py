@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.model.grid import Grid
+from sassgis.model.languages import joined, phrase
 from sassgis.model.noted_files import noted
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import class_labels
@@ -40,11 +41,15 @@ def map_alt(grid: Grid, layer: RasterLayer) -> str:
         labels = class_labels(layer.breaks, band.unit) if layer.breaks else ["any value"]
         areas = [(label, int((number == k).sum())) for k, label in enumerate(labels)][::-1]
     cell = grid.cell_size**2
-    parts = ", ".join(f"{label} on {sensible(round(n * cell))} m²" for label, n in areas if n)
-    text = f"Map over shaded relief, {layer.title}: {parts or 'no values'}."
-    if not layer.classes and np.isfinite(values).any():
-        text += f" Largest value {sensible(float(np.nanmax(values)))}."
-    return text
+    parts = [
+        phrase("{} on {} m²", phrase(label), sensible(round(n * cell))) for label, n in areas if n
+    ]
+    shown = joined(", ", parts) if parts else phrase("no values")
+    title = phrase(layer.title)
+    if layer.classes or not np.isfinite(values).any():
+        return phrase("Map over shaded relief, {}: {}.", title, shown)
+    most = sensible(float(np.nanmax(values)))
+    return phrase("Map over shaded relief, {}: {}. Largest value {}.", title, shown, most)
 
 
 def path_alt(shown: LinePaths) -> str:
@@ -52,11 +57,13 @@ def path_alt(shown: LinePaths) -> str:
     end = float(shown.stops.max())
     low = float(np.interp(end, shown.s, shown.z))
     names = ", ".join(line.name for line, chainage in shown.control_lines if chainage <= end)
-    crossed = f" It crosses {names}." if names else ""
-    return (
-        f"Vertical section from {shown.z[0]:.0f} m down to {low:.0f} m over {end:.0f} m in plan, "
-        f"with the path of {len(shown.paths)} of the blocks.{crossed}"
+    section = phrase(
+        "Vertical section from {} m down to {} m over {} m in plan, with the path of {} of the "
+        "blocks.",
+        *(f"{x:.0f}" for x in (shown.z[0], low, end)),
+        len(shown.paths),
     )
+    return joined(" ", (section, phrase("It crosses {}.", names))) if names else section
 
 
 def station_alt(row: Mapping[str, object]) -> str:
@@ -66,8 +73,8 @@ def station_alt(row: Mapping[str, object]) -> str:
         value: Cell = row[key]  # type: ignore[assignment]
         return sensible(value)
 
-    return (
-        f"Histograms of speed, rotation and passing height of {shown('rocks')} blocks: 95 % of "
-        f"them below {shown('speed_mps_q95')} m/s, {shown('rotation_hz_q95')} Hz and "
-        f"{shown('height_m_q95')} m."
+    return phrase(
+        "Histograms of speed, rotation and passing height of {} blocks: 95 % of them below {} m/s, "
+        "{} Hz and {} m.",
+        *map(shown, ("rocks", "speed_mps_q95", "rotation_hz_q95", "height_m_q95")),
     )

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.hazard.along_profile import STRETCH_M, ProfileResult
+from sassgis.model.languages import phrase
 from sassgis.model.results import StopReason
 from sassgis.report import figures
-from sassgis.report.figures.distributions import QUANTITIES
 from sassgis.report.map_report import control_line_tables, station_figures, stopping_reasons
 from sassgis.report.page import Cell, ReportContext, ReportFigure
 from sassgis.report.pictures import picture
@@ -52,8 +52,16 @@ def profile_report(
         title=p.name,
         subtitle="Rockfall along one profile with the SASS model (Bozzolo and Pamini, 1986)",
         what_was_run=(
-            ("Profile", f"{p.s.size} vertices, {length:.0f} m long, {relief:.0f} m of relief"),
-            ("Start", f"chainage {p.start[0]:g} to {p.start[1]:g} m"),
+            (
+                "Profile",
+                phrase(
+                    "{} vertices, {} m long, {} m of relief",
+                    p.s.size,
+                    f"{length:.0f}",
+                    f"{relief:.0f}",
+                ),
+            ),
+            ("Start", phrase("chainage {} to {} m", *(f"{s:g}" for s in p.start))),
             ("Simulated blocks", int(result.rocks.size)),
             ("Fragments and entrained blocks", int(result.pieces.size)),
             ("Effects beyond the model of 1986", ", ".join(effects) or "none"),
@@ -75,17 +83,24 @@ def _pictures(result: ProfileResult, folder: Path) -> list[ReportFigure]:
     caption = "Paths of the centres of the blocks; chainage in plan."
     figure = figures.profile_figure([profile_panel(result)])
     out = [picture(folder, "profile", "Trajectories", caption, figure)]
-    caption = f"Quantiles of the blocks that reach each stretch of {STRETCH_M:g} m."
-    for quantity, (name, _) in QUANTITIES.items():
+    caption = phrase("Quantiles of the blocks that reach each stretch of {} m.", f"{STRETCH_M:g}")
+    for quantity, title in (
+        ("energy", "Energy along the profile"),
+        ("speed", "Speed along the profile"),
+        ("height", "Passing height along the profile"),
+    ):
         figure = figures.energy_profile_figure(
             result.stretches, result.along[quantity], p.s, p.z, quantity=quantity,
             control_lines=list(p.control_lines),
         )  # fmt: skip
-        title = f"{name.removeprefix('kinetic ').capitalize()} along the profile"
+
         out.append(picture(folder, f"{quantity}_along", title, caption, figure))
     ended = np.concatenate([result.rocks, result.pieces])
-    more = ", fragments and entrained blocks too" if result.pieces.size else ""
-    caption = f"Chainage at which blocks stop, by stopping reason{more}."
+    caption = "Chainage at which blocks stop, by stopping reason."
+    if result.pieces.size:
+        caption = (
+            "Chainage at which blocks stop, by stopping reason, fragments and entrained blocks too."
+        )
     figure = figures.runout_figure(ended["runout_m"], ended["reason"].astype(np.int64))
     out.append(picture(folder, "runout", "Run-out", caption, figure))
     caption = "First downhill passage."

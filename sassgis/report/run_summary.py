@@ -9,7 +9,8 @@ from sassgis.hazard.assess import Assessment
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.reach_angles import ReachAngles
 from sassgis.hazard.risk import risk_totals
-from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.grid import IntArray
+from sassgis.model.languages import joined, phrase
 from sassgis.report.page import ReportTable, sensible
 
 Lines = tuple[tuple[str, str], ...]
@@ -21,54 +22,59 @@ def runout_quantile_m(counts: IntArray, share: float) -> int:
     return int(np.searchsorted(below, share * below[-1])) + 1
 
 
-def runout_words(counts: IntArray) -> str:
+_RUNOUT = "median {} m, 95 % of the blocks within {} m, longest {} m"
+
+
+def runout_words(counts: IntArray, text: str = _RUNOUT) -> str:
     """Run-out of blocks that were counted in bins of 1 m; empty for none."""
     if not counts.sum():
         return ""
     median, most = (runout_quantile_m(counts, share) for share in (0.5, 0.95))
     longest = int(np.flatnonzero(counts)[-1]) + 1
-    return (
-        f"median {sensible(median)} m, 95 % of the blocks within {sensible(most)} m, longest "
-        f"{sensible(longest)} m"
-    )
+    return phrase(text, sensible(median), sensible(most), sensible(longest))
 
 
 def run_lines(progress: Progress, angles: ReachAngles) -> Lines:
     """Run-out of all blocks, and the angles under which their stops are seen."""
-    words = runout_words(progress.runout.sum(axis=0))
-    lines = [("Run-out", f"{words} (along the path, in plan)")] if words else []
-    for name, values, start in (
-        ("Reach angle", angles.reach_deg, "release point"),
-        ("Shadow angle", angles.shadow_deg, "foot of the cliff"),
+    text = "median {} m, 95 % of the blocks within {} m, longest {} m (along the path, in plan)"
+    words = runout_words(progress.runout.sum(axis=0), text)
+    lines = [("Run-out", words)] if words else []
+    for name, values, text in (
+        (
+            "Reach angle",
+            angles.reach_deg,
+            "99 % of the blocks above {}, 95 % above {}, median {}, seen from the release point",
+        ),
+        (
+            "Shadow angle",
+            angles.shadow_deg,
+            "99 % of the blocks above {}, 95 % above {}, median {}, seen from the foot of the "
+            "cliff",
+        ),
     ):
         if np.isfinite(values).any():
-            lines.append((name, f"{_angle_text(values)}, seen from the {start}"))
+            # The smallest of all is that of some block that has hardly moved.
+            low = np.quantile(values[np.isfinite(values)], (0.01, 0.05, 0.5))
+            lines.append((name, phrase(text, *(f"{angle:.1f}°" for angle in low))))
     return tuple(lines)
 
 
 def profile_lines(result: ProfileResult) -> Lines:
     """Where the blocks of a profile stop, and what passes its stations and meets its barriers."""
     stops = np.concatenate([result.rocks["runout_m"], result.pieces["runout_m"]])
-    words = runout_words(np.bincount(np.maximum(stops, 0.0).astype(np.int64)))
-    lines = [("Run-out", f"{words} (chainage)")] if words else []
+    text = "median {} m, 95 % of the blocks within {} m, longest {} m (chainage)"
+    words = runout_words(np.bincount(np.maximum(stops, 0.0).astype(np.int64)), text)
+    lines = [("Run-out", words)] if words else []
     for k, (line, _) in enumerate(result.profile.control_lines):
         energy = result.control_lines.distribution(k, "energy_kj")
-        text = f"{energy.count} of {result.rocks.size} blocks arrive"
+        of = (energy.count, result.rocks.size)
+        arrive = phrase("{} of {} blocks arrive", *of)
         if energy.count:
             (most,) = energy.quantile(0.95)
-            text += f"; energy: 95 % of them below {sensible(most)} kJ"
-        name = line.name
-        if line.kind != "station":
-            name += f" ({line.kind}, {line.height_m:g} m)"
-        lines.append((name, text))
+            text = "{} of {} blocks arrive; energy: 95 % of them below {} kJ"
+            arrive = phrase(text, *of, sensible(most))
+        lines.append((line.described, arrive))
     return tuple(lines)
-
-
-def _angle_text(values: FloatArray) -> str:
-    known = values[np.isfinite(values)]
-    # The smallest of all is that of some block that has hardly moved.
-    low, lower, median = np.quantile(known, (0.01, 0.05, 0.5))
-    return f"99 % of the blocks above {low:.1f}°, 95 % above {lower:.1f}°, median {median:.1f}°"
 
 
 def object_lines(exposed: ReportTable) -> Lines:
@@ -76,14 +82,13 @@ def object_lines(exposed: ReportTable) -> Lines:
     if not exposed.rows:
         return ()
     reached = [row for row in exposed.rows if not np.isnan(_number(row[-4]))]
-    text = f"blocks reach {len(reached)} of {len(exposed.rows)}"
+    of = (len(reached), len(exposed.rows))
+    words = phrase("blocks reach {} of {}", *of)
     if reached:
         first = reached[0]
-        text += (
-            f"; most at {first[0]}: 95 % of the blocks below {sensible(first[-4])} kJ, largest "
-            f"{sensible(first[-3])} kJ"
-        )
-    return (("Energy at exposed objects", text),)
+        text = "blocks reach {} of {}; most at {}: 95 % of the blocks below {} kJ, largest {} kJ"
+        words = phrase(text, *of, first[0], sensible(first[-4]), sensible(first[-3]))
+    return (("Energy at exposed objects", words),)
 
 
 def _number(cell: object) -> float:
@@ -92,14 +97,12 @@ def _number(cell: object) -> float:
 
 def zone_lines(levels: ReportTable, found: Assessment, currency: str) -> Lines:
     """Area of the zones by level, and the risk of all objects."""
-    areas = "; ".join(f"{row[0]} {sensible(row[2])} m²" for row in levels.rows)
-    lines = [("Hazard zones", areas)]
+    areas = [phrase("{} {} m²", phrase(str(row[0])), sensible(row[2])) for row in levels.rows]
+    lines = [("Hazard zones", joined("; ", areas))]
     if found.risk is not None:
         (total,) = (t for t in risk_totals(found.risk) if t.scope == "all")
-        text = (
-            f"loss {sensible(total.values['loss'])} {currency}/year; deaths "
-            f"{sensible(total.values['deaths'])} per year; largest individual risk "
-            f"{sensible(total.individual_risk)} per year"
-        )
-        lines.append(("Risk of all exposed objects", text))
+        text = "loss {} {}/year; deaths {} per year; largest individual risk {} per year"
+        loss, deaths = (sensible(total.values[name]) for name in ("loss", "deaths"))
+        risk = phrase(text, loss, currency, deaths, sensible(total.individual_risk))
+        lines.append(("Risk of all exposed objects", risk))
     return tuple(lines)

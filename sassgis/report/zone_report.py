@@ -20,6 +20,7 @@ from sassgis.hazard.zoning.generalise import Coverage
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardPreset
 from sassgis.model.labels import rounded
+from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.report import figures
@@ -77,13 +78,17 @@ def zone_figures(
     by_stem = {layer.stem: layer for layer in maps}
     level, unsure = by_stem["hazard_level"], by_stem["confidence"]
     marks = map_marks(run, map_objects(rules.placed))
-    width = f"Reference width {rules.ref_width_m:.4g} m."
+    width = phrase("Reference width {} m.", f"{rules.ref_width_m:.4g}")
     rings = [shapely.get_coordinates(r) for r in shapely.get_rings(hazard.levels.polygons)]
     add(
         "hazard_level",
         "Hazard zones",
-        f"Preset {rules.preset.name}: {rules.preset.title}. Cells, and the zones drawn around "
-        f"them, which are never lower. {width}",
+        phrase(
+            "Preset {}: {}. Cells, and the zones drawn around them, which are never lower. {}",
+            rules.preset.name,
+            phrase(rules.preset.title),
+            width,
+        ),
         map_alt(grid, level),
         figures.map_figure(grid, level, replace(marks, zones=rings), note=width),
     )
@@ -91,16 +96,18 @@ def zone_figures(
     add(
         "intensity",
         "Intensity by return period",
-        f"Strongest intensity that is reached at least once in the return period. {width}",
-        " ".join(map_alt(grid, layer) for layer in intensities),
+        phrase("Strongest intensity that is reached at least once in the return period. {}", width),
+        joined(" ", (map_alt(grid, layer) for layer in intensities)),
         figures.intensity_figure(grid, intensities, marks, width),
     )
     add(
         "confidence",
         "Where the level is statistically uncertain",
-        f"Cells whose level changes within the {100 * confidence:g} % interval "
-        "of the sampling of blocks. More blocks settle them; other frequencies or ground "
-        "values may change any cell.",
+        phrase(
+            "Cells whose level changes within the {} % interval of the sampling of blocks. More "
+            "blocks settle them; other frequencies or ground values may change any cell.",
+            f"{100 * confidence:g}",
+        ),
         map_alt(grid, unsure),
         figures.confidence_figure(grid, level, unsure.bands[0].values == 1, marks, width),
     )
@@ -114,7 +121,7 @@ def zone_figures(
             "barriers",
             "What walls and nets change",
             "Hazard level of the cells without and with walls and nets, from the same blocks.",
-            f"Without: {map_alt(grid, both[0])} With: {map_alt(grid, both[1])}",
+            phrase("Without: {} With: {}", *(map_alt(grid, layer) for layer in both)),
             figures.change_figure(
                 grid,
                 both[0],
@@ -126,33 +133,39 @@ def zone_figures(
         )
     curves, preset = hazard.curves, rules.preset
     x, y = grid.cell_centres(curves.places[place : place + 1])
-    rates = ", ".join(
-        f"{sensible(curves.rate[place, curves.column(e)])} of {e:g} kJ and more"
+    rates = [
+        phrase("{} of {} kJ and more", sensible(curves.rate[place, curves.column(e)]), f"{e:g}")
         for e in preset.thresholds_kj
-    )
+    ]
     add(
         "hazard_curve",
         "A hazard curve",
-        "At the cell that most sources reach. The level is the highest field that the curve "
-        f"crosses. {width}",
-        f"Falling curve. Blocks per year: {rates}.",
+        phrase(
+            "At the cell that most sources reach. The level is the highest field that the curve "
+            "crosses. {}", width,
+        ),
+        phrase("Falling curve. Blocks per year: {}.", joined(", ", rates)),
         figures.hazard_curve_figure(
             curves, place, preset, by_source=curves_at(hazard, place), confidence=confidence,
-            note=f"At {x[0]:.0f}, {y[0]:.0f}.",
+            note=phrase("At {}, {}.", f"{x[0]:.0f}", f"{y[0]:.0f}"),
         ),
     )  # fmt: skip
-    for quantity, unit in (("loss", f"{currency}/year"), ("deaths", "1/year")):
+    per_year = phrase("{}/year", currency)
+    for quantity, title, unit in (
+        ("loss", "Risk: loss", per_year),
+        ("deaths", "Risk: deaths", phrase("1/year")),
+    ):
         if found.risk is None or not ((values := found.risk.of_object(quantity)) > 0.0).any():
             continue
         names = [o.name for o in found.risk.objects]
         first = [i for i in np.argsort(-values, kind="stable")[:3] if values[i] > 0]
-        largest = ", ".join(f"{names[i]} {sensible(values[i])} {unit}" for i in first)
+        largest = [phrase("{} {} {}", names[i], sensible(values[i]), unit) for i in first]
         add(
             f"risk_{quantity}",
-            f"Risk: {quantity}",
+            title,
             "Objects with the largest values, with the 95 % interval of the sampling of "
             "blocks (at most). Values and vulnerability are the user's.",
-            f"Bars, the largest first: {largest}.",
+            phrase("Bars, the largest first: {}.", joined(", ", largest)),
             figures.risk_figure(
                 names, values, found.risk.standard_error(quantity), quantity=quantity, unit=unit
             ),
@@ -176,7 +189,7 @@ def zone_tables(
     """
     tables = [
         ReportTable(
-            f"Rules: preset {preset.name}",
+            phrase("Rules: preset {}", preset.name),
             (*heads("intensity; energy"),
              *((label, "years") for label in period_labels(preset.return_periods))),
             tuple(
@@ -185,7 +198,10 @@ def zone_tables(
                     list(zip(preset.intensities, energy_labels(preset), preset.matrix, strict=True))
                 )
             ),
-            f"{preset.title}. The level of a cell is the highest that its hazard curve crosses.",
+            phrase(
+                "{}. The level of a cell is the highest that its hazard curve crosses.",
+                phrase(preset.title),
+            ),
         ),
         ReportTable(
             "Sources",
@@ -198,11 +214,15 @@ def zone_tables(
     if len(design):
         years = [f"{t:g}" for t in return_periods_years]
         tables += [
-            _design_table("Arriving energy", "energy", "kj", "kJ", years, design),
-            _design_table("Passing height", "height", "m", "m", years, design),
+            _design_table(title, name, key, unit, years, design)
+            for title, name, key, unit in (
+                ("Arriving energy at stations and barriers", "energy", "kj", "kJ"),
+                ("Passing height at stations and barriers", "height", "m", "m"),
+            )
         ]
     if found.risk is not None:
-        tables.append(_risk_table(found.risk, found.risk_without, f"{currency}/year"))
+        money = phrase("{}/year", currency)
+        tables.append(_risk_table(found.risk, found.risk_without, money))
     return tuple(tables)
 
 
@@ -237,13 +257,17 @@ def zone_facts_of(
     """What was computed, in words."""
     share = 100.0 * found.hazard.uncertain_share
     return (
-        ("Rules", f"{rules.preset.title} ({rules.preset.name})"),
+        ("Rules", phrase("{} ({})", phrase(rules.preset.title), rules.preset.name)),
         ("Reference width of all frequencies", f"{rules.ref_width_m:.4g} m"),
         ("Repetitions", str(repetitions)),
         (
             "Statistically uncertain",
-            f"{share:.1f} % of the cells that blocks reach: their level changes within the "
-            f"{100 * confidence:g} % sampling interval",
+            phrase(
+                "{} % of the cells that blocks reach: their level changes within the {} % "
+                "sampling interval",
+                f"{share:.1f}",
+                f"{100 * confidence:g}",
+            ),
         ),
     )
 
@@ -252,10 +276,10 @@ def _design_table(
     title: str, name: str, key: str, unit: str, years: Sequence[str], design: pd.DataFrame
 ) -> ReportTable:
     keys = ["line", "arrivals_per_year", f"{name}_q95_{key}", f"{name}_q99_{key}"]
-    columns = f"line; arrivals | 1/year; 95 % | {unit}; 99 % | {unit}"
+    columns = heads(f"line; arrivals | 1/year; 95 % | {unit}; 99 % | {unit}")
     return ReportTable(
-        f"{title} at stations and barriers",
-        heads("; ".join([columns, *(f"exceeded once in {t} years | {unit}" for t in years)])),
+        title,
+        (*columns, *((phrase("exceeded once in {} years", t), unit) for t in years)),
         _cells(design[keys + [f"{name}_{t}y_{key}" for t in years]]),
         "As if no wall or net held a block, sources weighted by their onset frequency. A "
         "dash: blocks arrive less often than that. Height of the centre above its resting "

@@ -21,7 +21,7 @@ from sassgis.io.staging import staged_output, writing
 from sassgis.io.write.layers.zones import joined_layers
 from sassgis.io.write.manifest import write_manifest
 from sassgis.model.grid import Grid
-from sassgis.model.languages import speaking
+from sassgis.model.languages import in_language
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.batch_area import AREAS_NAME, Setting, area_feature, no_ground
@@ -90,7 +90,7 @@ def write_mosaic(
         said = (*notices, *_said(list(records.values())), _BY_BLOCKS)
         with (
             staged_output(target, overwrite=True) as work,
-            speaking(setting.config.project.language),
+            in_language(setting.config.project.language),
         ):
             _keep(work, fingerprint)
             said = _write_blocks(work, setting, candidates, blocks, said, cores, tell)

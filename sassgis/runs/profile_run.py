@@ -19,7 +19,7 @@ from sassgis.io.staging import staged_output
 from sassgis.model import rng
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray
-from sassgis.model.languages import speaking
+from sassgis.model.languages import in_language
 from sassgis.model.map_run import Forest, MapRun
 from sassgis.model.profiles import (
     ControlLineCrossings,
@@ -286,7 +286,7 @@ def run_profile(
             else:
                 profile = profile_from_csv(config, None if csv_file is None else Path(csv_file))
         result = simulate_profile(config, profile, seed=seed, rocks=rocks)
-        with speaking(config.project.language):
+        with in_language(config.project.language):
             report = publish_profile(
                 work,
                 config,

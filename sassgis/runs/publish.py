@@ -68,7 +68,7 @@ from sassgis.report.page import (
     ReportContext,
     ReportFigure,
     ReportTable,
-    said_report,
+    translated_report,
     write_report,
 )
 from sassgis.report.path_page import write_path_page
@@ -164,7 +164,7 @@ def publish_map(
     tell: Callable[[str], None],
     extras: Extras | None = None,
 ) -> Published:
-    """Write the result of a run on the map, in the language that is spoken (languages.speaking).
+    """Write the result of a run on the map, in the language of the settings.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def publish_map(
         tables=(exposed, *extras.tables, *first, *context.tables),
         what_was_run=(*extras.described, *context.what_was_run),
     )
-    report = said_report(report)
+    report = translated_report(report)
     write_report(work / "report.html", report)
     _write_paths(work / "paths.html", done, extras, layers)
     write_manifest(
@@ -449,7 +449,7 @@ def publish_profile(
     own_file: Path | None,
     seed: int,
 ) -> ReportContext:
-    """Write the result of a run along one profile, in the language that is spoken.
+    """Write the result of a run along one profile, in the language of the settings.
 
     Parameters
     ----------
@@ -478,7 +478,7 @@ def publish_profile(
         ("Settings and inputs (SHA-256)", settings_hash(config)),
     )
     effects = config.effects.names
-    report = said_report(
+    report = translated_report(
         profile_report(result, warnings, effects, _byline(config), provenance, work / "figures")
     )
     write_report(work / "report.html", report)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sassgis.hazard.progress import Progress
 from sassgis.io.staging import staged_output
-from sassgis.model.languages import speaking
+from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
@@ -112,7 +112,7 @@ def run(
             on_progress=on_progress,
             tell=tell,
         )
-        with speaking(config.project.language):
+        with in_language(config.project.language):
             published = publish_map(work, simulation, areas, tell, Extras(placed=placed))
     return result_of(Path(out), simulation, published)
 

@@ -13,7 +13,7 @@ from sassgis.hazard.curves import at_energies
 from sassgis.hazard.progress import Progress
 from sassgis.hazard.sources import sampled_sources
 from sassgis.io.staging import staged_output
-from sassgis.model.languages import speaking
+from sassgis.model.languages import in_language
 from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
@@ -124,7 +124,7 @@ def write_zones(
     found = assessed(rules, done, without)
     if first is not None:
         first(found)
-    with speaking(done.config.project.language):
+    with in_language(done.config.project.language):
         extras = zone_extras(rules, found, done, work / "figures")
         return found, publish_map(work, done, areas, tell, extras)
 

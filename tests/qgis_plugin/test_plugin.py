@@ -271,7 +271,7 @@ def test_what_is_wrong_is_one_line(seen: dict[str, Any], slope: Slope) -> None:
 def test_cancelling_keeps_the_state_and_the_same_call_goes_on(
     ask: Ask, slope: Slope, tmp_path: Path
 ) -> None:
-    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="500")
+    slope.write_config(release__spacing_m="0.5", release__rocks_per_point="250")
     out = tmp_path / "long"
     call = calling("run", out, CONFIG=slope.config)
     first, second = ask({**call, "cancel": True}, call)["calls"]

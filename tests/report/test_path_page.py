@@ -12,7 +12,7 @@ import shapely
 
 from sassgis.hazard.along_profile import LinePaths
 from sassgis.model.grid import Grid
-from sassgis.model.languages import speaking
+from sassgis.model.languages import in_language
 from sassgis.model.results import Band, ControlLine, RasterLayer
 from sassgis.report.path_page import write_path_page
 
@@ -47,7 +47,7 @@ def page(tmp_path: Path) -> Path:
     file = tmp_path / "paths.html"
     outlines = [np.array([[8.0, 20.0], [12.0, 20.0], [12.0, 30.0], [8.0, 20.0]])]
     paths = [straight("north", 26.0), straight("south", 24.0)]
-    with speaking("de"):
+    with in_language("de"):
         write_path_page(file, "Slope & co", run, layer, paths, outlines, evil)  # type: ignore[arg-type]
     return file
 

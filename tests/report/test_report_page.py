@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sassgis.model.errors import OutputError
-from sassgis.model.languages import speaking
+from sassgis.model.languages import in_language
 from sassgis.report.figures import runout_figure, to_png
 from sassgis.report.page import (
     ReportContext,
@@ -214,7 +214,7 @@ def test_a_figure_opens_in_full_without_a_second_copy_of_it() -> None:
 
 def test_the_page_has_the_language_of_the_program_and_leaves_names_and_sources() -> None:
     table = ReportTable("Sources", (("name", ""), ("source", "")), (("Oberwald", "high (red)"),))
-    with speaking("fr"):
+    with in_language("fr"):
         page = Page(render_report(replace(FULL, tables=(table,))))
     assert ("lang", "fr") in page.attributes
     assert "En bref" in page.text and "In short" not in page.text

@@ -11,6 +11,7 @@ import json
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -92,16 +93,6 @@ def export_xtf(
         Whether the file must be checked: an error without ``models``.
     canton : str, optional
         Who is responsible for the data ("TI"), where the layers do not say.
-
-    Raises
-    ------
-    InputError
-        If the folder is no result, has no hazard zones, lies outside Switzerland, a value is not as
-        the model has it, the models cannot be used, or the validator is not installed.
-    ConfigError
-        If it is to be validated without models.
-    OutputError
-        If the file exists or cannot be written, or the validator breaks down.
     """
     if validate and models is None:
         raise ConfigError(
@@ -167,20 +158,19 @@ def _objects(file: Path, kind: FederalClass, canton: str | None) -> list[XtfObje
 
 def _read_layer(file: Path, kind: FederalClass) -> gpd.GeoDataFrame | None:
     """A layer in the coordinates of the model; None where it is absent and may be."""
+    wrong = partial(InputError, file=file, field=kind.name)
     with vector_file(file, kind.name):
         try:
             frame = read_frame(file, kind.name, fid_as_index=True)
         except DataLayerError:
             if kind.name not in MINIMUM_CLASSES:
                 return None
-            raise InputError("layer is missing", file=file, field=kind.name) from None
+            raise wrong("layer is missing") from None
     if not isinstance(frame, gpd.GeoDataFrame):
-        raise InputError("layer has no zones", file=file, field=kind.name, expected="polygons")
+        raise wrong("layer has no zones", expected="polygons")
     if not is_lv95(frame.crs):
-        raise InputError(
+        raise wrong(
             "the federal model is for Switzerland only",
-            file=file,
-            field=kind.name,
             found="local coordinates" if frame.crs is None else frame.crs.name,
             expected=f"coordinates in EPSG:{FEDERAL_EPSG}",
         )

@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -96,13 +97,6 @@ def validate_xtf(xtf: Path, model_folder: Path, *, timeout_s: float = 1800.0) ->
 
     The folder holds the .ili files of the model and of all models that it imports; the validator is
     waited for no longer than ``timeout_s``.
-
-    Raises
-    ------
-    InputError
-        If the validator is not installed, the file cannot be read, or a model is not in the folder.
-    OutputError
-        If the validator breaks down.
     """
     check_validator(model_folder, _header_models(xtf))
     with tempfile.TemporaryDirectory(prefix="sassgis-") as name:
@@ -165,14 +159,7 @@ def _ili_files(folder: Path) -> list[Path]:
 
 
 def check_validator(model_folder: Path, models: Sequence[str]) -> None:
-    """Refuse what would keep a file from being validated, before it is written.
-
-    Raises
-    ------
-    InputError
-        If the validator is not installed, or a model that the file names is not in the folder;
-        those that it imports are looked for by the validator.
-    """
+    """Refuse what would keep a file from being validated, before it is written."""
     if importlib.util.find_spec("ilivalidator") is None:
         raise InputError(
             "the INTERLIS validator is not installed",
@@ -193,6 +180,7 @@ def check_validator(model_folder: Path, models: Sequence[str]) -> None:
 
 
 def _header_models(xtf: Path) -> list[str]:
+    wrong = partial(InputError, file=xtf)
     names: list[str] = []
     try:
         for _, element in ET.iterparse(xtf, events=("end",)):
@@ -201,13 +189,11 @@ def _header_models(xtf: Path) -> list[str]:
             elif element.tag == f"{_NS}HEADERSECTION":
                 break
     except OSError as error:
-        raise InputError("cannot be read", file=xtf, found=error.strerror) from error
+        raise wrong("cannot be read", found=error.strerror) from error
     except ET.ParseError as error:
-        raise InputError("is no INTERLIS transfer file", file=xtf, found=str(error)) from error
+        raise wrong("is no INTERLIS transfer file", found=str(error)) from error
     if not names:
-        raise InputError(
-            "is no INTERLIS transfer file", file=xtf, expected="the names of models in its header"
-        )
+        raise wrong("is no INTERLIS transfer file", expected="the names of models in its header")
     return names
 
 

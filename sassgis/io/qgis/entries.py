@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from sassgis.io.said_layers import said_raster, said_vector
+from sassgis.io.translated_layers import translated_raster, translated_vector
 from sassgis.io.vector_layer import VectorLayer
-from sassgis.model.languages import said
+from sassgis.model.languages import translated
 from sassgis.model.results import RasterLayer
 
 
@@ -42,11 +42,11 @@ class LayerEntry:
         return "gdal" if isinstance(self.content, RasterLayer) else "ogr"
 
     @property
-    def said(self) -> LayerEntry:
+    def translated(self) -> LayerEntry:
         """The same in the language in which the program writes."""
         if isinstance(self.content, RasterLayer):
-            return replace(self, content=said_raster(self.content))
-        return replace(self, content=said_vector(self.content))
+            return replace(self, content=translated_raster(self.content))
+        return replace(self, content=translated_vector(self.content))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +76,11 @@ class LayerGroup:
         return next((place for place, visible in enumerate(shown) if visible), -1)
 
     @property
-    def said(self) -> LayerGroup:
+    def translated(self) -> LayerGroup:
         """The same in the language in which the program writes."""
-        return replace(self, name=said(self.name), layers=tuple(m.said for m in self.layers))
+        return replace(
+            self, name=translated(self.name), layers=tuple(m.translated for m in self.layers)
+        )
 
 
 def without_empty(group: LayerGroup) -> LayerGroup:

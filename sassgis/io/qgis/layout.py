@@ -15,7 +15,7 @@ import functools
 import math
 import uuid
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import resources
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
@@ -24,7 +24,7 @@ from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.qgis.markup import without_expressions
 from sassgis.io.qgis.sheet_legend import fill_legend
 from sassgis.io.qgis.text_size import breakable, text_height, text_width, wrapped
-from sassgis.model.languages import said
+from sassgis.model.languages import translated, with_translated
 
 Extent = tuple[float, float, float, float]
 
@@ -70,15 +70,9 @@ class PrintLayout:
     page: Literal["A3", "A4"] = "A3"
 
 
-def said_layout(layout: PrintLayout) -> PrintLayout:
+def translated_layout(layout: PrintLayout) -> PrintLayout:
     """A sheet in the language in which the program writes; its title is the user's."""
-    return replace(
-        layout,
-        name=said(layout.name),
-        subtitle=said(layout.subtitle),
-        facts=tuple((said(name), said(text)) for name, text in layout.facts),
-        notes=tuple(said(note) for note in layout.notes),
-    )
+    return with_translated(layout, "name", "subtitle", "facts", "notes")
 
 
 class Box(NamedTuple):
@@ -199,7 +193,7 @@ def layout_element(
     if unknown or not layout.layers:
         raise ValueError(f"layout {layout.name}: no such layers in the project: {unknown}")
     shown = [layers[key] for key in layout.layers]
-    facts = (*layout.facts, (said("Coordinates"), crs_name or said("local, in m")))
+    facts = (*layout.facts, (translated("Coordinates"), crs_name or translated("local, in m")))
     for factor in _SHRINKING:
         sheet = _Sheet(layout.page, layout.name)
         scale = _fill_map(sheet, layout.extent, shown)
@@ -337,7 +331,7 @@ def _fill_scale(sheet: _Sheet, bottom: float, scale: float, *, local: bool) -> f
     text = sheet.items["Scale"].get("labelText", "").removeprefix("Scale 1:")
     if local:
         text = f"{scale:,.0f}".replace(",", "\u00a0")
-    sheet.items["Scale"].set("labelText", f"{said('Scale')} 1:{text}")
+    sheet.items["Scale"].set("labelText", f"{translated('Scale')} 1:{text}")
     room = boxes["North arrow"].x - boxes["Scale bar"].x - 16.0
     step_m = round_length(room * scale / 1000.0 / 4.0)
     in_km = step_m >= 1000.0

@@ -14,10 +14,10 @@ from pathlib import Path
 from pyproj import CRS
 
 from sassgis.io.qgis.entries import LayerGroup
-from sassgis.io.qgis.layout import PrintLayout, layout_element, said_layout
+from sassgis.io.qgis.layout import PrintLayout, layout_element, translated_layout
 from sassgis.io.qgis.markup import document, filled
 from sassgis.io.staging import writing
-from sassgis.model.languages import said
+from sassgis.model.languages import translated
 from sassgis.model.settings import ProjectSettings
 
 _ZIP_TIME = (1980, 1, 1, 0, 0, 0)
@@ -55,8 +55,8 @@ def write_project(
         If two layers have the same key, two layouts the same name, or a layout shows a layer that
         is not there.
     """
-    groups = [group.said for group in groups]
-    layouts = [said_layout(layout) for layout in layouts]
+    groups = [group.translated for group in groups]
+    layouts = [translated_layout(layout) for layout in layouts]
     entries = [entry for group in groups for entry in group.entries]
     keys = [entry.key for entry in entries]
     if len(set(keys)) != len(keys):
@@ -70,7 +70,7 @@ def write_project(
         groups=groups,
         entries=entries,
         extent=extent,
-        abstract=said(abstract),
+        abstract=translated(abstract),
         imprint=imprint or ProjectSettings(),
         layouts=layouts,
     )

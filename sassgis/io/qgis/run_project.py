@@ -17,6 +17,7 @@ from sassgis.io.qgis.layout import Extent, PrintLayout
 from sassgis.io.qgis.project import write_project
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.model.grid import Grid
+from sassgis.model.languages import joined, phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer
 from sassgis.model.settings import ProjectSettings
@@ -56,14 +57,20 @@ def sheet_words(
     """What every sheet says; ``vectors`` are the layers of ``result.gpkg``."""
     grid = run.grid
     effects = ", ".join(run.effects.names).replace("_", " ")
+    paths = phrase(run.path_words)
+    model = phrase("SASS (Bozzolo and Pamini, 1986): blocks simulated along {}", paths)
+    if effects:
+        text = "SASS (Bozzolo and Pamini, 1986): blocks simulated along {}; with {}"
+        model = phrase(text, paths, effects)
     facts = (
         ("Author", imprint.author),
         ("Date", imprint.date),
         ("Program", program),
-        ("Model", f"SASS (Bozzolo and Pamini, 1986): blocks simulated along {run.path_words}"
-         + (f"; with {effects}" if effects else "")),
-        ("Terrain", f"{terrain_file}, cells of {grid.cell_size:.4g} m; heights "
-         f"{grid.vertical_datum or 'of an unstated datum'}"),
+        ("Model", model),
+        ("Terrain", phrase(
+            "{}, cells of {} m; heights {}", terrain_file, f"{grid.cell_size:.4g}",
+            grid.vertical_datum or phrase("of an unstated datum"),
+        )),
         ("Release areas", ", ".join(a.name for a in run.areas)),
         ("Block scenarios", ", ".join(b.name for b in run.blocks)),
         ("Simulated blocks", f"{rocks}"),
@@ -136,8 +143,11 @@ def write_run_project(
         crs=grid.crs,
         groups=full,
         extent=extent,
-        abstract="Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). "
-        f"Reach probabilities refer to a width of {grid.cell_size:.4g} m.",
+        abstract=phrase(
+            "Rockfall simulation with the SASS model (Bozzolo and Pamini, 1986). Reach "
+            "probabilities refer to a width of {} m.",
+            f"{grid.cell_size:.4g}",
+        ),
         imprint=imprint,
         # Where no block arrives there are no zones, and no sheet of them.
         layouts=[layout for layout in layouts if keys.issuperset(layout.layers)],
@@ -239,8 +249,8 @@ def zone_layouts(
     sheets = [words.sheet("Hazard level", "Hazard zones, rockfall", "vector_hazard_zones")]
     sheets += [
         words.sheet(
-            f"Intensity {years:g} years",
-            f"Intensity of rockfall, return period {years:g} years",
+            phrase("Intensity {} years", f"{years:g}"),
+            phrase("Intensity of rockfall, return period {} years", f"{years:g}"),
             f"raster_intensity_{years:g}",
         )
         for years in preset.return_periods
@@ -263,10 +273,13 @@ def onset_words(rules: Rules) -> str:
     by_scenario: dict[str, list[float]] = {}
     for (_, scenario), frequency in rules.frequencies.items():
         by_scenario.setdefault(scenario, []).append(frequency)
-    return "; ".join(
-        f"{name} {min(f):.3g}" + (f" to {max(f):.3g}" if max(f) > min(f) else "")
+    spans = (
+        phrase("{} {} to {}", name, f"{min(f):.3g}", f"{max(f):.3g}")
+        if max(f) > min(f)
+        else f"{name} {min(f):.3g}"
         for name, f in by_scenario.items()
-    ) + " blocks a year in each release area"  # fmt: skip
+    )
+    return phrase("{} blocks a year in each release area", joined("; ", spans))
 
 
 def _zone_extent(zones: Coverage, grid: Grid) -> Extent:

@@ -10,7 +10,7 @@ from sassgis.io.qgis.entries import LayerEntry
 from sassgis.io.qgis.markup import options, without_expressions
 from sassgis.io.qgis.text_size import text_height, wrapped
 from sassgis.io.vector_layer import VectorLayer
-from sassgis.model.languages import said
+from sassgis.model.languages import translated
 from sassgis.model.results import RasterLayer
 from sassgis.model.styles import HILLSHADE, class_labels, class_name
 
@@ -109,7 +109,7 @@ def fill_legend(
     others = tree
     if heading:
         others = ET.Element(
-            "layer-tree-group", name=said("Also shown"), checked="Qt::Checked", expanded="1"
+            "layer-tree-group", name=translated("Also shown"), checked="Qt::Checked", expanded="1"
         )
         ET.SubElement(others, "customproperties")
     for entry, alone in zip(entries, single, strict=True):

@@ -1,1 +1,5 @@
-"""Readers: configuration, terrain, vectors, ground, forest, objects, observations."""
+"""Readers: configuration, terrain, vectors, ground, forest, objects, observations.
+
+What reads raises InputError (ConfigError) where a file or a value cannot be used:
+one line with the file, the key, what was found and what was expected.
+"""

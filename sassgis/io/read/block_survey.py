@@ -26,14 +26,8 @@ def read_block_survey(file: Path) -> tuple[BlockSurvey, tuple[str, ...]]:
 
     Returns
     -------
-    survey : BlockSurvey
     left_out : tuple of str
         Columns that were not read.
-
-    Raises
-    ------
-    InputError
-        If a column or value is missing, no volume or no count, or classes overlap.
     """
     text = read_text(file, "blocks", "a CSV table of block volumes")
     columns, _, _ = csv_cells(text, file)

@@ -14,7 +14,6 @@ from typing import (
     Literal,
     NotRequired,
     Required,
-    TypeVar,
     Union,
     get_args,
     get_origin,
@@ -29,7 +28,6 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     Strict,
-    TypeAdapter,
     ValidationError,
     ValidationInfo,
 )
@@ -65,7 +63,6 @@ def table_type(
     ----------
     name : str
         For pydantic's own messages.
-    keys : mapping of str to Declared
     made : callable
         From the values, without keys that were not given and with ``config_file``; what it raises
         as ConfigError is reported at the place of the table.
@@ -110,21 +107,6 @@ def section_type(cls: Any) -> Any:
 def first_line(cls: Any) -> str:
     """What a section is about: the first line of the docstring of its type."""
     return (cls.__doc__ or "").splitlines()[0]
-
-
-Kind = TypeVar("Kind")
-
-
-def section_of(cls: type[Kind], table: Mapping[str, Any], file: Path) -> Kind:
-    """A section from its table, as if it stood in ``file``.
-
-    Raises
-    ------
-    pydantic.ValidationError
-    """
-    context = {"base": file.parent, "file": file}
-    made: Kind = TypeAdapter(section_type(cls)).validate_python(dict(table), context=context)
-    return made
 
 
 # ---------------------------------------------------------------------------------------------
@@ -322,7 +304,6 @@ class Messages:
 
     Attributes
     ----------
-    file : Path
     document : mapping
         The file as it was read, for the names of blocks and stations.
     lists : tuple of str
@@ -344,33 +325,24 @@ class Messages:
         return [self._one_line(dict(e)) for e in error.errors()]
 
     def _one_line(self, e: dict[str, Any]) -> ConfigError:
+        wrong = partial(ConfigError, file=self.file)
         loc, kind, context = e["loc"], e["type"], e.get("ctx", {})
         field = self._dotted(loc)
         if kind == "extra_forbidden":
-            return ConfigError(
-                "unknown key", file=self.file, field=field, expected=self.nearest(loc)
-            )
+            return wrong("unknown key", field=field, expected=self.nearest(loc))
         if kind == "missing":
             own = self.keys_at(loc).get(str(loc[-1]))
             text = "two numbers [x, y]" if own is None else own.description
             problem = "is too short" if own is None else "missing key"
-            return ConfigError(problem, file=self.file, field=field, expected=text)
+            return wrong(problem, field=field, expected=text)
         found: object = context["found"] if "found" in context else _shown(e["input"])
         if kind == "sassgis":
             if context["key"]:
                 field = f"{field}.{context['key']}"
                 found = context.get("found")
-            return ConfigError(
-                context["problem"],
-                file=self.file,
-                field=field,
-                found=found,
-                expected=context["expected"],
-            )
+            return wrong(context["problem"], field=field, found=found, expected=context["expected"])
         expected = self._expected(loc, kind, context, e["msg"])
-        return ConfigError(
-            "cannot be used", file=self.file, field=field, found=found, expected=expected
-        )
+        return wrong("cannot be used", field=field, found=found, expected=expected)
 
     def _expected(self, loc: Place, kind: str, context: Mapping[str, Any], message: str) -> str:
         section = str(loc[0])

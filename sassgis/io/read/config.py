@@ -12,7 +12,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from functools import cache
+from functools import cache, partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, NotRequired
@@ -114,11 +114,6 @@ def _effect_type(row: Effect) -> Any:
     return table_type(f"effects.{row.name}", row.keys, made, first_line(row.settings))
 
 
-def _effects_of(values: dict[str, Any]) -> dict[str, EffectTable]:
-    """The effects that are on, in the order of the registry."""
-    return {name: values[name] for name in EFFECTS if name in values}
-
-
 @cache
 def _document() -> TypeAdapter[dict[str, Any]]:
     """The whole file, section by section."""
@@ -126,7 +121,10 @@ def _document() -> TypeAdapter[dict[str, Any]]:
     for name, cls in SECTIONS.items():
         if name == "effects":
             rows = {row.name: NotRequired[_effect_type(row)] for row in EFFECTS.values()}
-            own: Any = table_of("effects", rows, _effects_of, first_line(cls))
+            # The effects that are on, in the order of the registry.
+            own: Any = table_of(
+                "effects", rows, lambda on: {n: on[n] for n in EFFECTS if n in on}, first_line(cls)
+            )
         else:
             own = section_type(cls)
         kinds[name] = NotRequired[tuple[own, ...] if name in LISTS else own]
@@ -148,12 +146,6 @@ def load_config(path: str | PathLike[str], overrides: Mapping[str, object] | Non
         The TOML file.
     overrides
         Values that replace those of the file, by dotted key, as in ``{"run.seed": 7}``.
-
-    Raises
-    ------
-    ConfigError
-        With the file and the dotted key; where several things are wrong, the first and how many
-        more there are.
     """
     file = Path(os.path.expanduser(path))
     try:
@@ -217,13 +209,7 @@ def _config(
 
 
 def _with_new_names(document: dict[str, Any], file: Path) -> list[str]:
-    """Put the present key in place of a former one; what was found, for the user.
-
-    Raises
-    ------
-    ConfigError
-        If a setting is given under both.
-    """
+    """Put the present key in place of a former one; what was found, for the user."""
     notes: dict[str, None] = {}
     for section, keys in declared_sections().items():
         found: Any = document
@@ -248,13 +234,7 @@ def _with_new_names(document: dict[str, Any], file: Path) -> list[str]:
 
 
 def profile_control_lines(config: Config) -> list[tuple[ControlLine, float]]:
-    """Stations and barriers of a profile run with their chainage (m).
-
-    Raises
-    ------
-    ConfigError
-        If one of them is placed on the map instead of by ``chainage_m``.
-    """
+    """Stations and barriers of a profile run with their chainage (m)."""
     control_lines: list[tuple[ControlLine, float]] = []
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
         for item in items:
@@ -331,8 +311,6 @@ def settings_hash(
 
     Parameters
     ----------
-    config
-        The configuration.
     sections
         Sections that count. The number of jobs never does.
     contents
@@ -375,13 +353,7 @@ _SIDECARS = (
 
 
 def file_digest(path: str | PathLike[str]) -> str:
-    """SHA-256 of a file with the side files that give it meaning (.prj, .dbf, .aux.xml, ...).
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """SHA-256 of a file with the side files that give it meaning (.prj, .dbf, .aux.xml, ...)."""
     main = Path(path)
     if main.is_dir():  # an Esri file geodatabase
         parts = sorted(p for p in main.rglob("*") if p.is_file() and p.suffix != ".lock")
@@ -420,19 +392,16 @@ def _relocated(error: InputError, file: Path, field: str | None) -> ConfigError:
 
 def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
     """What no section can see by itself."""
+    wrong = partial(ConfigError, file=file)
     problems: list[ConfigError] = []
     if "profile" not in sections:
         for section, key in (("terrain", "dem"), ("release", "file")):
             if getattr(sections.get(section), key, None) is None:
                 text = declared(SECTIONS[section])[key].description
-                problems.append(
-                    ConfigError("missing key", file=file, field=f"{section}.{key}", expected=text)
-                )
+                problems.append(wrong("missing key", field=f"{section}.{key}", expected=text))
     if not sections.get("blocks"):
         problems.append(
-            ConfigError(
-                "missing section", file=file, field="blocks", expected="at least one [[blocks]]"
-            )
+            wrong("missing section", field="blocks", expected="at least one [[blocks]]")
         )
     groups = {
         "blocks.name": ("blocks",),
@@ -443,9 +412,8 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
         names = [item.name for member in members for item in sections.get(member, ())]
         for name in (n for n, count in Counter(names).items() if count > 1):
             problems.append(
-                ConfigError(
+                wrong(
                     "name is used twice",
-                    file=file,
                     field=field,
                     found=repr(name),
                     expected="names that differ",
@@ -454,9 +422,8 @@ def _cross_checks(sections: Mapping[str, Any], file: Path) -> list[ConfigError]:
     kept_to_lines = sections.get("terrain", TerrainSettings()).path == "fall_line"
     if kept_to_lines and LateralDeflection.name in sections.get("effects", {}):
         problems.append(
-            ConfigError(
+            wrong(
                 "has no meaning on fall lines: it turns the heading of paths that are followed",
-                file=file,
                 field=f"effects.{LateralDeflection.name}",
                 found='terrain.path = "fall_line"',
                 expected='terrain.path = "followed" (the default)',

@@ -4,13 +4,104 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from sassgis.io.read.plain_file import check_text
+from sassgis.io.read.plain_file import check_text, read_text
 from sassgis.io.read.vector_features import nearest
 from sassgis.model.errors import InputError
+
+_TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table: what may stand in it.
+
+    Attributes
+    ----------
+    kind : {str, float, bool}
+        Numbers may have decimal commas where a spreadsheet separates by ``;``.
+    known : sequence of str
+        The texts that may stand in it; empty for any.
+    low : float
+        Smallest number.
+    default : object
+        Of a row or a table without it; None: it must be there.
+    what : str
+        What a name in it is of, for messages; default: that of the column.
+    """
+
+    kind: type = str
+    known: Sequence[str] = ()
+    low: float = -math.inf
+    default: object = None
+    what: str = ""
+
+    def value(self, cell: object, where: str, name: str, file: Path) -> Any:
+        """What a cell holds; InputError with the row and the column if that cannot be."""
+        wrong = partial(InputError, file=file, field=name, found=repr(cell))
+        if self.default is not None and (cell is None or cell == ""):
+            return self.default
+        if self.kind is float:
+            found = number(cell, where, name, file)
+            if found < self.low:
+                raise wrong(f"{where}: is out of range", expected=f"{self.low:g} or more")
+            return found
+        if self.kind is bool:
+            truth = str(cell).strip().lower()
+            if truth not in _TRUTH:
+                raise wrong(f"{where}: cannot be used", expected="true or false")
+            return _TRUTH[truth]
+        if not isinstance(cell, str) or (self.default is None and not cell.strip()):
+            raise wrong(f"{where}: is empty", expected="text")
+        if self.known and cell not in self.known:
+            what = self.what or name
+            raise wrong(f"{where}: unknown {what}", expected=nearest(cell, self.known))
+        return cell.strip()
+
+
+Columns = Mapping[str, Column]
+
+
+def read_table(
+    file: Path, field: str | None, what: str, columns: Columns
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Rows of a CSV file with the columns that are declared and no others.
+
+    Parameters
+    ----------
+    field, what
+        Key of the configuration that names the file, and what the file should be, for messages.
+
+    Yields
+    ------
+    where : str
+        As in "row 3", counted with the header.
+    row : dict
+        Value by column.
+    """
+    required, optional = required_and_optional(columns)
+    numbers = [name for name, column in columns.items() if column.kind is float]
+    for where, row in csv_rows(read_text(file, field, what), file, required, optional, numbers):
+        yield where, row_of(row, columns, where, file)
+
+
+def required_and_optional(columns: Columns) -> tuple[list[str], list[str]]:
+    """Names of the columns that must be there, and of the others."""
+    required = [name for name, column in columns.items() if column.default is None]
+    return required, [name for name in columns if name not in required]
+
+
+def row_of(cells: Mapping[str, object], columns: Columns, where: str, file: Path) -> dict[str, Any]:
+    """Values of a row as its columns declare them."""
+    return {
+        name: column.value(cells.get(name), where, name, file) for name, column in columns.items()
+    }
 
 
 def csv_rows(
@@ -33,12 +124,6 @@ def csv_rows(
         As in "row 3", counted with the header.
     row : dict
         Text by column.
-
-    Raises
-    ------
-    InputError
-        If a column is missing, unknown or repeated, a row does not fit the header, or a text is
-        too long.
     """
     columns, delimiter, lines = csv_cells(text, file)
     check_columns(columns, file, "row 1", required, optional)
@@ -70,11 +155,6 @@ def csv_cells(text: str, file: Path) -> tuple[list[str], str, Iterator[tuple[int
         The one that the first line has more of.
     rows : iterator of (int, list of str)
         Number of the line, and its cells; empty lines are left out.
-
-    Raises
-    ------
-    InputError
-        Also while the rows are taken: if the text is no table.
     """
     lines = text.splitlines()
     header = lines[0] if lines else ""
@@ -122,21 +202,6 @@ def check_columns(
                 found=", ".join(columns) or "nothing",
                 expected=", ".join(known),
             )
-
-
-def one_of(
-    value: str, known: Sequence[str], where: str, column: str, file: Path, what: str = ""
-) -> str:
-    """A cell that holds one of some names; InputError with the row and the column otherwise."""
-    if value in known:
-        return value
-    raise InputError(
-        f"{where}: unknown {what or column}",
-        file=file,
-        field=column,
-        found=repr(value),
-        expected=nearest(value, known),
-    )
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,6 @@ class DemFile:
 
     Attributes
     ----------
-    file : Path
     band : int
         Number of the band with the heights.
     transform : Affine
@@ -62,7 +62,6 @@ class DemFile:
     shape : (n_rows, n_cols)
     crs : str
         Well-known text of the projected system; empty for local coordinates.
-    vertical_datum : str
     vertical_unit : float
         Metres per unit of the height system.
     """
@@ -95,7 +94,6 @@ def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
 
     Parameters
     ----------
-    dem : DemFile
     rows, cols : slice
         Within the raster.
 
@@ -103,11 +101,6 @@ def read_dem_part(dem: DemFile, rows: slice, cols: slice) -> FloatArray:
     -------
     float64, shape (n_rows, n_cols)
         NaN for nodata.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or holds heights that do not occur on Earth.
     """
     with open_raster(dem.file, "terrain.dem") as dataset:
         return _heights(dataset, dem, Window.from_slices(rows, cols))
@@ -134,11 +127,6 @@ def read_dem(
     Grid
         Heights in metres, NaN where nothing is known. Rotated rasters and rasters whose cells are
         not square are resampled (bilinear) to square cells of the shorter side; the log says so.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; the line says why and what to do about it.
     """
     file = Path(path)
     with open_raster(file, "terrain.dem") as dataset:
@@ -222,27 +210,24 @@ def _reason(error: Exception, file: Path) -> str:
 
 def height_band(dataset: Any, file: Path) -> int:
     """Number of the one band with heights; a transparency band beside it does no harm."""
+    wrong = partial(InputError, file=file)
     bands = [i for i, kind in enumerate(dataset.colorinterp, start=1) if kind != ColorInterp.alpha]
     if dataset.count == 0:
         names = ", ".join(dataset.subdatasets[:5]) or "none"
-        raise InputError(
+        raise wrong(
             "holds no band itself",
-            file=file,
             found=f"subdatasets {names}",
             expected="a raster with one band; extract the heights with gdal_translate",
         )
     if len(bands) != 1:
-        raise InputError(
+        raise wrong(
             "has several bands",
-            file=file,
             found=f"{dataset.count} bands",
             expected="one band of heights; extract it with gdal_translate -b",
         )
     kind = np.dtype(dataset.dtypes[bands[0] - 1])
     if kind.kind not in "iuf":
-        raise InputError(
-            "holds no real numbers", file=file, found=str(kind), expected="heights in metres"
-        )
+        raise wrong("holds no real numbers", found=str(kind), expected="heights in metres")
     if kind == np.uint8:
         log.warning(
             "%s: heights are stored as bytes (0 to 255); this may be an image such as a hillshade",
@@ -296,13 +281,7 @@ def _height_unit(dataset: Any, band: int, file: Path, vertical_unit: float) -> f
 
 
 def read_band(dataset: Any, band: int, file: Path, part: Window | None = None) -> Any:
-    """A band as stored, masked where it is nodata or transparent.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
+    """A band as stored, masked where it is nodata or transparent."""
     try:
         raw = dataset.read(band, masked=True, window=part)
         # GDAL takes transparency for a mask only where it is stored as bytes.
@@ -442,12 +421,10 @@ def resample(
 
     Parameters
     ----------
-    values : (n, m)
     transform, target : Affine
         Cell to coordinates, of ``values`` and of the result.
     shape : (n_rows, n_cols)
         Of the result.
-    how : Resampling
     nodata
         Value that means nodata, here and in the result.
     crs, target_crs : str

@@ -34,7 +34,6 @@ class RawDem:
 
     Attributes
     ----------
-    file : Path
     values : float64, shape (n_rows, n_cols)
         Heights (m); NaN where nothing can be known.
     dx_m, dy_m : float
@@ -88,14 +87,8 @@ def read_raw_dem(path: Path, crs: str | None = None) -> RawDem:
 
     Parameters
     ----------
-    path : Path
     crs : str, optional
         Where the file states none.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read at all: no raster, several bands, no numbers.
     """
     if path.is_dir():
         grid = read_terrain(path, crs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,23 +30,20 @@ def dem_system(
     bounds: tuple[float, float, float, float],
 ) -> tuple[pyproj.CRS | None, str, float]:
     """Horizontal system (None: local), name of the height system, metres per unit of height."""
+    wrong = partial(InputError, file=file, field="terrain.crs")
     local = configured is not None and configured.strip().lower() == "local"
     stated = _stated_crs(dataset, file)
     wanted = None
     if configured is not None and not local:
         wanted = parse_crs(configured, file=file, field="terrain.crs")
     if stated is None and configured is None:
-        raise InputError(
+        raise wrong(
             "has no coordinate system",
-            file=file,
-            field="terrain.crs",
             expected='terrain.crs in the configuration, such as "EPSG:2056" (or "local")',
         )
     if stated is not None and (local or (wanted is not None and not _agree(stated, wanted))):
-        raise InputError(
+        raise wrong(
             "the coordinate system of the file and the one configured differ",
-            file=file,
-            field="terrain.crs",
             found=f"{stated.name} in the file, {configured} configured",
             expected="the same; drop terrain.crs, or reproject or retag the DEM",
         )
@@ -82,48 +80,39 @@ def _agree(stated: pyproj.CRS, wanted: pyproj.CRS) -> bool:
 
 def _check_plane(plane: pyproj.CRS, file: Path, bounds: tuple[float, float, float, float]) -> None:
     """Refuse what cannot be measured in metres, or cannot be where it says it is."""
+    wrong = partial(InputError, file=file, field="terrain.crs")
     west, south, east, north = bounds
     extent = f"x {west:.10g} to {east:.10g}, y {south:.10g} to {north:.10g}"
     in_degrees = max(abs(west), abs(east)) <= 360.0 and max(abs(south), abs(north)) <= 90.0
     if plane.is_geographic:
         if not in_degrees:
-            raise InputError(
+            raise wrong(
                 "coordinates cannot be degrees: the file is probably tagged with the wrong system",
-                file=file,
-                field="terrain.crs",
                 found=f"{plane.name} with {extent}",
                 expected="its true, projected system; set it with gdal_edit.py -a_srs EPSG:...",
             )
         utm = _utm(0.5 * (west + east), 0.5 * (south + north))
-        raise InputError(
+        raise wrong(
             "is in degrees",
-            file=file,
-            field="terrain.crs",
             found=str(plane.name),
             expected=f"a projected system in metres; reproject it with gdalwarp -t_srs EPSG:{utm}",
         )
     if not plane.is_projected:
-        raise InputError(
+        raise wrong(
             "has no projected coordinate system",
-            file=file,
-            field="terrain.crs",
             found=str(plane.name),
             expected="a projected system in metres",
         )
     for axis in plane.axis_info[:2]:
         if abs(axis.unit_conversion_factor - 1.0) > 1e-9:
-            raise InputError(
+            raise wrong(
                 "coordinates are not in metres",
-                file=file,
-                field="terrain.crs",
                 found=f"{plane.name} in {axis.unit_name}",
                 expected="a projected system in metres; reproject with gdalwarp -t_srs",
             )
     if in_degrees:
-        raise InputError(
+        raise wrong(
             "coordinates look like degrees, yet the file is tagged with a system in metres",
-            file=file,
-            field="terrain.crs",
             found=f"{plane.name} with {extent}",
             expected="its true system (EPSG:4326?), then reprojected to metres with gdalwarp",
         )
@@ -137,6 +126,7 @@ def _utm(lon: float, lat: float) -> int:
 
 def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str) -> None:
     """Coordinates must belong to the system, and its metres must be metres on the ground."""
+    wrong = partial(InputError, file=file, field="terrain.crs")
     base = plane.source_crs if plane.is_bound and plane.source_crs is not None else plane
     try:
         proj = pyproj.Proj(base)
@@ -146,10 +136,8 @@ def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str)
     except ProjError:
         lon = lat = scale = math.inf
     if not (math.isfinite(lon) and math.isfinite(lat)):
-        raise InputError(
+        raise wrong(
             "coordinates do not belong to its coordinate system",
-            file=file,
-            field="terrain.crs",
             found=f"{plane.name} with {extent}",
             expected="coordinates on the Earth; the file is probably tagged with the wrong system",
         )
@@ -169,10 +157,8 @@ def _check_place(plane: pyproj.CRS, file: Path, x: float, y: float, extent: str)
                 area.name,
             )
     if abs(scale - 1.0) > _SCALE_ERROR:
-        raise InputError(
+        raise wrong(
             "map metres are not metres on the ground",
-            file=file,
-            field="terrain.crs",
             found=f"{plane.name} with scale {scale:.3f} at the DEM",
             expected=f"a system true to scale; gdalwarp -t_srs EPSG:{_utm(lon, lat)} makes one",
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +32,6 @@ def read_forest(
 
     Parameters
     ----------
-    trees : section ``[effects.trees]`` of the configuration
-    grid : Grid
     whole : Grid, optional
         The terrain model of which ``grid`` is a part: what the file holds must meet this one.
 
@@ -40,11 +39,6 @@ def read_forest(
     -------
     stems_per_m2, diameter_m : float64, shape (n_rows * n_cols,)
         0 where no forest stands.
-
-    Raises
-    ------
-    InputError
-        If a file, a layer, an attribute or a number cannot be used.
     """
     stems = np.full(grid.shape, trees.stems_per_ha or 0.0)
     diameter = np.full(grid.shape, trees.dbh_cm or 0.0)
@@ -106,11 +100,12 @@ def _from_polygons(
 
 def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
     """Values at the nearest cell; 0 where the raster has none."""
+    wrong = partial(InputError, file=file, field=field)
     west, _, _, north = grid.bounds
     out = np.full(grid.shape, np.nan)
     with open_raster(file, field) as raster:
         if grid.crs and raster.crs is None:
-            raise InputError("states no coordinate system", file=file, field=field, expected="one")
+            raise wrong("states no coordinate system", expected="one")
         crs = raster.crs or _ANY_PLANE
         try:
             reproject(
@@ -124,12 +119,8 @@ def _from_raster(file: Path, grid: Grid, field: str) -> FloatArray:
                 resampling=Resampling.nearest,
             )
         except RasterioError as error:
-            raise InputError(
-                "cannot be read to the end", file=file, field=field, found=str(error)
-            ) from None
+            raise wrong("cannot be read to the end", found=str(error)) from None
     out = np.where(np.isnan(out), 0.0, out)
     if not np.isfinite(out).all() or (out < 0.0).any():
-        raise InputError(
-            "holds numbers that cannot be used", file=file, field=field, expected="0 or more"
-        )
+        raise wrong("holds numbers that cannot be used", expected="0 or more")
     return out

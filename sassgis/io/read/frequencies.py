@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import cast, get_args
+from typing import get_args
 
-from sassgis.io.read.csv_table import csv_rows, number, one_of
-from sassgis.io.read.plain_file import read_text
+from sassgis.io.read.csv_table import Column, read_table
 from sassgis.model.errors import InputError
 from sassgis.model.hazard import Onset, OnsetUnit
-
-_COLUMNS = ("area", "scenario", "frequency", "unit")
 
 
 def read_frequencies(
@@ -29,28 +26,16 @@ def read_frequencies(
     Returns
     -------
     dict of (area, scenario) to Onset
-
-    Raises
-    ------
-    InputError
-        If a column or value is missing, a name is unknown, a frequency is negative, or an area and
-        a scenario turn up twice.
     """
-    text = read_text(file, "hazard.frequencies", "a CSV table of onset frequencies")
+    columns = {
+        "area": Column(known=areas),
+        "scenario": Column(known=scenarios),
+        "frequency": Column(float, low=0.0),
+        "unit": Column(known=get_args(OnsetUnit)),
+    }
     found: dict[tuple[str, str], Onset] = {}
-    for where, row in csv_rows(text, file, _COLUMNS, (), ("frequency",)):
-        names = {"area": areas, "scenario": scenarios, "unit": get_args(OnsetUnit)}
-        for column, known in names.items():
-            one_of(row[column], known, where, column, file)
-        frequency = number(row["frequency"], where, "frequency", file)
-        if frequency < 0.0:
-            raise InputError(
-                f"{where}: is negative",
-                file=file,
-                field="frequency",
-                found=f"{frequency:g}",
-                expected="0 or more",
-            )
+    what = "a CSV table of onset frequencies"
+    for where, row in read_table(file, "hazard.frequencies", what, columns):
         key = row["area"], row["scenario"]
         if key in found:
             raise InputError(
@@ -60,5 +45,5 @@ def read_frequencies(
                 found=f"{key[0]}, {key[1]}",
                 expected="one row for each",
             )
-        found[key] = Onset(frequency, cast(OnsetUnit, row["unit"]))
+        found[key] = Onset(row["frequency"], row["unit"])
     return found

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from functools import partial
 from importlib import resources
 from os import PathLike
 from pathlib import Path
@@ -17,7 +18,14 @@ from rasterio.enums import Resampling
 from rasterio.errors import RasterioError
 from rasterio.features import rasterize
 
-from sassgis.io.read.csv_table import check_columns, csv_rows, errors_of_row, number
+from sassgis.io.read.csv_table import (
+    Column,
+    check_columns,
+    errors_of_row,
+    read_table,
+    required_and_optional,
+    row_of,
+)
 from sassgis.io.read.dem import open_raster, resample
 from sassgis.io.read.plain_file import read_text, toml_table
 from sassgis.io.read.vector_features import nearest, read_features
@@ -29,11 +37,6 @@ from sassgis.model.settings import GroundSettings
 
 log = logging.getLogger(__name__)
 
-_NUMBERS = PARAMETERS
-_REQUIRED = ("name", *_NUMBERS)
-#: Columns that a user's table may leave out: it is then taken as unverified.
-_OPTIONAL = ("source", "verified")
-_TRUTH = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False, "": False}
 _NO_CODE = np.iinfo(np.int32).min
 
 
@@ -70,15 +73,6 @@ def read_ground_table(
         name replaces that one; others are added.
     readings
         Named set of readings of the engine, which has built-in classes of its own.
-
-    Returns
-    -------
-    GroundTable
-
-    Raises
-    ------
-    InputError
-        With the row, if a column is missing or unknown or a value cannot be used.
     """
     table = built_in_table(readings)
     if path is None:
@@ -102,15 +96,30 @@ def read_ground_table(
     return GroundTable(tuple(classes.values()))
 
 
+def _columns(file: Path) -> dict[str, Column]:
+    """Columns of a table of classes; one without a source or its check is taken as unverified."""
+    return {
+        "name": Column(),
+        **{parameter: Column(float) for parameter in PARAMETERS},
+        "source": Column(default=f"own table {file.name}"),
+        "verified": Column(bool, default=False),
+    }
+
+
 def _read_classes(file: Path) -> list[GroundClass]:
-    text = read_text(file, "ground.classes", "a table of ground classes, CSV or TOML")
+    what = "a table of ground classes, CSV or TOML"
     if file.suffix.lower() == ".toml":
+        text = read_text(file, "ground.classes", what)
         rows = list(_toml_rows(text, file))
     else:
-        rows = list(csv_rows(text, file, _REQUIRED, _OPTIONAL, _NUMBERS))
+        rows = list(read_table(file, "ground.classes", what, _columns(file)))
     if not rows:
         raise InputError("holds no ground class", file=file, expected="at least one row")
-    return [_ground_class(where, row, file) for where, row in rows]
+    classes = []
+    for where, row in rows:
+        with errors_of_row(where, file):
+            classes.append(GroundClass(**row))
+    return classes
 
 
 def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -123,37 +132,13 @@ def _toml_rows(text: str, file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
             found=f"keys {', '.join(document) or 'none'}",
             expected="[[classes]] sections and nothing else",
         )
+    columns = _columns(file)
     for place, row in enumerate(rows, start=1):
         where = f"class number {place}"
         if not isinstance(row, dict):
             raise InputError(f"{where} is not a section", file=file, expected="[[classes]]")
-        check_columns(list(row), file, where, _REQUIRED, _OPTIONAL)
-        yield where, row
-
-
-def _ground_class(where: str, row: Mapping[str, Any], file: Path) -> GroundClass:
-    name = row["name"]
-    if not isinstance(name, str) or not name.strip():
-        raise InputError(
-            f"{where} has no class name", file=file, field="name", found=repr(name), expected="text"
-        )
-    truth = str(row.get("verified", "")).strip().lower()
-    if truth not in _TRUTH:
-        raise InputError(
-            f"{where}: cannot be used",
-            file=file,
-            field="verified",
-            found=repr(row["verified"]),
-            expected="true or false",
-        )
-    numbers = {column: number(row[column], where, column, file) for column in _NUMBERS}
-    with errors_of_row(where, file):
-        return GroundClass(
-            name=name.strip(),
-            **numbers,
-            source=str(row.get("source", "") or f"own table {file.name}"),
-            verified=_TRUTH[truth],
-        )
+        check_columns(list(row), file, where, *required_and_optional(columns))
+        yield where, row_of(row, columns, where, file)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -167,12 +152,6 @@ def ground_raster(
 
     Parameters
     ----------
-    ground
-        Section ``[ground]`` of the configuration.
-    grid
-        The terrain model.
-    table
-        The ground classes.
     whole
         The terrain model of which ``grid`` is a part: what the file holds must meet this one. Its
         heights are not looked at.
@@ -183,11 +162,6 @@ def ground_raster(
         Positions in ``table``. A cell takes the class of the polygon over its centre; where
         polygons overlap, the later one of the file counts. A raster of codes is aligned by the
         nearest cell. Where nothing is said, the default class.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used or names a class that the table does not hold.
     """
     default = default_class(ground, table)
     if ground.file is None:
@@ -284,6 +258,7 @@ def _from_codes(
     default: int,
     may_miss: bool,
 ) -> NDArray[np.int32]:
+    wrong = partial(InputError, file=file, field="ground.file")
     classes = ground.raster_classes or {}
     indices = {
         code: _class_index(name, table, f"class of code {code}", file, "ground.raster_classes")
@@ -291,20 +266,11 @@ def _from_codes(
     }
     with open_raster(file, "ground.file") as dataset:
         if dataset.count != 1:
-            raise InputError(
-                "has several bands",
-                file=file,
-                field="ground.file",
-                found=f"{dataset.count} bands",
-                expected="one band of codes",
+            raise wrong(
+                "has several bands", found=f"{dataset.count} bands", expected="one band of codes"
             )
         if dataset.transform.is_identity:
-            raise InputError(
-                "has no georeference",
-                file=file,
-                field="ground.file",
-                expected="a raster that lies on the map",
-            )
+            raise wrong("has no georeference", expected="a raster that lies on the map")
         codes = _codes(dataset, file)
         own, target = _pair_of_systems(dataset, grid, file)
         transform = dataset.transform
@@ -314,12 +280,7 @@ def _from_codes(
     )
     present, counts = np.unique(aligned, return_counts=True)
     if present.tolist() == [_NO_CODE] and not may_miss:
-        raise InputError(
-            "holds no ground class on the DEM",
-            file=file,
-            field="ground.file",
-            expected="a raster that overlaps the DEM",
-        )
+        raise wrong("holds no ground class on the DEM", expected="a raster that overlaps the DEM")
     result = np.full(grid.shape, default, dtype=np.int32)
     for code, count in zip(present.tolist(), counts.tolist(), strict=True):
         if code == _NO_CODE:
@@ -338,21 +299,18 @@ def _from_codes(
 
 def _codes(dataset: Any, file: Path) -> NDArray[np.int32]:
     """Codes as whole numbers; nodata as a number that no code can have."""
+    wrong = partial(InputError, file=file, field="ground.file")
     try:
         raw = dataset.read(1, masked=True)
     except (RasterioError, OSError) as error:
-        raise InputError(
-            "cannot be read to the end", file=file, field="ground.file", found=str(error)
-        ) from None
+        raise wrong("cannot be read to the end", found=str(error)) from None
     values = np.asarray(raw.data, dtype=np.float64)
     known = ~np.ma.getmaskarray(raw) & ~np.isnan(values)
     odd = known & ((values != np.rint(values)) | (np.abs(values) > 2**31 - 2))
     if odd.any():
         row, col = np.unravel_index(int(np.argmax(odd)), values.shape)
-        raise InputError(
+        raise wrong(
             "holds a code that is no whole number",
-            file=file,
-            field="ground.file",
             found=f"{values[row, col]:g} at row {row + 1}, column {col + 1}",
             expected="whole numbers",
         )

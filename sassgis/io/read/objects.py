@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,7 @@ import numpy as np
 import shapely
 from shapely.ops import substring
 
-from sassgis.io.read.csv_table import csv_rows, errors_of_row, number, one_of
-from sassgis.io.read.plain_file import read_text
+from sassgis.io.read.csv_table import Column, errors_of_row, number, read_table
 from sassgis.io.read.vector_features import Feature, nearest, read_features
 from sassgis.io.read.vectors import check_on_map, feature_names
 from sassgis.model.errors import InputError
@@ -68,10 +68,6 @@ def read_objects(
 
     Parameters
     ----------
-    file, layer
-        The file, and its layer where it has several.
-    grid
-        The terrain model.
     kind
         Of all objects of the layer.
     name
@@ -95,12 +91,6 @@ def read_objects(
     PlacedObjects
         In the order of the file, stretches by chainage. Stretches of roads outside the DEM are
         left out, with a warning.
-
-    Raises
-    ------
-    InputError
-        If the file, the layer, a field or a feature cannot be used, a number is missing or out of
-        range, a name turns up twice, or an object lies outside the DEM.
     """
     key = f"objects[{name}]"
     columns = {k: v for k, v in (fields or {}).items() if v is not None}
@@ -140,20 +130,7 @@ def read_objects(
 
 
 def joined_objects(parts: Sequence[PlacedObjects], file: Path | None = None) -> PlacedObjects:
-    """All objects of a run, in the order of the parts.
-
-    Parameters
-    ----------
-    parts
-        As read.
-    file
-        The configuration, for messages.
-
-    Raises
-    ------
-    InputError
-        If two objects, or an object and a road, have the same name.
-    """
+    """All objects of a run, in the order of the parts."""
     _check_names(parts, file)
     return PlacedObjects(
         tuple(o for part in parts for o in part.objects),
@@ -187,34 +164,31 @@ def _check_settings(
     file: Path,
     key: str,
 ) -> None:
+    wrong = partial(InputError, file=file)
     if kind not in OBJECT_KINDS:
-        raise InputError(
+        raise wrong(
             "unknown kind of object",
-            file=file,
             field=f"{key}.kind",
             found=repr(kind),
             expected=nearest(str(kind), OBJECT_KINDS),
         )
     for name in given:
         if name not in NUMBERS_OF_KIND[kind]:
-            raise InputError(
+            raise wrong(
                 f"does not go with kind {kind}",
-                file=file,
                 field=f"{key}.{name}",
                 expected=nearest(name, NUMBERS_OF_KIND[kind]),
             )
     if _SHAPES[kind] == ("line",) and not segment_m >= _LEAST_CELLS * grid.cell_size:
-        raise InputError(
+        raise wrong(
             "stretches would be too short for the cells of the DEM",
-            file=file,
             field=f"{key}.segment_m",
             found=f"{segment_m:g}",
             expected=f"{_LEAST_CELLS * grid.cell_size:g} m or more ({_LEAST_CELLS:g} cells)",
         )
     if not 0.0 <= radius_m < np.inf:
-        raise InputError(
+        raise wrong(
             "is out of range",
-            file=file,
             field=f"{key}.radius_m",
             found=f"{radius_m:g}",
             expected="a number 0 or more",
@@ -428,13 +402,6 @@ def object_cells(placed: PlacedObjects, grid: Grid) -> tuple[IntArray, IntArray]
     those that touch it, the one that is nearest to its centre. The cells of a road's stretches
     therefore add up to the cells of the road.
 
-    Parameters
-    ----------
-    placed
-        The objects.
-    grid
-        The terrain model.
-
     Returns
     -------
     cells : int64, shape (n,)
@@ -523,29 +490,23 @@ def read_vulnerability(
         CSV with columns kind, intensity, vulnerability, lethality, source.
     intensities
         Codes of the intensity classes, from weak to strong.
-    field
-        Key of the configuration that names the file, for messages.
 
     Returns
     -------
     Vulnerability
         Where a number falls with the intensity, a warning is logged.
-
-    Raises
-    ------
-    InputError
-        If the file or a value cannot be used, a kind or an intensity is unknown, or a row is
-        missing or there twice.
     """
-    text = read_text(file, field, "a table of vulnerability (CSV)")
-    columns = ("kind", "intensity", "vulnerability", "lethality", "source")
+    columns = {
+        "kind": Column(known=VULNERABILITY_KINDS),
+        "intensity": Column(known=intensities),
+        "vulnerability": Column(float),
+        "lethality": Column(float),
+        "source": Column(),
+    }
     rows = []
-    for where, row in csv_rows(text, file, columns, (), ("vulnerability", "lethality")):
-        one_of(row["kind"], VULNERABILITY_KINDS, where, "kind", file)
-        one_of(row["intensity"], intensities, where, "intensity", file)
-        loss, death = (number(row[c], where, c, file) for c in ("vulnerability", "lethality"))
+    for where, row in read_table(file, field, "a table of vulnerability (CSV)", columns):
         with errors_of_row(where, file):
-            rows.append(VulnerabilityRow(row["kind"], row["intensity"], loss, death, row["source"]))
+            rows.append(VulnerabilityRow(**row))
     if not rows:
         raise InputError(
             "has no rows", file=file, field=field, expected="a row for each kind and intensity"

@@ -87,9 +87,6 @@ def open_dataset(file: Path) -> DatasetReader:
 
     Raises
     ------
-    InputError
-        If it is a virtual raster of anything but GeoTIFF files, or a mask or overviews beside it
-        lead elsewhere.
     rasterio.errors.RasterioError
         If GDAL cannot open it.
     """
@@ -169,13 +166,7 @@ _VECTOR_ERRORS = (DataSourceError, DataLayerError, shapely.errors.ShapelyError)
 
 @contextmanager
 def vector_file(file: Path, field: str | None) -> Iterator[None]:
-    """Have a vector file read within the block, if it is of a format that is named above.
-
-    Raises
-    ------
-    InputError
-        Also in place of what GDAL raises in the block.
-    """
+    """Have a vector file read within the block, if it is of a format that is named above."""
     check_file(file, field, VECTOR, folders=True)
     try:
         if not _is_vector(file):

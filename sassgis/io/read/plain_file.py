@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import stat
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,38 +34,39 @@ def check_file(file: Path, field: str | None, expected: str, folders: bool = Fal
 
     A pipe or a device could be read for ever.
     """
+    wrong = partial(InputError, file=file, field=field)
     try:
         kind = file.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError("file not found", file=file, field=field, expected=expected) from None
+        raise wrong("file not found", expected=expected) from None
     except (OSError, ValueError) as error:
-        raise InputError(
-            "cannot be opened", file=file, field=field,
-            found=getattr(error, "strerror", None) or str(error), expected=expected,
-        ) from None  # fmt: skip
+        raise wrong(
+            "cannot be opened",
+            found=getattr(error, "strerror", None) or str(error),
+            expected=expected,
+        ) from None
     if not (stat.S_ISREG(kind) or (folders and stat.S_ISDIR(kind))):
         found = "a folder" if stat.S_ISDIR(kind) else "a pipe or a device"
-        raise InputError("is no file", file=file, field=field, found=found, expected=expected)
+        raise wrong("is no file", found=found, expected=expected)
 
 
 def read_text(file: Path, field: str | None, what: str, largest: int = _LARGEST_TABLE) -> str:
     """Text of a UTF-8 file; InputError if it is missing, too large or not text."""
+    wrong = partial(InputError, file=file, field=field)
     check_file(file, field, what)
     if (size := file.stat().st_size) > largest:
-        raise InputError(
-            "is too large", file=file, field=field, found=f"{size / 1e6:.0f} MB",
+        raise wrong(
+            "is too large",
+            found=f"{size / 1e6:.0f} MB",
             expected=f"{what} of at most {largest / 1e6:.0f} MB",
-        )  # fmt: skip
+        )
     try:
         # utf-8-sig: spreadsheets put a mark in front of UTF-8.
         return file.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputError(
-            "is not UTF-8 text", file=file, field=field, found=f"byte {error.start}",
-            expected="UTF-8",
-        ) from None  # fmt: skip
+        raise wrong("is not UTF-8 text", found=f"byte {error.start}", expected="UTF-8") from None
     except OSError as error:
-        raise InputError("cannot be read", file=file, field=field, found=error.strerror) from None
+        raise wrong("cannot be read", found=error.strerror) from None
 
 
 def read_toml(file: Path, field: str | None, what: str) -> dict[str, Any]:
@@ -73,13 +75,7 @@ def read_toml(file: Path, field: str | None, what: str) -> dict[str, Any]:
 
 
 def toml_table(text: str, file: str | Path, what: str = "valid TOML") -> dict[str, Any]:
-    """A TOML document.
-
-    Raises
-    ------
-    InputError
-        If it is none, or holds a text, a number or a nesting beyond all use.
-    """
+    """A TOML document."""
     try:
         if _LONG_KEY.search(text):
             raise RecursionError
@@ -120,17 +116,19 @@ def _too_deep(file: str | Path, field: str | None) -> InputError:
 
 def check_text(text: object, file: str | Path, field: str, where: str = "") -> None:
     """Raise InputError for a text that no map sheet can show; what is no text passes."""
+    wrong = partial(InputError, file=file, field=field)
     if not isinstance(text, str):
         return
     where = f"{where}: " if where else ""
     if len(text) > LONGEST_TEXT:
-        raise InputError(
-            f"{where}text is too long", file=file, field=field,
+        raise wrong(
+            f"{where}text is too long",
             found=f"{len(text)} characters: {text[:20]!r}...",
             expected=f"at most {LONGEST_TEXT} characters",
-        )  # fmt: skip
+        )
     if odd := _UNPRINTABLE.search(text):
-        raise InputError(
-            f"{where}holds a character that cannot be shown", file=file, field=field,
-            found=ascii(odd[0]), expected="letters, digits, signs",
-        )  # fmt: skip
+        raise wrong(
+            f"{where}holds a character that cannot be shown",
+            found=ascii(odd[0]),
+            expected="letters, digits, signs",
+        )

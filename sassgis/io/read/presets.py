@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib import resources
 from os import PathLike
 from pathlib import Path
@@ -92,12 +93,6 @@ def read_preset(name: str | PathLike[str]) -> HazardPreset:
     -------
     HazardPreset
         Named after the file.
-
-    Raises
-    ------
-    InputError
-        If there is no such preset; a key is unknown or missing; a value cannot be used; the matrix
-        has a hole or contradicts itself; a source, level or intensity is named that is not defined.
     """
     if isinstance(name, str) and name in preset_names():
         text = (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
@@ -267,17 +262,18 @@ def _first_problem(error: ValidationError, file: str, document: Mapping[str, Any
 
 
 def _one_line(e: Mapping[str, Any], file: str, document: Mapping[str, Any]) -> InputError:
+    wrong = partial(InputError, file=file)
     # `source` of a row is a text or a list: pydantic reports both attempts.
     loc = [part for part in e["loc"] if part not in ("str", "list[str]")]
     field, key, kind = _dotted(loc, document), str(loc[-1]), e["type"]
     if kind == "extra_forbidden":
         known = list(_MODELS[loc[0]].model_fields if len(loc) > 1 else _File.model_fields)
-        return InputError("unknown key", file=file, field=field, expected=nearest(key, known))
+        return wrong("unknown key", field=field, expected=nearest(key, known))
     if kind == "missing":
         expected = _KEYS.get(key)
         if loc[0] == "matrix" and key == "levels":
             expected = "a level for each class of return period"
-        return InputError("missing key", file=file, field=field, expected=expected)
+        return wrong("missing key", field=field, expected=expected)
     expected = _EXPECTED.get(kind, str(e["msg"]))
     if kind == "string_pattern_mismatch":
         expected = _MEANT.get(key, "a text that is not empty")
@@ -286,9 +282,8 @@ def _one_line(e: Mapping[str, Any], file: str, document: Mapping[str, Any]) -> I
     elif kind in ("model_type", "dict_type"):
         expected = _KEYS.get(str(loc[0]), "a section")
     shown = repr(e["input"])
-    return InputError(
+    return wrong(
         "cannot be used",
-        file=file,
         field=field,
         found=shown if len(shown) <= 60 else f"{shown[:57]}...",
         expected=expected,

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sassgis.io.read.config import profile_control_lines
-from sassgis.io.read.csv_table import csv_rows, number, one_of
-from sassgis.io.read.plain_file import read_text
+from sassgis.io.read.csv_table import Column, read_table
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.ground import GroundTable
 from sassgis.model.profiles import ProfileSet
@@ -26,8 +25,6 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
     path
         CSV with the columns s_m (chainage, rising) and z_m (height) and, if wanted, ground: the
         class of the segment that starts at the row. Rows without a class take the default.
-    table
-        The ground classes.
     default
         Name of the default class.
 
@@ -35,22 +32,18 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
     -------
     ProfileSet
         One profile, in one stretch that lies in no cell of a map.
-
-    Raises
-    ------
-    InputError
-        With the row, if a column is missing, a value cannot be used, chainages do not rise or a
-        class is unknown; or if there are fewer than two rows.
     """
-    numbers = ("s_m", "z_m")
-    text = read_text(
-        path, "profile.file", "a CSV file with columns s_m, z_m and, if wanted, ground"
-    )
+    columns = {
+        "s_m": Column(float),
+        "z_m": Column(float),
+        "ground": Column(known=table.names, default=default, what="ground class"),
+    }
     s: list[float] = []
     z: list[float] = []
     ground: list[int] = []
-    for where, row in csv_rows(text, path, numbers, ("ground",), numbers):
-        chainage = number(row["s_m"], where, "s_m", path)
+    what = "a CSV file with columns s_m, z_m and, if wanted, ground"
+    for where, row in read_table(path, "profile.file", what, columns):
+        chainage = row["s_m"]
         if s and chainage <= s[-1]:
             raise InputError(
                 f"{where}: chainage does not rise",
@@ -60,10 +53,8 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
                 expected="a larger one than in the row before",
             )
         s.append(chainage)
-        z.append(number(row["z_m"], where, "z_m", path))
-        name = row.get("ground") or default
-        one_of(name, table.names, where, "ground", path, "ground class")
-        ground.append(table.index(name))
+        z.append(row["z_m"])
+        ground.append(table.index(row["ground"]))
     if len(s) < 2:
         raise InputError(
             "is too short for a profile",
@@ -83,13 +74,7 @@ def read_profile(path: Path, table: GroundTable, default: str) -> ProfileSet:
 
 
 def check_on_profile(config: Config, profile: ProfileSet) -> None:
-    """Check that starts, stations and barriers of a configuration lie on its profile.
-
-    Raises
-    ------
-    ConfigError
-        If blocks would start off the profile, or a station or barrier lies off it.
-    """
+    """Check that starts, stations and barriers of a configuration lie on its profile."""
     first, last = float(profile.s[0]), float(profile.s[-1])
     expected = f"within the profile, {first:g} to {last:g} m"
     if config.profile is not None:

@@ -41,10 +41,6 @@ class Readiness:
 def readiness(config: Config) -> tuple[Readiness, ...]:
     """What a configuration is complete for; no file is opened.
 
-    Parameters
-    ----------
-    config : Config
-
     Returns
     -------
     tuple of Readiness

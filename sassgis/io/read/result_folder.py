@@ -46,13 +46,7 @@ def check_is_result(folder: Path) -> None:
 
 
 def read_manifest(folder: Path) -> Mapping[str, Any]:
-    """The manifest of a result.
-
-    Raises
-    ------
-    InputError
-        If the folder is no result of sassgis, or its manifest cannot be read.
-    """
+    """The manifest of a result."""
     check_is_result(folder)
     file = folder / MANIFEST_NAME
     try:
@@ -68,13 +62,7 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
 
 
 def read_layer(file: Path, name: str) -> gpd.GeoDataFrame | None:
-    """A layer of a result; None where the file or the layer is not there.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
+    """A layer of a result; None where the file or the layer is not there."""
     if not file.is_file():
         return None
     with vector_file(file, None):
@@ -92,11 +80,6 @@ def read_result(folder: Path) -> StoredResult:
     ----------
     folder : Path
         Of ``sassgis run``, ``sassgis zone``, or an area or the mosaic of a batch.
-
-    Raises
-    ------
-    InputError
-        If the folder is no result on the map, or a file of it cannot be read.
     """
     manifest = read_manifest(folder)
     files = {stem: folder / "maps" / f"{stem}.tif" for stem in _BANDS}

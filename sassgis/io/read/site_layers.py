@@ -31,7 +31,6 @@ class SiteLayer:
 
     Attributes
     ----------
-    name, title, description : str
     section : str
         Of the configuration that reads it.
     fields : mapping of str to FieldInfo

@@ -37,12 +37,10 @@ class TileOffer:
     ----------
     name : str
         Name of its file.
-    href : str
     place : str
         The same for all editions of a tile.
     date : str
         Of the edition.
-    resolution_m : float
     checksum : str
         As multihash in hexadecimal digits; empty if none is stated.
     """
@@ -56,13 +54,7 @@ class TileOffer:
 
 
 def read_search_area(file: Path, layer: str | None = None) -> Any:
-    """The polygons of a file, or of a layer of it, as one geometry in WGS 84 (degrees).
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, or holds no polygon or no coordinate system.
-    """
+    """The polygons of a file, or of a layer of it, as one geometry in WGS 84 (degrees)."""
     frame: gpd.GeoDataFrame = open_layer(file, layer, "polygon", {})
     if frame.crs is None:
         raise InputError(
@@ -94,18 +86,11 @@ def find_tiles(
         In longitude and latitude.
     resolution_m : float
         Size of the cells (m).
-    server, collection : str
-    timeout_s : float
 
     Returns
     -------
     tuple of TileOffer
         By place.
-
-    Raises
-    ------
-    InputError
-        If the server does not answer, or not as STAC, or nothing covers the area.
     """
     west, south, east, north = area.bounds
     query = urlencode(

@@ -39,11 +39,6 @@ def start_keys(folder: Path, dem: Path | None, release: Path | None) -> StartKey
     Returns
     -------
     list of (section, keys)
-
-    Raises
-    ------
-    InputError
-        If a file is missing or cannot be read, or it is not clear which layer is meant.
     """
     keys: StartKeys = []
     if dem is not None:
@@ -90,11 +85,6 @@ def with_values(given: StartKeys, assignments: Sequence[str]) -> StartKeys:
         As of start_keys.
     assignments : sequence of str
         ``section.key=value``; the value is TOML, or a text without quotes.
-
-    Raises
-    ------
-    InputError
-        If there is no such key.
     """
     keys = [(section, dict(values)) for section, values in given]
     for text in assignments:

@@ -39,7 +39,6 @@ class Part:
     ----------
     row, col : int
         Of the first cell; may be negative.
-    n_rows, n_cols : int
     """
 
     row: int
@@ -125,8 +124,6 @@ class Terrain:
 
         Raises
         ------
-        InputError
-            If a file cannot be read, or holds heights that do not occur on Earth.
         InputLost
             If a file is gone.
         """
@@ -194,16 +191,6 @@ def open_terrain(
         TILE_SUFFIXES count.
     crs, vertical_datum
         As for sassgis.io.read.dem.read_dem.
-
-    Returns
-    -------
-    Terrain
-
-    Raises
-    ------
-    InputError
-        If a file cannot be used, or tiles do not go together: in coordinate system, height system,
-        size of cells, lattice of cells, or in their heights where they overlap.
     """
     given = Path(path)
     if not given.is_dir():

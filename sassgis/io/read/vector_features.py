@@ -8,7 +8,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -105,12 +105,6 @@ def read_features(
 
     Parameters
     ----------
-    file, layer
-        The file, and its layer where it has several.
-    grid
-        The terrain model.
-    key
-        Section of the configuration that names the file, for messages.
     fields
         Attributes that must exist, by the configuration key that names them.
     label
@@ -119,16 +113,6 @@ def read_features(
         Kinds of geometry that can be used.
     choose
         Picks the features to read, by number and attributes alone. Default: all.
-
-    Returns
-    -------
-    list of Feature
-
-    Raises
-    ------
-    InputError
-        If file, layer or field are missing, the layer is empty or lies outside the DEM, or a
-        geometry is missing, invalid or of the wrong kind.
     """
     frame = open_layer(file, layer, key, fields or {})
     plain = without_shapes(frame)
@@ -214,6 +198,7 @@ def _read_layer(
 def _choose_layer(
     layers: Mapping[str, str | None], wanted: str | None, file: Path, key: str
 ) -> str:
+    wrong = partial(InputError, file=file, field=f"{key}.layer")
     drawn = [name for name, kind in layers.items() if kind is not None]
     if wanted is not None and wanted in drawn:
         return wanted
@@ -226,20 +211,10 @@ def _choose_layer(
             expected="a layer of polygons, lines or points",
         )
     if wanted is not None:
-        raise InputError(
-            "layer not found",
-            file=file,
-            field=f"{key}.layer",
-            found=repr(wanted),
-            expected=nearest(wanted, drawn),
-        )
+        raise wrong("layer not found", found=repr(wanted), expected=nearest(wanted, drawn))
     if len(drawn) > 1:
-        raise InputError(
-            "has several layers",
-            file=file,
-            field=f"{key}.layer",
-            found=", ".join(drawn),
-            expected=f"one of them as {key}.layer",
+        raise wrong(
+            "has several layers", found=", ".join(drawn), expected=f"one of them as {key}.layer"
         )
     return drawn[0]
 
@@ -250,38 +225,31 @@ _FARTHEST = 1e8
 
 def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str]) -> str:
     """Kind of a geometry, in the coordinates of its file so that users find the place."""
+    wrong = partial(InputError, file=file)
     place = f"{key}.file"
     if shape is None or shape.is_empty:
-        raise InputError(
-            f"{who} has no usable geometry",
-            file=file,
-            field=place,
-            expected="a " + " or ".join(kinds),
+        raise wrong(
+            f"{who} has no usable geometry", field=place, expected="a " + " or ".join(kinds)
         )
     kind = _KINDS.get(shape.geom_type, "")
     if kind not in kinds:
-        raise InputError(
+        raise wrong(
             f"{who} is of the wrong kind",
-            file=file,
             field=place,
             found=shape.geom_type,
             expected="a " + " or ".join(kinds),
         )
     if not np.isfinite(shapely.get_coordinates(shape)).all():
-        raise InputError(
-            f"{who} has a coordinate that is no number", file=file, field=place, expected="numbers"
-        )
+        raise wrong(f"{who} has a coordinate that is no number", field=place, expected="numbers")
     if not (np.abs(shapely.get_coordinates(shape)) <= _FARTHEST).all():
-        raise InputError(
+        raise wrong(
             f"{who} has a coordinate that is no place on Earth",
-            file=file,
             field=place,
             expected=f"at most {_FARTHEST:g} m or degrees",
         )
     if not shape.is_valid:
-        raise InputError(
+        raise wrong(
             f"{who} is not valid",
-            file=file,
             field=place,
             found=shapely.is_valid_reason(shape),
             expected="a geometry that does not cross itself; mend it with QGIS 'Fix geometries'",
@@ -292,13 +260,8 @@ def _check_shape(shape: Any, who: str, file: Path, key: str, kinds: Sequence[str
 def onto_grid(
     shapes: Sequence[Any], crs: Any, grid: Grid, file: Path, key: str, labels: Sequence[str]
 ) -> list[Any]:
-    """Geometries in the coordinates of the DEM; they must meet it somewhere.
-
-    Raises
-    ------
-    InputError
-        If they cannot be brought there or lie beside it, with a guess why.
-    """
+    """Geometries in the coordinates of the DEM; they must meet it somewhere."""
+    wrong = partial(InputError, file=file)
     place = f"{key}.file"
     own = None if crs is None else pyproj.CRS.from_user_input(crs)
     if own is not None and own.is_engineering:
@@ -307,9 +270,8 @@ def onto_grid(
     implied = own is not None and own.is_geographic and file.suffix.lower() in (".geojson", ".json")
     if own is None or (not grid.crs and implied):
         if not _meets(shapes, grid):
-            raise InputError(
+            raise wrong(
                 "has no coordinate system and does not lie on the DEM",
-                file=file,
                 field=place,
                 found=_extent(_bounds(shapes)),
                 expected=f"a file with its coordinate system, or coordinates of the DEM: "
@@ -318,9 +280,8 @@ def onto_grid(
         log.info("%s: states no coordinate system: taken to be that of the DEM", file)
         return list(shapes)
     if not grid.crs:
-        raise InputError(
+        raise wrong(
             "has a coordinate system, yet the DEM is in local coordinates",
-            file=file,
             field=place,
             found=str(own.name),
             expected="local coordinates without a coordinate system",
@@ -330,9 +291,8 @@ def onto_grid(
     if own.is_geographic and (
         max(abs(west), abs(east)) > 360.0 or max(abs(south), abs(north)) > 90.0
     ):
-        raise InputError(
+        raise wrong(
             "coordinates cannot be degrees: the file is probably tagged with the wrong system",
-            file=file,
             field=place,
             found=f"{own.name} with {_extent((west, south, east, north))}",
             expected="its true coordinate system",
@@ -346,9 +306,8 @@ def onto_grid(
     if not _meets(moved, grid):
         error = outside(file, place, labels[0], _bounds(moved), grid)
         if plane.is_geographic and _meets_swapped(shapes, plane, target, grid):
-            error = InputError(
+            error = wrong(
                 "latitude and longitude are swapped",
-                file=file,
                 field=place,
                 found=_extent((west, south, east, north)),
                 expected="longitude first",
@@ -365,6 +324,7 @@ def _reprojected(
     place: str,
     labels: Sequence[str],
 ) -> list[Any]:
+    wrong = partial(InputError, file=file, field=place)
     transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
 
     def move(points: FloatArray) -> FloatArray:
@@ -374,19 +334,15 @@ def _reprojected(
     try:
         moved = [shapely.transform(g, move) for g in shapes]
     except ProjError as error:
-        raise InputError(
+        raise wrong(
             "cannot be brought into the coordinates of the DEM",
-            file=file,
-            field=place,
             found=str(error),
             expected=f"coordinates that {target.name} can express",
         ) from None
     for shape, who in zip(moved, labels, strict=True):
         if not np.isfinite(shapely.get_coordinates(shape)).all() or not shape.is_valid:
-            raise InputError(
+            raise wrong(
                 f"{who} cannot be brought into the coordinates of the DEM",
-                file=file,
-                field=place,
                 found=f"{source.name}",
                 expected=f"coordinates that {target.name} can express",
             )
@@ -454,8 +410,6 @@ def cells_under(geometry: Any, grid: Grid) -> tuple[slice, slice, NDArray[np.boo
     ----------
     geometry
         Shapely geometry that meets the DEM.
-    grid
-        The terrain model.
 
     Returns
     -------

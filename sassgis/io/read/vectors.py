@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,26 +48,14 @@ START_SLOPE_DEG = math.degrees(math.atan(0.37))
 
 
 def release_features(release: ReleaseSettings) -> list[Feature]:
-    """The release areas of a file by number and attributes; their shapes are not looked at.
-
-    Raises
-    ------
-    InputError
-        If the file, the layer or a field cannot be used.
-    """
+    """The release areas of a file by number and attributes; their shapes are not looked at."""
     file = _release_file(release)
     frame = open_layer(file, release.layer, "release", {"name_field": release.name_field})
     return without_shapes(frame)
 
 
 def release_names(release: ReleaseSettings) -> tuple[str, ...]:
-    """Names of all release areas in the order of the file; their shapes are not looked at.
-
-    Raises
-    ------
-    InputError
-        If the file, the layer, a field or a name cannot be used.
-    """
+    """Names of all release areas in the order of the file; their shapes are not looked at."""
     file = _release_file(release)
     found = release_features(release)
     return tuple(feature_names(found, release.name_field, "area", file, "release"))
@@ -93,12 +82,6 @@ def read_release(
 
     Parameters
     ----------
-    release
-        Section ``[release]`` of the configuration.
-    grid
-        The terrain model.
-    block_names
-        Names of the block scenarios.
     only
         Names of the areas to read; the shapes of the others are not looked at. Default: all.
 
@@ -107,12 +90,6 @@ def read_release(
     list of ReleaseArea
         In the order of the file. What can be used but deserves a look (an area partly outside the
         DEM, over nodata, too flat for a start, or over another area) is logged as a warning.
-
-    Raises
-    ------
-    InputError
-        If the file, the layer, a field, a feature or a name cannot be used, or ``only`` names an
-        area that is not there.
     """
     file = _release_file(release)
     name_field, scenario_field = release.name_field, release.scenario_field
@@ -155,17 +132,10 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
 
     Parameters
     ----------
-    release
-        Section ``[release]`` of the configuration.
     number
         Place in the layer, counted from 1.
     grid
         The terrain model; its heights are not looked at.
-
-    Raises
-    ------
-    InputError
-        If the file or the feature cannot be used, or it lies outside the DEM.
     """
     file = _release_file(release)
     fields = {"name_field": release.name_field, "scenario_field": release.scenario_field}
@@ -177,13 +147,7 @@ def read_release_feature(release: ReleaseSettings, number: int, grid: Grid) -> F
 def release_area(
     feature: Feature, name: str, release: ReleaseSettings, grid: Grid, block_names: Sequence[str]
 ) -> ReleaseArea:
-    """A release area from its feature, checked against the DEM under it.
-
-    Raises
-    ------
-    InputError
-        If it lies outside the DEM or on nodata, or names an unknown block scenario.
-    """
+    """A release area from its feature, checked against the DEM under it."""
     file = _release_file(release)
     _check_under(feature, feature.label(release.name_field), grid, file)
     scenarios = _scenarios(feature, release.scenario_field, block_names, release.name_field, file)
@@ -193,27 +157,18 @@ def release_area(
 def feature_names(
     features: Sequence[Feature], field: str | None, stem: str, file: Path, section: str
 ) -> list[str]:
-    """Names of the features: identities, so no two are the same.
-
-    Raises
-    ------
-    InputError
-        If a feature has no name or two have the same.
-    """
+    """Names of the features: identities, so no two are the same."""
+    wrong = partial(InputError, file=file, field=field)
     if field is None:
         return [f"{stem} {f.number}" for f in features]
     seen: dict[str, Feature] = {}
     for feature in features:
         name = feature.text(field)
         if name is None:
-            raise InputError(
-                f"{feature.label()} has no name", file=file, field=field, expected="a text"
-            )
+            raise wrong(f"{feature.label()} has no name", expected="a text")
         if name in seen:
-            raise InputError(
+            raise wrong(
                 "name is used twice",
-                file=file,
-                field=field,
                 found=f"{name!r} in features {seen[name].number} and {feature.number}",
                 expected=f"names that differ, or another {section}.name_field",
             )
@@ -313,24 +268,10 @@ def warn_of_overlaps(areas: Sequence[ReleaseArea], file: Path) -> None:
 def read_control_lines(config: Config, grid: Grid) -> list[tuple[ControlLine, FloatArray]]:
     """Read stations and barriers that lie on the map.
 
-    Parameters
-    ----------
-    config
-        The configuration.
-    grid
-        The terrain model.
-
     Returns
     -------
     list of (ControlLine, float64 array of shape (n, 2))
         Stations, then barriers, in the order of the configuration; x and y of their vertices (m).
-
-    Raises
-    ------
-    ConfigError
-        If a station or barrier has no place on the map.
-    InputError
-        If a file, a layer, a field or a feature cannot be used, or a name turns up twice.
     """
     control_lines: list[tuple[ControlLine, FloatArray]] = []
     for section, items in (("stations", config.stations), ("barriers", config.barriers)):
@@ -373,6 +314,7 @@ def _control_lines_of(
             found="chainage_m, which belongs to profile runs",
             expected="line or file",
         )
+    columns = item.fields if isinstance(item, BarrierSettings) else {}
     features = read_features(
         item.file,
         grid,
@@ -380,7 +322,7 @@ def _control_lines_of(
         layer=item.layer,
         fields={
             "name_field": item.name_field,
-            **{f"{k}_field": v for k, v in _barrier_fields(item).items()},
+            **{f"{k}_field": v for k, v in columns.items()},
         },
         label=item.name_field,
         kinds=("line",),
@@ -402,22 +344,10 @@ def _control_lines_of(
 def read_line(file: Path, grid: Grid, key: str) -> FloatArray:
     """The only line of a file, which must lie within the terrain model.
 
-    Parameters
-    ----------
-    file : Path
-    grid : Grid
-    key : str
-        What names the file, for messages.
-
     Returns
     -------
     float64, shape (n, 2)
         x and y of its vertices in the coordinates of the DEM (m).
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, holds several lines, or the line leaves the terrain model.
     """
     features = read_features(file, grid, key, kinds=("line",))
     if len(features) != 1:
@@ -448,10 +378,6 @@ def _one_line(feature: Feature, label: str, file: Path, key: str) -> FloatArray:
             expected="one line without gaps; make each part a feature of its own",
         )
     return _vertices(line)
-
-
-def _barrier_fields(item: StationSettings) -> dict[str, str]:
-    return item.fields if isinstance(item, BarrierSettings) else {}
 
 
 def _with_attributes(

@@ -32,18 +32,11 @@ def opened(url: str, timeout_s: float, headers: dict[str, str] | None = None) ->
         Begins with ``http://`` or ``https://``.
     timeout_s : float
         Longest wait for the next bytes (s).
-    headers : dict, optional
-
-    Yields
-    ------
-    http.client.HTTPResponse
 
     Raises
     ------
     NoAnswer
         Also in place of what fails inside the block while the answer is read.
-    InputError
-        If the server refuses.
     """
     if urlsplit(url).scheme not in ("http", "https"):
         raise InputError("is no web address", file=url, expected="http://... or https://...")
@@ -74,13 +67,7 @@ def opened(url: str, timeout_s: float, headers: dict[str, str] | None = None) ->
 
 
 def get_json(url: str, timeout_s: float) -> Any:
-    """The answer of a server as JSON.
-
-    Raises
-    ------
-    InputError
-        If there is none, or it is no JSON.
-    """
+    """The answer of a server as JSON."""
     with opened(url, timeout_s) as answer:
         text = answer.read(_LARGEST_ANSWER)
     try:

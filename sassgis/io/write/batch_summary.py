@@ -92,12 +92,6 @@ class BatchSummary:
             self._next = time.monotonic() + _SHARE * (time.monotonic() - began)
 
     def write(self) -> None:
-        """Write the table; whole or not at all.
-
-        Raises
-        ------
-        OutputError
-            If somebody has changed it, or the disk is full or not writable.
-        """
+        """Write the table; whole or not at all."""
         with staged_file(self._path, overwrite=True) as fresh:
             without_formulas(self.frame()).to_csv(fresh, index=False)

@@ -161,13 +161,7 @@ def without_formulas(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def write_table(path: Path, frames: Iterable[pd.DataFrame]) -> Path:
-    """Write frames one under the other, as CSV or Parquet by the suffix of the path.
-
-    Raises
-    ------
-    OutputError
-        If the disk is full, or pyarrow is missing for Parquet.
-    """
+    """Write frames one under the other, as CSV or Parquet by the suffix of the path."""
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".csv":

@@ -15,8 +15,8 @@ import pyogrio
 import shapely
 
 from sassgis.io.qgis.markup import qml
-from sassgis.io.said_layers import said_vector
 from sassgis.io.staging import writing
+from sassgis.io.translated_layers import translated_vector
 from sassgis.io.vector_layer import KEY_COLUMN, VectorLayer
 from sassgis.model.errors import OutputError
 from sassgis.model.styles import FieldInfo
@@ -41,12 +41,10 @@ def write_geopackage(
 
     Raises
     ------
-    OutputError
-        If the file exists or the disk is full or not writable.
     ValueError
         If a layer holds another kind of geometry than its style draws, or names repeat.
     """
-    layers = [said_vector(layer) for layer in layers]
+    layers = [translated_vector(layer) for layer in layers]
     names = [layer.name for layer in layers]
     if not names or len(set(names)) != len(names):
         raise ValueError(f"layers need one name each: {names}")

@@ -76,7 +76,6 @@ def write_manifest(
         Folder of the configuration; inputs are named relative to it.
     crs, vertical_datum : str
         Horizontal system as well-known text and the name of the heights.
-    seed : int
     ref_widths_m : mapping of str to float
         Reference width of the "reach_probability" and of the "hazard" (m), where there are any.
     preset : str
@@ -89,17 +88,6 @@ def write_manifest(
         What the run reported to the user.
     checks : mapping of str to object, optional
         What the run found of its own numerics.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read.
-    OutputError
-        If the disk is full or not writable.
     """
     content: dict[str, object] = {
         "format": MANIFEST_FORMAT,

@@ -11,8 +11,8 @@ from rasterio.io import MemoryFile
 from rasterio.transform import from_origin
 
 from sassgis.io.qgis.markup import qml
-from sassgis.io.said_layers import said_raster
 from sassgis.io.staging import writing
+from sassgis.io.translated_layers import translated_raster
 from sassgis.model.grid import Grid
 from sassgis.model.ramps import rgb
 from sassgis.model.results import Band, RasterLayer
@@ -64,7 +64,7 @@ def write_raster(layer: RasterLayer, grid: Grid, folder: Path) -> Path:
 
 def write_style(layer: RasterLayer, target: Path) -> None:
     """Write the QGIS style of a map beside it."""
-    layer = said_raster(layer)
+    layer = translated_raster(layer)
     style = target.with_suffix(".qml")
     with writing(style):
         style.write_text(qml(layer), encoding="utf-8")
@@ -139,7 +139,7 @@ def cog_options(layer: RasterLayer) -> dict[str, Any]:
 
 def describe(dataset: Any, layer: RasterLayer, grid: Grid, number_type: str) -> None:
     """Set tags, names and colours."""
-    layer = said_raster(layer)
+    layer = translated_raster(layer)
     dataset.update_tags(TITLE=layer.title, NOTE=layer.note, AREA_OR_POINT="Area")
     if layer.classes:
         names = "; ".join(f"{entry.value} = {entry.label}" for entry in layer.classes)

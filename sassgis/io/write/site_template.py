@@ -44,13 +44,6 @@ def site_template(
     dem : Path, optional
         Terrain model that lies under the drawing. A folder of tiles gives system and extent only,
         as QGIS opens single files.
-
-    Raises
-    ------
-    InputError
-        If there is neither system nor terrain model, or one of them cannot be used.
-    OutputError
-        If a file is there already or cannot be written.
     """
     if path.suffix.lower() != ".gpkg":
         raise OutputError(f"{path}: cannot see what to write; expected a name ending in .gpkg")

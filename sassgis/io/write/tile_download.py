@@ -25,13 +25,6 @@ def fetch_tile(offer: TileOffer, folder: Path, *, timeout_s: float = 30.0, tries
     Until the tile is whole and checked its name ends in ``.part``; the next call goes on from
     there. A download that stops is continued, and one that is damaged begun anew, ``tries`` times;
     the next bytes are waited for no longer than ``timeout_s``.
-
-    Raises
-    ------
-    InputError
-        If the server refuses or goes silent, or what it sends is damaged.
-    OutputError
-        If another file has the name of the tile.
     """
     target, part = folder / offer.name, folder / f"{offer.name}.part"
     if target.exists():

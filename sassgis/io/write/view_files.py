@@ -42,14 +42,6 @@ def export_view(result_folder: Path, target: Path, layer: str, *, overwrite: boo
     Heights of paths are those of the terrain model; nothing is converted to heights above the
     ellipsoid. Equal results give equal files with the same version of GDAL. The suffix names the
     format: one of :data:`FORMATS`.
-
-    Raises
-    ------
-    InputError
-        If the suffix is no format, the folder is no result, does not have the layer, or is in local
-        coordinates.
-    OutputError
-        If the file exists or cannot be written.
     """
     driver = FORMATS.get(target.suffix.lower())
     if driver is None:

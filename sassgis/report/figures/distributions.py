@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.languages import phrase
 from sassgis.model.results import ControlLine, Histogram, StopReason
 from sassgis.report.figures.style import (
     BLUE,
@@ -22,7 +23,6 @@ from sassgis.report.figures.style import (
     VERMILION,
     WIDTH_IN,
     beside,
-    count,
     halo,
     head,
     new_figure,
@@ -41,6 +41,11 @@ QUANTITIES = {
     "energy": ("kinetic energy", "kJ"),
     "speed": ("speed", "m/s"),
     "height": ("passing height", "m"),
+}
+_TITLES = {
+    "energy": "Kinetic energy along the profile",
+    "speed": "Speed along the profile",
+    "height": "Passing height along the profile",
 }
 
 
@@ -72,8 +77,8 @@ def energy_profile_figure(
     name, unit = QUANTITIES[quantity]
     figure = new_figure(WIDTH_IN, 4.3)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.7, 1.0))
-    head(figure, f"{name.capitalize()} along the profile")
-    upper.set_ylabel(f"{name} ({unit})")
+    head(figure, _TITLES[quantity])
+    upper.set_ylabel(phrase("{} ({})", phrase(name), unit))
     lower.set_ylabel("height (m)")
     lower.set_xlabel("chainage (m)")
     lower.plot(s, z, color=INK, lw=1.2, gid="slope")
@@ -164,7 +169,7 @@ def _name_curves(
                 float(middle[column]),
                 float(height),
                 # The median, or the share of blocks that stays below.
-                "median" if share == 0.5 else f"{100.0 * share:.4g} %",
+                phrase("median") if share == 0.5 else f"{100.0 * share:.4g} %",
                 transform=ax.get_xaxis_transform(),
                 ha="center",
                 va="center",
@@ -187,7 +192,7 @@ _REASONS = {
 
 
 def _panel(ax: Axes, name: str, histogram: Histogram) -> None:
-    ax.set_xlabel(f"{name} ({histogram.unit})")
+    ax.set_xlabel(phrase("{} ({})", phrase(name), histogram.unit))
     edges, counts = histogram.edges, histogram.counts
     used = np.nonzero(counts)[0]
     if not used.size:
@@ -222,7 +227,8 @@ def station_figure(
         _panel(ax, label, histogram)
     axes[0].set_ylabel("number of blocks")
     head(figure, name)
-    text = f"{thousands(int(np.sum(speed.counts)))} of {count(n, 'simulated block')} pass"
+    passed = thousands(int(np.sum(speed.counts)))
+    text = phrase("{} of {} simulated blocks pass", passed, thousands(n))
     figure.supxlabel(text, size=SMALL, color=GREY, x=0.01, ha="left")
     return figure
 
@@ -262,7 +268,7 @@ def _draw_runout(
             color=colour,
             alpha=0.9,
             lw=0,
-            label=f"{name}: {thousands(total[reason])}",
+            label=phrase("{}: {}", phrase(name), thousands(total[reason])),
             gid=f"reason-{reason.name}",
         )
         base = above
@@ -282,9 +288,15 @@ def _draw_runout(
     )
     open_end = total.get(StopReason.LEFT_PROFILE, 0.0) + total.get(StopReason.STEP_LIMIT, 0.0)
     if open_end:
-        of = f"{count(int(open_end), 'block')} of {thousands(sum(total.values()))}"
+        text = (
+            "{} block of {} went on where the computation ended: the true shares lie on or above "
+            "the line"
+            if open_end == 1.0
+            else "{} blocks of {} went on where the computation ended: the true shares lie on or "
+            "above the line"
+        )
         upper.set_title(
-            f"{of} went on where the computation ended: the true shares lie on or above the line",
+            phrase(text, thousands(int(open_end)), thousands(sum(total.values()))),
             size=SMALL, weight="normal", color=GREY,
         )  # fmt: skip
     return figure

@@ -16,6 +16,7 @@ from sassgis.hazard.curves import rate_interval, return_period
 from sassgis.hazard.levels import deciding_energy, hazard_level
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
+from sassgis.model.languages import joined, phrase
 from sassgis.report.figures.style import (
     BLUE,
     GREEN,
@@ -30,7 +31,6 @@ from sassgis.report.figures.style import (
     WIDTH_IN,
     Page,
     beside,
-    count,
     halo,
     lines_in,
     styled,
@@ -57,7 +57,8 @@ def leading_sources(by_source: Mapping[str, FloatArray]) -> dict[str, FloatArray
         return {name: coming[name] for name in names}
     out = {name: coming[name] for name in names[: MAX_SOURCES - 1]}
     rest = names[MAX_SOURCES - 1 :]
-    out[f"{len(rest)} other sources"] = np.sum([coming[name] for name in rest], axis=0)
+    name = phrase("{} other sources", len(rest))
+    out[name] = np.sum([coming[name] for name in rest], axis=0)
     return out
 
 
@@ -126,7 +127,6 @@ def hazard_curve_figure(
         With the thresholds of the preset among its energies.
     row : int
         Position of the place in the curves.
-    preset : HazardPreset
     by_source : mapping of str to float, shape (n_energies,), optional
         Rate (1/year) of each source at the place; of more than ``MAX_SOURCES``, those from which
         fewest blocks arrive are drawn together.
@@ -143,7 +143,7 @@ def hazard_curve_figure(
     notes = [_level_words(one, preset)]
     if np.isnan(lower[total > 0.0]).any():
         notes.append("The sample does not give the error of the rates.")
-    below = wrap(" ".join(n for n in (*notes, note) if n), WIDTH_IN - 0.5)
+    below = wrap(joined(" ", filter(None, (*notes, note))), WIDTH_IN - 0.5)
     heading = wrap("Hazard curve", WIDTH_IN - 0.5, TITLE)
     foot = 0.42 + 0.135 * lines_in(below) + 0.1
     legend_h, plot_h = 0.2 + 0.17 * ((len(sources) + 2) // 2), 3.6
@@ -170,7 +170,7 @@ def hazard_curve_figure(
         ax.fill_between(
             at, np.maximum(np.nan_to_num(lower), 1e-300), np.nan_to_num(upper, nan=0.0),
             where=np.isfinite(lower) & (upper > 0.0), color=INK, alpha=0.2, lw=0.0, zorder=3,
-            label=f"{100.0 * confidence:g} % interval of the sample", gid="band",
+            label=phrase("{} % interval of the sample", f"{100.0 * confidence:g}"), gid="band",
         )  # fmt: skip
     for (name, rates), colour, dashes in zip(sources.items(), _COLOURS, _DASHES, strict=False):
         ax.plot(
@@ -200,12 +200,15 @@ def _level_words(one: HazardCurves, preset: HazardPreset) -> str:
         return "No block arrives here."
     energy = float(one.energies_kj[int(deciding_energy(one, preset)[0])])
     years = float(return_period(one.rate[0, one.column(energy)]))
-    rocks = f"blocks of {energy:g} kJ and more" if energy > 0.0 else "blocks of any energy"
     mean = thousands(years, 0 if years >= 10.0 else 1)
-    return (
-        f"Level: {preset.levels[level - 1].label}, by {rocks}, once in {mean} years. "
-        "Circles: lower limits of the classes of intensity, which decide; the first, all blocks, "
-        "at the left edge."
+    return phrase(
+        "Level: {}, by {}, once in {} years. Circles: lower limits of the classes of intensity, "
+        "which decide; the first, all blocks, at the left edge.",
+        phrase(preset.levels[level - 1].label),
+        phrase("blocks of {} kJ and more", f"{energy:g}")
+        if energy
+        else phrase("blocks of any energy"),
+        mean,
     )
 
 
@@ -279,18 +282,25 @@ def risk_figure(
     chosen, rest = order[:top], order[top:]
     risk, errors = values[chosen], standard_errors[chosen]
     total = amount(float(np.nansum(values)))
-    notes = [f"Sum of all {count(values.size, 'object')}: {total} {unit}."]
+    unit = phrase(unit)
+    one = values.size == 1
+    text = "Sum of all {} object: {} {}." if one else "Sum of all {} objects: {} {}."
+    notes = [phrase(text, thousands(values.size), total, unit)]
     if rest.size:
-        notes.append(
-            f"Not drawn: {count(rest.size, 'object')} of less risk, together "
-            f"{amount(float(values[rest].sum()))} {unit}."
-        )
+        less = amount(float(values[rest].sum()))
+        text = "Not drawn: {} objects of less risk, together {} {}."
+        if rest.size == 1:
+            text = "Not drawn: {} object of less risk, together {} {}."
+        notes.append(phrase(text, thousands(rest.size), less, unit))
     if np.isfinite(errors).any():
         notes.append(
-            "Thin lines: 95 % intervals (1.96 standard errors) of the sample of blocks alone."
+            phrase(
+                "Thin lines: 95 % intervals (1.96 standard errors) of the sample of blocks alone."
+            )
         )
-    heading = wrap(f"{quantity[:1].upper()}{quantity[1:]} by object", WIDTH_IN - 0.4, TITLE)
-    below = wrap(" ".join(notes), WIDTH_IN - 0.4)
+    title = {"loss": "Loss by object", "deaths": "Deaths by object"}[quantity]
+    heading = wrap(title, WIDTH_IN - 0.4, TITLE)
+    below = wrap(joined(" ", notes), WIDTH_IN - 0.4)
     labels = [wrap(names[i], _NAME_IN) for i in chosen]
     widths = [text_width_pt(line) for label in labels for line in label.splitlines()]
     left = min(max([*widths, 40.0]) / 72.0, _NAME_IN) + 0.2
@@ -302,7 +312,7 @@ def risk_figure(
     # In steps of three, so that the numbers along the axis are short.
     exponent = min(0, 3 * int(np.floor(np.log10(risk.max()) / 3.0)))
     power = f"{power_of_ten(exponent)} " if exponent else ""
-    ax.set_xlabel(f"{quantity} ({power}{unit})")
+    ax.set_xlabel(phrase("{} ({}{})", phrase(quantity), power, unit))
     ax.xaxis.set_major_formatter(
         FuncFormatter(lambda x, _: thousands(x) if x >= 1e4 else f"{x / 10.0**exponent:g}")
     )

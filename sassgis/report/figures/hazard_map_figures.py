@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sassgis.hazard.zone_styles import LEVEL_CHANGES
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.languages import joined, phrase
 from sassgis.model.results import RasterClass, RasterLayer
 from sassgis.report.figures.map_figure import (
     ClassRow,
@@ -79,7 +80,7 @@ def _class_maps(
     view = view_of(grid, footprint(grid, seen, all_points(marks.release)))
     notes = [note, marks.key(), coarse_note(view, "highest class")]
     heading = wrap(title, WIDTH_IN - 0.4, TITLE)
-    below = wrap("\n".join(n for n in notes if n), WIDTH_IN - _LEFT_IN - 0.2)
+    below = wrap(joined("\n", filter(None, notes)), WIDTH_IN - _LEFT_IN - 0.2)
     legend_w = _ROOM_IN - FURNITURE_IN[0] - 0.2
     legend_h = sum(-row.placed(0.0, 0.0, legend_w)[1] for row in legends)
     legend_h = max(legend_h, FURNITURE_IN[1])
@@ -131,10 +132,14 @@ def confidence_figure(
     assert panel.values is not None
     reached = np.isfinite(panel.values)
     share = int((uncertain & reached).sum()) / max(int(reached.sum()), 1)
-    words = f"Statistically uncertain: {100.0 * share:.1f} % of the cells that have a level."
+    words = phrase(
+        "Statistically uncertain: {} % of the cells that have a level.", f"{100.0 * share:.1f}"
+    )
     legend = ClassRow("", level.classes, RasterClass(0, "statistically uncertain", INK))
     title = "Where the sample of blocks leaves the level open"
-    return _class_maps(grid, [panel], [legend], marks, title, f"{words} {note}".strip())
+    return _class_maps(
+        grid, [panel], [legend], marks, title, joined(" ", filter(None, (words, note)))
+    )
 
 
 def level_changes(before: FloatArray, after: FloatArray) -> FloatArray:
@@ -172,17 +177,15 @@ def change_figure(
         for number, code in ((-1, "lower"), (0, "same"), (1, "higher"))
     )
     area = grid.cell_size**2
-    changes = "; ".join(
-        f"{kind.label.lower()}: {thousands(np.count_nonzero(change == kind.value) * area)} m²"
-        for kind in kinds
-    )
+    changes = [thousands(np.count_nonzero(change == kind.value) * area) for kind in kinds]
     panels = [
         class_panel(before.bands[0].values, classes, names[0]),
         class_panel(after.bands[0].values, classes, names[1]),
         class_panel(change, kinds, "Change"),
     ]
     legends = [ClassRow("Level", classes), ClassRow("Change", kinds)]
-    note = f"{changes[:1].upper()}{changes[1:]}. {note}".strip()
+    text = "Lower level: {} m²; same level: {} m²; higher level: {} m²."
+    note = joined(" ", filter(None, (phrase(text, *changes), note)))
     return _class_maps(grid, panels, legends, marks, title, note)
 
 

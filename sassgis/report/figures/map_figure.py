@@ -21,6 +21,7 @@ from matplotlib.ticker import FixedFormatter, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.languages import joined, phrase
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.styles import class_colours, class_labels, class_limits, zero_is_nothing
 from sassgis.report.figures.map_marks import MapMarks, all_points
@@ -420,7 +421,9 @@ def coarse_note(view: MapView, what: str) -> str:
     if view.factor == 1:
         return ""
     n = view.factor
-    return f"Drawn with one dot for {n} × {n} cells; each shows the {what} in it."
+    return phrase(
+        "Drawn with one dot for {} × {} cells; each shows the {} in it.", n, n, phrase(what)
+    )
 
 
 @styled
@@ -442,7 +445,7 @@ def map_figure(
     ]
     labels = class_labels(layer.breaks, "") if layer.breaks and not layer.classes else []
     heading = wrap(layer.title, WIDTH_IN - 0.4, TITLE)
-    below = wrap("\n".join(n for n in notes if n), WIDTH_IN - 0.8)
+    below = wrap(joined("\n", filter(None, notes)), WIDTH_IN - 0.8)
     names = [entry.label for entry in layer.classes]
     longest = max((text_width_pt(label) for label in names or labels), default=0.0) / 72.0
     legend_w = min(SIGN_IN[0] + 0.1 + longest, 1.7) if names else _BAR_IN + 0.12 + longest

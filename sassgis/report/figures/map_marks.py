@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
 from sassgis.model.grid import FloatArray
+from sassgis.model.languages import phrase, translated
 from sassgis.model.styles import BARRIER_STYLE
 from sassgis.report.figures.relief import Extent
 from sassgis.report.figures.style import (
@@ -19,7 +20,6 @@ from sassgis.report.figures.style import (
     INK,
     SMALL,
     beside,
-    count,
     halo,
     text_width_pt,
 )
@@ -93,14 +93,14 @@ class MapMarks:
             "brown: buildings and people": dimensions - {1},
             "white with a brown edge: roads and lines": 1 in dimensions,
         }
-        text = "; ".join(part for part, there in parts.items() if there)
+        text = "; ".join(translated(part) for part, there in parts.items() if there)
         return f"{text[:1].upper()}{text[1:]}." if text else ""
 
     def left_out(self) -> str:
         """Say what is not drawn of many fall lines."""
         if len(self.lines) <= MAX_LINES:
             return ""
-        return f"{count(MAX_LINES, 'fall line')} of {thousands(len(self.lines))} are drawn."
+        return phrase("{} fall lines of {} are drawn.", MAX_LINES, thousands(len(self.lines)))
 
 
 def even_choice(n: int, most: int) -> list[int]:

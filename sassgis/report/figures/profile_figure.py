@@ -15,6 +15,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import MultipleLocator
 
 from sassgis.model.grid import FloatArray, IntArray
+from sassgis.model.languages import joined, phrase
 from sassgis.model.results import ControlLine
 from sassgis.report.figures.style import (
     BLUE,
@@ -28,7 +29,6 @@ from sassgis.report.figures.style import (
     YELLOW,
     Page,
     beside,
-    count,
     halo,
     lines_in,
     round_step,
@@ -38,6 +38,7 @@ from sassgis.report.figures.style import (
     thousands_formatter,
     wrap,
 )
+from sassgis.report.number_text import thousands
 
 #: A control line with its chainage (m) and the height of the ground there (m).
 ProfileControlLine = tuple[ControlLine, float, float]
@@ -78,7 +79,7 @@ class ProfilePanel:
     def ground_name(self, number: int) -> str:
         """Name of a class, or its number where it has none."""
         known = 0 <= number < len(self.ground_names)
-        return self.ground_names[number] if known else f"class {number}"
+        return self.ground_names[number] if known else phrase("class {}", number)
 
     def known_stops(self) -> FloatArray:
         """Stops that have a chainage."""
@@ -88,11 +89,14 @@ class ProfilePanel:
     def caption(self) -> str:
         """Say how many blocks are drawn."""
         n, stops = len(self.trajectories), self.known_stops().size
-        parts = {
-            f"{count(n, 'path')} of the centre of mass": n,
-            f"yellow dots: where {count(stops, 'block')} ended": stops,
-        }
-        return "; ".join(part for part, there in parts.items() if there)
+        paths = "{} path of the centre of mass" if n == 1 else "{} paths of the centre of mass"
+        dots = (
+            "yellow dots: where {} block ended"
+            if stops == 1
+            else ("yellow dots: where {} blocks ended")
+        )
+        parts = ((paths, n), (dots, stops))
+        return joined("; ", (phrase(text, thousands(number)) for text, number in parts if number))
 
 
 def runs_of(ground: IntArray) -> list[tuple[int, int, int]]:
@@ -248,7 +252,7 @@ def _draw_control_lines(ax: Axes, panel: ProfilePanel, frame: _Frame) -> None:
             [s, s], [z, z + line.height_m], color=VERMILION, lw=2.4, ls=dashes, zorder=8,
             solid_capstyle="butt", dash_capstyle="butt", gid=f"control_line-{line.name}",
         )  # fmt: skip
-        words = f"{line.name} ({line.kind}, {line.height_m:g} m)"
+        words = line.described
         at = (float(s), float(z + line.height_m))
         beside(ax, words, at, (3.0, 3.0), color=VERMILION, path_effects=halo(1.8), **bold)
 

@@ -13,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator
 from numpy.typing import NDArray
 
 from sassgis.model.grid import FloatArray, Grid
+from sassgis.model.languages import phrase
 from sassgis.report.figures.style import GREY, INK, SMALL, Page, round_step
 from sassgis.report.number_text import thousands
 
@@ -205,8 +206,8 @@ def map_axes(ax: Axes, extent: Extent, parts: int = 5) -> None:
         axis.set_major_locator(MultipleLocator(step))
         axis.set_major_formatter(FuncFormatter(lambda value, _: thousands(value / scale, decimals)))
     unit = "km" if in_km else "m"
-    ax.set_xlabel(f"east ({unit})", size=SMALL)
-    ax.set_ylabel(f"north ({unit})", size=SMALL)
+    ax.set_xlabel(phrase("{} ({})", phrase("east"), unit), size=SMALL)
+    ax.set_ylabel(phrase("{} ({})", phrase("north"), unit), size=SMALL)
     for label in ax.get_yticklabels():
         label.set_rotation(90)
         label.set_verticalalignment("center")

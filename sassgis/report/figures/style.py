@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from sassgis.model.errors import OutputError
 from sassgis.model.grid import FloatArray
-from sassgis.model.languages import said, spoken
+from sassgis.model.languages import current_language, translated
 from sassgis.report.number_text import thousands
 
 #: Width of a figure: the text width of an A4 page (in).
@@ -160,10 +160,10 @@ def beside(
 
 def to_png(figure: Figure) -> bytes:
     """Draw a figure as PNG; the same figure gives the same bytes on every run."""
-    if spoken() != "en":
+    if current_language() != "en":
         for text in figure.findobj(Text):
             assert isinstance(text, Text)
-            text.set_text(said(text.get_text()))
+            text.set_text(translated(text.get_text()))
     buffer = io.BytesIO()
     with house_style():
         # Without this matplotlib writes its version into the file.
@@ -185,7 +185,7 @@ def save(figure: Figure, path: str | PathLike[str]) -> Path:
 def wrap(text: str, width_in: float, size: float = SMALL) -> str:
     """Break a text into lines that fit a width at a font size (points)."""
     # A letter of DejaVu Sans is on average 0.56 of the font size wide.
-    text = said(text)
+    text = translated(text)
     letters = max(12, int(width_in * 72.0 / (0.56 * size)))
     return "\n".join(
         line for part in text.splitlines() for line in (textwrap.wrap(part, letters) or [""])

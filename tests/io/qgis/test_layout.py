@@ -15,6 +15,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 from helpers import made_up_result as made_up
+from helpers.in_qgis import in_qgis
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,7 +31,6 @@ from sassgis.io.qgis.layout import (
 )
 from sassgis.io.qgis.text_size import text_width, wrapped
 
-SYSTEM_PYTHON = "/usr/bin/python3"
 PROBE = Path(__file__).with_name("layout_probe.py")
 PRINTER = Path(sassgis.io.qgis.__file__).with_name("export_layout.py")
 
@@ -138,19 +138,6 @@ def apart(items: list[tuple[str, float, float, float, float]], page: tuple[float
 # --- in QGIS -----------------------------------------------------------------------------------
 
 
-def run(*words: str | Path, home: Path) -> str:
-    done = subprocess.run(
-        [SYSTEM_PYTHON, *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=False,
-        env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(home), "LC_ALL": "C.UTF-8"},
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 @pytest.fixture(scope="module")
 def project(qgis: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("made")
@@ -163,7 +150,7 @@ def project(qgis: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def seen(project: Path) -> dict[str, Any]:
     pdf = project.with_name("by_algorithm.pdf")
-    report: dict[str, Any] = json.loads(run(PROBE, project, pdf, home=project.parent))
+    report: dict[str, Any] = json.loads(in_qgis(PROBE, project, pdf, home=project.parent))
     for sheet in report["layouts"].values():
         sheet["item"] = {item["id"]: item for item in sheet["items"]}
     return report
@@ -240,7 +227,7 @@ def colour_at(picture: Any, item: dict[str, Any], x: float, y: float, page: Any)
 def test_the_printed_map_has_the_levels_where_they_are(
     project: Path, seen: dict[str, Any], tmp_path: Path
 ) -> None:
-    out = run(
+    out = in_qgis(
         PRINTER, project, tmp_path, "--layout", "Hazard level", "--format", "png", "--dpi", "100",
         home=tmp_path,
     )  # fmt: skip
@@ -277,7 +264,7 @@ def test_the_printed_map_has_the_levels_where_they_are(
 def test_all_sheets_are_printed_to_pdf_as_text(
     project: Path, seen: dict[str, Any], tmp_path: Path
 ) -> None:
-    run(PRINTER, project, tmp_path, "--dpi", "96", home=tmp_path)
+    in_qgis(PRINTER, project, tmp_path, "--dpi", "96", home=tmp_path)
     files = sorted(tmp_path.glob("*.pdf"))
     assert [file.name for file in files] == ["Hazard level.pdf", "Intensity _ cells.pdf"]
     assert all(file.read_bytes().startswith(b"%PDF") for file in files)
@@ -295,23 +282,15 @@ def test_all_sheets_are_printed_to_pdf_as_text(
 
 @pytest.mark.qgis
 def test_an_unknown_layout_is_one_line(project: Path, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [SYSTEM_PYTHON, str(PRINTER), str(project), str(tmp_path), "--layout", "Nowhere"],
-        capture_output=True,
-        text=True,
-        timeout=180,
-        check=False,
-        env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(tmp_path), "LC_ALL": "C.UTF-8"},
-    )
-    assert done.returncode == 1
-    assert "no layout 'Nowhere'; it has: Hazard level, Intensity & cells" in done.stderr
-    assert "Traceback" not in done.stderr
+    line = in_qgis(PRINTER, project, tmp_path, "--layout", "Nowhere", home=tmp_path, code=1)
+    assert "no layout 'Nowhere'; it has: Hazard level, Intensity & cells" in line
+    assert "Traceback" not in line
 
 
 @pytest.mark.qgis
 def test_local_coordinates_keep_their_scale(qgis: None, tmp_path: Path) -> None:
     made = made_up.make(tmp_path / "result", local=True)
-    report = json.loads(run(PROBE, made.project, home=tmp_path))
+    report = json.loads(in_qgis(PROBE, made.project, home=tmp_path))
     items = {i["id"]: i for i in report["layouts"]["Hazard level"]["items"]}
     assert items["Scale"]["text"] == "Scale 1:4\u00a0000"
     assert items["Coordinates"]["text"] == "local, in m"

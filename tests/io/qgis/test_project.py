@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -13,27 +12,19 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from helpers import made_up_result as made_up
+from helpers.in_qgis import in_qgis
 
 from sassgis.hazard.zone_styles import ZONE_OPACITY
 from sassgis.io.qgis.entries import LayerEntry, LayerGroup
 from sassgis.io.qgis.project import write_project
 from sassgis.model.styles import RASTER_OPACITY
 
-SYSTEM_PYTHON = Path("/usr/bin/python3")
 PROBE = Path(__file__).with_name("probe.py")
 
 
 def probe(project: Path, picture: Path, *more: str) -> dict[str, Any]:
-    done = subprocess.run(
-        [str(SYSTEM_PYTHON), str(PROBE), str(project), str(picture), *more],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(picture.parent), "LC_ALL": "C.UTF-8"},
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)  # type: ignore[no-any-return]
+    out = in_qgis(PROBE, project, picture, *more, home=picture.parent)
+    return json.loads(out)  # type: ignore[no-any-return]
 
 
 def at(x: float, y: float) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.in_qgis import in_qgis
 from helpers.small_slope import CELL, COLS, NORTH, ROWS, WEST, Slope, heights
 
 from sassgis.io.read.config import load_config
@@ -18,7 +18,6 @@ from sassgis.io.write.config_template import short_template
 from sassgis.io.write.site_template import site_template
 from sassgis.runs.check_inputs import check_inputs
 
-SYSTEM_PYTHON = Path("/usr/bin/python3")
 PROBE = Path(__file__).with_name("site_probe.py")
 
 
@@ -68,13 +67,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def drawn(qgis: None, folder: Path) -> dict[str, Any]:
     (folder / "features.json").write_text(json.dumps(FEATURES))
-    done = subprocess.run(
-        [str(SYSTEM_PYTHON), str(PROBE), str(folder / "site.qgz"), str(folder / "features.json")],
-        capture_output=True, text=True, timeout=120, check=False,
-        env={"QT_QPA_PLATFORM": "offscreen", "HOME": str(folder), "LC_ALL": "C.UTF-8"},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)  # type: ignore[no-any-return]
+    out = in_qgis(PROBE, folder / "site.qgz", folder / "features.json", home=folder)
+    return json.loads(out)  # type: ignore[no-any-return]
 
 
 @pytest.mark.qgis

@@ -41,10 +41,6 @@ def test_nodata_and_nan_become_nan(make_dem):
     assert np.isfinite(grid.values).sum() == 18
 
 
-def test_constant_terrain_is_allowed(make_dem):
-    assert (read_dem(make_dem(np.full((3, 3), 500.0))).values == 500.0).all()
-
-
 @pytest.mark.parametrize(
     ("corner", "north"),
     [
@@ -240,58 +236,53 @@ def test_damaged_file(make_dem, one_line):
     _refused(one_line, path, "read", "expected")
 
 
-def test_degrees(make_dem, one_line):
-    where = Affine(1e-4, 0.0, 8.9, 0.0, -1e-4, 46.4)
-    path = make_dem(HEIGHTS, crs="EPSG:4326", transform=where)
-    _refused(one_line, path, "terrain.crs", "in degrees", "WGS 84", "EPSG:32632")
+def place(cell: float, west: float, north: float) -> dict[str, Affine]:
+    return {"transform": Affine(cell, 0.0, west, 0.0, -cell, north)}
 
 
-def test_metres_tagged_as_degrees(make_dem, one_line):
-    path = make_dem(HEIGHTS, crs="EPSG:4326")
-    _refused(one_line, path, "terrain.crs", "cannot be degrees", "2700000", "tagged with the wrong")
+INFINITE = np.where(np.isin(HEIGHTS, (1007.0, 1018.0)), np.inf, HEIGHTS)
+#: Heights, how they are written, how they are read, and words of the message.
+WRONG = {
+    "degrees": (HEIGHTS, {"crs": "EPSG:4326", **place(1e-4, 8.9, 46.4)}, {},
+                ["terrain.crs", "in degrees", "WGS 84", "EPSG:32632"]),
+    "metres tagged as degrees": (HEIGHTS, {"crs": "EPSG:4326"}, {},
+                ["terrain.crs", "cannot be degrees", "2700000", "tagged with the wrong"]),
+    "degrees tagged as metres": (HEIGHTS, place(1e-4, 8.9, 46.4), {},
+                ["terrain.crs", "look like degrees", "LV95", "8.9", "EPSG:4326"]),
+    "feet": (HEIGHTS, {"crs": "EPSG:2272"}, {},
+             ["terrain.crs", "not in metres", "US survey foot", "gdalwarp"]),
+    "geocentric": (HEIGHTS, {"crs": "EPSG:4978"}, {}, ["terrain.crs", "projected"]),
+    "no system": (HEIGHTS, {"crs": None}, {},
+                  ["terrain.crs", "has no coordinate system", "EPSG:2056"]),
+    "another system": (HEIGHTS, {}, {"crs": "EPSG:21781"},
+                       ["terrain.crs", "LV95", "EPSG:21781", "differ"]),
+    "local": (HEIGHTS, {}, {"crs": "local"}, ["terrain.crs", "LV95", "local", "differ"]),
+    "no such system": (HEIGHTS, {"crs": None}, {"crs": "EPSG:lv95"},
+                       ["terrain.crs", "'EPSG:lv95'", "such as EPSG:2056"]),
+    "not true to scale": (HEIGHTS, {"crs": "EPSG:3857", **place(10.0, 990_000.0, 5_840_000.0)}, {},
+                          ["terrain.crs", "scale 1.4", "EPSG:32632"]),
+    "off the Earth": (HEIGHTS, {"crs": "EPSG:3035", **place(10.0, 4e9, 4e9)}, {},
+                      ["terrain.crs", "do not belong", "4000000000"]),
+    "one cell": (np.full((1, 1), 500.0), {}, {}, ["1 rows x 1 columns", "at least 3 x 3"]),
+    "narrow": (np.full((9, 2), 500.0), {}, {}, ["9 rows x 2 columns", "at least 3 x 3"]),
+    "all nodata": (np.full((3, 4), -9999.0), {"nodata": -9999.0}, {},
+                   ["band 1", "no height at all", "12 cells"]),
+    "infinite": (INFINITE, {}, {},
+                 ["band 1", "infinite", "2 cells", "row 2, column 3", "expected numbers"]),
+    "bands": (np.stack([HEIGHTS, HEIGHTS]), {}, {},
+              ["several bands", "2 bands", "one band", "gdal_translate"]),
+    "no georeference": (HEIGHTS, {"transform": Affine.identity()}, {},
+                        ["no georeference", "no corner", "world file"]),
+    "unit": (HEIGHTS, {"unit": "fathom"}, {}, ["band 1", "'fathom'", "metres or feet"]),
+    "complex numbers": (HEIGHTS, {"dtype": "complex64"}, {}, ["no real numbers", "complex64"]),
+}  # fmt: skip
 
 
-def test_degrees_tagged_as_metres(make_dem, one_line):
-    where = Affine(1e-4, 0.0, 8.9, 0.0, -1e-4, 46.4)
-    path = make_dem(HEIGHTS, transform=where)
-    _refused(one_line, path, "terrain.crs", "look like degrees", "LV95", "8.9", "EPSG:4326")
-
-
-def test_feet(make_dem, one_line):
-    path = make_dem(HEIGHTS, crs="EPSG:2272")
-    _refused(one_line, path, "terrain.crs", "not in metres", "US survey foot", "gdalwarp")
-
-
-def test_geocentric(make_dem, one_line):
-    _refused(one_line, make_dem(HEIGHTS, crs="EPSG:4978"), "terrain.crs", "projected")
-
-
-def test_no_system(make_dem, one_line):
-    path = make_dem(HEIGHTS, crs=None)
-    _refused(one_line, path, "terrain.crs", "has no coordinate system", "EPSG:2056")
-
-
-def test_configured_system_that_differs(make_dem, one_line):
-    path = make_dem(HEIGHTS)
-    _refused(one_line, path, "terrain.crs", "LV95", "EPSG:21781", "differ", crs="EPSG:21781")
-    _refused(one_line, path, "terrain.crs", "LV95", "local", crs="local")
-
-
-def test_configured_system_that_is_none(make_dem, one_line):
-    path = make_dem(HEIGHTS, crs=None)
-    _refused(one_line, path, "terrain.crs", "'EPSG:lv95'", "such as EPSG:2056", crs="EPSG:lv95")
-
-
-def test_web_mercator_is_not_true_to_scale(make_dem, one_line):
-    where = Affine(10.0, 0.0, 990_000.0, 0.0, -10.0, 5_840_000.0)
-    path = make_dem(HEIGHTS, crs="EPSG:3857", transform=where)
-    _refused(one_line, path, "terrain.crs", "scale 1.4", "EPSG:32632")
-
-
-def test_coordinates_off_the_earth(make_dem, one_line):
-    where = Affine(10.0, 0.0, 4e9, 0.0, -10.0, 4e9)
-    path = make_dem(HEIGHTS, crs="EPSG:3035", transform=where)
-    _refused(one_line, path, "terrain.crs", "do not belong", "4000000000")
+@pytest.mark.filterwarnings("ignore:The given matrix")
+@pytest.mark.parametrize("case", WRONG)
+def test_terrain_that_cannot_be_used(make_dem, one_line, case):
+    heights, written, options, words = WRONG[case]
+    _refused(one_line, make_dem(heights, **written), *words, **options)
 
 
 def test_far_outside_the_area_of_use_is_a_warning(make_dem, caplog):
@@ -303,24 +294,6 @@ def test_far_outside_the_area_of_use_is_a_warning(make_dem, caplog):
     read_dem(path)
     assert "outside the area of use" in caplog.text
     assert "far.tif" in caplog.text
-
-
-@pytest.mark.parametrize("shape", [(1, 1), (2, 9), (9, 2)])
-def test_too_small(make_dem, one_line, shape):
-    path = make_dem(np.full(shape, 500.0))
-    _refused(one_line, path, f"{shape[0]} rows x {shape[1]} columns", "at least 3 x 3")
-
-
-def test_all_nodata(make_dem, one_line):
-    path = make_dem(np.full((3, 4), -9999.0), nodata=-9999.0)
-    _refused(one_line, path, "band 1", "no height at all", "12 cells")
-
-
-def test_infinite_heights(make_dem, one_line):
-    values = HEIGHTS.copy()
-    values[1, 2] = values[3, 3] = np.inf
-    path = make_dem(values)
-    _refused(one_line, path, "band 1", "infinite", "2 cells", "row 2, column 3", "expected numbers")
 
 
 @pytest.mark.parametrize("value", [-9999.0, -32768.0, 1e20, -501.0, 9001.0])
@@ -337,26 +310,6 @@ def test_undeclared_nodata(make_dem, one_line, value):
         "-500 to 9000 m",
         f"-a_nodata {value:g}",
     )
-
-
-def test_several_bands(make_dem, one_line):
-    path = make_dem(np.stack([HEIGHTS, HEIGHTS]))
-    _refused(one_line, path, "several bands", "2 bands", "one band", "gdal_translate")
-
-
-@pytest.mark.filterwarnings("ignore:The given matrix")
-def test_no_georeference(make_dem, one_line):
-    path = make_dem(HEIGHTS, transform=Affine.identity())
-    _refused(one_line, path, "no georeference", "no corner", "world file")
-
-
-def test_unknown_unit_of_heights(make_dem, one_line):
-    _refused(one_line, make_dem(HEIGHTS, unit="fathom"), "band 1", "'fathom'", "metres or feet")
-
-
-def test_complex_numbers(make_dem, one_line):
-    path = make_dem(HEIGHTS, dtype="complex64")
-    _refused(one_line, path, "no real numbers", "complex64")
 
 
 def test_images_draw_a_warning(make_dem, caplog):

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from affine import Affine
+from helpers.sections import section_of
 from hypothesis import given
 from hypothesis import strategies as st
 from shapely import Point, box
 
-from sassgis.io.read.checked import section_of
 from sassgis.io.read.config import load_config
 from sassgis.io.read.ground_map import built_in_table, ground_raster, read_ground_table
 from sassgis.model.errors import InputError

@@ -186,11 +186,6 @@ def federal_layer(
         in before an export.
     legend : sequence of HazardLevel or IntensityClass
         From low to high.
-
-    Raises
-    ------
-    InputError
-        If a value or a polygon is not as the model has it.
     """
     kind = FEDERAL_CLASSES[name]
     if federal and not is_lv95(crs):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +40,6 @@ def checked_values(
         Whether codes must be those of the model.
     optional : tuple of str
         Attributes that may be empty nevertheless.
-
-    Raises
-    ------
-    InputError
-        If a value is missing, of the wrong kind, out of range, too long or no code of the model, or
-        the values of a feature break a constraint of the model.
     """
 
     def refused(attribute: str, problem: str, found: object, expected: str) -> InputError:
@@ -129,13 +124,7 @@ def _of_kind(attribute: Attribute, value: Any, federal: bool) -> Any:
 
 
 def unique_short_names(names: Sequence[str], longest: int = 50) -> dict[str, str]:
-    """Cut names so that they are short enough and still differ; those that are short stay.
-
-    Raises
-    ------
-    InputError
-        If a name is empty.
-    """
+    """Cut names so that they are short enough and still differ; those that are short stay."""
     wanted = list(dict.fromkeys(names))
     plain = {name: " ".join(name.split()) for name in wanted}
     if empty := [name for name in wanted if not plain[name]]:
@@ -169,25 +158,18 @@ def surface_parts(geometry: Any, *, where: str, file: Path | None = None) -> lis
 
     Corners that polygons share stay shared. What vanishes on the grid of 1 mm is left out. Messages
     name ``where`` and ``file``.
-
-    Raises
-    ------
-    InputError
-        If it is no polygon, or crosses itself.
     """
+    wrong = partial(InputError, file=file)
     if not isinstance(geometry, shapely.Polygon | shapely.MultiPolygon):
-        raise InputError(
+        raise wrong(
             f"{where}: cannot be a zone",
-            file=file,
             found="nothing" if geometry is None else getattr(geometry, "geom_type", geometry),
             expected="a polygon with straight edges",
         )
     if not np.isfinite(shapely.get_coordinates(geometry)).all():
-        raise InputError(f"{where}: a coordinate is no number", file=file)
+        raise wrong(f"{where}: a coordinate is no number")
     if not geometry.is_valid:
-        raise InputError(
-            f"{where}: the polygon is not valid", file=file, found=shapely.is_valid_reason(geometry)
-        )
+        raise wrong(f"{where}: the polygon is not valid", found=shapely.is_valid_reason(geometry))
     parts = []
     for part in shapely.get_parts(shapely.force_2d(geometry)).tolist():
         parts += _on_millimetres(part)

@@ -19,6 +19,7 @@ from sassgis.hazard.preset_labels import energy_labels, preset_unverified
 from sassgis.io.write.layers.maps import Place, described_band, described_raster, level_classes
 from sassgis.model.grid import FloatArray
 from sassgis.model.hazard import HazardCurves, HazardPreset
+from sassgis.model.languages import joined, phrase
 from sassgis.model.results import Band, RasterClass, RasterLayer
 
 #: Colours of "statistically certain" and "uncertain".
@@ -75,12 +76,20 @@ class _Maker:
         rules = [f"{t[:1].upper()}{t[1:].rstrip('.')}." for t in preset_unverified(preset)]
         self._words: dict[str, Any] = {
             "percent": percent,
-            "frequencies": "Annual frequency: onset frequency times the share of the simulated "
-            "blocks that reach the cell, summed over release areas and block scenarios. Reference "
-            f"width {ref_width_m:.4g} m.",
-            "rules": " ".join([f"Preset {preset.name} ({preset.title}).", *rules]),
-            "sampled": f"{percent} intervals say what another sample of blocks would change, not "
-            "the error of the model, its parameters or the onset frequency.",
+            "frequencies": phrase(
+                "Annual frequency: onset frequency times the share of the simulated blocks that "
+                "reach the cell, summed over release areas and block scenarios. Reference width "
+                "{} m.",
+                f"{ref_width_m:.4g}",
+            ),
+            "rules": joined(
+                " ", [phrase("Preset {} ({}).", preset.name, phrase(preset.title)), *rules]
+            ),
+            "sampled": phrase(
+                "{} intervals say what another sample of blocks would change, not the error of the "
+                "model, its parameters or the onset frequency.",
+                percent,
+            ),
         }
 
     def level(self) -> RasterLayer:
@@ -90,13 +99,14 @@ class _Maker:
 
     def intensity(self, years: float | None) -> RasterLayer:
         if years is None:
-            stem, when = "intensity_extreme", "extreme event"
-            what = "Strongest class of intensity of any simulated block, however rare."
+            stem, when = "intensity_extreme", phrase("extreme event")
+            what = phrase("Strongest class of intensity of any simulated block, however rare.")
         else:
-            stem, when = f"intensity_{years:g}", f"return period {years:g} years"
-            what = (
+            stem, when = f"intensity_{years:g}", phrase("return period {} years", f"{years:g}")
+            what = phrase(
                 "Strongest class of intensity whose lower limit of energy is reached or exceeded "
-                f"at least once in {years:g} years."
+                "at least once in {} years.",
+                f"{years:g}",
             )
         key, codes = "intensity", intensity_class(self._few, self._preset, years)
         labels = zip(self._preset.intensities, energy_labels(self._preset), strict=True)
@@ -104,7 +114,7 @@ class _Maker:
             key,
             [self._classes(key, key, codes, when=when)],
             classes=[
-                RasterClass(i, f"{c.label} ({span})", c.colour)
+                RasterClass(i, phrase("{} ({})", phrase(c.label), phrase(span)), c.colour)
                 for i, (c, span) in enumerate(labels, start=1)
             ],
             stem=stem,
@@ -125,7 +135,7 @@ class _Maker:
             ],
             (0.0, *self._preset.thresholds_kj[1:]),
             "YlOrRd",
-            once=f" once in {periods[0]:g} years" if periods else "",
+            once=phrase(" once in {} years", f"{periods[0]:g}") if periods else "",
             count=energies.size,
             first=energies[0],
             last=energies[-1],
@@ -181,7 +191,13 @@ class _Maker:
                 RasterClass(0, "statistically certain", _CERTAIN),
                 RasterClass(1, "statistically uncertain", _UNCERTAIN),
             ),
-            codes="; ".join(f"{k} = {c.label}" for k, c in enumerate(self._preset.levels, start=1)),
+            codes=joined(
+                "; ",
+                (
+                    phrase("{} = {}", k, phrase(level.label))
+                    for k, level in enumerate(self._preset.levels, start=1)
+                ),
+            ),
             **self._words,
         )
 
@@ -196,4 +212,6 @@ class _Maker:
 
 
 def _of_energy(energy_kj: float) -> str:
-    return f"of {energy_kj:g} kJ and more" if energy_kj > 0.0 else "of any energy"
+    if energy_kj == 0.0:
+        return phrase("of any energy")
+    return phrase("of {} kJ and more", f"{energy_kj:g}")

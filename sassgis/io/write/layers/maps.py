@@ -12,6 +12,7 @@ from sassgis.hazard.map_sums import MapSums, Sample, band_values
 from sassgis.io.vector_layer import descriptions
 from sassgis.model.grid import FloatArray, IntArray
 from sassgis.model.hazard import HazardPreset
+from sassgis.model.languages import phrase
 from sassgis.model.results import Band, RasterClass, RasterLayer
 from sassgis.model.statistics_table import STATISTICS
 
@@ -37,7 +38,7 @@ def described_band(
     Its name is that of the row unless another is given; ``words`` take the places of ``{...}``.
     """
     row = descriptions()[key][column]
-    description, unit = (row[part].format(**words) for part in ("alias", "unit"))
+    description, unit = (phrase(row[part], **words) for part in ("alias", "unit"))
     return Band(name or column, description, unit, values.astype(np.float32))
 
 
@@ -53,7 +54,7 @@ def described_raster(
 ) -> RasterLayer:
     """A map with the title and note of its row in ``data/map_layers.csv``; see RasterLayer."""
     row = descriptions()[key][""]
-    title, note = (row[part].format(**words) for part in ("alias", "description"))
+    title, note = (phrase(row[part], **words) for part in ("alias", "description"))
     return RasterLayer(stem or key, title, note, tuple(bands), tuple(breaks), ramp, tuple(classes))
 
 
@@ -79,11 +80,15 @@ def map_layers(
     """
     words = {
         "rocks": sample.started,
-        "width": f"Reference width {cell_size:.4g} m (one cell).",
-        "once": "Each block counts once per cell, with the largest value that it has there.",
-        "error": "Standard error with the release points as a random sample."
-        if sample.random_points
-        else "Standard error with the release points fixed: blocks are the sample.",
+        "width": phrase("Reference width {} m (one cell).", f"{cell_size:.4g}"),
+        "once": phrase(
+            "Each block counts once per cell, with the largest value that it has there."
+        ),
+        "error": phrase(
+            "Standard error with the release points as a random sample."
+            if sample.random_points
+            else "Standard error with the release points fixed: blocks are the sample."
+        ),
     }
     breaks = {"energy": (0.0, *energy_classes_kj)}
     place = Place(sums.cells, shape)
@@ -91,7 +96,7 @@ def map_layers(
         RasterLayer(
             row.stem,
             row.title,
-            row.note.format(**words),
+            phrase(row.note, **words),
             tuple(
                 Band(name, row.description(name), row.unit, place.map_of(values))
                 for name, values in band_values(row, sums, sample, edges).items()

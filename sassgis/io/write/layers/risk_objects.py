@@ -19,6 +19,7 @@ from sassgis.hazard.risk import (
 )
 from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.model.exposure import PlacedObjects
+from sassgis.model.languages import phrase
 from sassgis.model.styles import FieldInfo, StyleClass, Symbol, VectorStyle, class_colours
 
 #: No colours of hazard levels, under which objects would not be seen.
@@ -145,30 +146,34 @@ def risk_vectors(
 
 def _words(quantity: str, currency: str) -> FieldInfo:
     alias, unit, text = _WORDS[quantity]
-    return FieldInfo(alias, unit.format(currency), text)
+    return FieldInfo(alias, phrase(unit, currency), text)
 
 
 def _fields(table: RiskTable, currency: str) -> dict[str, FieldInfo]:
     """What the columns of numbers per year mean."""
     fields = {}
     described = {
-        f"hits_{c}": FieldInfo(f"hits of intensity {c}", "1/year") for c in table.intensities
+        f"hits_{c}": FieldInfo(phrase("hits of intensity {}", c), "1/year")
+        for c in table.intensities
     }
     described |= {q: _words(q, currency) for q in QUANTITIES}
     for name, info in described.items():
         fields[f"{name}_per_year"] = info
-        fields[f"{name}_per_year_se"] = FieldInfo(f"{info.alias}, standard error", info.unit, _SE)
+        error = phrase("{}, standard error", phrase(info.alias))
+        fields[f"{name}_per_year_se"] = FieldInfo(error, info.unit, _SE)
     return fields
 
 
 def _style(symbol: Symbol, quantity: str, currency: str) -> VectorStyle:
     limits = _LOSS_LIMITS if quantity == "loss" else _RISK_LIMITS
-    unit = _words(quantity, currency).unit.replace("1/year", "per year")
+    unit = phrase("per year")
+    if quantity == "loss":
+        unit = phrase("{}/year", currency)
     texts = [_power(v) for v in limits]
     labels = [
-        f"below {texts[0]} {unit}",
-        *(f"{low} to {high} {unit}" for low, high in pairwise(texts)),
-        f"{texts[-1]} {unit} and more",
+        phrase("below {} {}", texts[0], unit),
+        *(phrase("{} to {} {}", low, high, unit) for low, high in pairwise(texts)),
+        phrase("{} {} and more", texts[-1], unit),
     ]
     edges = [_LEAST, *limits, float("inf")]
     classes = [StyleClass("none", replace(symbol, colour=_NOTHING_COLOUR), upper=_LEAST)]

@@ -14,6 +14,7 @@ from sassgis.hazard.progress import Progress, joined_lines, kept_stops
 from sassgis.io.vector_layer import VectorLayer, described_layer
 from sassgis.io.write.layers.footprint import footprints
 from sassgis.model.labels import LINE_END_TEXT, STOP_TEXT
+from sassgis.model.languages import phrase
 from sassgis.model.map_run import MapRun
 from sassgis.model.profiles import LineEnd
 from sassgis.model.release_areas import ReleaseArea
@@ -145,9 +146,9 @@ def stops(run: MapRun, planned: Plan, progress: Progress) -> VectorLayer:
         shapely.points(rows.x[on_map], rows.y[on_map]),
         run.grid.crs,
         categorised_style(STOP_STYLE.symbol, "end", colours, STOP_STYLE.smallest_scale),
-        which=f"All {total} blocks."
+        which=phrase("All {} blocks.", total)
         if all_of_them
-        else f"{rows.rocks.size} of {total} blocks, chosen at random.",
+        else phrase("{} of {} blocks, chosen at random.", rows.rocks.size, total),
     )
 
 
@@ -201,7 +202,9 @@ def control_line_layers(run: MapRun, progress: Progress) -> list[VectorLayer]:
 
 
 def _footprint_label(level: float) -> str:
-    return "reached by a block" if level == 0.0 else f"reach probability {100 * level:g} % or more"
+    if level == 0.0:
+        return "reached by a block"
+    return phrase("reach probability {} % or more", f"{100 * level:g}")
 
 
 def footprint(run: MapRun, layers: Sequence[RasterLayer]) -> VectorLayer:
