@@ -31,8 +31,8 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.release_areas import ReleaseArea
 from sassgis.model.results import ControlLine, StopReason
 from sassgis.model.run_config import Config
+from sassgis.model.settings import ReleaseSettings
 from sassgis.model.statistics_table import SUM_NAMES
-from sassgis.runs.batch_areas import Candidate
 from sassgis.runs.batch_state import (
     SIMULATION_NAME,
     WITHOUT_BARRIERS_NAME,
@@ -58,6 +58,30 @@ from sassgis.runs.zone import prepared, simulations, write_zones
 from sassgis.terrain.release import meeting, wkb_hex
 
 AREAS_NAME = "areas"
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A release area that a batch is to run.
+
+    Attributes
+    ----------
+    name : str
+    stem : str
+        Name of its folder.
+    release : ReleaseSettings
+        Section ``[release]`` with the file and fields of this area.
+    number : int
+        Place in the layer, counted from 1.
+    problem : str
+        Why it cannot be run; empty if nothing is known against it.
+    """
+
+    name: str
+    stem: str
+    release: ReleaseSettings
+    number: int
+    problem: str = ""
 
 
 @dataclass(frozen=True, slots=True)

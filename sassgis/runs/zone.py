@@ -18,7 +18,8 @@ from sassgis.model.map_run import MapRun
 from sassgis.model.run_config import Config
 from sassgis.runs.inputs import compares_barriers, most_repetitions, read_rules, with_rules
 from sassgis.runs.job import Job, OnProgress, Simulation, configured, read_job, simulate_config
-from sassgis.runs.publish import Published, publish_map, zone_extras
+from sassgis.runs.publish import Published, publish_map
+from sassgis.runs.publish_zones import zone_extras
 from sassgis.runs.run import RunResult, result_of
 from sassgis.runs.workers import Jobs
 

@@ -21,9 +21,9 @@ from sassgis.cli import main
 from sassgis.io.read.config import load_config
 from sassgis.io.saved_arrays import unfit
 from sassgis.model.errors import ConfigError, InputError, OutputError
-from sassgis.runs import batch_outcomes, batch_window
-from sassgis.runs.batch import batch
-from sassgis.runs.batch_areas import find_areas
+from sassgis.runs import batch as runs_batch
+from sassgis.runs import batch_window
+from sassgis.runs.batch import batch, find_areas
 from sassgis.runs.zone import zone
 
 # Maps hold everything that is counted; these hold what is made of it.
@@ -277,9 +277,9 @@ def test_what_areas_at_work_together_tell_of_saved_states_is_heard(
         tell("Simulating")
         tell(unfit(Path("state.npz")))
 
-    monkeypatch.setattr(batch_outcomes, "run_area", run)
-    common = batch_outcomes._Common(None, Path())
-    told = batch_outcomes._alone(common, SimpleNamespace(stem="a")).told
+    monkeypatch.setattr(runs_batch, "run_area", run)
+    common = runs_batch._Common(None, Path())
+    told = runs_batch._alone(common, SimpleNamespace(stem="a")).told
     assert told == (unfit(Path("state.npz")),)
 
 

@@ -17,11 +17,11 @@ from sassgis.io.read.tiles import Part
 from sassgis.io.staging import check_output
 from sassgis.model.errors import OutputError
 from sassgis.model.statistics_table import default_bins
-from sassgis.runs import batch_blocks, batch_outcomes, batch_zones
+from sassgis.runs import batch as runs_batch
+from sassgis.runs import batch_mosaic
 from sassgis.runs.batch import batch
-from sassgis.runs.batch_blocks import BASE, Reached, bytes_needed, divided, shared
-from sassgis.runs.batch_state import Record, read_state
-from sassgis.runs.batch_zones import groups
+from sassgis.runs.batch_mosaic import BASE, bytes_needed, divided, groups, shared
+from sassgis.runs.batch_state import Reached, Record, read_state
 
 GIGABYTE = 1e9
 
@@ -34,7 +34,7 @@ def digests(folder: Path, suffix: str) -> dict[str, str]:
 def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
     done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(batch_outcomes, "_AREAS_PER_CORE", 1)
+    monkeypatch.setattr(runs_batch, "_AREAS_PER_CORE", 1)
     steps: list[tuple[int, int, int]] = []
     result = batch(
         valley.releases, tmp_path / "out", dem=valley.tiles, jobs=2, mosaic_only=True,
@@ -65,8 +65,13 @@ def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
 @pytest.fixture
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Little memory is enough for all but the whole mosaic, and for the zones of all areas."""
-    monkeypatch.setattr(batch_blocks, "TILE", 128)
-    monkeypatch.setattr(batch_zones, "bytes_needed", lambda *_: 1)
+    monkeypatch.setattr(batch_mosaic, "TILE", 128)
+    by_group = batch_mosaic._zones_by_group
+
+    def with_enough(mosaic, areas, jobs, _memory, tell):
+        return by_group(mosaic, areas, jobs, 1 << 40, tell)
+
+    monkeypatch.setattr(batch_mosaic, "_zones_by_group", with_enough)
 
 
 @pytest.mark.usefixtures("small_blocks")
@@ -78,8 +83,8 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
     memory = 1.05 * BASE / GIGABYTE
     if jobs == 2:
         # As if the program itself were small.
-        monkeypatch.setattr(batch_blocks, "BASE", 1 << 20)
-        monkeypatch.setattr(batch_blocks, "_LEAST_SHARE", 1 << 20)
+        monkeypatch.setattr(batch_mosaic, "BASE", 1 << 20)
+        monkeypatch.setattr(batch_mosaic, "_LEAST_SHARE", 1 << 20)
         memory = 0.1
     shutil.copytree(done.folder / "areas", out / "areas")
     said: list[str] = []
@@ -173,10 +178,10 @@ def test_blocks_cover_a_place_once_and_fit_into_the_memory() -> None:
         covered[rows, cols] += 1
         assert bytes_needed(block, areas, bins) <= most
         assert own == [a for a in areas if a.part.common(block) is not None]
-        assert rows.start % batch_blocks.TILE == 0 and cols.start % batch_blocks.TILE == 0
+        assert rows.start % batch_mosaic.TILE == 0 and cols.start % batch_mosaic.TILE == 0
     assert len(blocks) > 4 and (covered == 1).all()
     # A block of one tile is not divided, whatever it needs.
-    assert max(b.n_rows for b, _ in divided(place, areas, bins, 0)) == batch_blocks.TILE
+    assert max(b.n_rows for b, _ in divided(place, areas, bins, 0)) == batch_mosaic.TILE
 
 
 def test_cores_share_the_memory_of_a_mosaic() -> None:
