@@ -25,13 +25,10 @@ class ProfileInput:
 
     Attributes
     ----------
-    name : str
     s, z : float64, shape (n,)
         Chainage and height of the vertices (m).
     ground : int32, shape (n,)
         Ground class of the segment that starts at each vertex.
-    table : GroundTable
-    control_lines : tuple of (ControlLine, chainage)
     start : (low, high)
         Chainages between which blocks start (m).
     forest : Forest or None
@@ -54,15 +51,12 @@ class ProfileResult:
 
     Attributes
     ----------
-    profile : ProfileInput
     rocks : ROCK_DTYPE, shape (n_scenarios * n_rocks,)
     scenario : int64, same shape
         Position in the configuration's blocks.
     pieces : ROCK_DTYPE
         Fragments and entrained blocks.
     piece_scenario : int64, same shape
-    passages : PASSAGE_DTYPE
-    control_lines : ControlLineSums
     paths : tuple of (s, z)
         Trajectories of the first blocks of each block scenario (m).
     drawn : int
@@ -92,15 +86,12 @@ class LinePaths:
 
     Attributes
     ----------
-    area, scenario : str
     s, z : float64, shape (n,)
         Chainage and height of the profile (m).
     x, y : float64, shape (n,)
         Where the profile runs on the map (m).
     ground : int64, shape (n,)
         Ground class of the segment that starts at each vertex.
-    ground_names : sequence of str
-    control_lines : tuple of (ControlLine, chainage)
     paths : tuple of (s, z)
         Centres of the blocks (m).
     stops : float64, shape (n_blocks,)

@@ -60,7 +60,6 @@ def intensity_style(column: str, preset: HazardPreset) -> VectorStyle:
     ----------
     column : str
         Holds the code of the class, as "mean".
-    preset : HazardPreset
 
     Returns
     -------
@@ -83,10 +82,6 @@ def level_change_style(column: str) -> VectorStyle:
     ----------
     column : str
         Holds "higher", "same" or "lower" (:data:`LEVEL_CHANGES`).
-
-    Returns
-    -------
-    VectorStyle
     """
     return zone_style(
         column,
@@ -112,13 +107,8 @@ def zone_style(column: str, entries: Sequence[tuple[str, str, str, bool]]) -> Ve
 
     Parameters
     ----------
-    column : str
     entries : sequence of (code, label, ``#rrggbb``, hatched)
         From low to high.
-
-    Returns
-    -------
-    VectorStyle
     """
     return VectorStyle(
         symbol=_ZONE,

@@ -56,7 +56,6 @@ class BatchResult:
 
     Attributes
     ----------
-    folder : Path
     summary : DataFrame
         A row per release area, as in ``summary.csv``.
     found : Assessment or None
@@ -112,10 +111,6 @@ def batch(
         As for sassgis.runs.run.run; chunks are those of one area.
     first_margin_m : float
         Margin around an area with which the search for its part of the terrain begins.
-
-    Returns
-    -------
-    BatchResult
 
     Raises
     ------
@@ -396,7 +391,6 @@ def outcomes(
 
     Parameters
     ----------
-    setting, candidates
     folder : Path
         Of the batch.
     jobs, on_progress, tell

@@ -66,7 +66,6 @@ class Candidate:
 
     Attributes
     ----------
-    name : str
     stem : str
         Name of its folder.
     release : ReleaseSettings
@@ -90,9 +89,6 @@ class Setting:
 
     Attributes
     ----------
-    config : Config
-    terrain : Terrain
-    table : GroundTable
     control_lines : tuple of (ControlLine, float64 array of shape (k, 2))
     rules : Rules
         With all exposed objects, and no frequencies.

@@ -97,7 +97,6 @@ class Mosaic:
 
     Attributes
     ----------
-    setting : Setting
     run : MapRun
         With the settings of all areas; of its grid only the coordinate system counts.
     place : Part
@@ -136,7 +135,6 @@ def write_mosaic(
     -------
     found : Assessment or None
         None if the mosaic is there already, or has several blocks.
-    warnings : tuple of str
     """
     parts = [[records[c.stem].fingerprint for c in candidates], notices]
     fingerprint = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -372,7 +370,7 @@ def _write_blocks(
         frames=frames,
         inputs=zone_inputs(config),
         preset=rules.preset.name,
-        ref_widths_m={"hazard": rules.ref_width_m},
+        ref_widths_m={"reach_probability": frame.cell_size, "hazard": rules.ref_width_m},
     )
     facts = facts_of(config, mosaic.run) | {"preset": rules.preset.name} | counts
     write_layers(

@@ -47,7 +47,6 @@ class Record:
     ----------
     fingerprint : str
         Of all that the result hangs on.
-    area : str
     west, north : float
         Outer corner of the part of the terrain model (m).
     n_rows, n_cols : int
@@ -173,7 +172,6 @@ def read_state(folder: Path, without: bool = False) -> dict[str, NDArray[Any]]:
 
     Parameters
     ----------
-    folder : Path
     without : bool
         Whether of its blocks without walls and nets; where it has none, both are the same.
 

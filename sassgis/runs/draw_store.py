@@ -23,8 +23,6 @@ class DrawStore:
     ----------
     file : Path
         In the working folder of the result. One that does not fit is not used, which is told.
-    fingerprint : str
-    tell : callable
     """
 
     def __init__(self, file: Path, fingerprint: str, tell: Callable[[str], None]) -> None:

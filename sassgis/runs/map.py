@@ -31,7 +31,7 @@ from sassgis.hazard.progress import (
 from sassgis.model.errors import InputError
 from sassgis.model.grid import FloatArray, Grid, IntArray
 from sassgis.model.map_run import BlockRows, MapRun
-from sassgis.model.profiles import ReleasePoints, TraceSet
+from sassgis.model.profiles import ControlLineCrossings, ProfileSet, ReleasePoints, TraceSet
 from sassgis.model.statistics_table import Bins
 from sassgis.runs.interrupts import held_back
 from sassgis.runs.workers import Threads, Workers
@@ -108,8 +108,6 @@ def check_starts(
 
     Parameters
     ----------
-    run : MapRun
-    points : ReleasePoints
     planned : callable
         Gives the plan; asked only where blocks keep to lines, which are traced to find one.
     file : Path or None
@@ -244,7 +242,6 @@ def paths_on_line(
 
     Parameters
     ----------
-    run, planned
     line, scenario, rock : int
         As in Progress.furthest.
 
@@ -270,22 +267,36 @@ def paths_on_line(
         starts=prepared.starts(planned.moved[[line]]), control_lines=prepared.crossings,
         log_events=LOG_EVENTS, effects=run.effects, forest=run.forest,
     )  # fmt: skip
-    s, z = prepared.flat.vertices(0)
-    crossed = prepared.crossings
+    return _line_paths(
+        run, planned, line, scenario, result, line_on_map, prepared.flat, prepared.crossings
+    )
+
+
+def _line_paths(
+    run: MapRun,
+    planned: Plan,
+    point: int,
+    scenario: int,
+    result: Simulated,
+    line_on_map: TraceSet,
+    flat: ProfileSet,
+    crossed: ControlLineCrossings,
+) -> LinePaths:
+    s, z = flat.vertices(0)
     return LinePaths(
-        area=planned.points.area_names[planned.points.area[line]],
-        scenario=blocks.name,
+        area=planned.points.area_names[planned.points.area[point]],
+        scenario=run.blocks[scenario].name,
         s=s,
         z=z,
         x=np.interp(s, line_on_map.s, line_on_map.x),
         y=np.interp(s, line_on_map.s, line_on_map.y),
-        ground=prepared.flat.ground.astype(np.int64),
+        ground=flat.ground.astype(np.int64),
         ground_names=run.table.names,
         control_lines=tuple(
             (crossed.control_lines[g], float(c))
             for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
         ),
-        paths=tuple(trajectory(c, run.engine.gravity_mps2) for c in result.event_logs),
+        paths=tuple(trajectory(log, run.engine.gravity_mps2) for log in result.event_logs),
         stops=result.rocks["runout_m"],
     )
 
@@ -335,10 +346,8 @@ def _followed_path(
 ) -> LinePaths | None:
     """The path of one block that was followed, with the profile under it; None: too short."""
     points = take(planned.points, np.array([point]))
-    blocks = run.blocks[scenario]
     result = follow_one(run, points, scenario, rock)
-    log = result.event_logs[0]
-    chainage, x, y = path_in_plan(run.heights, log)
+    chainage, x, y = path_in_plan(run.heights, result.event_logs[0])
     if chainage.size < 2:
         return None
     path = TraceSet(
@@ -350,24 +359,8 @@ def _followed_path(
         end=np.zeros(1, np.uint8),
     )
     flat = profiles(run.heights, path, run.ground, run.segment_tolerance_m)
-    s, z = flat.vertices(0)
     crossed = control_line_crossings(run.control_lines, path)
-    return LinePaths(
-        area=points.area_names[int(points.area[0])],
-        scenario=blocks.name,
-        s=s,
-        z=z,
-        x=np.interp(s, path.s, path.x),
-        y=np.interp(s, path.s, path.y),
-        ground=flat.ground.astype(np.int64),
-        ground_names=run.table.names,
-        control_lines=tuple(
-            (crossed.control_lines[g], float(c))
-            for c, g in zip(crossed.chainage, crossed.control_line, strict=True)
-        ),
-        paths=(trajectory(log, run.engine.gravity_mps2),),
-        stops=result.rocks["runout_m"],
-    )
+    return _line_paths(run, planned, point, scenario, result, path, flat, crossed)
 
 
 def chunks_of(planned: Plan, size: int = CHUNK_POINTS, repetitions: int = 1) -> list[Chunk]:
@@ -394,7 +387,6 @@ def simulate_map(
 
     Parameters
     ----------
-    run : MapRun
     planned : Plan
         Of the same run.
     jobs : int or Workers
@@ -407,10 +399,6 @@ def simulate_map(
         Ctrl-C waits until it returns, so that the progress is whole at any time.
     chunk_points : int
         Release points per chunk.
-
-    Returns
-    -------
-    Progress
 
     Raises
     ------

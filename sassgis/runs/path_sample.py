@@ -31,7 +31,6 @@ def sample_paths(run: MapRun, planned: Plan, most: int) -> tuple[BlockPath, ...]
 
     Parameters
     ----------
-    run, planned
     most : int
         Most paths, of all block scenarios together.
     """

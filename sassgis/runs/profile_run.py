@@ -56,7 +56,6 @@ class ProfileRunResult:
 
     Attributes
     ----------
-    folder : Path
     found : ProfileResult
         Blocks, passages, paths, quantiles along the slope.
     report : ReportContext
@@ -170,8 +169,6 @@ def simulate_profile(
 
     Parameters
     ----------
-    config : Config
-    profile : ProfileInput
     seed, rocks : int, optional
         In place of those of the configuration; blocks count per block scenario.
     """
@@ -258,7 +255,6 @@ def run_profile(
 
     Parameters
     ----------
-    config : Config or path
     out : path
         Folder of the result; appears whole or not at all.
     csv_file : path, optional
@@ -269,11 +265,6 @@ def run_profile(
         Vector file with one line over the terrain, drawn downwards, in place of a CSV file.
     rocks, seed : int, optional
         In place of those of the configuration.
-    overwrite : bool
-
-    Returns
-    -------
-    ProfileRunResult
 
     Raises
     ------

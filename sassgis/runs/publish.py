@@ -44,14 +44,12 @@ class Extras:
 
     Attributes
     ----------
-    layers : tuple of RasterLayer
     vectors : tuple of VectorLayer
         Written to ``hazard.gpkg``.
     groups : tuple of LayerGroup
         On top of the project.
     layouts : callable
         Gives its map sheets from what every sheet says.
-    report : ReportPart
     facts : dict
         Added to those of the run.
     frames : dict of str to DataFrame
@@ -61,7 +59,7 @@ class Extras:
     placed : PlacedObjects
         Exposed objects, drawn on the maps.
     ref_widths_m : dict of str to float
-        Reference widths besides that of the reach probability (m).
+        Reference widths (m); that of the reach probability of a run need not be given.
     """
 
     layers: tuple[RasterLayer, ...] = ()
@@ -152,8 +150,10 @@ def publish_map(
     report = publish_report(
         work, done, layers, extras.layers, extras.placed, warnings, facts, extras.report
     )
+    widths = {"reach_probability": run.grid.cell_size} | extras.ref_widths_m
     manifest(
-        work, config, counts, warnings, grid=run.grid, seed=run.seed, extras=extras,
+        work, config, counts, warnings, grid=run.grid, seed=run.seed,
+        extras=replace(extras, ref_widths_m=widths),
         settings=({} if areas is None else {"areas": sorted(areas)})
         | ({"zoning": extras.facts} if extras.facts else {}),
         checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
@@ -202,7 +202,6 @@ def manifest(
 ) -> None:
     """Write the manifest of a result of a configuration; without ``grid``: of one on no map."""
     extras = extras or Extras()
-    width = {} if grid is None else {"reach_probability": grid.cell_size}
     write_manifest(
         work / MANIFEST_NAME,
         inputs=input_files(config) | extras.inputs,
@@ -210,7 +209,7 @@ def manifest(
         crs="" if grid is None else grid.crs,
         vertical_datum="" if grid is None else grid.vertical_datum,
         seed=seed,
-        ref_widths_m=width | extras.ref_widths_m,
+        ref_widths_m=extras.ref_widths_m,
         preset=extras.preset,
         settings=resolved(config) | dict(settings or {}),
         counts=counts,

@@ -72,10 +72,6 @@ def zone(
     config, out, overwrite, areas, seed, jobs, on_progress, say
         As for sassgis.runs.run.run.
 
-    Returns
-    -------
-    ZoneResult
-
     Raises
     ------
     ConfigError, InputError, OutputError
@@ -110,16 +106,10 @@ def write_zones(
     ----------
     work, done, areas, tell
         As for sassgis.runs.publish.publish_map.
-    rules : Rules
     without : Simulation or None
         The same blocks without walls and nets.
     first : callable, optional
         Called with what was found before anything is written.
-
-    Returns
-    -------
-    found : Assessment
-    published : Published
     """
     tell("Drawing the zones")
     found = assessed(rules, done, without)

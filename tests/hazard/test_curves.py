@@ -15,7 +15,6 @@ from sassgis.hazard.curves import (
     energy_at,
     hazard_curves,
     meets,
-    probability_over,
     rate_interval,
     return_period,
     source_rate,
@@ -162,17 +161,6 @@ def test_rounding_does_not_decide_whether_a_return_period_is_met(rocks: int, yea
     assert meets(rate, years).all()
     assert meets(sum(rate * 0.1 for _ in range(10)), years).all()
     assert not meets(rate * (1.0 - 1e-9), years).any()
-
-
-def test_probability_over_years() -> None:
-    # 1 − 0.99^2 and 1 − (3/4)^3 = 37/64.
-    np.testing.assert_allclose(probability_over(2, 0.01), 0.0199)
-    np.testing.assert_allclose(probability_over(3, [0.25, 0.5]), [37 / 64, 7 / 8])
-    assert probability_over(1, 0.25) == pytest.approx(0.25)
-    assert probability_over(10, [0.0, 1.0, 5.0]).tolist() == [0.0, 1.0, 1.0]
-    assert probability_over(0, [0.5, 1.0]).tolist() == [0.0, 0.0]
-    # So rare that 1 − λ is 1 in double precision.
-    assert probability_over(10, 1e-18) == pytest.approx(1e-17)
 
 
 def test_energy_at_a_return_period_by_hand() -> None:

@@ -22,7 +22,7 @@ from sassgis.hazard.zoning.generalise import (
     generalised_series,
     nested_coverages,
 )
-from sassgis.hazard.zoning.outlines import components
+from sassgis.hazard.zoning.planar_graph import regions
 from sassgis.model.errors import ConfigError, InputError
 from sassgis.model.grid import Grid
 
@@ -285,7 +285,8 @@ def test_cells_that_are_no_multiple_of_the_precision(classes: np.ndarray, cell_s
 @settings(max_examples=60, deadline=None)
 @given(RASTERS)
 def test_components_are_those_of_scipy(classes: np.ndarray) -> None:
-    labels, n = components(classes)
+    part = regions(classes)
+    labels, n = part.of_cell, part.cells.size
     expected = 0
     for k in np.unique(classes):
         own, count = ndimage.label(classes == k)
