@@ -20,7 +20,7 @@ from sassgis.report.page import ReportContext, ReportFigure, ReportTable, said_r
 from sassgis.report.path_page import write_path_page
 from sassgis.report.run_summary import object_lines, run_lines
 from sassgis.runs.job import Simulation
-from sassgis.runs.map import paths_on_line, some_paths
+from sassgis.runs.path_sample import paths_on_line, some_paths
 
 
 @dataclass(frozen=True, slots=True)

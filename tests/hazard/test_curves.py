@@ -16,7 +16,6 @@ from sassgis.hazard.curves import (
     hazard_curves,
     meets,
     rate_interval,
-    return_period,
     source_rate,
 )
 from sassgis.hazard.map_sums import Sample, reach_probability
@@ -147,10 +146,6 @@ def test_curves_at_some_energies() -> None:
 
 # ---------------------------------------------------------------------------------------------
 # Return periods
-
-
-def test_return_period() -> None:
-    assert return_period([0.01, 0.0, 4.0]).tolist() == [100.0, np.inf, 0.25]
 
 
 @given(st.integers(1, 1000), st.sampled_from([7.0, 10.0, 30.0, 100.0, 300.0]))
@@ -301,21 +296,6 @@ def test_standard_errors_tell_the_spread_of_samples_and_intervals_hold_the_rate(
     # A rate is never taken for too low more often than is said.
     assert np.mean(missed_low, axis=0).max() < 0.025 + 0.022
     assert np.mean(missed_high, axis=0).max() < 0.025 + 0.022
-
-
-def test_a_hundred_samples_of_random_points_spread_as_their_errors_say() -> None:
-    # Now the lines themselves are drawn: chances anew in every sample.
-    rng = np.random.default_rng(5)
-    source = Source("A", "m", 0.4, 40 * 8, 8, random_points=True)
-    rates, variances = [], []
-    for _ in range(100):
-        chance = rng.beta(0.3, 1.2, (1, 40, 1)) * np.array([1.0, 0.3])
-        curves = hazard_curves([source], [drawn_counts(rng, source, chance)], [0.0, 30.0])
-        rates.append(curves.rate)
-        variances.append(curves.variance)
-    spread = np.var(rates, axis=0, ddof=1)
-    # The spread of 100 samples is itself known to 14 %.
-    np.testing.assert_allclose(np.mean(variances, axis=0), spread, rtol=0.4)
 
 
 def test_blocks_that_never_start_are_in_no_denominator():

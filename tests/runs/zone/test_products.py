@@ -98,7 +98,6 @@ def with_everything(folder: Path) -> Case:
 
 
 CASES: dict[str, Callable[[Path], Case]] = {
-    "narrow": lambda folder: two_areas(folder, hazard={"ref_width_m": 4.0}),
     "rare": lambda folder: two_areas(
         folder,
         hazard={"ref_width_m": 4.0},
@@ -226,13 +225,9 @@ def parts(zones: gpd.GeoDataFrame) -> np.ndarray:
     return shapely.get_parts(np.array(zones.geometry))
 
 
-def test_the_level_map_is_not_empty(made: Result) -> None:
-    level = made.band("hazard_level", "level")
-    assert np.unique(level).size >= 4 and 300 < (level > 0).sum() < 0.5 * level.size
-
-
 def test_no_zone_is_below_its_cells(made: Result) -> None:
     level = made.band("hazard_level", "level")
+    assert np.unique(level).size >= 4 and 300 < (level > 0).sum() < 0.5 * level.size
     for name in ("hazard_zones", "hazard_area"):
         zones = class_at(made.layer(name), LEVELS, "hazard_level", level.shape)
         assert np.all(zones >= level), name
@@ -381,22 +376,6 @@ def test_what_the_wall_changes_adds_up(made: Result) -> None:
     assert changes.geometry.area.sum() == pytest.approx(table.to_numpy().sum(), abs=2.0)
 
 
-def test_maps_are_in_the_files_what_they_are_in_memory(made: Result, tmp_path: Path) -> None:
-    found = zoned(made.case.config, tmp_path / "work")
-    shape = found.done.run.grid.shape
-    curves, preset = found.curves, found.rules.preset
-    level = raster(found.done.run.grid, curves.places, hazard_level(curves, preset))
-    assert np.array_equal(made.band("hazard_level", "level"), level)
-    for years in PERIODS:
-        name = "extreme" if years is None else str(years)
-        classes = intensity_class(curves, preset, years)
-        wanted = raster(found.done.run.grid, curves.places, classes)
-        assert np.array_equal(made.band(f"intensity_{name}", "intensity"), wanted)
-    for e in (0, 30, 300):
-        rate = made.band("frequency", f"rate_{e}")
-        np.testing.assert_allclose(rate, found.rate(e).reshape(shape), rtol=1e-6)
-
-
 def test_export_in_switzerland(made: Result, tmp_path: Path, capsys) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(["export", str(made.folder), "-o", str(tmp_path / "z.xtf"), "--canton", "TI"])
@@ -443,7 +422,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Zoned:
     return zoned(with_everything(folder).config, folder / "work")
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(
     yearly=st.tuples(st.floats(1e-5, 3.0), st.floats(1e-5, 3.0)),
     min_area=st.sampled_from([0.0, 20.0, 100.0, 500.0]),
