@@ -23,9 +23,9 @@ from sassgis.hazard.assess import Assessment, assess, curves_of, felt_cells, ris
 from sassgis.hazard.bins import bins_for
 from sassgis.hazard.map_sums import Sample
 from sassgis.hazard.progress import Progress
+from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.sources import Sampled, sampled_sources
 from sassgis.hazard.warnings import simulation_warnings
-from sassgis.io.qgis.run_project import zone_groups
 from sassgis.io.read.ground_map import built_in_table, ground_raster
 from sassgis.io.read.tiles import Part, hull
 from sassgis.io.read.vectors import release_area, warn_of_overlaps
@@ -34,13 +34,7 @@ from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.block_maps import TILE, BlockMaps, Unfinished, finish_map
 from sassgis.io.write.layers import run_vectors
 from sassgis.io.write.layers.exposed_objects import exposed_layers
-from sassgis.io.write.layers.federal import federal_layers
-from sassgis.io.write.layers.hazard_maps import hazard_layers
-from sassgis.io.write.layers.maps import map_layers
-from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.io.write.layers.terrain_layer import terrain_layer
-from sassgis.io.write.layers.zones import hazard_zones, joined_layers
-from sassgis.io.write.zone_tables import layer_table
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
 from sassgis.model.languages import speaking
@@ -60,8 +54,9 @@ from sassgis.runs.inputs import (
     yearly_frequencies,
 )
 from sassgis.runs.job import Job, Simulation, workers_asked
-from sassgis.runs.publish import Extras, facts_of, manifest, write_layers
-from sassgis.runs.publish_zones import zone_inputs
+from sassgis.runs.origin import facts_of, write_origin
+from sassgis.runs.publish import block_maps, write_layers
+from sassgis.runs.publish_zones import group_extras, group_zones, hazard_maps
 from sassgis.runs.workers import Jobs, task_map
 from sassgis.runs.zone import without_barriers, write_zones
 from sassgis.terrain.plan import plan
@@ -75,8 +70,6 @@ _MOST_CELLS, _COMMON_BYTES = 100_000_000, 4 << 30
 BASE, _PER_CELL = 800 << 20, 600
 #: Smaller blocks are not made so that more can be at work (bytes, besides the program itself).
 _LEAST_SHARE = 256 << 20
-#: Layers of a group of areas that make sense for all groups together; the first is a table, too.
-_ZONE_LAYERS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
 _SEVERAL_BLOCKS = (
     "The mosaic was made block by block and has no report, no sheets, and no fall lines and stops "
     "of single blocks; more memory, or batches of neighbouring areas, give them."
@@ -332,27 +325,25 @@ def _write_blocks(
 ) -> tuple[str, ...]:
     """Write all that a mosaic of several blocks has; its warnings."""
     setting, rules, place = mosaic.setting, mosaic.setting.rules, mosaic.place
-    config, currency = setting.config, setting.config.risk.currency
+    config = setting.config
     frame = setting.terrain.frame(place)
     at_once, share = shared(memory_bytes, cores)
     blocks = divided(place, areas, mosaic.bins, share)
     maps = _write_maps(work / "maps", mosaic, blocks, frame, at_once, tell)
     counted = [a for a in areas if a.record.reached]
     drawn, said = _zones_by_group(mosaic, counted, cores, memory_bytes, tell)
-    zones = joined_layers(drawn) if drawn else []
     here = Part(place.row, place.col, 0, 0)
     met = [a for a in areas if a.record.control_lines or a.record.objects]
-    progress = added_up(mosaic.run, here, met, mosaic.bins)
-    frames = {"zones": layer_table(zones[0])} if zones else {}
-    shown: list[VectorLayer] = []
-    risk = risk_of(rules, _sources(mosaic.run, met, progress), mosaic.bins.threshold)
-    if risk is not None:
-        shown = risk_vectors(risk, rules.placed, frame.crs, currency)
-        before = None
-        if compares_barriers(config, mosaic.run):
-            bare = added_up(mosaic.run, here, met, mosaic.bins, without=True)
-            before = risk_of(rules, _sources(mosaic.run, met, bare), mosaic.bins.threshold)
-        frames |= risk_tables(risk, before, currency)
+
+    def at_lines_and_objects(without: bool) -> tuple[Progress, RiskTable | None]:
+        progress = added_up(mosaic.run, here, met, mosaic.bins, without=without)
+        sampled = _sources(mosaic.run, met, progress)
+        return progress, risk_of(rules, sampled, mosaic.bins.threshold)
+
+    progress, risk = at_lines_and_objects(without=False)
+    risk_before = None
+    if risk is not None and compares_barriers(config, mosaic.run):
+        risk_before = at_lines_and_objects(without=True)[1]
     released = [
         ReleaseArea(c.name, area_feature(setting, c).geometry, tuple(a.record.frequencies))
         for c, a in zip(candidates, areas, strict=True)
@@ -364,20 +355,15 @@ def _write_blocks(
         *exposed_layers(rules.placed, frame.crs),
     ]
     counts = {"release_areas": len(areas), "release_points": sum(points), "rocks": sum(rocks)}
-    extras = Extras(
-        vectors=(*zones, *shown),
-        groups=zone_groups(maps.hazard, zones[:1], shown, zones[1:]),
-        frames=frames,
-        inputs=zone_inputs(config),
-        preset=rules.preset.name,
-        ref_widths_m={"reach_probability": frame.cell_size, "hazard": rules.ref_width_m},
-    )
+    extras = group_extras(config, rules, frame, maps.hazard, drawn, (risk, risk_before))
     facts = facts_of(config, mosaic.run) | {"preset": rules.preset.name} | counts
     write_layers(
         work, config, frame, maps.blocks, maps.terrain, vectors, extras, facts, (frame.bounds, ())
     )
     warnings = (*warnings, *said)
-    manifest(work, config, counts, warnings, seed=config.run.seed, grid=frame, extras=extras)
+    write_origin(
+        work, config, counts, warnings, seed=config.run.seed, grid=frame, origin=extras.origin
+    )
     return warnings
 
 
@@ -437,15 +423,9 @@ def _maps_of(mosaic: Mosaic, block: tuple[Part, Sequence[Reached]]) -> Maps:
     of_hazard: tuple[RasterLayer, ...] = ()
     of_blocks: tuple[RasterLayer, ...] = ()
     if curves.places.size:
-        of_hazard = hazard_layers(
-            curves, rules.preset, grid.shape, rules.ref_width_m,
-            return_periods=rules.preset.return_periods, confidence=config.hazard.confidence,
-        )  # fmt: skip
+        of_hazard = hazard_maps(rules, curves, grid.shape, config.hazard.confidence)
     if total.sums.cells.size:
-        of_blocks = map_layers(
-            total.sums, grid.shape, mosaic.sample, mosaic.bins.edges, grid.cell_size,
-            config.output.energy_classes_kj,
-        )  # fmt: skip
+        of_blocks = block_maps(config, grid, total.sums, mosaic.sample, mosaic.bins)
     return Maps(of_hazard, of_blocks, terrain_layer(grid))
 
 
@@ -522,7 +502,4 @@ def _zones(mosaic: Mosaic, areas: Sequence[Reached]) -> list[VectorLayer]:
         grid, mosaic.bins.threshold, sampled, alone[0] if alone else None,
         confidence=config.hazard.confidence, by_source=False,
     )  # fmt: skip
-    width = rules.ref_width_m
-    zones = hazard_zones(found.hazard, rules.preset, grid, width, config.hazard.confidence)
-    federal = federal_layers(config, grid, rules.preset, width, found.hazard, {})
-    return [layer for layer in (zones, *federal) if layer.name in _ZONE_LAYERS]
+    return group_zones(config, rules, grid, found)

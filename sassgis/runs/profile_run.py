@@ -39,7 +39,7 @@ from sassgis.report.page import ReportContext, said_report, write_report
 from sassgis.report.profile_report import profile_report
 from sassgis.runs.estimate import require_profile
 from sassgis.runs.inputs import collected_notices, profile_from_csv, read_map_run
-from sassgis.runs.publish import Extras, manifest
+from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.publish_report import byline
 from sassgis.terrain.fall_lines import fall_line_surface, trace
 from sassgis.terrain.flatten import chainage_to_xy
@@ -336,5 +336,5 @@ def _publish(
         "fragments": int(result.pieces.size),
         **{f"rocks_{r.name.lower()}": int((reasons == r).sum()) for r in StopReason},
     }
-    manifest(work, config, counts, warnings, seed=seed, extras=Extras(inputs=own))
+    write_origin(work, config, counts, warnings, seed=seed, origin=Origin(own))
     return report

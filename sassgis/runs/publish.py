@@ -7,14 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import sassgis
 from sassgis.hazard.bins import bins_of
+from sassgis.hazard.map_sums import MapSums, Sample
 from sassgis.hazard.progress import line_ends, sample_of
-from sassgis.io.own_files import MANIFEST_NAME
 from sassgis.io.qgis import run_project
 from sassgis.io.qgis.entries import LayerGroup
 from sassgis.io.qgis.layout import Extent, PrintLayout
-from sassgis.io.read.config import resolved, settings_hash
 from sassgis.io.vector_layer import VectorLayer
 from sassgis.io.write.frames import passage_frame, rock_frame, write_table
 from sassgis.io.write.geopackage import write_geopackage
@@ -22,18 +20,16 @@ from sassgis.io.write.layers import run_vectors
 from sassgis.io.write.layers.exposed_objects import exposed_layers
 from sassgis.io.write.layers.maps import map_layers
 from sassgis.io.write.layers.terrain_layer import terrain_layer
-from sassgis.io.write.manifest import write_manifest
 from sassgis.io.write.raster import write_raster
-from sassgis.model.crs import crs_name
 from sassgis.model.exposure import PlacedObjects
 from sassgis.model.grid import Grid
-from sassgis.model.map_run import MapRun
 from sassgis.model.results import RasterLayer, StopReason
 from sassgis.model.run_config import Config
+from sassgis.model.statistics_table import Bins
 from sassgis.report.page import ReportContext
 from sassgis.runs.checkpoint import read_rows
-from sassgis.runs.inputs import input_files
 from sassgis.runs.job import Simulation
+from sassgis.runs.origin import Origin, facts_of, write_origin
 from sassgis.runs.path_sample import sample_paths
 from sassgis.runs.publish_report import ReportPart, made_on, publish_report
 
@@ -54,12 +50,8 @@ class Extras:
         Added to those of the run.
     frames : dict of str to DataFrame
         Written to ``tables/<name>.csv``.
-    inputs : dict of str to Path
-        Files that were read besides those of the run.
     placed : PlacedObjects
         Exposed objects, drawn on the maps.
-    ref_widths_m : dict of str to float
-        Reference widths (m); that of the reach probability of a run need not be given.
     """
 
     layers: tuple[RasterLayer, ...] = ()
@@ -69,11 +61,9 @@ class Extras:
     report: ReportPart = field(default_factory=ReportPart)
     facts: dict[str, object] = field(default_factory=dict)
     frames: dict[str, Any] = field(default_factory=dict)
-    inputs: dict[str, Path] = field(default_factory=dict)
+    origin: Origin = field(default_factory=Origin)
     warnings: tuple[str, ...] = ()
     placed: PlacedObjects = field(default_factory=lambda: PlacedObjects((), ()))
-    preset: str = ""
-    ref_widths_m: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,14 +107,8 @@ def publish_map(
     tell("Writing the maps")
     config, run, planned, progress = done.config, done.run, done.planned, done.progress
     warnings = (*extras.warnings, *done.warnings)
-    layers = map_layers(
-        progress.sums,
-        run.grid.shape,
-        sample_of(run, planned, progress),
-        bins_of(run).edges,
-        run.grid.cell_size,
-        config.output.energy_classes_kj,
-    )
+    sample = sample_of(run, planned, progress)
+    layers = block_maps(config, run.grid, progress.sums, sample, bins_of(run))
     terrain = terrain_layer(run.grid)
     for layer in (*extras.layers, *layers, terrain):
         write_raster(layer, run.grid, work / "maps")
@@ -150,15 +134,21 @@ def publish_map(
     report = publish_report(
         work, done, layers, extras.layers, extras.placed, warnings, facts, extras.report
     )
-    widths = {"reach_probability": run.grid.cell_size} | extras.ref_widths_m
-    manifest(
-        work, config, counts, warnings, grid=run.grid, seed=run.seed,
-        extras=replace(extras, ref_widths_m=widths),
+    write_origin(
+        work, config, counts, warnings, seed=run.seed, grid=run.grid, origin=extras.origin,
         settings=({} if areas is None else {"areas": sorted(areas)})
         | ({"zoning": extras.facts} if extras.facts else {}),
         checks={} if done.tolerance is None else {"segment_tolerance": done.tolerance.facts()},
     )  # fmt: skip
     return Published(layers, report, warnings)
+
+
+def block_maps(
+    config: Config, grid: Grid, sums: MapSums, sample: Sample, bins: Bins
+) -> tuple[RasterLayer, ...]:
+    """Maps of the blocks themselves."""
+    classes = config.output.energy_classes_kj
+    return map_layers(sums, grid.shape, sample, bins.edges, grid.cell_size, classes)
 
 
 def write_layers(
@@ -188,36 +178,6 @@ def write_layers(
         write_table(work / "tables" / f"{name}.csv", [frame])
 
 
-def manifest(
-    work: Path,
-    config: Config,
-    counts: Mapping[str, int],
-    warnings: Sequence[str],
-    *,
-    seed: int,
-    grid: Grid | None = None,
-    extras: Extras | None = None,
-    settings: Mapping[str, object] | None = None,
-    checks: Mapping[str, object] | None = None,
-) -> None:
-    """Write the manifest of a result of a configuration; without ``grid``: of one on no map."""
-    extras = extras or Extras()
-    write_manifest(
-        work / MANIFEST_NAME,
-        inputs=input_files(config) | extras.inputs,
-        base=config.file.parent,
-        crs="" if grid is None else grid.crs,
-        vertical_datum="" if grid is None else grid.vertical_datum,
-        seed=seed,
-        ref_widths_m=extras.ref_widths_m,
-        preset=extras.preset,
-        settings=resolved(config) | dict(settings or {}),
-        counts=counts,
-        warnings=warnings,
-        checks=checks,
-    )
-
-
 def _counts(done: Simulation) -> dict[str, int]:
     """Numbers of what was simulated, for the manifest and the GeoPackage."""
     run, planned, progress = done.run, done.planned, done.progress
@@ -231,22 +191,6 @@ def _counts(done: Simulation) -> dict[str, int]:
         "fragments": progress.pieces,
         **{f"rocks_{r.name.lower()}": int(progress.reasons[r]) for r in StopReason},
         **{f"lines_{e.name.lower()}": n for e, n in ends.items()},
-    }
-
-
-def facts_of(config: Config, run: MapRun) -> dict[str, object]:
-    """What the maps rest on, for the GeoPackage and the report."""
-    return {
-        "program": f"sassgis {sassgis.__version__}",
-        "model": "SASS (Bozzolo and Pamini, 1986)",
-        "title": config.project.name,
-        "crs": crs_name(run.grid.crs) if run.grid.crs else "local coordinates",
-        "vertical_datum": run.grid.vertical_datum or "not stated",
-        "seed": run.seed,
-        "ref_width_m": run.grid.cell_size,
-        "lateral_spread": run.lateral_spread,
-        "effects": ", ".join(run.effects.names) or "none",
-        "settings_hash": settings_hash(config),
     }
 
 

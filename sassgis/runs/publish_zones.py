@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from sassgis.hazard.assess import Assessment, Rules
+from sassgis.hazard.risk import RiskTable
 from sassgis.hazard.warnings import rule_warnings, zone_warnings
 from sassgis.io.qgis.run_project import zone_groups, zone_layouts
 from sassgis.io.vector_layer import VectorLayer
@@ -13,13 +15,20 @@ from sassgis.io.write.layers.federal import federal_layers
 from sassgis.io.write.layers.hazard_maps import hazard_layers
 from sassgis.io.write.layers.risk_objects import risk_tables, risk_vectors
 from sassgis.io.write.zone_tables import design_table, layer_table, source_table
+from sassgis.model.grid import Grid
+from sassgis.model.hazard import HazardCurves
+from sassgis.model.results import RasterLayer
 from sassgis.model.run_config import Config
 from sassgis.report.exposed_report import levels_of
 from sassgis.report.run_summary import zone_lines
 from sassgis.report.zone_report import level_table, zone_facts_of, zone_figures, zone_tables
 from sassgis.runs.job import Simulation
+from sassgis.runs.origin import Origin
 from sassgis.runs.publish import Extras
 from sassgis.runs.publish_report import ReportPart
+
+#: Layers of a group of areas that make sense for all groups together; the first is a table, too.
+_OF_GROUPS = ("hazard_zones", "hazard_area", "synoptic_intensity", "indicative_hazard_area")
 
 
 def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path) -> Extras:
@@ -27,14 +36,7 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
     config, run, preset = done.config, done.run, rules.preset
     grid, confidence, currency = run.grid, config.hazard.confidence, config.risk.currency
     hazard = found.hazard
-    maps = hazard_layers(
-        hazard.curves,
-        preset,
-        grid.shape,
-        rules.ref_width_m,
-        return_periods=preset.return_periods,
-        confidence=confidence,
-    )
+    maps = hazard_maps(rules, hazard.curves, grid.shape, confidence)
     width = rules.ref_width_m
     zones = zone_layers.hazard_zones(hazard, preset, grid, width, confidence)
     uncertain = hazard.curves.places[hazard.uncertain]
@@ -91,7 +93,6 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             "repetitions": run.repetitions,
         },
         frames=frames,
-        inputs=zone_inputs(config),
         warnings=(
             *rule_warnings(preset, rules.frequencies),
             *zone_warnings(
@@ -101,15 +102,67 @@ def zone_extras(rules: Rules, found: Assessment, done: Simulation, figures: Path
             ),
         ),
         placed=rules.placed,
-        preset=preset.name,
-        ref_widths_m={"hazard": rules.ref_width_m},
+        origin=_origin(config, rules),
     )
 
 
-def zone_inputs(config: Config) -> dict[str, Path]:
-    """Files that a zoning reads besides those of a run."""
+def hazard_maps(
+    rules: Rules, curves: HazardCurves, shape: tuple[int, int], confidence: float
+) -> tuple[RasterLayer, ...]:
+    """Maps of level, intensity, return period, frequency and confidence."""
+    preset = rules.preset
+    return hazard_layers(
+        curves, preset, shape, rules.ref_width_m, return_periods=preset.return_periods,
+        confidence=confidence,
+    )  # fmt: skip
+
+
+def group_zones(config: Config, rules: Rules, grid: Grid, found: Assessment) -> list[VectorLayer]:
+    """The zones of a group of areas, of the layers that make sense for all groups together."""
+    width, confidence = rules.ref_width_m, config.hazard.confidence
+    zones = zone_layers.hazard_zones(found.hazard, rules.preset, grid, width, confidence)
+    federal = federal_layers(config, grid, rules.preset, width, found.hazard, {})
+    return [layer for layer in (zones, *federal) if layer.name in _OF_GROUPS]
+
+
+def group_extras(
+    config: Config,
+    rules: Rules,
+    grid: Grid,
+    maps: Sequence[RasterLayer],
+    drawn: Sequence[Sequence[VectorLayer]],
+    risks: tuple[RiskTable | None, RiskTable | None],
+) -> Extras:
+    """What zoning adds to a mosaic that is drawn group by group.
+
+    Parameters
+    ----------
+    maps : sequence of RasterLayer
+        Of hazard, written already.
+    drawn : sequence of list of VectorLayer
+        From group_zones, for each group.
+    risks : (RiskTable or None, RiskTable or None)
+        With and without barriers.
+    """
+    zones = zone_layers.joined_layers(drawn) if drawn else []
+    frames = {"zones": layer_table(zones[0])} if zones else {}
+    shown: list[VectorLayer] = []
+    if risks[0] is not None:
+        shown = risk_vectors(risks[0], rules.placed, grid.crs, config.risk.currency)
+        frames |= risk_tables(risks[0], risks[1], config.risk.currency)
+    return Extras(
+        vectors=(*zones, *shown),
+        groups=zone_groups(maps, zones[:1], shown, zones[1:]),
+        frames=frames,
+        origin=_origin(config, rules),
+    )
+
+
+def _origin(config: Config, rules: Rules) -> Origin:
+    """What a zoning is made from besides the run."""
     files = {"frequencies": config.hazard.frequencies, "vulnerability": config.risk.vulnerability}
     files |= {f"objects {o.name}": o.file for o in config.objects}
     if config.hazard.preset.endswith(".toml"):
         files["preset"] = Path(config.hazard.preset)
-    return {role: path for role, path in files.items() if path is not None}
+    inputs = {role: path for role, path in files.items() if path is not None}
+    return Origin(inputs, rules.preset.name, {"hazard": rules.ref_width_m})

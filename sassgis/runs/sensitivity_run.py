@@ -54,7 +54,7 @@ from sassgis.report.sensitivity_report import sensitivity_report
 from sassgis.runs.inputs import read_rules
 from sassgis.runs.job import Job, OnProgress, configured, read_job, state_fingerprint, workers_asked
 from sassgis.runs.map import check_starts, simulate_map
-from sassgis.runs.publish import Extras, manifest
+from sassgis.runs.origin import Origin, write_origin
 from sassgis.runs.workers import Jobs, Workers
 from sassgis.runs.zone import prepared
 
@@ -313,7 +313,7 @@ def _publish(
     )  # fmt: skip
     context = replace(context, warnings=tuple(warnings), provenance=tuple(facts.items()))
     write_report(work / "report.html", context)
-    manifest(
+    write_origin(
         work,
         config,
         {
@@ -325,10 +325,10 @@ def _publish(
         warnings,
         seed=run.seed,
         grid=grid,
-        extras=Extras(
-            inputs={} if own_ranges is None else {"ranges": own_ranges},
-            preset="" if preset is None else preset.name,
-            ref_widths_m={} if rules is None else {"hazard": run.ref_width_m},
+        origin=Origin(
+            {} if own_ranges is None else {"ranges": own_ranges},
+            "" if preset is None else preset.name,
+            {} if rules is None else {"hazard": run.ref_width_m},
         ),
         settings={} if areas is None else {"areas": sorted(areas)},
     )

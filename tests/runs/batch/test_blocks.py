@@ -139,6 +139,9 @@ def test_blocks_give_the_maps_of_the_whole_to_the_last_bit(
         "maps/energy.tif",
     ):
         assert source in project
+    origins = [json.loads((f / "mosaic" / "manifest.json").read_text()) for f in (done.folder, out)]
+    for key in ("inputs", "ref_widths_m", "preset", "crs", "seed"):
+        assert origins[0][key] == origins[1][key], key
     again = batch(
         valley.releases, out, dem=valley.tiles, jobs=jobs, memory_gb=memory, say=said.append
     )
