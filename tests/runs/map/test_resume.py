@@ -24,6 +24,7 @@ from sassgis.runs import job as job_module
 from sassgis.runs import map as map_run
 from sassgis.runs import publish
 from sassgis.runs.checkpoint import Checkpoint
+from sassgis.runs.interrupts import held_back
 from sassgis.runs.map import simulate_map
 from sassgis.runs.run import run
 from sassgis.terrain.plan import plan
