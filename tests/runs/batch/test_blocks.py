@@ -11,7 +11,7 @@ import geopandas as gpd
 import numpy as np
 import pytest
 import rasterio
-from helpers.cut_valley import Stopped, Valley
+from helpers.cut_valley import Stopped, Valley, write_vrt
 
 from sassgis.io.read.tiles import Part
 from sassgis.io.staging import check_output
@@ -31,13 +31,21 @@ def digests(folder: Path, suffix: str) -> dict[str, str]:
     return {f["path"]: f["sha256"] for f in files if f["path"].endswith(suffix)}
 
 
-def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
+def test_areas_at_the_same_time_files_tiles_and_sums_only_give_the_same_mosaic(
     done: Stopped, valley: Valley, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runs_batch, "_AREAS_PER_CORE", 1)
+    folder = tmp_path / "files"
+    folder.mkdir()
+    frame = gpd.read_file(valley.releases)
+    for i, name in enumerate(frame["name"].iloc[::-1]):
+        frame[frame["name"] == name].to_file(folder / f"{i}.gpkg", driver="GPKG")
+    (folder / "notes.txt").write_text("no release area")
+    vrt = tmp_path / "dem.vrt"
+    write_vrt(valley.tiles, valley.dem, vrt)
     steps: list[tuple[int, int, int]] = []
     result = batch(
-        valley.releases, tmp_path / "out", dem=valley.tiles, jobs=2, mosaic_only=True,
+        folder, tmp_path / "out", config=valley.config, dem=vrt, jobs=2, mosaic_only=True,
         on_progress=lambda *step: steps.append(step),
     )  # fmt: skip
     assert [s[:2] for s in steps] == [(1, 4), (2, 4), (3, 4), (4, 4)]
@@ -58,7 +66,7 @@ def test_areas_at_the_same_time_and_sums_only_give_the_same_mosaic(
         )
     # Whole results serve for sums, but not the other way round.
     with pytest.raises(OutputError, match="made from other settings, inputs or versions"):
-        batch(valley.releases, tmp_path / "out", dem=valley.tiles, jobs=1)
+        batch(folder, tmp_path / "out", config=valley.config, dem=vrt, jobs=1)
     batch(valley.releases, done.folder, dem=valley.tiles, jobs=1, mosaic_only=True)
 
 
