@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,13 +112,22 @@ class LinePaths:
     stops: FloatArray
 
 
+def _number(result: ProfileResult, control_line: str) -> int:
+    """Position of a station or barrier, by its name."""
+    return [line.name for line, _ in result.profile.control_lines].index(control_line)
+
+
+def _passages(result: ProfileResult, control_line: str, quantity: str) -> NDArray[Any]:
+    own = result.passages["control_line"] == _number(result, control_line)
+    return result.passages[quantity][own]
+
+
 def passage_histogram(
     result: ProfileResult, control_line: str, quantity: str, edges: Sequence[float], unit: str
 ) -> Histogram:
     """Histogram of one quantity of the passages at a station or barrier, by its name."""
-    names = [g.name for g, _ in result.profile.control_lines]
-    rows = result.passages[result.passages["control_line"] == names.index(control_line)]
-    counts, _ = np.histogram(np.clip(rows[quantity], edges[0], edges[-1]), edges)
+    values = _passages(result, control_line, quantity)
+    counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
     return Histogram(np.asarray(edges, float), counts.astype(np.int64), unit)
 
 
@@ -125,16 +135,14 @@ def share_within(
     result: ProfileResult, control_line: str, quantity: str, low: float, high: float
 ) -> tuple[int, float]:
     """Passages at a station or barrier, and the share of them between two limits (inclusive)."""
-    names = [g.name for g, _ in result.profile.control_lines]
-    values = result.passages[result.passages["control_line"] == names.index(control_line)][quantity]
+    values = _passages(result, control_line, quantity)
     share = float(((values >= low) & (values <= high)).mean()) if values.size else float("nan")
     return int(values.size), share
 
 
 def arrivals(result: ProfileResult, control_line: str) -> int:
     """Blocks that reached a station or barrier, by its name."""
-    names = [g.name for g, _ in result.profile.control_lines]
-    return result.control_lines.arrivals(names.index(control_line))
+    return result.control_lines.arrivals(_number(result, control_line))
 
 
 def stretches_of(s: FloatArray) -> FloatArray:
