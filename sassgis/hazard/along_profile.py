@@ -119,7 +119,8 @@ def _number(result: ProfileResult, control_line: str) -> int:
 
 def _passages(result: ProfileResult, control_line: str, quantity: str) -> NDArray[Any]:
     own = result.passages["control_line"] == _number(result, control_line)
-    return result.passages[quantity][own]
+    values: NDArray[Any] = result.passages[quantity][own]
+    return values
 
 
 def passage_histogram(
