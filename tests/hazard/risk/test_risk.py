@@ -33,6 +33,10 @@ def close(value):
     return pytest.approx(value, rel=1e-12, abs=0.0)
 
 
+def assessed(objects, sources, rows) -> RiskTable:
+    return assess_risk(objects, sources, rows, ENERGIES, ENERGIES, vulnerability())
+
+
 # --- by hand ---------------------------------------------------------------------------------
 #
 # One rock of "frequent" stands for 0.5 / 1000 = 5e-4 blocks a year, one of "rare" for
@@ -100,7 +104,7 @@ def test_standard_error_of_the_house_by_hand(example):
 
 def test_a_damage_length_takes_the_place_of_the_width():
     long = replace(ROAD, damage_length_m=8.0)
-    table = assess_risk((HOUSE, long), SOURCES, COUNTS, ENERGIES, ENERGIES, vulnerability())
+    table = assessed((HOUSE, long), SOURCES, COUNTS)
     assert table.values["property_loss"][0, 1] == close(8 * 6.0)
     # Traffic is met over the block's width all the same.
     assert table.values["vehicles_hit"][0, 1] == close(4e-4)
@@ -144,7 +148,7 @@ def scaled(**factors: float) -> RiskTable:
         replace(s, frequency=s.frequency / time, block_width_m=s.block_width_m * length)
         for s in SOURCES
     ]
-    return assess_risk((house, road), sources, COUNTS, ENERGIES, ENERGIES, vulnerability())
+    return assessed((house, road), sources, COUNTS)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +206,7 @@ def tables(draw) -> RiskTable:
             for _ in objects
         ]
         rows.append(counts(range(n_objects), count))
-    return assess_risk(objects, sources, rows, ENERGIES, ENERGIES, vulnerability())
+    return assessed(objects, sources, rows)
 
 
 @given(tables())
@@ -247,7 +251,7 @@ def test_sources_add_up_to_each_object_and_to_all(table):
 
 
 def test_a_source_more_leaves_the_others_as_they_are(example):
-    alone = assess_risk((HOUSE, ROAD), SOURCES[:1], COUNTS[:1], ENERGIES, ENERGIES, vulnerability())
+    alone = assessed((HOUSE, ROAD), SOURCES[:1], COUNTS[:1])
     for q in QUANTITIES:
         assert (alone.values[q][0] == example.values[q][0]).all()
         assert (alone.variances[q][0] == example.variances[q][0]).all()
@@ -255,27 +259,17 @@ def test_a_source_more_leaves_the_others_as_they_are(example):
 
 def test_one_user_passes_all_stretches_of_a_road():
     second = replace(ROAD, name="road 0+050–0+100", from_m=50.0)
-    both = assess_risk(
-        (ROAD, second),
-        SOURCES[:1],
-        [counts([0, 1], [[40, 10, 0], [40, 10, 0]])],
-        ENERGIES,
-        ENERGIES,
-        vulnerability(),
-    )
+    both = assessed((ROAD, second), SOURCES[:1], [counts([0, 1], [[40, 10, 0], [40, 10, 0]])])
     road = next(t for t in risk_totals(both) if t.scope == "whole")
     assert road.name == "road" and road.objects == 2
     assert road.individual_risk == close(2 * 2.0 / 24.0 * 2.25e-7)
     house = next(
         t
         for t in risk_totals(
-            assess_risk(
+            assessed(
                 (HOUSE, replace(HOUSE, name="another")),
                 SOURCES[:1],
                 [counts([0, 1], [[20, 8, 2], [20, 8, 2]])],
-                ENERGIES,
-                ENERGIES,
-                vulnerability(),
             )
         )
         if t.scope == "all"
@@ -286,18 +280,9 @@ def test_one_user_passes_all_stretches_of_a_road():
 
 def test_the_length_of_the_stretches_does_not_change_the_loss_of_a_road():
     # The same hits, spread over one stretch of 50 m or over two of 25 m.
-    one = assess_risk(
-        (ROAD,), SOURCES[:1], [counts([0], [[40, 10, 4]])], ENERGIES, ENERGIES, vulnerability()
-    )
+    one = assessed((ROAD,), SOURCES[:1], [counts([0], [[40, 10, 4]])])
     halves = tuple(replace(ROAD, name=f"half {i}", length_m=25.0) for i in (1, 2))
-    two = assess_risk(
-        halves,
-        SOURCES[:1],
-        [counts([0, 1], [[25, 6, 1], [15, 4, 3]])],
-        ENERGIES,
-        ENERGIES,
-        vulnerability(),
-    )
+    two = assessed(halves, SOURCES[:1], [counts([0, 1], [[25, 6, 1], [15, 4, 3]])])
     for q in ADDITIVE:
         assert two.of_object(q).sum() == close(one.of_object(q)[0])
 
@@ -307,12 +292,12 @@ def test_the_length_of_the_stretches_does_not_change_the_loss_of_a_road():
 
 def test_counts_of_no_object_are_refused():
     with pytest.raises(ValueError, match="no object"):
-        assess_risk((HOUSE,), SOURCES, COUNTS, ENERGIES, ENERGIES, vulnerability())
+        assessed((HOUSE,), SOURCES, COUNTS)
 
 
 def test_an_object_that_nothing_reaches_has_no_risk_and_says_so():
     none = [SourceCounts.none(3), SourceCounts.none(3)]
-    table = assess_risk((HOUSE, ROAD), SOURCES, none, ENERGIES, ENERGIES, vulnerability())
+    table = assessed((HOUSE, ROAD), SOURCES, none)
     for q in QUANTITIES:
         assert not table.of_object(q).any() and not table.standard_error(q).any()
     assert not table.one_rock.any()
@@ -377,5 +362,5 @@ def test_the_bound_is_never_below_the_exact_variance(n, random_points, cost, see
 def test_errors_of_special_samples(rocks, per_line, random_points, k, square, error):
     source = Source("a", "b", 1.0, rocks, per_line, random_points=random_points)
     own = SourceCounts(np.zeros(1, np.int64), np.array([k]), np.array([square]))
-    table = assess_risk((HOUSE,), (source,), [own], ENERGIES, ENERGIES, vulnerability())
+    table = assessed((HOUSE,), (source,), [own])
     assert table.standard_error("hits")[0] == pytest.approx(error, rel=1e-12, nan_ok=True)
